@@ -5,6 +5,7 @@ import sys
 
 from benchmarks.comparison.command import main
 
-signal.signal(signal.SIGINT, signal.default_int_handler)  # also where it was started in the background
+# also where it was started in the background
+signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGTERM, signal.default_int_handler)
 sys.exit(main())

@@ -1,10 +1,13 @@
-"""How long a diagnosis takes as a whole process, by what is missing in the model, and the share of each step.
+"""How long a diagnosis takes as a whole process, by what is missing in the model, and the share of
+each step.
 
     python benchmarks/diagnose.py [--runs N]
 
-Records of 1001 samples and three channels with nothing, one effect, two, and something outside the library, and of 8001 with one; figures and
-report included. The ratio is to the record with nothing missing, so that runs on different machines compare. As where the package is
-installed its compiled files are kept (in a folder of the run's own), and the first run, which compiles them, is not counted.
+Records of 1001 samples and three channels with nothing, one effect, two, and something outside the
+library, and of 8001 with one; figures and report included. The ratio is to the record with nothing
+missing, so that runs on different machines compare. As where the package is installed its compiled
+files are kept (in a folder of the run's own), and the first run, which compiles them, is not
+counted.
 """
 
 from __future__ import annotations
@@ -32,7 +35,9 @@ LONG, LONG_LIMIT = ("trace-delay", ('flight.rate="400 Hz"',)), 12.0  # 8001 samp
 
 
 def fly(name: str, folder: Path, changes: tuple[str, ...] = ()) -> tuple[list[Path], Path, Path]:
-    """Training records, held-out record and vehicle file of a tracing scenario, with ``changes`` as of --set."""
+    """Training records, held-out record and vehicle file of a tracing scenario, with ``changes`` as
+    of --set.
+    """
     from scenarios.studies.catalogue import load_document
     from scenarios.trials.planted.flights import fly_trace, write_flown
     from scenarios.trials.planted.schema import trace_scenario_of
@@ -45,11 +50,17 @@ def fly(name: str, folder: Path, changes: tuple[str, ...] = ()) -> tuple[list[Pa
 
 def as_installed(bytecode: Path) -> dict[str, str]:
     """The environment of a user who has set nothing."""
-    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE" and not name.endswith("_NUM_THREADS")}
+    kept = {
+        name: value
+        for name, value in os.environ.items()
+        if name != "PYTHONDONTWRITEBYTECODE" and not name.endswith("_NUM_THREADS")
+    }
     return kept | {"PYTHONPATH": str(ROOT), "PYTHONPYCACHEPREFIX": str(bytecode)}
 
 
-def diagnosed(files: tuple[list[Path], Path, Path], folder: Path, runs: int, model: str = "rigid") -> tuple[float, float, dict[str, float]]:
+def diagnosed(
+    files: tuple[list[Path], Path, Path], folder: Path, runs: int, model: str = "rigid"
+) -> tuple[float, float, dict[str, float]]:
     """Median wall and processor seconds, and seconds of each step in the last run."""
     train, validate, vehicle = files
     command = [sys.executable, "-m", "scenarios", "diagnose", *map(str, train), "--model", model]
@@ -58,26 +69,48 @@ def diagnosed(files: tuple[list[Path], Path, Path], folder: Path, runs: int, mod
     walls, processors, steps = [], [], {}
     for number in range(runs + 1):
         before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        done = subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True, text=True)
+        done = subprocess.run(
+            command, cwd=folder, env=environment, check=True, capture_output=True, text=True
+        )
         wall = time.perf_counter() - start
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         if number:
             walls.append(wall)
             processors.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
         told = next(line for line in done.stdout.splitlines() if line.startswith("seconds:"))
-        steps = {name.strip(): float(value) for name, value in re.findall(r"([a-z ]+) (\d+\.\d+)", told.removeprefix("seconds:"))}
+        steps = {
+            name.strip(): float(value)
+            for name, value in re.findall(r"([a-z ]+) (\d+\.\d+)", told.removeprefix("seconds:"))
+        }
     return statistics.median(walls), statistics.median(processors), steps
 
 
-def line(words: str, limit: float, wall: float, processor: float, reference: float, steps: dict[str, float]) -> str:
-    """Wall and processor seconds, the ratio to a reference's wall seconds, and the share of each step."""
+def line(
+    words: str,
+    limit: float,
+    wall: float,
+    processor: float,
+    reference: float,
+    steps: dict[str, float],
+) -> str:
+    """Wall and processor seconds, the ratio to a reference's wall seconds, and the share of each
+    step.
+    """
     rest = max(wall - sum(steps.values()), 0.0)
-    shares = ", ".join(f"{step} {100 * seconds / wall:.0f} %" for step, seconds in {**steps, "start, files, figures": rest}.items())
-    return f"{words:12} wall {wall:5.1f} s (asked {limit:g}), processor {processor:5.1f} s, {wall / reference:4.1f} x nothing: {shares}"
+    shares = ", ".join(
+        f"{step} {100 * seconds / wall:.0f} %"
+        for step, seconds in {**steps, "start, files, figures": rest}.items()
+    )
+    return (
+        f"{words:12} wall {wall:5.1f} s (asked {limit:g}), processor {processor:5.1f} s, "
+        f"{wall / reference:4.1f} x nothing: {shares}"
+    )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--runs", type=int, default=3)
     arguments = parser.parse_args()
     reference = 0.0
@@ -88,7 +121,9 @@ def main() -> None:
             reference = reference or wall
             print(line(words, limit, wall, processor, reference, steps), flush=True)
         name, changes = LONG
-        wall, processor, steps = diagnosed(fly(name, Path(temporary) / "long", changes), Path(temporary) / "long", arguments.runs)
+        wall, processor, steps = diagnosed(
+            fly(name, Path(temporary) / "long", changes), Path(temporary) / "long", arguments.runs
+        )
         print(line("8001 samples", LONG_LIMIT, wall, processor, reference, steps))
 
 

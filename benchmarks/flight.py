@@ -2,9 +2,10 @@
 
     python benchmarks/flight.py [--runs N]
 
-Four records of 25 s at 40 Hz that look measured, three fitted and one held out, one effect hidden; twelve channels a record,
-four of which no model knows. Figures and report included. The ratio is to a record of 1001 samples with nothing missing and
-another held out, diagnosed in the same run, so that runs on different machines compare.
+Four records of 25 s at 40 Hz that look measured, three fitted and one held out, one effect hidden;
+twelve channels a record, four of which no model knows. Figures and report included. The ratio is to
+a record of 1001 samples with nothing missing and another held out, diagnosed in the same run, so
+that runs on different machines compare.
 """
 
 from __future__ import annotations
@@ -19,16 +20,21 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 SEED, LIMIT = 401, 15.0  # with the wall seconds asked for on two cores
 CHANGES = ("flight.records=[4,4]", "flight.optional=1")
-UNUSED = ("aileron", "roll_rate", "engine_speed", "fuel")  # beside elevator, alpha, q, nz, theta, airspeed, dynamic pressure and ax
+# beside elevator, alpha, q, nz, theta, airspeed, dynamic pressure and ax
+UNUSED = ("aileron", "roll_rate", "engine_speed", "fuel")
 
 
 def fly_flight(folder: Path) -> tuple[list[Path], Path, Path]:
-    """Records to fit, record held out and vehicle file of a surrogate flight for a measured flight."""
+    """Records to fit, record held out and vehicle file of a surrogate flight for a measured
+    flight.
+    """
     from exam.surrogates.catalogue import load_surrogate
     from exam.surrogates.flights.flight import fly_surrogate, write_flight
 
     folder.mkdir()
-    paths, vehicle = write_flight(fly_surrogate(load_surrogate("surrogate-one", CHANGES), SEED), folder)
+    paths, vehicle = write_flight(
+        fly_surrogate(load_surrogate("surrogate-one", CHANGES), SEED), folder
+    )
     for path in paths:
         add_channels(path)
     return paths[:-1], paths[-1], vehicle
@@ -37,7 +43,13 @@ def fly_flight(folder: Path) -> tuple[list[Path], Path, Path]:
 def add_channels(path: Path) -> None:
     """Put channels into a record that nothing uses."""
     header, *rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
-    wider = [[*header, *UNUSED], *([*row, *(repr(0.1 * k + 1e-3 * (number % 50)) for k in range(len(UNUSED)))] for number, row in enumerate(rows))]
+    wider = [
+        [*header, *UNUSED],
+        *(
+            [*row, *(repr(0.1 * k + 1e-3 * (number % 50)) for k in range(len(UNUSED)))]
+            for number, row in enumerate(rows)
+        ),
+    ]
     with path.open("w", encoding="utf-8", newline="") as stream:
         csv.writer(stream, lineterminator="\n").writerows(wider)
 
@@ -45,12 +57,16 @@ def add_channels(path: Path) -> None:
 def main() -> None:
     from benchmarks.diagnose import KINDS, diagnosed, fly, line
 
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--runs", type=int, default=3)
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         name, (words, limit) = next(iter(KINDS.items()))
-        reference, processor, steps = diagnosed(fly(name, Path(temporary) / name), Path(temporary) / name, arguments.runs)
+        reference, processor, steps = diagnosed(
+            fly(name, Path(temporary) / name), Path(temporary) / name, arguments.runs
+        )
         print(line(words, limit, reference, processor, reference, steps), flush=True)
         flight = Path(temporary) / "flight"
         wall, processor, steps = diagnosed(fly_flight(flight), flight, arguments.runs)

@@ -51,7 +51,9 @@ def welch(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def markov(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The transform of the Markov parameters that python-control estimates, at an eighth of the rate."""
+    """The transform of the Markov parameters that python-control estimates, at an eighth of the
+    rate.
+    """
     few, step = 8, 8.0 / RATE
     u, z = (signal.resample_poly(each, 1, few) for each in (x, y))
     h = np.ravel(control.markov(z, u, round(LATEST / step), dt=True))
@@ -80,7 +82,9 @@ def main() -> None:
         z = np.exp(2j * math.pi * at / RATE)
         error = np.abs(found / (np.polyval(top, z) / np.polyval(bottom, z)) - 1.0)
         inside = (at >= 0.1) & (at <= 5.0)
-        print(f"{name:20}{min(spent):8.2f}{min(spent) / first:8.1f}{np.median(error[inside]):14.4f}")
+        print(
+            f"{name:20}{min(spent):8.2f}{min(spent) / first:8.1f}{np.median(error[inside]):14.4f}"
+        )
 
 
 if __name__ == "__main__":

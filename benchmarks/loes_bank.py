@@ -1,9 +1,11 @@
-"""Nine fourteen-state filters over ten seconds at 40 Hz: the batched bank, filterpy one by one and, where installed, JAX, in one run.
+"""Nine fourteen-state filters over ten seconds at 40 Hz: the batched bank, filterpy one by one and,
+where installed, JAX, in one run.
 
     python benchmarks/loes_bank.py [--rounds N]
 
-All three do the same work on the same record and must agree on every log-likelihood. Times are medians of interleaved rounds, and
-ratios are what to quote: the machine may be shared. The 1990 program took 150 s. For a steady figure set OPENBLAS_NUM_THREADS=1.
+All three do the same work on the same record and must agree on every log-likelihood. Times are
+medians of interleaved rounds, and ratios are what to quote: the machine may be shared. The 1990
+program took 150 s. For a steady figure set OPENBLAS_NUM_THREADS=1.
 """
 
 from __future__ import annotations
@@ -31,15 +33,30 @@ from sim.vehicles.factory import model_from_constants
 def problem() -> tuple[Record, System]:
     """The first ten seconds of the flight-like airframe's standard record and the filter for it."""
     x29 = load_x29("F")
-    record = fly_closed_loop(x29, three_two_one_one(1.0, 0.5, 1.0), 10.0, np.random.default_rng(1))[0]
-    constants = {"airspeed": x29.airframe.airspeed, "gravity": x29.airframe.gravity, "vane_arm": x29.telemetry.vane_arm}
-    noise = {"alpha": x29.telemetry.alpha_noise, "q": x29.telemetry.q_noise, "nz": x29.telemetry.nz_noise}
-    return record, loes_filter_system(model_from_constants("loes", constants, PAPER_START), record, noise, {"q": 1e-6})
+    record = fly_closed_loop(x29, three_two_one_one(1.0, 0.5, 1.0), 10.0, np.random.default_rng(1))[
+        0
+    ]
+    constants = {
+        "airspeed": x29.airframe.airspeed,
+        "gravity": x29.airframe.gravity,
+        "vane_arm": x29.telemetry.vane_arm,
+    }
+    noise = {
+        "alpha": x29.telemetry.alpha_noise,
+        "q": x29.telemetry.q_noise,
+        "nz": x29.telemetry.nz_noise,
+    }
+    return record, loes_filter_system(
+        model_from_constants("loes", constants, PAPER_START), record, noise, {"q": 1e-6}
+    )
 
 
 def one_by_one(record: Record, system: System) -> np.ndarray:
     """Log-likelihoods of nine filterpy filters, one after the other."""
-    held = [replace(system, parameters=system.parameters.with_values({"delay": delay})) for delay in DELAYS]
+    held = [
+        replace(system, parameters=system.parameters.with_values({"delay": delay}))
+        for delay in DELAYS
+    ]
     return np.array([run_ekf(record, each).log_likelihood for each in held])
 
 
@@ -49,19 +66,33 @@ def batched(record: Record, system: System) -> np.ndarray:
 
 
 def jax_bank(record: Record, system: System) -> Callable[[], np.ndarray]:
-    """A plain JAX version of the same filter: scan over samples, vmap over delays, jitted; the first call compiles."""
+    """A plain JAX version of the same filter: scan over samples, vmap over delays, jitted; the
+    first call compiles.
+    """
     import jax
     import jax.numpy as jnp
 
     jax.config.update("jax_enable_x64", True)
     laid_out, runs = bank_runs(record, system, FilterSettings(), held={"delay": np.array(DELAYS)})
-    held = {name: float(system.parameters[name].value) for name in ("airspeed", "gravity", "vane_arm")}
+    held = {
+        name: float(system.parameters[name].value) for name in ("airspeed", "gravity", "vane_arm")
+    }
     V, g, arm = held["airspeed"], held["gravity"], held["vane_arm"]
-    dt, Q, R = float(laid_out.grid.steps[0]), jnp.diag(jnp.array(laid_out.density)), jnp.diag(jnp.array(laid_out.variance))
+    dt, Q, R = (
+        float(laid_out.grid.steps[0]),
+        jnp.diag(jnp.array(laid_out.density)),
+        jnp.diag(jnp.array(laid_out.variance)),
+    )
 
     def rates(x, u):  # type: ignore[no-untyped-def]
         alpha, q, delta, L_a, M_a, L_d, M_d, L_q, M_q, inv_tau, L_0, M_0, d_0, _ = x
-        moving = jnp.array([L_a * alpha + L_q * q + L_d * delta + L_0, M_a * alpha + M_q * q + M_d * delta + M_0, inv_tau * (u - delta) + d_0])
+        moving = jnp.array(
+            [
+                L_a * alpha + L_q * q + L_d * delta + L_0,
+                M_a * alpha + M_q * q + M_d * delta + M_0,
+                inv_tau * (u - delta) + d_0,
+            ]
+        )
         return jnp.concatenate([moving, jnp.zeros(11)])
 
     def outputs(x, u):  # type: ignore[no-untyped-def]
@@ -72,7 +103,9 @@ def jax_bank(record: Record, system: System) -> Callable[[], np.ndarray]:
         y, S = z - outputs(x, u), H @ P @ H.T + R
         K = jnp.linalg.solve(S, H @ P).T
         joseph = jnp.eye(14) - K @ H
-        gained = -0.5 * (y @ jnp.linalg.solve(S, y) + jnp.linalg.slogdet(S)[1] + 3.0 * jnp.log(2.0 * jnp.pi))
+        gained = -0.5 * (
+            y @ jnp.linalg.solve(S, y) + jnp.linalg.slogdet(S)[1] + 3.0 * jnp.log(2.0 * jnp.pi)
+        )
         return x + K @ y, joseph @ P @ joseph.T + K @ R @ K.T, gained
 
     def sample(carry, data):  # type: ignore[no-untyped-def]
@@ -81,12 +114,18 @@ def jax_bank(record: Record, system: System) -> Callable[[], np.ndarray]:
         F = jax.jacfwd(rates)(x, u)
         powers = [jnp.eye(14), F, F @ F / 2.0]
         Phi = sum(power * dt**k for k, power in enumerate(powers))
-        noise = sum(a @ Q @ b.T * (dt ** (i + j + 1) / (i + j + 1)) for i, a in enumerate(powers) for j, b in enumerate(powers))
+        noise = sum(
+            a @ Q @ b.T * (dt ** (i + j + 1) / (i + j + 1))
+            for i, a in enumerate(powers)
+            for j, b in enumerate(powers)
+        )
         k1 = rates(x, u)
         k2 = rates(x + 0.5 * dt * k1, u)
         k3 = rates(x + 0.5 * dt * k2, u)
         k4 = rates(x + dt * k3, u)
-        x, P, gained = update(x + dt / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), Phi @ P @ Phi.T + noise, z, u_now)
+        x, P, gained = update(
+            x + dt / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), Phi @ P @ Phi.T + noise, z, u_now
+        )
         return (x, P), gained
 
     def run(stage, begin):  # type: ignore[no-untyped-def]
@@ -95,9 +134,25 @@ def jax_bank(record: Record, system: System) -> Callable[[], np.ndarray]:
         return first + gained.sum()
 
     # The free parameters in the order that rates() unpacks, not the declaration's.
-    order = [laid_out.names.index(name) for name in ("alpha", "q", "delta", "L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q")]
+    order = [
+        laid_out.names.index(name)
+        for name in (
+            "alpha",
+            "q",
+            "delta",
+            "L_alpha",
+            "M_alpha",
+            "L_delta",
+            "M_delta",
+            "L_q",
+            "M_q",
+        )
+    ]
     order += [laid_out.names.index(name) for name in ("inv_tau", "L_0", "M_0", "delta_0", "nz_0")]
-    start, covariance = jnp.array(laid_out.start[order]), jnp.array(laid_out.covariance[np.ix_(order, order)])
+    start, covariance = (
+        jnp.array(laid_out.start[order]),
+        jnp.array(laid_out.covariance[np.ix_(order, order)]),
+    )
     Q, z = Q[np.ix_(order, order)], jnp.array(laid_out.z.T)
     stage, begin = jnp.array(runs.drive.stages[0][0].T), jnp.array(runs.drive.begin[0].T)
     compiled = jax.jit(jax.vmap(run))
@@ -117,7 +172,10 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=7)
     rounds = parser.parse_args().rounds
     record, system = problem()
-    works: dict[str, Callable[[], np.ndarray]] = {"bank": lambda: batched(record, system), "filterpy one by one": lambda: one_by_one(record, system)}
+    works: dict[str, Callable[[], np.ndarray]] = {
+        "bank": lambda: batched(record, system),
+        "filterpy one by one": lambda: one_by_one(record, system),
+    }
     first: dict[str, float] = {}
     if find_spec("jax"):
         begin = time.perf_counter()
@@ -133,12 +191,21 @@ def main() -> None:
             seconds, results[name] = timed(work)
             times[name].append(seconds)
     reference = statistics.median(times["bank"])
-    print(f"nine filters of {len(system.states) + len(system.parameters.free_names)} states, {len(record)} samples, {rounds} rounds")
+    print(
+        f"nine filters of {len(system.states) + len(system.parameters.free_names)} states, "
+        f"{len(record)} samples, {rounds} rounds"
+    )
     for name, values in {**times, **{name: [value] for name, value in first.items()}}.items():
         median = statistics.median(values)
-        print(f"{name:52s} {median:8.3f} s   {median / reference:7.1f} x the bank   best {min(values):.3f} s")
+        print(
+            f"{name:52s} {median:8.3f} s   {median / reference:7.1f} x the bank   best "
+            f"{min(values):.3f} s"
+        )
     for name, result in results.items():
-        print(f"{name:52s} largest difference in log-likelihood {np.max(np.abs(result - results['bank'])):.1e}")
+        print(
+            f"{name:52s} largest difference in log-likelihood "
+            f"{np.max(np.abs(result - results['bank'])):.1e}"
+        )
 
 
 if __name__ == "__main__":

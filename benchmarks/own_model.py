@@ -1,9 +1,11 @@
-"""The rigid short period written as a user's own file against the built-in one: identify and diagnose, as whole processes by turns.
+"""The rigid short period written as a user's own file against the built-in one: identify and
+diagnose, as whole processes by turns.
 
     python benchmarks/own_model.py [--runs N]
 
-Records of the scenario trace-delay, 1001 samples and three channels. Printed are the ratios of the medians, own over built in, which may be 1.3,
-and by how much any number of the two results differs, relative to its size.
+Records of the scenario trace-delay, 1001 samples and three channels. Printed are the ratios of the
+medians, own over built in, which may be 1.3, and by how much any number of the two results differs,
+relative to its size.
 """
 
 from __future__ import annotations
@@ -41,9 +43,28 @@ def files(folder: Path) -> None:
 def seconds(folder: Path, command: str, model: str, out: str) -> float:
     """Wall seconds of a command."""
     validate = ["--validate", "validate.csv"] if command == "diagnose" else []
-    call = [sys.executable, "-m", "scenarios", command, "train.csv", *validate, "--model", model, "--vehicle", "vehicle.toml", "--out", out]
+    call = [
+        sys.executable,
+        "-m",
+        "scenarios",
+        command,
+        "train.csv",
+        *validate,
+        "--model",
+        model,
+        "--vehicle",
+        "vehicle.toml",
+        "--out",
+        out,
+    ]
     start = time.perf_counter()
-    subprocess.run([*call, "--no-figures"], cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True, capture_output=True)
+    subprocess.run(
+        [*call, "--no-figures"],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        check=True,
+        capture_output=True,
+    )
     return time.perf_counter() - start
 
 
@@ -60,7 +81,9 @@ def apart(one: Any, other: Any) -> Iterator[float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--runs", type=int, default=5)
     runs = parser.parse_args().runs
     with tempfile.TemporaryDirectory() as name:
@@ -74,8 +97,14 @@ def main() -> None:
                     wall = seconds(folder, command, model, f"{command}-{which}")
                     walls[which] += [wall] * (number > 0)
             own, built_in = (statistics.median(walls[which]) for which in ("own", "built-in"))
-            found = [json.loads((folder / f"{command}-{which}" / result).read_text()) for which in models]
-            print(f"{command}: own {own:.2f} s, built in {built_in:.2f} s, ratio {own / built_in:.2f} (at most {LIMIT})", end="")
+            found = [
+                json.loads((folder / f"{command}-{which}" / result).read_text()) for which in models
+            ]
+            print(
+                f"{command}: own {own:.2f} s, built in {built_in:.2f} s, ratio "
+                f"{own / built_in:.2f} (at most {LIMIT})",
+                end="",
+            )
             print(f"; numbers at most {max(apart(*found)):.1g} apart")
 
 

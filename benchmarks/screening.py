@@ -1,9 +1,10 @@
-"""What it costs to scan all candidates at one fitted set: those with a cause of their own, and the general form (`varies:PARAMETER(SIGNAL)`).
+"""What it costs to scan all candidates at one fitted set: those with a cause of their own, and the
+general form (`varies:PARAMETER(SIGNAL)`).
 
     python benchmarks/screening.py [--runs N]
 
-Records without anything missing of the `rigid`, `lateral` and `longitudinal` models. Times are processor milliseconds of one process, the least
-of the runs.
+Records without anything missing of the `rigid`, `lateral` and `longitudinal` models. Times are
+processor milliseconds of one process, the least of the runs.
 """
 
 from __future__ import annotations
@@ -35,9 +36,13 @@ def problems() -> dict[str, Any]:
         else:
             record = flown(kind, 3)
             wrong = {name: 0.8 * value for name, value in TRUE[kind].items()}
-            model = model_from_constants(kind, CONSTANTS[kind], wrong).with_biases([channel.name for channel in record.outputs])
+            model = model_from_constants(kind, CONSTANTS[kind], wrong).with_biases(
+                [channel.name for channel in record.outputs]
+            )
         outputs = [channel.name for channel in record.outputs]
-        found[kind] = TraceProblem([record], measured_masks([record], outputs), model, (), outputs, TraceSettings())
+        found[kind] = TraceProblem(
+            [record], measured_masks([record], outputs), model, (), outputs, TraceSettings()
+        )
     return found
 
 
@@ -57,7 +62,9 @@ def main() -> None:
     from ident.tracing.screening.context import search_context
     from scenarios.diagnosis.candidates import candidates_for
 
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--runs", type=int, default=5)
     runs = parser.parse_args().runs
     print("model         samples  whitened ms  named  their ms  instances  their ms  ms each")
@@ -66,11 +73,26 @@ def main() -> None:
         context, every = search_context(fitted), candidates_for(problem.model)
         prior = set_prior(fitted, context)
         ready = prepared(fitted, prior)
-        named, instances = ([c for c in every if c.traits.general is wanted] for wanted in (False, True))
+        named, instances = (
+            [c for c in every if c.traits.general is wanted] for wanted in (False, True)
+        )
         first = least(lambda f=fitted, p=prior: prepared(f, p), runs)
-        known = least(lambda f=fitted, r=ready, e=named, c=context: leads_of(f, r, [*shown_by(f, e, c).values()], c), runs)
-        general = least(lambda f=fitted, r=ready, e=instances, c=context: leads_of(f, r, [*shown_by(f, e, c).values()], c), runs)
-        counts = f"{len(problem.records[0]):7}  {first:11.1f}  {len(named):5}  {known:8.0f}  {len(instances):9}"
+        known = least(
+            lambda f=fitted, r=ready, e=named, c=context: leads_of(
+                f, r, [*shown_by(f, e, c).values()], c
+            ),
+            runs,
+        )
+        general = least(
+            lambda f=fitted, r=ready, e=instances, c=context: leads_of(
+                f, r, [*shown_by(f, e, c).values()], c
+            ),
+            runs,
+        )
+        counts = (
+            f"{len(problem.records[0]):7}  {first:11.1f}  {len(named):5}  {known:8.0f}  "
+            f"{len(instances):9}"
+        )
         print(f"{kind:12}  {counts}  {general:8.1f}  {general / len(instances):7.2f}")
 
 

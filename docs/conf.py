@@ -1,4 +1,6 @@
-"""How the site is built from these pages: `python -m sphinx -W --keep-going -b html docs site`. No network is asked for anything."""
+"""How the site is built from these pages: `python -m sphinx -W --keep-going -b html docs site`. No
+network is asked for anything.
+"""
 
 import sys
 from importlib import metadata
@@ -25,10 +27,12 @@ extensions = [
 ]
 root_doc = "index"
 exclude_patterns = ["_ext", "README.md"]
-# Annotations name a class by itself, and two packages may each have one of that name: such a name is then shown without a link.
+# Annotations name a class by itself, and two packages may each have one of that name: such a name
+# is then shown without a link.
 suppress_warnings = ["ref.python"]
 
-# Pages are Markdown as code hosts read it: equations between dollars, links to files and to headings by their slugs.
+# Pages are Markdown as code hosts read it: equations between dollars, links to files and to
+# headings by their slugs.
 myst_enable_extensions = ["dollarmath", "deflist"]
 myst_dmath_double_inline = True
 myst_dmath_allow_space = False
@@ -47,7 +51,8 @@ python_maximum_signature_line_length = 100
 highlight_language = "text"
 copybutton_prompt_text = "$ "
 
-# What the pages themselves do not say: which page stands under which, in which order. A star takes what is not named before it.
+# What the pages themselves do not say: which page stands under which, in which order. A star takes
+# what is not named before it.
 contents = {
     "index": [
         "start",
@@ -86,7 +91,14 @@ contents = {
         "made/names",
         "made/api/README",
     ],
-    "results": ["papers", "phase-margin", "tracing-performance", "campaign-statistics", "performance", "records/README"],
+    "results": [
+        "papers",
+        "phase-margin",
+        "tracing-performance",
+        "campaign-statistics",
+        "performance",
+        "records/README",
+    ],
     "records/README": ["records/*"],
     "decisions/README": ["decisions/*"],
     "made/labs/README": ["made/labs/*"],
@@ -95,12 +107,16 @@ contents = {
 html_theme = "pydata_sphinx_theme"
 html_title = f"flightid {release}".strip()
 # Pages with nothing below them have no navigation of their own section.
-html_sidebars = {name: [] for name in ("index", "start", "limits", "made/changelog", "search", "genindex", "py-modindex")}
+html_sidebars = {
+    name: []
+    for name in ("index", "start", "limits", "made/changelog", "search", "genindex", "py-modindex")
+}
 html_static_path = ["_static"]
 html_css_files = ["site.css", "math.css"]
 html_show_sourcelink = False
 html_copy_source = False
-html_show_search_summary = False  # it fetches pages, which browsers forbid where the site is opened as files
+# it fetches pages, which browsers forbid where the site is opened as files
+html_show_search_summary = False
 html_context = {"default_mode": "auto"}
 html_theme_options = {
     "logo": {"text": "flightid"},

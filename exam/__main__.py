@@ -9,7 +9,8 @@ from importlib import import_module
 
 from scenarios.cli.application import ending_signals
 
-# Name -> module and function of its command line, and what it examines; `tabled` takes the name first.
+# Name -> module and function of its command line, and what it examines; `tabled` takes the name
+# first.
 EXAMINATIONS: Mapping[str, tuple[str, str, str]] = {
     "random": ("exam.random_cases.command", "random_cases", "random cases, by their seeds"),
     "foreign": (

@@ -1,4 +1,6 @@
-"""Probabilities of names held against the truth: how often what is said to be so likely is right."""
+"""Probabilities of names held against the truth: how often what is said to be so likely is
+right.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ class Statement:
 
 @dataclass(frozen=True)
 class Bin:
-    """Names said to be right with a probability from ``low`` to ``high``: how many, the mean of what was said, how many are right."""
+    """Names said to be right with a probability from ``low`` to ``high``: how many, the mean of
+    what was said, how many are right.
+    """
 
     low: float
     high: float
@@ -39,12 +43,18 @@ class Bin:
 
 
 def reliability(statements: Sequence[Statement]) -> tuple[Bin, ...]:
-    """How often names are right, by the probability that was said; those less likely than ``EDGES[0]`` are left out."""
-    return binned([(each.probability, each.right) for each in statements if each.probability > EDGES[0]])
+    """How often names are right, by the probability that was said; those less likely than
+    ``EDGES[0]`` are left out.
+    """
+    return binned(
+        [(each.probability, each.right) for each in statements if each.probability > EDGES[0]]
+    )
 
 
 def binned(pairs: Sequence[tuple[float, bool]]) -> tuple[Bin, ...]:
-    """Probabilities that were said, and whether what they were said of is right, counted between ``EDGES``."""
+    """Probabilities that were said, and whether what they were said of is right, counted between
+    ``EDGES``.
+    """
     bins = []
     for low, high in pairwise(EDGES):
         inside = [(p, right) for p, right in pairs if low < p <= high]

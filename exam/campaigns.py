@@ -96,7 +96,8 @@ def fly_and_tell(
     *,
     progress: bool = True,
 ) -> None:
-    """Fly and diagnose, print the tables, and write what ``campaign.write`` does into ``manner.out``.
+    """Fly and diagnose, print the tables, and write what ``campaign.write`` does into
+    ``manner.out``.
 
     Raises
     ------
@@ -149,7 +150,9 @@ def surrogate_campaign(name: str, changes: Sequence[str] = ()) -> Campaign:
     surrogate = load_surrogate(name, changes)
 
     def write(done: Flown, out: Path, figures: Formats) -> Path:
-        return write_campaign(surrogate, done, out, partial(campaign_page, surrogate, done), figures)
+        return write_campaign(
+            surrogate, done, out, partial(campaign_page, surrogate, done), figures
+        )
 
     def text(done: Flown, width: int, details: str) -> str:
         return campaign_text(surrogate, done.found, done.words, width, details)
@@ -159,7 +162,8 @@ def surrogate_campaign(name: str, changes: Sequence[str] = ()) -> Campaign:
 
 
 def every_effect_campaign(runs: int, effects: Sequence[str] | None = None) -> Campaign:
-    """Flights of each of the ``effects`` (None: all of the library); ``runs`` is what its page says.
+    """Flights of each of the ``effects`` (None: all of the library); ``runs`` is what its page
+    says.
 
     Raises
     ------
@@ -181,8 +185,8 @@ def every_effect_campaign(runs: int, effects: Sequence[str] | None = None) -> Ca
 
 @dataclass(frozen=True)
 class Tabled:
-    """What a campaign with a single table flies: ``fly`` gives of a flight's number and seed a ``kind``
-    of dataclass; ``rows`` below the ``headings`` are of all flights."""
+    """What a campaign with a single table flies: ``fly`` gives of a flight's number and seed a
+    ``kind`` of dataclass; ``rows`` below the ``headings`` are of all flights."""
 
     fly: Callable[[int, int], Any]
     kind: Any
@@ -196,7 +200,9 @@ def tabled_campaign(name: str) -> Campaign:
     tabled = TABLED[name]
 
     def text(done: Flown, width: int, details: str) -> str:
-        table = table_lines(columns_of(tabled.headings, tabled.rows(done.found)), title=tabled.title)
+        table = table_lines(
+            columns_of(tabled.headings, tabled.rows(done.found)), title=tabled.title
+        )
         return "\n".join([f"{name}: {done.ended} flights, {done.words}", *table]) + "\n"
 
     def write(done: Flown, out: Path, figures: Formats) -> Path:
@@ -223,7 +229,9 @@ def _page(name: str, tabled: Tabled, done: Flown, rows: Rows) -> Page:
         sentence=as_sentence(tabled.title),
         summary=(),
         warnings=(as_sentence(done.failed),) if done.failed else (),
-        sections=section("What was found", rows_table(capital(tabled.title), tabled.headings, rows)),
+        sections=section(
+            "What was found", rows_table(capital(tabled.title), tabled.headings, rows)
+        ),
         reproduction=exam_reproduction(command, as_sentence(done.words)),
         created=now(),
     )
@@ -243,8 +251,13 @@ def _clean_of_model(number: int, seed: int) -> CleanRun:
 
 
 def _alarm_rows(found: Sequence[Alarm]) -> Rows:
-    groups = {setting.label: [each for each in found if each.setting == setting.label] for setting in SETTINGS}
-    return alarm_rows({label: group for label, group in groups.items() if group} | {"all": [*found]})
+    groups = {
+        setting.label: [each for each in found if each.setting == setting.label]
+        for setting in SETTINGS
+    }
+    return alarm_rows(
+        {label: group for label, group in groups.items() if group} | {"all": [*found]}
+    )
 
 
 def _detection_rows(found: Sequence[Detection]) -> Rows:
@@ -253,13 +266,18 @@ def _detection_rows(found: Sequence[Detection]) -> Rows:
 
 
 TABLED: Mapping[str, Tabled] = {
-    "false-alarms": Tabled(_clean_of_setting, Alarm, "clean records: nothing is hidden", ALARMS, _alarm_rows),
+    "false-alarms": Tabled(
+        _clean_of_setting, Alarm, "clean records: nothing is hidden", ALARMS, _alarm_rows
+    ),
     "clean": Tabled(
         _clean_of_model,
         CleanRun,
-        "clean records: nothing is hidden; sigmas over the Cramer-Rao bound, median and 90 % of them",
+        "clean records: nothing is hidden; sigmas over the Cramer-Rao bound, median and 90 % of "
+        "them",
         CLEAN,
         clean_rows,
     ),
-    "weak-effects": Tabled(_weak, Detection, f"one weak effect, expected gain {GAIN:g}", DETECTED, _detection_rows),
+    "weak-effects": Tabled(
+        _weak, Detection, f"one weak effect, expected gain {GAIN:g}", DETECTED, _detection_rows
+    ),
 }

@@ -1,4 +1,6 @@
-"""Records of every model with nothing hidden in them: what a diagnosis that is offered everything claims, and whether its sigmas hold."""
+"""Records of every model with nothing hidden in them: what a diagnosis that is offered everything
+claims, and whether its sigmas hold.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ from scenarios.trials.planted.schema import trace_scenario_of
 from sim.declaration.model import Model, Noise
 from sim.record import Record
 
-# Model -> the tracing scenario whose flight is flown without what it hides; the others are cases, whose vehicles and maneuvers are drawn.
+# Model -> the tracing scenario whose flight is flown without what it hides; the others are cases,
+# whose vehicles and maneuvers are drawn.
 FLOWN: Mapping[str, str] = {
     "flexible": "trace-flexible",
     "own": "trace-own-model",
@@ -39,10 +42,12 @@ _SPREAD = 7_000_003  # between the seeds of flights and those of starting values
 
 @dataclass(frozen=True)
 class CleanRun:
-    """One clean flight: the verdict, what is claimed, the errors of the derivatives in their sigmas, and these over the Cramer-Rao bound.
+    """One clean flight: the verdict, what is claimed, the errors of the derivatives in their
+    sigmas, and these over the Cramer-Rao bound.
 
-    Derivatives are those that the record determines at all, of which the bound is below the value. ``hints``: effects that are named and
-    not claimed. ``seconds`` of the processor, for the diagnosis.
+    Derivatives are those that the record determines at all, of which the bound is below the value.
+    ``hints``: effects that are named and not claimed. ``seconds`` of the processor, for the
+    diagnosis.
     """
 
     seed: int
@@ -57,7 +62,9 @@ class CleanRun:
 
 @dataclass(frozen=True, eq=False)
 class _Flight:
-    """What is diagnosed, the true model, and the Cramer-Rao bound of some parameters beside the biases of some outputs."""
+    """What is diagnosed, the true model, and the Cramer-Rao bound of some parameters beside the
+    biases of some outputs.
+    """
 
     request: Request
     model: Model
@@ -65,20 +72,35 @@ class _Flight:
 
 
 def clean_flight(seed: int, model: str) -> CleanRun:
-    """Fly and diagnose one record of a ``model`` with nothing hidden, another held out; all but the time depends on these alone."""
+    """Fly and diagnose one record of a ``model`` with nothing hidden, another held out; all but the
+    time depends on these alone.
+    """
     with tempfile.TemporaryDirectory(prefix="flightid-") as name:
-        flight = _case(model, seed, Path(name)) if model not in FLOWN else _scenario(model, seed, Path(name))
+        flight = (
+            _case(model, seed, Path(name))
+            if model not in FLOWN
+            else _scenario(model, seed, Path(name))
+        )
         started = process_time()
         tracing = diagnose_files(flight.request)
         seconds = process_time() - started
     d, true = tracing.diagnosis, flight.model.parameters
     bound = flight.bound(tuple(d.after), _biased(tracing.model))
-    # What no record tells, as the scale of a mode that is not measured, has a sigma that is the width of its start.
-    found = {name: quantity for name, quantity in d.after.items() if bound[name] < abs(true[name].value)}
-    errors = {name: (quantity.value - true[name].value) / quantity.std for name, quantity in found.items()}
+    # What no record tells, as the scale of a mode that is not measured, has a sigma that is the
+    # width of its start.
+    found = {
+        name: quantity for name, quantity in d.after.items() if bound[name] < abs(true[name].value)
+    }
+    errors = {
+        name: (quantity.value - true[name].value) / quantity.std for name, quantity in found.items()
+    }
     over = {name: float(quantity.std / bound[name]) for name, quantity in found.items()}
-    claimed, hints = ([claim.name for claim in d.effects if claim.claimed is wanted] for wanted in (True, False))
-    return CleanRun(seed, model, d.verdict.value, tuple(claimed), tuple(hints), errors, over, seconds)
+    claimed, hints = (
+        [claim.name for claim in d.effects if claim.claimed is wanted] for wanted in (True, False)
+    )
+    return CleanRun(
+        seed, model, d.verdict.value, tuple(claimed), tuple(hints), errors, over, seconds
+    )
 
 
 def _case(model: str, seed: int, folder: Path) -> _Flight:
@@ -87,10 +109,14 @@ def _case(model: str, seed: int, folder: Path) -> _Flight:
 
     def again(true: Model) -> Record:
         setting = replace(train.setting, model=true)
-        return simulated(written.case, {}, replace(train, setting=setting), np.random.default_rng(0), {})
+        return simulated(
+            written.case, {}, replace(train, setting=setting), np.random.default_rng(0), {}
+        )
 
     true, noise = train.setting.model, {name: NOISE[name] for name in written.case.channels}
-    return _Flight(written.request, true, lambda names, biased: cramer_rao(true, again, noise, names, biased))
+    return _Flight(
+        written.request, true, lambda names, biased: cramer_rao(true, again, noise, names, biased)
+    )
 
 
 def _scenario(model: str, seed: int, folder: Path) -> _Flight:
@@ -107,41 +133,77 @@ def _scenario(model: str, seed: int, folder: Path) -> _Flight:
     train, validate, vehicle = write_flown(fly_trace(scenario, seed), folder)
     request = Request((train,), scenario.model, vehicle, (validate,))
     # Noise and starting values apart, every flight of a scenario is the same, and so is its bound.
-    return _Flight(request, true, lambda names, biased: _bound_of(model, names, tuple(biased.items())))
+    return _Flight(
+        request, true, lambda names, biased: _bound_of(model, names, tuple(biased.items()))
+    )
 
 
 def clean_rows(runs: Sequence[CleanRun]) -> list[tuple[str, ...]]:
-    """By model and for all: runs, false claims with their 95 % interval in percent, not consistent, derivatives within two sigmas with theirs, the
-    median of sigma over the bound with its 5 and 95 % quantiles, median processor time in s."""
+    """By model and for all: runs, false claims with their 95 % interval in percent, not consistent,
+    derivatives within two sigmas with theirs, the median of sigma over the bound with its 5 and 95
+    % quantiles, median processor time in s."""
     groups = {model: [run for run in runs if run.model == model] for model in MODELS}
-    return [_row(label, group) for label, group in ({label: group for label, group in groups.items() if group} | {"all": list(runs)}).items()]
+    return [
+        _row(label, group)
+        for label, group in (
+            {label: group for label, group in groups.items() if group} | {"all": list(runs)}
+        ).items()
+    ]
 
 
 def _row(label: str, runs: Sequence[CleanRun]) -> tuple[str, ...]:
     claims = share_of_flights(bool(run.claimed) for run in runs)
-    within = share_within_flights([abs(error) <= SIGMAS for error in run.errors.values()] for run in runs)
+    within = share_within_flights(
+        [abs(error) <= SIGMAS for error in run.errors.values()] for run in runs
+    )
     over = np.array([ratio for run in runs for ratio in run.over_bound.values()])
     other = sum(run.verdict != "consistent" for run in runs)
     low, high = (100.0 * limit for limit in claims.interval)
-    inside = f"{100.0 * within.count / within.of:.1f} of {within.of} ({100.0 * within.interval[0]:.1f} to {100.0 * within.interval[1]:.1f})"
-    ratio = f"{np.median(over):.2f} ({np.quantile(over, 0.05):.2f} to {np.quantile(over, 0.95):.2f})"
+    inside = (
+        f"{100.0 * within.count / within.of:.1f} of {within.of} ({100.0 * within.interval[0]:.1f} "
+        f"to {100.0 * within.interval[1]:.1f})"
+    )
+    ratio = (
+        f"{np.median(over):.2f} ({np.quantile(over, 0.05):.2f} to {np.quantile(over, 0.95):.2f})"
+    )
     seconds = float(np.median([run.seconds for run in runs]))
-    return label, str(len(runs)), str(claims.count), f"{low:.1f} to {high:.1f}", str(other), inside, ratio, f"{seconds:.1f}"
+    return (
+        label,
+        str(len(runs)),
+        str(claims.count),
+        f"{low:.1f} to {high:.1f}",
+        str(other),
+        inside,
+        ratio,
+        f"{seconds:.1f}",
+    )
 
 
 def _biased(model: Model) -> Mapping[str, float]:
-    """Outputs with a bias that a fit leaves free, and the standard deviation of what is known of it."""
+    """Outputs with a bias that a fit leaves free, and the standard deviation of what is known of
+    it.
+    """
     return {name: model.parameters[f"bias_{name}"].prior_std for name in model.biases}
 
 
 @cache
-def _bound_of(model: str, names: tuple[str, ...], biased: tuple[tuple[str, float], ...]) -> Mapping[str, float]:
+def _bound_of(
+    model: str, names: tuple[str, ...], biased: tuple[tuple[str, float], ...]
+) -> Mapping[str, float]:
     from scenarios.studies.catalogue import load_document
 
     flight = trace_scenario_of(*load_document(FLOWN[model])).flight
-    return cramer_rao(true_vehicle(flight), lambda changed: _noiseless(flight, changed), flight.noise_std, names, dict(biased))
+    return cramer_rao(
+        true_vehicle(flight),
+        lambda changed: _noiseless(flight, changed),
+        flight.noise_std,
+        names,
+        dict(biased),
+    )
 
 
 def _noiseless(flight: TraceFlight, model: Model) -> Record:
     """The fitted record of a tracing scenario's flight without noise."""
-    return flown_plan(flight, flight.train, model.with_noise(Noise()), np.random.default_rng(0), "train")
+    return flown_plan(
+        flight, flight.train, model.with_noise(Noise()), np.random.default_rng(0), "train"
+    )

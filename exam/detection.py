@@ -1,7 +1,9 @@
-"""How often the tracing loop raises a false alarm, and how often it finds an effect of a given strength and names it right.
+"""How often the tracing loop raises a false alarm, and how often it finds an effect of a given
+strength and names it right.
 
-Strength is the expected gain of the log likelihood: half the squared change that the effect makes to the outputs, in noise
-sigmas, as far as no change of the declared model's parameters, initial state or biases can stand in for it.
+Strength is the expected gain of the log likelihood: half the squared change that the effect makes
+to the outputs, in noise sigmas, as far as no change of the declared model's parameters, initial
+state or biases can stand in for it.
 """
 
 from __future__ import annotations
@@ -57,7 +59,9 @@ class Finding(Enum):
 
 @dataclass(frozen=True)
 class Setting:
-    """What the records of a campaign have in common: channels, degrees of freedom of the noise (0 for normal noise), rate in 1/s."""
+    """What the records of a campaign have in common: channels, degrees of freedom of the noise (0
+    for normal noise), rate in 1/s.
+    """
 
     label: str
     channels: tuple[str, ...] = ("alpha", "q", "nz")
@@ -67,7 +71,9 @@ class Setting:
 
 @dataclass(frozen=True)
 class Alarm:
-    """One clean record: its seed, the verdict, the effects claimed, and the label of the setting in which it was flown."""
+    """One clean record: its seed, the verdict, the effects claimed, and the label of the setting in
+    which it was flown.
+    """
 
     seed: int
     aircraft: str
@@ -90,7 +96,8 @@ class Detection:
     seconds: float
 
 
-# Where nz is recorded, a delay of the surface however small moves the one sample at each switch by its whole jump: no strength can be set.
+# Where nz is recorded, a delay of the surface however small moves the one sample at each switch by
+# its whole jump: no strength can be set.
 WITHOUT_NZ = ("input-delay", "actuator-lag")
 SETTINGS = (
     Setting("three channels"),
@@ -105,7 +112,9 @@ def weak_setting(effect: str) -> Setting:
 
 
 def clean_run(setting: Setting, seed: int) -> Alarm:
-    """Fly and diagnose one record without anything hidden; aircraft, derivatives, noise and starting values are drawn from the seed."""
+    """Fly and diagnose one record without anything hidden; aircraft, derivatives, noise and
+    starting values are drawn from the seed.
+    """
     rng = np.random.default_rng((seed, 1))
     name, model = drawn_aircraft(rng)
     diagnosis, seconds = traced(model, model, setting, rng)
@@ -113,12 +122,16 @@ def clean_run(setting: Setting, seed: int) -> Alarm:
 
 
 def weak_run(setting: Setting, effect: str, gain: float, seed: int) -> Detection:
-    """Fly and diagnose one record with an effect of the size that brings the wanted expected gain."""
+    """Fly and diagnose one record with an effect of the size that brings the wanted expected
+    gain.
+    """
     rng = np.random.default_rng((seed, 2))
     _, model = drawn_aircraft(rng)
     size = size_of(model, effect, gain, setting)
     diagnosis, seconds = traced(model, with_effect(model, effect, size), setting, rng)
-    return Detection(seed, effect, gain, size, found(effect, diagnosis), _claimed(diagnosis), seconds)
+    return Detection(
+        seed, effect, gain, size, found(effect, diagnosis), _claimed(diagnosis), seconds
+    )
 
 
 def found(effect: str, diagnosis: Diagnosis) -> Finding:
@@ -142,30 +155,51 @@ def with_effect(model: Model, name: str, size: float) -> Model:
     return model.with_effects(effect).with_values({full_name(effect, WEAK[name][0]): size})
 
 
-def traced(declared: Model, true: Model, setting: Setting, rng: np.random.Generator) -> tuple[Diagnosis, float]:
-    """Fly two records, write them, hand the files to the loop; the diagnosis and its processor time in s."""
+def traced(
+    declared: Model, true: Model, setting: Setting, rng: np.random.Generator
+) -> tuple[Diagnosis, float]:
+    """Fly two records, write them, hand the files to the loop; the diagnosis and its processor time
+    in s.
+    """
     with tempfile.TemporaryDirectory(prefix="flightid-") as name:
         folder = Path(name)
         for stem, maneuver in (("train", _first()), ("validate", _second())):
             write_record(folder, _measured(flown(true, maneuver, setting), setting, rng), stem)
         lines = [f"{key} = {declared.parameters[key].value!r}" for key in RIGID_CONSTANTS]
-        lines += ["[derivatives]", *(f"{key} = {declared.parameters[key].value * rng.uniform(0.7, 1.3)!r}" for key in USUAL)]
+        lines += [
+            "[derivatives]",
+            *(
+                f"{key} = {declared.parameters[key].value * rng.uniform(0.7, 1.3)!r}"
+                for key in USUAL
+            ),
+        ]
         vehicle = folder / "vehicle.toml"
         vehicle.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
         started = process_time()
-        tracing = diagnose_files(Request((folder / "train.csv",), "rigid", vehicle, (folder / "validate.csv",)))
+        tracing = diagnose_files(
+            Request((folder / "train.csv",), "rigid", vehicle, (folder / "validate.csv",))
+        )
         return tracing.diagnosis, process_time() - started
 
 
 def flown(model: Model, maneuver: Maneuver, setting: Setting) -> Record:
     """One record without noise, in 5 ms steps; input paths work on finer cells of their own."""
     time = sample_times(setting.rate, DURATION)
-    record, _ = fly(model.with_noise(Noise()), maneuver, time, np.random.default_rng(0), step=0.005, outputs=setting.channels)
+    record, _ = fly(
+        model.with_noise(Noise()),
+        maneuver,
+        time,
+        np.random.default_rng(0),
+        step=0.005,
+        outputs=setting.channels,
+    )
     return record
 
 
 def size_of(model: Model, name: str, gain: float, setting: Setting) -> float:
-    """The value of an effect's parameter whose expected log-likelihood gain on the training record is ``gain``; at most the largest of ``WEAK``."""
+    """The value of an effect's parameter whose expected log-likelihood gain on the training record
+    is ``gain``; at most the largest of ``WEAK``.
+    """
     effect = find_effect(name, model.equations)
     local, most = WEAK[name]
     absent = effect.absent[local]
@@ -173,7 +207,15 @@ def size_of(model: Model, name: str, gain: float, setting: Setting) -> float:
     columns = _columns(model, base, setting)
 
     def reached(share: float) -> float:
-        changed = _whitened(flown(with_effect(model, name, absent + share * (most - absent)), _first(), setting), setting) - base
+        changed = (
+            _whitened(
+                flown(
+                    with_effect(model, name, absent + share * (most - absent)), _first(), setting
+                ),
+                setting,
+            )
+            - base
+        )
         rest = changed - columns @ np.linalg.lstsq(columns, changed, rcond=None)[0]
         return 0.5 * float(rest @ rest)
 
@@ -185,26 +227,59 @@ def size_of(model: Model, name: str, gain: float, setting: Setting) -> float:
 
 
 def alarm_rows(alarms: Mapping[str, Sequence[Alarm]]) -> list[tuple[str, ...]]:
-    """Setting, runs, false claims, not consistent, 95 % interval of false claims in percent, median processor time in s."""
+    """Setting, runs, false claims, not consistent, 95 % interval of false claims in percent, median
+    processor time in s.
+    """
     rows: list[tuple[str, ...]] = []
     for label, group in alarms.items():
-        claims, other = sum(bool(alarm.claimed) for alarm in group), sum(alarm.verdict != "consistent" for alarm in group)
+        claims, other = (
+            sum(bool(alarm.claimed) for alarm in group),
+            sum(alarm.verdict != "consistent" for alarm in group),
+        )
         low, high = clopper_pearson(claims, len(group))
         seconds = float(np.median([alarm.seconds for alarm in group]))
-        rows.append((label, str(len(group)), str(claims), str(other), f"{100 * low:.1f} to {100 * high:.1f}", f"{seconds:.1f}"))
+        rows.append(
+            (
+                label,
+                str(len(group)),
+                str(claims),
+                str(other),
+                f"{100 * low:.1f} to {100 * high:.1f}",
+                f"{seconds:.1f}",
+            )
+        )
     return rows
 
 
-def detection_rows(detections: Sequence[Detection], by: Callable[[Detection], str]) -> list[tuple[str, ...]]:
-    """Group, runs, detected, named right, ambiguous, unexplained, wrong, and the 95 % interval of detection in percent."""
+def detection_rows(
+    detections: Sequence[Detection], by: Callable[[Detection], str]
+) -> list[tuple[str, ...]]:
+    """Group, runs, detected, named right, ambiguous, unexplained, wrong, and the 95 % interval of
+    detection in percent.
+    """
     rows: list[tuple[str, ...]] = []
     for label in dict.fromkeys(by(detection) for detection in detections):
         group = [detection for detection in detections if by(detection) == label]
-        count = {finding: sum(detection.finding is finding for detection in group) for finding in Finding}
+        count = {
+            finding: sum(detection.finding is finding for detection in group) for finding in Finding
+        }
         seen = len(group) - count[Finding.MISSED]
         low, high = clopper_pearson(seen, len(group))
-        named = (count[Finding.RIGHT], count[Finding.AMBIGUOUS], count[Finding.UNEXPLAINED], count[Finding.WRONG])
-        rows.append((label, str(len(group)), str(seen), *(str(number) for number in named), f"{100 * low:.0f} to {100 * high:.0f}"))
+        named = (
+            count[Finding.RIGHT],
+            count[Finding.AMBIGUOUS],
+            count[Finding.UNEXPLAINED],
+            count[Finding.WRONG],
+        )
+        rows.append(
+            (
+                label,
+                str(len(group)),
+                str(seen),
+                *(str(number) for number in named),
+                f"{100 * low:.0f} to {100 * high:.0f}",
+            )
+        )
     return rows
 
 
@@ -224,8 +299,14 @@ def _measured(record: Record, setting: Setting, rng: np.random.Generator) -> Rec
     outputs = []
     for channel in record.outputs:
         n = len(record.time)
-        unit = rng.standard_t(setting.tails, n) * np.sqrt(1.0 - 2.0 / setting.tails) if setting.tails else rng.standard_normal(n)
-        outputs.append(Channel.of(channel.name, channel.unit, channel.values + NOISE[channel.name] * unit))
+        unit = (
+            rng.standard_t(setting.tails, n) * np.sqrt(1.0 - 2.0 / setting.tails)
+            if setting.tails
+            else rng.standard_normal(n)
+        )
+        outputs.append(
+            Channel.of(channel.name, channel.unit, channel.values + NOISE[channel.name] * unit)
+        )
     return Record(record.time, record.inputs, tuple(outputs), record.hold, record.name)
 
 
@@ -234,7 +315,9 @@ def _whitened(record: Record, setting: Setting) -> np.ndarray:
 
 
 def _columns(model: Model, base: np.ndarray, setting: Setting) -> np.ndarray:
-    """Changes of the outputs by what the declared model can move: derivatives, initial state, one bias a channel."""
+    """Changes of the outputs by what the declared model can move: derivatives, initial state, one
+    bias a channel.
+    """
     columns = []
     for name in USUAL:
         value = model.parameters[name].value
@@ -244,5 +327,8 @@ def _columns(model: Model, base: np.ndarray, setting: Setting) -> np.ndarray:
         started = model.with_initial(model.initial.with_values({state: 1e-4}))
         columns.append(_whitened(flown(started, _first(), setting), setting) - base)
     count = len(base) // len(setting.channels)
-    columns += [np.repeat(np.arange(len(setting.channels)) == i, count).astype(float) for i in range(len(setting.channels))]
+    columns += [
+        np.repeat(np.arange(len(setting.channels)) == i, count).astype(float)
+        for i in range(len(setting.channels))
+    ]
     return np.array([column / np.linalg.norm(column) for column in columns]).T

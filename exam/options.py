@@ -32,20 +32,26 @@ class Parser(argparse.ArgumentParser):
         """Options that say how repeated work is done; ``manner_of`` reads them."""
         self.add_argument("--out", type=Path, required=out_required, metavar="DIR", help="folder")
         self.add_argument("--jobs", type=int, metavar="N", help="processes; default: one a core")
-        self.add_argument("--cluster", metavar="ADDRESS", help="scheduler of a Dask cluster, tcp://HOST:PORT")
+        self.add_argument(
+            "--cluster", metavar="ADDRESS", help="scheduler of a Dask cluster, tcp://HOST:PORT"
+        )
         self.add_argument("--resume", action="store_true", help="go on with what the folder holds")
         self.add_argument("--time-limit", type=float, metavar="S", help="s that a flight may take")
 
     def add_campaign(self, *, runs_required: bool = True) -> None:
         """Options of a campaign."""
-        self.add_argument("--runs", type=int, required=runs_required, metavar="N", help="two or more")
+        self.add_argument(
+            "--runs", type=int, required=runs_required, metavar="N", help="two or more"
+        )
         self.add_argument("--seed", type=seed, help="from which those of all flights spring")
         self.add_figures()
         self.add_manner()
 
     def add_figures(self) -> None:
         """Formats of figures; ``figures_of`` reads them."""
-        self.add_argument("--figures", metavar="FORMAT,...", help="png (default), svg, pdf, or none")
+        self.add_argument(
+            "--figures", metavar="FORMAT,...", help="png (default), svg, pdf, or none"
+        )
         self.add_argument("--no-figures", action="store_true", help="draw none")
 
     def add_changes(self) -> None:
@@ -95,7 +101,9 @@ Main = Callable[[Sequence[str] | None], int]
 
 
 def exam_reproduction(usual: Sequence[str], seed_words: str) -> Reproduction:
-    """How a page is made again: what was typed after ``python -m exam``, else the words ``usual``."""
+    """How a page is made again: what was typed after ``python -m exam``, else the words
+    ``usual``.
+    """
     program = Path((sys.argv or [""])[0])
     typed = program.name == "__main__.py" and program.parent == Path(__file__).parent
     words = sys.argv[1:] if typed else usual

@@ -1,4 +1,6 @@
-"""Flights of a campaign of the tracing loop as tasks: each flown and diagnosed, what was found kept as text, and all of them together."""
+"""Flights of a campaign of the tracing loop as tasks: each flown and diagnosed, what was found kept
+as text, and all of them together.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +15,14 @@ from typing import Any, Protocol
 from scenarios.tasks.study import Execution, Tell, run_study
 from scenarios.tasks.work import Row, RowTable, Task, Work
 
-FOUND, TAKEN, SECONDS = "found", "taken", "seconds"  # columns: what was found as JSON, the time of its diagnosis; the field that has it
+# columns: what was found as JSON, the time of its diagnosis; the field that has it
+FOUND, TAKEN, SECONDS = "found", "taken", "seconds"
 
 
 @dataclass(frozen=True, eq=False)
 class LoopFlights:
-    """Flights of a campaign by the ``name`` of it: ``fly``, a function of a module, gives of a flight's number and seed a ``kind`` of dataclass.
+    """Flights of a campaign by the ``name`` of it: ``fly``, a function of a module, gives of a
+    flight's number and seed a ``kind`` of dataclass.
 
     ``told`` : everything on which that depends but these, as JSON.
     """
@@ -40,13 +44,22 @@ class LoopFlights:
         return {"campaign": self.name, **self.told}
 
     def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
-        """One row a flight; the time that its diagnosis took stands apart, for it is never the same."""
+        """One row a flight; the time that its diagnosis took stands apart, for it is never the
+        same.
+        """
         rows: list[Row | str] = []
         for task in tasks:
             found = self.fly(task.number, task.seed)
             taken = getattr(found, SECONDS, None)
             timeless = found if taken is None else replace(found, **{SECONDS: 0.0})
-            rows.append({FOUND: json.dumps(self._types.dump_python(timeless), default=_plain, ensure_ascii=False), TAKEN: taken})
+            rows.append(
+                {
+                    FOUND: json.dumps(
+                        self._types.dump_python(timeless), default=_plain, ensure_ascii=False
+                    ),
+                    TAKEN: taken,
+                }
+            )
         return rows
 
     def read(self, table: RowTable) -> list[Any]:
@@ -85,9 +98,11 @@ class Flights(Work, Protocol):
 
 @dataclass(frozen=True)
 class Flown:
-    """Flights of a campaign that have ended: what was ``found`` of those that could be judged, ``failures`` by what the others ended.
+    """Flights of a campaign that have ended: what was ``found`` of those that could be judged,
+    ``failures`` by what the others ended.
 
-    ``root`` : from which the seeds of all flights spring. ``asked`` : how many there were to be, ``ended`` : how many have.
+    ``root`` : from which the seeds of all flights spring. ``asked`` : how many there were to be,
+    ``ended`` : how many have.
     """
 
     root: int
@@ -103,7 +118,11 @@ class Flown:
     @property
     def words(self) -> str:
         """``"seeds from 1"``, and how many where it was stopped."""
-        words = f"seeds from {self.root}" if self.whole else f"stopped after {self.ended} of {self.asked}, seeds from {self.root}"
+        words = (
+            f"seeds from {self.root}"
+            if self.whole
+            else f"stopped after {self.ended} of {self.asked}, seeds from {self.root}"
+        )
         return f"{words}; {self.failed}" if self.failures else words
 
     @property
@@ -111,16 +130,25 @@ class Flown:
         """How many could not be judged, and why; empty where all could."""
         count = sum(self.failures.values())
         why = "; ".join(f"{times} {error}" for error, times in self.failures.items())
-        return f"{count} failed and {'is' if count == 1 else 'are'} left out ({why})" if count else ""
+        return (
+            f"{count} failed and {'is' if count == 1 else 'are'} left out ({why})" if count else ""
+        )
 
     @property
     def content(self) -> dict[str, Any]:
         """What ``campaign.json`` says of it."""
         stopped = {} if self.whole else {"asked": self.asked}
-        return {"seed": self.root, "runs": self.ended, **stopped, **({"failures": dict(self.failures)} if self.failures else {})}
+        return {
+            "seed": self.root,
+            "runs": self.ended,
+            **stopped,
+            **({"failures": dict(self.failures)} if self.failures else {}),
+        }
 
 
-def fly_all(work: Flights, runs: int, root: int, manner: Execution, tell: Tell = lambda stage, share: None) -> Flown:
+def fly_all(
+    work: Flights, runs: int, root: int, manner: Execution, tell: Tell = lambda stage, share: None
+) -> Flown:
     """All flights of a campaign, or after Ctrl-C those that had ended.
 
     Raises

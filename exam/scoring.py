@@ -30,13 +30,24 @@ def same_fault(name: str) -> frozenset[str]:
 
 
 def share_of_flights(hits: Iterable[bool]) -> Share:
-    """The share of flights in which something is so; flights are independent (Clopper and Pearson)."""
+    """The share of flights in which something is so; flights are independent (Clopper and
+    Pearson).
+    """
     seen = [bool(hit) for hit in hits]
     return Share(sum(seen), len(seen), clopper_pearson(sum(seen), len(seen)))
 
 
 def share_within_flights(hits: Iterable[Iterable[bool]]) -> Share:
-    """The share over all that is counted in flights; the findings of one flight are correlated, so that whole flights are resampled."""
+    """The share over all that is counted in flights; the findings of one flight are correlated, so
+    that whole flights are resampled.
+    """
     flights = [[bool(hit) for hit in flight] for flight in hits]
-    counts, of = np.array([sum(flight) for flight in flights]), np.array([len(flight) for flight in flights])
-    return Share(int(counts.sum()), int(of.sum()), clustered_share(counts, of, np.random.default_rng(RESAMPLING_SEED)))
+    counts, of = (
+        np.array([sum(flight) for flight in flights]),
+        np.array([len(flight) for flight in flights]),
+    )
+    return Share(
+        int(counts.sum()),
+        int(of.sum()),
+        clustered_share(counts, of, np.random.default_rng(RESAMPLING_SEED)),
+    )

@@ -6,7 +6,8 @@
     found = fid.identify(record, model="rigid", vehicle="vehicle.toml")
     found.to_dataframe()
 
-Names are loaded when they are first used, so that the import itself takes no time; the work is done in `scenarios.api`.
+Names are loaded when they are first used, so that the import itself takes no time; the work is done
+in `scenarios.api`.
 """
 
 from __future__ import annotations
@@ -17,7 +18,14 @@ from flightid.hiding import refuse_hidden
 
 if TYPE_CHECKING:
     from flightid import plot
-    from scenarios.api.checks import Check, FrequencyResponse, Maneuvers, check, find_maneuvers, frequency_response
+    from scenarios.api.checks import (
+        Check,
+        FrequencyResponse,
+        Maneuvers,
+        check,
+        find_maneuvers,
+        frequency_response,
+    )
     from scenarios.api.diagnosis import Diagnosis, Survey, diagnose, survey
     from scenarios.api.identification import Identification, Prediction, identify, predict
     from scenarios.api.record import Record, read_record

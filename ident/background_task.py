@@ -23,9 +23,10 @@ START_METHOD = "FLIGHTID_START_METHOD"  # environment: "fork" (as if unset) or "
 def can_fork() -> bool:
     """Whether flightid may fork this process, the one question that every use of ``os.fork`` asks.
 
-    True on Linux. Windows has no ``os.fork``, and system libraries of macOS do not survive one. There, and where the
-    environment variable ``FLIGHTID_START_METHOD`` is ``spawn``, worker processes are started afresh, and what a fork would
-    compute in addition to this process is computed by this process. Results are the same bytes.
+    True on Linux. Windows has no ``os.fork``, and system libraries of macOS do not survive one.
+    There, and where the environment variable ``FLIGHTID_START_METHOD`` is ``spawn``, worker
+    processes are started afresh, and what a fork would compute in addition to this process is
+    computed by this process. Results are the same bytes.
 
     Raises
     ------
@@ -34,16 +35,24 @@ def can_fork() -> bool:
     able = sys.platform.startswith("linux") and hasattr(os, "fork")
     wanted = os.environ.get(START_METHOD, "")
     if wanted not in ("", "fork", "spawn"):
-        raise FlightidError(f"{wanted!r} is no start method", where=START_METHOD, remedy="set it to fork or spawn, or unset it")
+        raise FlightidError(
+            f"{wanted!r} is no start method",
+            where=START_METHOD,
+            remedy="set it to fork or spawn, or unset it",
+        )
     if wanted == "fork" and not able:
-        raise FlightidError("this system cannot fork", where=START_METHOD, remedy="set it to spawn, or unset it")
+        raise FlightidError(
+            "this system cannot fork", where=START_METHOD, remedy="set it to spawn, or unset it"
+        )
     return able and wanted != "spawn"
 
 
 def fork() -> int:
-    """``os.fork()``, which Python 3.12 and later warn of where the system sees other threads. Raises OSError.
+    """``os.fork()``, which Python 3.12 and later warn of where the system sees other threads.
+    Raises OSError.
 
-    Those draw the progress or wait inside a library; a fork of ours neither prints nor waits for them.
+    Those draw the progress or wait inside a library; a fork of ours neither prints nor waits for
+    them.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -52,14 +61,18 @@ def fork() -> int:
 
 @dataclass(eq=False)
 class BackgroundTask(Generic[T]):
-    """``compute()`` by a fork from ``begin`` on; here where that was never called, cannot be done, or failed."""
+    """``compute()`` by a fork from ``begin`` on; here where that was never called, cannot be done,
+    or failed.
+    """
 
     compute: Callable[[], T]
     _pipe: int | None = field(default=None, init=False)
     _child: int = field(default=0, init=False)
 
     def begin(self) -> None:
-        """Start the fork, once; nothing is done where the system has none that is safe, and where no processor is left for it."""
+        """Start the fork, once; nothing is done where the system has none that is safe, and where
+        no processor is left for it.
+        """
         if self._child or not spare_processor():
             return
         receive, send = os.pipe()
@@ -75,7 +88,9 @@ class BackgroundTask(Generic[T]):
         self._pipe, self._child = receive, child
 
     def _send(self, receive: int, send: int) -> None:
-        """In the fork: compute, hand over, end. Nothing of this process is left behind, neither its buffers nor its exit handlers."""
+        """In the fork: compute, hand over, end. Nothing of this process is left behind, neither its
+        buffers nor its exit handlers.
+        """
         failed = 1
         try:
             os.close(receive)
@@ -116,7 +131,9 @@ class BackgroundTask(Generic[T]):
 
 
 def spare_processor() -> bool:
-    """Whether a fork is possible and has a processor to itself: not on one core, and not in a worker of many."""
+    """Whether a fork is possible and has a processor to itself: not on one core, and not in a
+    worker of many.
+    """
     if not can_fork() or multiprocessing.parent_process() is not None:
         return False
     return len(os.sched_getaffinity(0)) > 1

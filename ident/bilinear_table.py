@@ -1,8 +1,10 @@
-"""Equations that are bilinear, as one table of coefficients: Jacobians and values of many runs from one matrix product.
+"""Equations that are bilinear, as one table of coefficients: Jacobians and values of many runs from
+one matrix product.
 
-Dimensional short-period equations are sums of products of a parameter with a state or an input. Their Jacobian is affine in
-states, inputs and parameters together, so its coefficients are known from as many calls as there are of these, and
-nothing of the equations is written a second time. An on-line filter gains a factor of three to five by it.
+Dimensional short-period equations are sums of products of a parameter with a state or an input.
+Their Jacobian is affine in states, inputs and parameters together, so its coefficients are known
+from as many calls as there are of these, and nothing of the equations is written a second time. An
+on-line filter gains a factor of three to five by it.
 """
 
 from __future__ import annotations
@@ -25,17 +27,21 @@ _TRIALS, _AGREEMENT = 12, 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Bilinear:
-    """A function of ``n`` states and parameters and some inputs, ``m`` values; w = (1, states, parameters, inputs).
+    """A function of ``n`` states and parameters and some inputs, ``m`` values; w = (1, states,
+    parameters, inputs).
 
-    ``table (len w, m (n + len w))`` holds for each value its slopes by states and parameters, and half the slopes by every entry of w
-    with the constant whole, so that these times w are the value.
+    ``table (len w, m (n + len w))`` holds for each value its slopes by states and parameters, and
+    half the slopes by every entry of w with the constant whole, so that these times w are the
+    value.
     """
 
     n: int
     table: np.ndarray
 
     def at(self, w: np.ndarray) -> np.ndarray:
-        """Jacobian and, as a further column, values, ``(B, m, n + 1)``, at ``w (B, 1 + n + inputs)``."""
+        """Jacobian and, as a further column, values, ``(B, m, n + 1)``, at ``w (B, 1 + n +
+        inputs)``.
+        """
         B, width = w.shape
         out = (w @ self.table).reshape(B, -1, self.n + width)
         out[:, :, self.n, None] = out[:, :, self.n :] @ w[:, :, None]
@@ -43,40 +49,53 @@ class Bilinear:
 
     @property
     def feeds_through(self) -> bool:
-        """Whether an input acts on a value, times a parameter or by itself: its slope then stands with the constant."""
+        """Whether an input acts on a value, times a parameter or by itself: its slope then stands
+        with the constant.
+        """
         blocks = self.table.reshape(len(self.table), -1, self.n + len(self.table))
         return bool(np.any(blocks[1 + self.n :]) or np.any(blocks[:, :, self.n + 1 + self.n :]))
 
 
 def bilinear(function: Function, n: int, states: int, inputs: int) -> Bilinear | None:
-    """The table of a function of ``n`` states and parameters, the states first, then ``inputs``; None if it is not bilinear.
+    """The table of a function of ``n`` states and parameters, the states first, then ``inputs``;
+    None if it is not bilinear.
 
-    Bilinear: at most a product of two entries in each term, never of two states or inputs. Both are found out by trial: the table is
-    held against the function at points whose entries lie between a thousandth and a thousand in magnitude. The function is called
-    with arrays of points; one that cannot take them is not bilinear.
+    Bilinear: at most a product of two entries in each term, never of two states or inputs. Both are
+    found out by trial: the table is held against the function at points whose entries lie between a
+    thousandth and a thousand in magnitude. The function is called with arrays of points; one that
+    cannot take them is not bilinear.
     """
     size = n + inputs
     with np.errstate(all="ignore"):
         try:
             # At rest, and with one entry after the other at one.
-            values, slopes = _values_and_slopes(function, np.column_stack([np.zeros(size), np.eye(size)]))
+            values, slopes = _values_and_slopes(
+                function, np.column_stack([np.zeros(size), np.eye(size)])
+            )
             constant, at_rest = values[:, 0], slopes[:, :, 0]
             twice = slopes[:, :, 1:] - at_rest[:, :, None]
             table = Bilinear(n, _table(constant, at_rest, twice, n))
             moving = [*range(states), *range(n, size)]
             if np.any(twice[:, moving][:, :, moving]) or not _agrees(function, table):
                 return None
-        except (ArithmeticError, TypeError, ValueError, ModelError):  # what is wrong with a model is reported where it is simulated
+        # what is wrong with a model is reported where it is simulated
+        except (ArithmeticError, TypeError, ValueError, ModelError):
             return None
     return table
 
 
 def system_tables(system: System, p: Sequence[Any]) -> tuple[Bilinear, Bilinear] | None:
-    """The tables of a System's ``f`` and ``h`` with its free parameters as states, at held values ``p``; None without, or where the time acts.
+    """The tables of a System's ``f`` and ``h`` with its free parameters as states, at held values
+    ``p``; None without, or where the time acts.
 
-    A held parameter of several values ``(B,)`` may act on the input path only: elsewhere there is no table.
+    A held parameter of several values ``(B,)`` may act on the input path only: elsewhere there is
+    no table.
     """
-    free, n_x, n_u = [system.parameters.index(name) for name in system.parameters.free_names], len(system.states), len(system.inputs)
+    free, n_x, n_u = (
+        [system.parameters.index(name) for name in system.parameters.free_names],
+        len(system.states),
+        len(system.inputs),
+    )
     n = n_x + len(free)
     # Several values of a held parameter do not go with the points' axes, unless they are not used.
     held = [_apart(value) for value in p]
@@ -89,21 +108,34 @@ def system_tables(system: System, p: Sequence[Any]) -> tuple[Bilinear, Bilinear]
 
     time: Any = WatchedTime()
     f = bilinear(lambda w: system.f(time, *split(w)), n, n_x, n_u)
-    h = None if f is None or time.used else bilinear(lambda w: system.h(time, *split(w)), n, n_x, n_u)
+    h = (
+        None
+        if f is None or time.used
+        else bilinear(lambda w: system.h(time, *split(w)), n, n_x, n_u)
+    )
     return None if f is None or h is None or time.used else (f, h)
 
 
 def held_within_steps(drive: Drive) -> bool:
     """Whether the inputs do not change within a step."""
-    return all(a is b is c or (np.array_equal(a, b) and np.array_equal(a, c)) for a, b, c in zip(*drive.stages, strict=True))
+    return all(
+        a is b is c or (np.array_equal(a, b) and np.array_equal(a, c))
+        for a, b, c in zip(*drive.stages, strict=True)
+    )
 
 
 def _apart(value: Any) -> Any:
-    return float(np.asarray(value).reshape(())) if np.size(value) == 1 else np.asarray(value).reshape(-1, 1, 1)
+    return (
+        float(np.asarray(value).reshape(()))
+        if np.size(value) == 1
+        else np.asarray(value).reshape(-1, 1, 1)
+    )
 
 
 def _table(constant: np.ndarray, at_rest: np.ndarray, twice: np.ndarray, n: int) -> np.ndarray:
-    """Laid out from the values and the Jacobian ``(m, size)`` at zero, and what each entry adds to the latter ``(m, size, size)``."""
+    """Laid out from the values and the Jacobian ``(m, size)`` at zero, and what each entry adds to
+    the latter ``(m, size, size)``.
+    """
     m, size = at_rest.shape
     slopes = np.concatenate([at_rest[None], np.moveaxis(twice, 2, 0)])
     halves = np.zeros((1 + size, m, 1 + size))
@@ -114,17 +146,22 @@ def _table(constant: np.ndarray, at_rest: np.ndarray, twice: np.ndarray, n: int)
 def _agrees(function: Function, table: Bilinear) -> bool:
     rng = np.random.default_rng(0)
     n, width = table.n, len(table.table)
-    points = rng.choice([-1.0, 1.0], (width - 1, _TRIALS)) * 10.0 ** rng.uniform(-3.0, 3.0, (width - 1, _TRIALS))
+    points = rng.choice([-1.0, 1.0], (width - 1, _TRIALS)) * 10.0 ** rng.uniform(
+        -3.0, 3.0, (width - 1, _TRIALS)
+    )
     w = np.vstack([np.ones(_TRIALS), points]).T
     terms = (np.abs(w) @ np.abs(table.table)).reshape(_TRIALS, -1, n + width)
-    largest = np.concatenate([terms[:, :, :n], terms[:, :, n:] @ np.abs(w)[:, :, None]], axis=2)  # of what was added up
+    # of what was added up
+    largest = np.concatenate([terms[:, :, :n], terms[:, :, n:] @ np.abs(w)[:, :, None]], axis=2)
     values, slopes = _values_and_slopes(function, points)
     exact = np.concatenate([slopes[:, :n], values[:, None]], axis=1).transpose(2, 0, 1)
     return bool(np.all(np.abs(table.at(w) - exact) <= _AGREEMENT * largest))
 
 
 def _values_and_slopes(function: Function, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values ``(m, K)`` and Jacobians ``(m, size, K)`` at points ``(size, K)``, by complex steps in one call."""
+    """Values ``(m, K)`` and Jacobians ``(m, size, K)`` at points ``(size, K)``, by complex steps in
+    one call.
+    """
     size, count = points.shape
     out = function(list(points[:, None, :] + (1j * COMPLEX_STEP) * np.eye(size)[:, :, None]))
     found = np.empty((len(out), size, count), dtype=complex)

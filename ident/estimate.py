@@ -22,7 +22,10 @@ class Outcome(Enum):
     DIVERGED = "diverged: the state or its covariance left the range of finite numbers"
     INDEFINITE = "the covariance lost its positive definiteness"
     NOT_IDENTIFIABLE = "the record does not determine all parameters"
-    DEGENERATE = "degenerate: a noise level ran to its limit, where the likelihood has no honest maximum; values and sigmas mean nothing"
+    DEGENERATE = (
+        "degenerate: a noise level ran to its limit, where the likelihood has no honest maximum; "
+        "values and sigmas mean nothing"
+    )
 
     @property
     def code(self) -> str:
@@ -36,12 +39,27 @@ class Outcome(Enum):
 
 
 _HINTS = {
-    "AT_BOUND": "it is held there, and sigmas are those of the others: widen [bounds] where the bound is a guess, or look for what the model lacks",
-    "MAX_ITERATIONS": "begin nearer: take the values of --method equation-error into the vehicle file, or a shorter part with --from and --to",
-    "DIVERGED": "begin nearer: take the values of --method equation-error into the vehicle file, or a shorter part with --from and --to",
-    "INDEFINITE": "use --method output-error: it keeps no covariance from sample to sample, and needs no noise in the record",
+    "AT_BOUND": (
+        "it is held there, and sigmas are those of the others: widen [bounds] where the bound is a "
+        "guess, or look for what the model lacks"
+    ),
+    "MAX_ITERATIONS": (
+        "begin nearer: take the values of --method equation-error into the vehicle file, or a "
+        "shorter part with --from and --to"
+    ),
+    "DIVERGED": (
+        "begin nearer: take the values of --method equation-error into the vehicle file, or a "
+        "shorter part with --from and --to"
+    ),
+    "INDEFINITE": (
+        "use --method output-error: it keeps no covariance from sample to sample, and needs no "
+        "noise in the record"
+    ),
     "NOT_IDENTIFIABLE": "fly a maneuver that moves what it leaves open, or hold that parameter",
-    "DEGENERATE": "compare with --method output-error and equation-error, and look whether a channel is computed, filtered or stuck",
+    "DEGENERATE": (
+        "compare with --method output-error and equation-error, and look whether a channel is "
+        "computed, filtered or stuck"
+    ),
 }
 
 
@@ -54,14 +72,17 @@ class FilterHistory:
     time : ``(N,)`` s.
     names : the ``n`` states, then free parameters.
     mean, std : after each update, ``(n, N)``.
-    innovation, innovation_std : measured minus predicted and its standard deviation, ``(m, N)``; zero and
+    innovation, innovation_std : measured minus predicted and its standard deviation, ``(m, N)``;
+    zero and
         one where the sample is missing.
     valid : ``(m, N)`` samples used.
     log_likelihood : ``(N,)`` of each sample given its past.
     nis, degrees : ``(N,)`` normalised innovation squared and the number of channels in it.
-    predicted_mean, predicted_covariance, covariance, transition : ``(n, N)`` and ``(N, n, n)``, for smoothers;
+    predicted_mean, predicted_covariance, covariance, transition : ``(n, N)`` and ``(N, n, n)``, for
+    smoothers;
         ``transition[k]`` leads from sample ``k - 1`` to ``k``.
-    sensitivity, innovation_covariance : ``(N, m, n)`` and ``(N, m, m)``, for smoothers; rows of samples that are missing are
+    sensitivity, innovation_covariance : ``(N, m, n)`` and ``(N, m, m)``, for smoothers; rows of
+    samples that are missing are
         zero, and those of the unit matrix.
     """
 
@@ -83,7 +104,10 @@ class FilterHistory:
     innovation_covariance: np.ndarray
 
     def __repr__(self) -> str:
-        return f"<FilterHistory: {len(self.names)} states and parameters over {self.time.size} samples>"
+        return (
+            f"<FilterHistory: {len(self.names)} states and parameters over {self.time.size} "
+            "samples>"
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,9 +120,10 @@ class Estimate:
     names, units : of the free parameters, length ``n``.
     values, covariance : ``(n,)`` and ``(n, n)``; finite whatever the outcome.
     outcome : how the estimation ended.
-    log_likelihood : total; of the innovations for a filter, of the residuals for a whole-record fit.
-    output_names, noise_std : outputs used and the measurement noise assumed or estimated.
-    fitted : estimator's output at the samples of each record, ``(m, N)`` each; of a filter its prediction from the past,
+    log_likelihood : total; of the innovations for a filter, of the residuals for a whole-record
+    fit. output_names, noise_std : outputs used and the measurement noise assumed or estimated.
+    fitted : estimator's output at the samples of each record, ``(m, N)`` each; of a filter its
+    prediction from the past,
         from the last sound sample on held where it broke down.
     history : of a filter; None for whole-record methods.
     iterations : passes over the data.
@@ -119,7 +144,10 @@ class Estimate:
     message: str = ""
 
     def __repr__(self) -> str:
-        return f"<Estimate by {self.method}, {self.outcome.code}: {', '.join(self.names[:12])}{', ...' if len(self.names) > 12 else ''}>"
+        return (
+            f"<Estimate by {self.method}, {self.outcome.code}: "
+            f"{', '.join(self.names[:12])}{', ...' if len(self.names) > 12 else ''}>"
+        )
 
     @property
     def std(self) -> np.ndarray:
@@ -142,7 +170,13 @@ class Estimate:
         """The same without the parameters that are not among ``names``."""
         at = [i for i, name in enumerate(self.names) if name in names]
         kept, units = tuple(self.names[i] for i in at), tuple(self.units[i] for i in at)
-        return replace(self, names=kept, units=units, values=self.values[at], covariance=self.covariance[np.ix_(at, at)])
+        return replace(
+            self,
+            names=kept,
+            units=units,
+            values=self.values[at],
+            covariance=self.covariance[np.ix_(at, at)],
+        )
 
     def as_dict(self) -> dict[str, float]:
         """Values by name, for ``Model.with_values``."""
@@ -151,7 +185,9 @@ class Estimate:
 
 @contextmanager
 def quiet_numerics() -> Iterator[None]:
-    """No warnings of overflow or ill condition from a computation whose result is judged by ``breakdown``."""
+    """No warnings of overflow or ill condition from a computation whose result is judged by
+    ``breakdown``.
+    """
     from scipy.linalg import LinAlgWarning
 
     with np.errstate(all="ignore"), warnings.catch_warnings():
@@ -161,6 +197,8 @@ def quiet_numerics() -> Iterator[None]:
 
 @contextmanager
 def counted_numerics() -> Iterator[None]:
-    """No warnings from a computation that leaves out what overflows: whoever set a function to be called (``np.errstate(call=...)``) counts."""
+    """No warnings from a computation that leaves out what overflows: whoever set a function to be
+    called (``np.errstate(call=...)``) counts.
+    """
     with np.errstate(all="ignore" if np.geterrcall() is None else "call", under="ignore"):
         yield

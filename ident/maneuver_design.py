@@ -1,14 +1,17 @@
-"""Design of maneuvers: planned flights, the information in them, and the decision between two effects.
+"""Design of maneuvers: planned flights, the information in them, and the decision between two
+effects.
 
-With the noise of a flight the difference D of twice the log likelihoods of the two best fits, the true one less the other, is nearly normal. Let
-s_i be the weighted squares of output i that the other leaves of the flight without noise, N_i its samples:
+With the noise of a flight the difference D of twice the log likelihoods of the two best fits, the
+true one less the other, is nearly normal. Let s_i be the weighted squares of output i that the
+other leaves of the flight without noise, N_i its samples:
 
     mean D = sum_i N_i ln(1 + s_i / N_i) + n - n'      variance D = sum_i (4 s_i + 2 s_i^2 / N_i) / (1 + s_i / N_i)^2 + 4 s / f
 
-where n and n' count the parameters of the true effect and of the other, s = sum s_i, and f is what the declared model alone leaves. For s much
-smaller than N this is mean s and variance 4 s, of the log likelihood itself s/2 and s; the logarithm is there because noise levels are estimated,
-the last term is what the noise along the two signatures adds.
-"""
+where n and n' count the parameters of the true effect and of the other, s = sum s_i, and f is what
+the declared model alone leaves. For s much smaller than N this is mean s and variance 4 s, of the
+log likelihood itself s/2 and s; the logarithm is there because noise levels are estimated, the last
+term is what the noise along the two signatures adds.
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -19,14 +22,27 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.statistics.information import inverse_information
-from ident.tracing.candidate_model.fitted_model import FittedModel, added_parameters, is_event, known_beforehand
+from ident.tracing.candidate_model.fitted_model import (
+    FittedModel,
+    added_parameters,
+    is_event,
+    known_beforehand,
+)
 from ident.tracing.evidence.decision import CERTAIN
 from ident.tracing.evidence.priors import FEWEST, ODDS
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import screen
 from ident.tracing.thresholds import PLACES
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records, without_sensitivities
-from ident.whole_record.layout import FitLayout, FitProblem, FitSettings, LaidOut, Standardised, WeightedResiduals, lay_out
+from ident.whole_record.layout import (
+    FitLayout,
+    FitProblem,
+    FitSettings,
+    LaidOut,
+    Standardised,
+    WeightedResiduals,
+    lay_out,
+)
 from ident.whole_record.linearise import Linearisation
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import full_name
@@ -40,7 +56,8 @@ from sim.record import Channel, Record
 
 @dataclass(frozen=True, eq=False)
 class KnownLevels:
-    """Independent Gaussian noise of known ``variance (m,)``: the cost is half the sum of the weighted squares.
+    """Independent Gaussian noise of known ``variance (m,)``: the cost is half the sum of the
+    weighted squares.
 
     Where the data have no noise at all, the estimated variances of ``White`` would be nothing.
     """
@@ -55,15 +72,30 @@ class KnownLevels:
     low = high = start
 
     def weight_residuals(
-        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], residuals: Sequence[np.ndarray], counts: np.ndarray
+        self,
+        layout: LaidOut,
+        theta: np.ndarray,
+        lines: Sequence[Linearisation],
+        residuals: Sequence[np.ndarray],
+        counts: np.ndarray,
     ) -> WeightedResiduals:
-        """Residuals and sensitivities as they are; the cost is that of residuals over the known levels."""
-        cost = 0.5 * float(sum(np.sum(residual**2 / self.variance[:, None]) for residual in residuals))
+        """Residuals and sensitivities as they are; the cost is that of residuals over the known
+        levels.
+        """
+        cost = 0.5 * float(
+            sum(np.sum(residual**2 / self.variance[:, None]) for residual in residuals)
+        )
         filters = tuple(Standardised(problem.valid, self.variance) for problem in layout.problems)
-        return WeightedResiduals(tuple(residuals), tuple(line.jacobian for line in lines), self.variance, cost, filters)
+        return WeightedResiduals(
+            tuple(residuals), tuple(line.jacobian for line in lines), self.variance, cost, filters
+        )
 
     def covariance_terms(
-        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], weighted: WeightedResiduals
+        self,
+        layout: LaidOut,
+        theta: np.ndarray,
+        lines: Sequence[Linearisation],
+        weighted: WeightedResiduals,
     ) -> tuple[np.ndarray, np.ndarray] | None:
         """None: the variances are known."""
         return None
@@ -85,10 +117,10 @@ class Planned:
 
     Attributes
     ----------
-    record : inputs to be flown; its outputs only say which are measured, and from where a simulation begins.
-    model : the declared model with its biases, at the values that it is believed to have.
-    noise : standard deviation of each measured output, ``(m,)`` in the order of ``outputs``.
-    settings : of the fits.
+    record : inputs to be flown; its outputs only say which are measured, and from where a
+    simulation begins. model : the declared model with its biases, at the values that it is believed
+    to have. noise : standard deviation of each measured output, ``(m,)`` in the order of
+    ``outputs``. settings : of the fits.
     """
 
     record: Record
@@ -100,13 +132,27 @@ class Planned:
     def measuring(self, y: np.ndarray) -> Planned:
         """The same maneuver, its record holding outputs ``(m, N)`` without noise."""
         rows = zip(self.outputs, y, strict=True)
-        return replace(self, record=replace(self.record, outputs=tuple(Channel.of(name, self.record[name].unit, row) for name, row in rows)))
+        return replace(
+            self,
+            record=replace(
+                self.record,
+                outputs=tuple(Channel.of(name, self.record[name].unit, row) for name, row in rows),
+            ),
+        )
 
 
-def simulated(planned: Planned, effects: Sequence[Traceable] = (), values: Mapping[str, float] | None = None, *, slopes: bool = True) -> FittedModel:
-    """The model with effects in the maneuver, nothing fitted; ``values`` by full name where they are not the model's and the effects' own.
+def simulated(
+    planned: Planned,
+    effects: Sequence[Traceable] = (),
+    values: Mapping[str, float] | None = None,
+    *,
+    slopes: bool = True,
+) -> FittedModel:
+    """The model with effects in the maneuver, nothing fitted; ``values`` by full name where they
+    are not the model's and the effects' own.
 
-    Its residual is measured minus simulated. ``slopes`` False: without sensitivities, which are most of the work.
+    Its residual is measured minus simulated. ``slopes`` False: without sensitivities, which are
+    most of the work.
 
     Raises ModelError where the motion leaves all measure.
     """
@@ -117,30 +163,44 @@ def simulated(planned: Planned, effects: Sequence[Traceable] = (), values: Mappi
     for _ in range(PASSES):
         if fit is None or (_gap(fit) < CLOSED and (fit.problem is problem or not slopes)):
             break
-        fit = evaluate(problem if slopes else bare, layout.start, [line.states for line in fit.lines])
+        fit = evaluate(
+            problem if slopes else bare, layout.start, [line.states for line in fit.lines]
+        )
     if fit is None:
-        raise ModelError("the simulation leaves all measure", where=planned.record.name, remedy="give starting values of a motion that stays finite")
+        raise ModelError(
+            "the simulation leaves all measure",
+            where=planned.record.name,
+            remedy="give starting values of a motion that stays finite",
+        )
     return _as_model(planned, effects, layout, fit)
 
 
-def fitted(planned: Planned, effects: Sequence[Traceable], values: Mapping[str, float] | None = None) -> FittedModel | None:
-    """The model with effects fitted to what the record of the maneuver holds, from ``values``; None where no cost is finite."""
+def fitted(
+    planned: Planned, effects: Sequence[Traceable], values: Mapping[str, float] | None = None
+) -> FittedModel | None:
+    """The model with effects fitted to what the record of the maneuver holds, from ``values``; None
+    where no cost is finite.
+    """
     layout = _laid_out(planned, effects, values)
     fit = fit_whole_records(FitProblem(layout, KnownLevels(planned.noise**2)))
     return None if fit is None else _as_model(planned, effects, layout, fit)
 
 
 def expected_sigmas(planned: Planned) -> dict[str, float]:
-    """Cramer-Rao bounds of the free parameters of the declared model: standard deviations that no unbiased fit of the flight undercuts.
+    """Cramer-Rao bounds of the free parameters of the declared model: standard deviations that no
+    unbiased fit of the flight undercuts.
 
-    Initial states and biases are unknown beside them, as in a fit. Infinite where the flight determines nothing of a parameter.
+    Initial states and biases are unknown beside them, as in a fit. Infinite where the flight
+    determines nothing of a parameter.
     """
     fit = simulated(planned).fit
     return sigmas_of(fit)
 
 
 def sigmas_of(fit: Fit) -> dict[str, float]:
-    """Standard deviations of the shared parameters by name, from the information of a fit or a simulation."""
+    """Standard deviations of the shared parameters by name, from the information of a fit or a
+    simulation.
+    """
     information, _ = fit.normal_equations()
     inverse, _ = inverse_information(information, fit.theta)
     told = np.diag(information) > 0.0
@@ -148,36 +208,52 @@ def sigmas_of(fit: Fit) -> dict[str, float]:
     return dict(zip(fit.layout.shared, std.tolist(), strict=False))
 
 
-def _laid_out(planned: Planned, effects: Sequence[Traceable], values: Mapping[str, float] | None) -> FitLayout:
+def _laid_out(
+    planned: Planned, effects: Sequence[Traceable], values: Mapping[str, float] | None
+) -> FitLayout:
     model = planned.model.with_effects(*effects)
     system = compile_model(model.with_values(values) if values else model, planned.outputs)
     plain = lay_out([planned.record], system, planned.settings)
     # Not where the record begins, which a plan does not know, but where the model does.
-    items = [system.parameters[name] for name in (*plain.shared, *plain.local)] + [system.initial.items[i] for i in plain.starts]
-    layout = replace(plain, start=np.clip(np.array([item.value for item in items], dtype=float), plain.low, plain.high))
+    items = [system.parameters[name] for name in (*plain.shared, *plain.local)] + [
+        system.initial.items[i] for i in plain.starts
+    ]
+    layout = replace(
+        plain,
+        start=np.clip(np.array([item.value for item in items], dtype=float), plain.low, plain.high),
+    )
     return replace(layout, prior=known_beforehand(planned.model, effects, layout))
 
 
-def _as_model(planned: Planned, effects: Sequence[Traceable], layout: FitLayout, fit: Fit) -> FittedModel:
-    return FittedModel(tuple(effects), planned.model, planned.model.with_effects(*effects), layout.system, fit)
+def _as_model(
+    planned: Planned, effects: Sequence[Traceable], layout: FitLayout, fit: Fit
+) -> FittedModel:
+    return FittedModel(
+        tuple(effects), planned.model, planned.model.with_effects(*effects), layout.system, fit
+    )
 
 
 def _gap(fit: Fit) -> float:
-    gaps = (np.max(np.abs(line.states - guess), initial=0.0) for line, guess in zip(fit.lines, fit.guesses, strict=True))
+    gaps = (
+        np.max(np.abs(line.states - guess), initial=0.0)
+        for line, guess in zip(fit.lines, fit.guesses, strict=True)
+    )
     size = max(np.max(np.abs(line.states), initial=0.0) for line in fit.lines)
     return float(max(gaps) / max(size, 1e-300))
 
 
 # ---- How likely a flight tells which of two effects acts
 
-CLEAR = 2.0 * math.log(CERTAIN / (1.0 - CERTAIN))  # of twice the log likelihood: one name is then certain
+# of twice the log likelihood: one name is then certain
+CLEAR = 2.0 * math.log(CERTAIN / (1.0 - CERTAIN))
 
 
 @dataclass(frozen=True)
 class RivalDecision:
     """What a flight under one effect says against another.
 
-    ``mean`` and ``std`` of twice the difference of the log likelihoods; ``price``: by how much more the loop charges for the other's parameters.
+    ``mean`` and ``std`` of twice the difference of the log likelihoods; ``price``: by how much more
+    the loop charges for the other's parameters.
     """
 
     mean: float
@@ -191,7 +267,9 @@ class RivalDecision:
 
     @property
     def right(self) -> float:
-        """Probability that the loop prefers the effect that acts, by more than what it calls ambiguous."""
+        """Probability that the loop prefers the effect that acts, by more than what it calls
+        ambiguous.
+        """
         return self._above(CLEAR)
 
     @property
@@ -203,14 +281,17 @@ class RivalDecision:
         return normal_above(self.mean + self.price - limit, self.std)
 
 
-def decision_of(squares: np.ndarray, counts: np.ndarray, found: float, own: int, other: int, price: float = 0.0) -> RivalDecision:
+def decision_of(
+    squares: np.ndarray, counts: np.ndarray, found: float, own: int, other: int, price: float = 0.0
+) -> RivalDecision:
     """The decision between two effects.
 
     Parameters
     ----------
     squares, counts : ``(m,)`` weighted squares that the rival leaves, and samples, by output.
-    found : weighted squares that the declared model alone leaves. own, other : free parameters of the true effect and of the rival.
-    price : what the loop charges for the rival less what it charges for the true one, in twice the log likelihood.
+    found : weighted squares that the declared model alone leaves. own, other : free parameters of
+    the true effect and of the rival. price : what the loop charges for the rival less what it
+    charges for the true one, in twice the log likelihood.
     """
     samples = np.maximum(counts, 1)
     share = squares / samples
@@ -224,7 +305,8 @@ def decision_of(squares: np.ndarray, counts: np.ndarray, found: float, own: int,
 def chance_found(gain: float, own: int, price: float, accept: float) -> float:
     """Probability that an effect raises twice the log likelihood by what its prior odds cost.
 
-    ``gain`` : expected, of the log likelihood over the declared model. ``own``, ``price`` : its free parameters and what is charged for them.
+    ``gain`` : expected, of the log likelihood over the declared model. ``own``, ``price`` : its
+    free parameters and what is charged for them.
     """
     mean = 2.0 * gain + own
     return normal_above(mean - price - accept, math.sqrt(8.0 * gain + 2.0 * own))
@@ -238,12 +320,15 @@ def normal_above(mean: float, std: float) -> float:
 # ---- Two effects that could explain the same
 
 STARTS = 2  # of the rival
-ODDS_COST = -2.0 * math.log(ODDS / FEWEST)  # what the prior odds of an effect cost, of twice the log evidence
+# what the prior odds of an effect cost, of twice the log evidence
+ODDS_COST = -2.0 * math.log(ODDS / FEWEST)
 
 
 @dataclass(frozen=True, eq=False)
 class Acting:
-    """An effect as it acts: in the form that it has, with ``values`` of its own parameters by local name."""
+    """An effect as it acts: in the form that it has, with ``values`` of its own parameters by local
+    name.
+    """
 
     effect: Traceable
     values: Mapping[str, float]
@@ -258,8 +343,9 @@ class Acting:
 class Contest:
     """What a flight under ``true`` says against ``rival``.
 
-    ``found`` : gain of the log likelihood of the true effect over the declared model alone, ``shown`` the probability that this is enough for a
-    search; ``rival`` has the values that fit best, and ``left`` is half of the weighted squares that it leaves of the flight without noise.
+    ``found`` : gain of the log likelihood of the true effect over the declared model alone,
+    ``shown`` the probability that this is enough for a search; ``rival`` has the values that fit
+    best, and ``left`` is half of the weighted squares that it leaves of the flight without noise.
     """
 
     true: Acting
@@ -271,22 +357,29 @@ class Contest:
 
     @property
     def chance(self) -> float:
-        """Probability, at least, that the true effect is found and preferred to the rival by more than what is called ambiguous."""
+        """Probability, at least, that the true effect is found and preferred to the rival by more
+        than what is called ambiguous.
+        """
         return max(0.0, self.shown + self.decision.right - 1.0)
 
 
 def found_by(planned: Planned, true: Acting) -> tuple[Planned, FittedModel]:
-    """The flight under an effect without noise, and the declared model alone fitted to it: half the squares that this leaves is what finds it."""
+    """The flight under an effect without noise, and the declared model alone fitted to it: half the
+    squares that this leaves is what finds it.
+    """
     flown = simulated(planned, (true.effect,), true.full_values, slopes=False)
     held = planned.measuring(flown.fit.lines[0].y)
     base = fitted(held, ())
     return held, base if base is not None else simulated(held)
 
 
-def contest(planned: Planned, true: Acting, rival: Traceable, hint: Mapping[str, float] | None = None) -> Contest:
+def contest(
+    planned: Planned, true: Acting, rival: Traceable, hint: Mapping[str, float] | None = None
+) -> Contest:
     """Fly an effect, fit its rival as well as that can, and weigh what is left.
 
-    ``hint`` : values of the rival by local name from which a fit begins as well. A rival that explains nothing leaves what the declared model does.
+    ``hint`` : values of the rival by local name from which a fit begins as well. A rival that
+    explains nothing leaves what the declared model does.
     """
     held, base = found_by(planned, true)
     best = best_fit(held, base, rival, hint) or base
@@ -295,27 +388,57 @@ def contest(planned: Planned, true: Acting, rival: Traceable, hint: Mapping[str,
     paid = price(rival, counts) - price(true.effect, counts)
     # Priors of the true effect cost it something, too.
     spent = _own_cost(held, true)
-    decision = decision_of(_squares(best), counts, 2.0 * base.fit.cost, own, other, paid + 2.0 * (_prior_cost(best) - spent))
+    decision = decision_of(
+        _squares(best),
+        counts,
+        2.0 * base.fit.cost,
+        own,
+        other,
+        paid + 2.0 * (_prior_cost(best) - spent),
+    )
     found = max(0.0, base.fit.cost - spent)
     shown = chance_found(found, own, price(true.effect, counts), ODDS_COST)
-    return Contest(true, Acting(_form(best, rival), _values(best, rival)), found, shown, best.fit.cost, decision)
+    return Contest(
+        true,
+        Acting(_form(best, rival), _values(best, rival)),
+        found,
+        shown,
+        best.fit.cost,
+        decision,
+    )
 
 
-def best_fit(held: Planned, base: FittedModel, rival: Traceable, hint: Mapping[str, float] | None = None) -> FittedModel | None:
-    """The rival fitted to a flight from where a search would begin, and from ``hint``; the best of all, None where it can explain nothing."""
+def best_fit(
+    held: Planned, base: FittedModel, rival: Traceable, hint: Mapping[str, float] | None = None
+) -> FittedModel | None:
+    """The rival fitted to a flight from where a search would begin, and from ``hint``; the best of
+    all, None where it can explain nothing.
+    """
     findings = screen(base, [rival], search_context(base))
     known = base.values.shared
-    tries = [(finding.effect, {**known, **start}) for finding in findings for start in finding.starts[:STARTS]]
+    tries = [
+        (finding.effect, {**known, **start})
+        for finding in findings
+        for start in finding.starts[:STARTS]
+    ]
     if hint:
         form = findings[0].effect if findings else rival
-        named = {full_name(form, local): value for local, value in hint.items() if local in {item.name for item in form.parameters}}
+        named = {
+            full_name(form, local): value
+            for local, value in hint.items()
+            if local in {item.name for item in form.parameters}
+        }
         tries.insert(0, (form, {**known, **named}))
-    fits = [found for effect, start in tries if (found := fitted(held, (effect,), start)) is not None]
+    fits = [
+        found for effect, start in tries if (found := fitted(held, (effect,), start)) is not None
+    ]
     return min(fits, key=lambda each: each.fit.cost, default=None)
 
 
 def linear_squares(planned: Planned, true: Acting, rival: Acting) -> float:
-    """Weighted squares that a rival leaves to first order, about the values that it has: quick, for comparing maneuvers."""
+    """Weighted squares that a rival leaves to first order, about the values that it has: quick, for
+    comparing maneuvers.
+    """
     flown = simulated(planned, (true.effect,), true.full_values, slopes=False).fit
     other = simulated(planned, (rival.effect,), rival.full_values).fit
     sigma = planned.noise[:, None]
@@ -328,7 +451,9 @@ def linear_squares(planned: Planned, true: Acting, rival: Acting) -> float:
 
 
 def sigma_of(planned: Planned, acting: Acting) -> dict[str, float]:
-    """Expected standard deviations of all parameters where the effect is in the model that is fitted."""
+    """Expected standard deviations of all parameters where the effect is in the model that is
+    fitted.
+    """
     return sigmas_of(simulated(planned, (acting.effect,), acting.full_values).fit)
 
 
@@ -342,7 +467,9 @@ def _prior_cost(best: FittedModel) -> float:
 
 
 def _own_cost(held: Planned, true: Acting) -> float:
-    """Cost of the true effect fitted to its own flight: nothing but what its priors hold against it."""
+    """Cost of the true effect fitted to its own flight: nothing but what its priors hold against
+    it.
+    """
     there = simulated(held, (true.effect,), true.full_values, slopes=False)
     if there.fit.layout.prior is None or there.fit.cost < 1e-9:
         return there.fit.cost
@@ -355,7 +482,9 @@ def _free(effect: Traceable) -> int:
 
 
 def price(effect: Traceable, counts: np.ndarray) -> float:
-    """About what an effect's parameters and place cost of twice the log evidence, in a record of so many samples (Schwarz's limit of it)."""
+    """About what an effect's parameters and place cost of twice the log evidence, in a record of so
+    many samples (Schwarz's limit of it).
+    """
     return _free(effect) * float(np.log(counts.sum())) + 2.0 * math.log(PLACES) * is_event(effect)
 
 

@@ -1,4 +1,6 @@
-"""Estimates of many flights together: common values, trends, outlying flights, recurring effects."""
+"""Estimates of many flights together: common values, trends, outlying flights, recurring
+effects.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +14,18 @@ from scipy.special import chdtrc, expit, ndtr, stdtr, stdtrit
 
 
 def conditioned(
-    estimate: np.ndarray, covariance: np.ndarray, at: np.ndarray, value: np.ndarray, value_covariance: np.ndarray
+    estimate: np.ndarray,
+    covariance: np.ndarray,
+    at: np.ndarray,
+    value: np.ndarray,
+    value_covariance: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """``estimate (n,)`` and ``covariance (n, n)`` of one flight, given what others know of its entries ``at (k,)``.
+    """``estimate (n,)`` and ``covariance (n, n)`` of one flight, given what others know of its
+    entries ``at (k,)``.
 
-    ``value (k,)`` with ``value_covariance (k, k)`` is independent of this flight. The product of two Gaussians: over all flights it is the
-    joint fit with the entries shared, as far as each likelihood is quadratic.
+    ``value (k,)`` with ``value_covariance (k, k)`` is independent of this flight. The product of
+    two Gaussians: over all flights it is the joint fit with the entries shared, as far as each
+    likelihood is quadratic.
     """
     gain = covariance[:, at] @ np.linalg.inv(covariance[np.ix_(at, at)] + value_covariance)
     moved = estimate + gain @ (value - estimate[at])
@@ -25,10 +33,16 @@ def conditioned(
     return moved, 0.5 * (left + left.T)
 
 
-def without_one(value: np.ndarray, covariance: np.ndarray, own: np.ndarray, own_covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """A pooled ``value (k,)`` with ``covariance (k, k)`` without one of the flights in it; None where nothing is left."""
+def without_one(
+    value: np.ndarray, covariance: np.ndarray, own: np.ndarray, own_covariance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """A pooled ``value (k,)`` with ``covariance (k, k)`` without one of the flights in it; None
+    where nothing is left.
+    """
     information = np.linalg.inv(covariance) - np.linalg.inv(own_covariance)
-    if np.linalg.eigvalsh(0.5 * (information + information.T))[0] <= 1e-9 * np.trace(np.linalg.inv(covariance)):
+    if np.linalg.eigvalsh(0.5 * (information + information.T))[0] <= 1e-9 * np.trace(
+        np.linalg.inv(covariance)
+    ):
         return None
     left = np.linalg.inv(information)
     return left @ (np.linalg.solve(covariance, value) - np.linalg.solve(own_covariance, own)), left
@@ -38,10 +52,12 @@ def without_one(value: np.ndarray, covariance: np.ndarray, own: np.ndarray, own_
 
 
 def adjusted(p_values: np.ndarray) -> np.ndarray:
-    """The least rate of false discoveries ``(n,)`` at which each question is answered, from ``p_values (n,)`` in [0, 1].
+    """The least rate of false discoveries ``(n,)`` at which each question is answered, from
+    ``p_values (n,)`` in [0, 1].
 
-    Benjamini and Hochberg, J. Royal Statistical Society B 57(1), 1995: of those below a level, the expected share of false ones is at most
-    that level where the tests are independent or positively dependent.
+    Benjamini and Hochberg, J. Royal Statistical Society B 57(1), 1995: of those below a level, the
+    expected share of false ones is at most that level where the tests are independent or positively
+    dependent.
     """
     p = np.asarray(p_values, dtype=float)
     n = len(p)
@@ -64,8 +80,9 @@ CERTAIN = 0.95  # of an interval that a common value states
 class Pooled:
     """A common value.
 
-    ``value`` with its standard deviation ``sigma``; ``low`` and ``high`` end its 95 % interval. ``scatter``: standard deviation of true values
-    between flights. ``q``, ``p_same``: Cochran's statistic, and its p-value where all flights have one value. ``flights``: how many.
+    ``value`` with its standard deviation ``sigma``; ``low`` and ``high`` end its 95 % interval.
+    ``scatter``: standard deviation of true values between flights. ``q``, ``p_same``: Cochran's
+    statistic, and its p-value where all flights have one value. ``flights``: how many.
     """
 
     value: float
@@ -79,18 +96,30 @@ class Pooled:
 
 
 def pooled(values: np.ndarray, sigmas: np.ndarray) -> Pooled:
-    """Pool ``values (n,)`` with standard deviations ``sigmas (n,)``, both finite, sigmas above zero.
+    """Pool ``values (n,)`` with standard deviations ``sigmas (n,)``, both finite, sigmas above
+    zero.
 
-    Random effects: ``values_i ~ N(mu, sigmas_i^2 + scatter^2)``; the scatter by restricted maximum likelihood (Viechtbauer, J. Educational and
-    Behavioral Statistics 30(3), 2005), the sigma of ``mu`` by Hartung and Knapp (Statistics in Medicine 20, 2001), never below that of
-    known scatter (Roever, Knapp and Friede, BMC Medical Research Methodology 15:99, 2015), its interval by Student's t with n - 1 degrees of
-    freedom. The test of one value is Cochran's (Biometrics 10, 1954), chi-squared with n - 1.
+    Random effects: ``values_i ~ N(mu, sigmas_i^2 + scatter^2)``; the scatter by restricted maximum
+    likelihood (Viechtbauer, J. Educational and Behavioral Statistics 30(3), 2005), the sigma of
+    ``mu`` by Hartung and Knapp (Statistics in Medicine 20, 2001), never below that of known scatter
+    (Roever, Knapp and Friede, BMC Medical Research Methodology 15:99, 2015), its interval by
+    Student's t with n - 1 degrees of freedom. The test of one value is Cochran's (Biometrics 10,
+    1954), chi-squared with n - 1.
     """
     values, sigmas = np.asarray(values, dtype=float), np.asarray(sigmas, dtype=float)
     n = len(values)
     if n == 1:
         reach = 1.959964 * float(sigmas[0])
-        return Pooled(float(values[0]), float(sigmas[0]), float(values[0]) - reach, float(values[0]) + reach, 0.0, 0.0, 1.0, 1)
+        return Pooled(
+            float(values[0]),
+            float(sigmas[0]),
+            float(values[0]) - reach,
+            float(values[0]) + reach,
+            0.0,
+            0.0,
+            1.0,
+            1,
+        )
     design = np.ones((n, 1))
     scatter = scatter_between(values, sigmas, design)
     weight = 1.0 / (sigmas**2 + scatter**2)
@@ -100,11 +129,15 @@ def pooled(values: np.ndarray, sigmas: np.ndarray) -> Pooled:
     reach = float(stdtrit(n - 1, 0.5 + 0.5 * CERTAIN)) * sigma
     exact = 1.0 / sigmas**2
     q = float(exact @ (values - exact @ values / exact.sum()) ** 2)
-    return Pooled(value, sigma, value - reach, value + reach, scatter, q, float(chdtrc(n - 1, q)), n)
+    return Pooled(
+        value, sigma, value - reach, value + reach, scatter, q, float(chdtrc(n - 1, q)), n
+    )
 
 
 def scatter_between(values: np.ndarray, sigmas: np.ndarray, design: np.ndarray) -> float:
-    """The standard deviation between flights about ``design (n, c)`` times its coefficients, by restricted likelihood; zero where none shows."""
+    """The standard deviation between flights about ``design (n, c)`` times its coefficients, by
+    restricted likelihood; zero where none shows.
+    """
     from scipy.optimize import minimize_scalar
 
     if len(values) <= design.shape[1]:
@@ -125,7 +158,9 @@ def scatter_between(values: np.ndarray, sigmas: np.ndarray, design: np.ndarray) 
     if at == 0:
         return 0.0
     low, high = grid[at - 1], grid[min(at + 1, len(grid) - 1)]
-    found = minimize_scalar(cost, bounds=(float(low), float(high)), method="bounded", options={"xatol": 1e-6 * largest})
+    found = minimize_scalar(
+        cost, bounds=(float(low), float(high)), method="bounded", options={"xatol": 1e-6 * largest}
+    )
     return float(found.x)
 
 
@@ -137,11 +172,13 @@ FEWEST = 5  # flights: with fewer, the median is no measure of the others
 
 
 def outlying_flights(residuals: np.ndarray, sigmas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """By how many standard deviations each flight is off ``(n,)``, and which stand out ``(n,)``, from what is left ``(n,)`` about a common value.
+    """By how many standard deviations each flight is off ``(n,)``, and which stand out ``(n,)``,
+    from what is left ``(n,)`` about a common value.
 
-    Residuals are taken from their median; the scatter between flights is what their median absolute deviation shows beyond ``sigmas (n,)``, so that
-    the flights sought do not hide themselves (Rousseeuw and Croux, J. American Statistical Association 88, 1993). False ones are controlled over
-    all flights.
+    Residuals are taken from their median; the scatter between flights is what their median absolute
+    deviation shows beyond ``sigmas (n,)``, so that the flights sought do not hide themselves
+    (Rousseeuw and Croux, J. American Statistical Association 88, 1993). False ones are controlled
+    over all flights.
     """
     n = len(residuals)
     if n < FEWEST:
@@ -163,8 +200,9 @@ TREND_FEWEST = 4  # flights: with three, a line has one degree of freedom and it
 class Trend:
     """``value = at_middle + slope * (condition - middle)``.
 
-    ``slope_sigma``, ``at_middle_sigma``: standard deviations. ``covariance (2, 2)`` of both. ``scatter``: standard deviation of the flights about
-    the line. ``p_value``: of a slope so large where there is none.
+    ``slope_sigma``, ``at_middle_sigma``: standard deviations. ``covariance (2, 2)`` of both.
+    ``scatter``: standard deviation of the flights about the line. ``p_value``: of a slope so large
+    where there is none.
     """
 
     middle: float
@@ -187,10 +225,12 @@ class Trend:
 
 
 def trend(values: np.ndarray, sigmas: np.ndarray, condition: np.ndarray) -> Trend | None:
-    """How ``values (n,)`` with ``sigmas (n,)`` change with a ``condition (n,)``; None with fewer than ``FEWEST`` flights or one condition alone.
+    """How ``values (n,)`` with ``sigmas (n,)`` change with a ``condition (n,)``; None with fewer
+    than ``FEWEST`` flights or one condition alone.
 
-    Mixed-effects meta-regression: scatter about the line by restricted maximum likelihood; the covariance by Knapp and Hartung (Statistics in
-    Medicine 22, 2003), never below that of known scatter; Student's t with n - 2 degrees of freedom.
+    Mixed-effects meta-regression: scatter about the line by restricted maximum likelihood; the
+    covariance by Knapp and Hartung (Statistics in Medicine 22, 2003), never below that of known
+    scatter; Student's t with n - 2 degrees of freedom.
     """
     n = len(values)
     spread = float(np.ptp(condition)) if n else 0.0
@@ -208,15 +248,27 @@ def trend(values: np.ndarray, sigmas: np.ndarray, condition: np.ndarray) -> Tren
     sigma = float(np.sqrt(inverse[1, 1]))
     p_value = 2.0 * float(stdtr(n - 2, -abs(found[1]) / sigma))
     units = np.array([1.0, 1.0 / size])
-    return Trend(middle, float(found[0]), float(found[1]) / size, sigma / size, inverse * np.outer(units, units), scatter, p_value)
+    return Trend(
+        middle,
+        float(found[0]),
+        float(found[1]) / size,
+        sigma / size,
+        inverse * np.outer(units, units),
+        scatter,
+        p_value,
+    )
 
 
 # ---- Whether an effect recurs: acts in more than one flight, with one value, and in which
 
-CHANCE = 1e-3  # of a false recurrence in a survey, over all candidates. chosen: a page of every morning tells a false one once in three years
-SURE = 0.95  # probability from which a flight is said to have the effect, and below 1 - SURE not to have it
+# of a false recurrence in a survey, over all candidates. chosen: a page of every morning tells a
+# false one once in three years
+CHANCE = 1e-3
+# probability from which a flight is said to have the effect, and below 1 - SURE not to have it
+SURE = 0.95
 SCATTERS = (0.0, 0.03, 0.1, 0.2, 0.4, 0.8)  # of the value, between flights, that are tried
-AGREES = 3.84  # twice the log likelihood: theorem, chi-squared with one degree of freedom, one in twenty
+# twice the log likelihood: theorem, chi-squared with one degree of freedom, one in twenty
+AGREES = 3.84
 ROUNDS, SETTLED = 60, 1e-4  # of log likelihood: far below what decides
 
 
@@ -224,7 +276,8 @@ ROUNDS, SETTLED = 60, 1e-4  # of log likelihood: far below what decides
 class Evidence:
     """What each of n flights says of one effect with k parameters.
 
-    ``gain (n,)``: of the log likelihood by the effect at its best; ``value (n, k)`` there, ``covariance (n, k, k)`` of it.
+    ``gain (n,)``: of the log likelihood by the effect at its best; ``value (n, k)`` there,
+    ``covariance (n, k, k)`` of it.
     """
 
     gain: np.ndarray
@@ -240,10 +293,11 @@ class Evidence:
 class Recurrence:
     """What all flights say of an effect together.
 
-    ``value (k,)`` with ``covariance (k, k)``: the common one. ``scatter``: between flights, as a share of the value; ``agrees``: none is needed.
-    ``share``: of the flights that have it. ``probability (n,)`` that each has it. ``log_likelihood``: gained over no flight having it; ``at_common
-    (n,)`` by each flight if it has the common value. ``p_value``: bound on the chance of as much where no flight has it, its strongest left
-    out, over all ``candidates``.
+    ``value (k,)`` with ``covariance (k, k)``: the common one. ``scatter``: between flights, as a
+    share of the value; ``agrees``: none is needed. ``share``: of the flights that have it.
+    ``probability (n,)`` that each has it. ``log_likelihood``: gained over no flight having it;
+    ``at_common (n,)`` by each flight if it has the common value. ``p_value``: bound on the chance
+    of as much where no flight has it, its strongest left out, over all ``candidates``.
     """
 
     value: np.ndarray
@@ -287,16 +341,20 @@ class _Mixture:
 
 
 def recurrence(evidence: Evidence, candidates: int = 1) -> Recurrence:
-    """Judge one effect over the flights of ``evidence``, one of ``candidates`` that might have been.
+    """Judge one effect over the flights of ``evidence``, one of ``candidates`` that might have
+    been.
 
-    A flight has the effect with probability ``share``, its value then ``N(value, scatter^2 value^2)``, or has it not. About its best the
-    log likelihood of a flight is quadratic, so that integrated over its own value it gains ``gain - d' (C + T)^-1 d / 2 + ln(|C| / |C +
-    T|) / 2`` with ``d`` from its own to the common value. ``share``, ``value`` and scatter maximise the likelihood of all flights (expectation
-    maximisation, Dempster, Laird and Rubin, J. Royal Statistical Society B 39, 1977).
+    A flight has the effect with probability ``share``, its value then ``N(value, scatter^2
+    value^2)``, or has it not. About its best the log likelihood of a flight is quadratic, so that
+    integrated over its own value it gains ``gain - d' (C + T)^-1 d / 2 + ln(|C| / |C + T|) / 2``
+    with ``d`` from its own to the common value. ``share``, ``value`` and scatter maximise the
+    likelihood of all flights (expectation maximisation, Dempster, Laird and Rubin, J. Royal
+    Statistical Society B 39, 1977).
 
-    Where no flight has it, twice the gain is bounded by chi-squared with k + 1 degrees of freedom, two more for its start being chosen among the
-    flights (``tests/unit/ident/pooling`` counts simulated nulls); times ``candidates`` (Bonferroni). The flight that speaks
-    loudest takes no part in this, so that no single flight makes a recurrence.
+    Where no flight has it, twice the gain is bounded by chi-squared with k + 1 degrees of freedom,
+    two more for its start being chosen among the flights (``tests/unit/ident/pooling`` counts
+    simulated nulls); times ``candidates`` (Bonferroni). The flight that speaks loudest takes no
+    part in this, so that no single flight makes a recurrence.
     """
     n, k = evidence.value.shape
     best = _best(evidence)
@@ -312,14 +370,33 @@ def recurrence(evidence: Evidence, candidates: int = 1) -> Recurrence:
     weights = probability[:, None, None] * np.linalg.inv(evidence.covariance + added)
     information = weights.sum(axis=0)
     covariance = np.linalg.pinv(information)
-    return Recurrence(best.value, covariance, best.scatter, agrees, best.share, probability, best.total, best.each, p_value)
+    return Recurrence(
+        best.value,
+        covariance,
+        best.scatter,
+        agrees,
+        best.share,
+        probability,
+        best.total,
+        best.each,
+        p_value,
+    )
 
 
 def _best(evidence: Evidence, scatters: tuple[float, ...] = SCATTERS) -> _Mixture:
-    """The likeliest common value: from the values of the flights that say most, and their mean, with each scatter."""
+    """The likeliest common value: from the values of the flights that say most, and their mean,
+    with each scatter.
+    """
     told = np.argsort(-evidence.gain)[:4]
-    starts = np.array([*evidence.value[told], np.average(evidence.value, axis=0, weights=np.maximum(evidence.gain, 1e-12))])
-    return _maximised(evidence, np.tile(starts, (len(scatters), 1)), np.repeat(scatters, len(starts)))
+    starts = np.array(
+        [
+            *evidence.value[told],
+            np.average(evidence.value, axis=0, weights=np.maximum(evidence.gain, 1e-12)),
+        ]
+    )
+    return _maximised(
+        evidence, np.tile(starts, (len(scatters), 1)), np.repeat(scatters, len(starts))
+    )
 
 
 def _maximised(evidence: Evidence, value: np.ndarray, scatter: np.ndarray) -> _Mixture:
@@ -329,19 +406,32 @@ def _maximised(evidence: Evidence, value: np.ndarray, scatter: np.ndarray) -> _M
     for _ in range(ROUNDS):
         probability = expit(each + _logit(share)[:, None])
         weights = probability[:, :, None, None] * inverse
-        found = np.einsum("cij,cj->ci", np.linalg.pinv(weights.sum(axis=1)), np.einsum("cnij,nj->ci", weights, evidence.value))
+        found = np.einsum(
+            "cij,cj->ci",
+            np.linalg.pinv(weights.sum(axis=1)),
+            np.einsum("cnij,nj->ci", weights, evidence.value),
+        )
         value = np.where(probability.sum(axis=1)[:, None] > 1e-9, found, value)
         share = np.clip(probability.mean(axis=1), 1e-9, 1.0 - 1e-9)
         each, inverse = _at(evidence, value, scatter)
-        before, total = total, np.logaddexp(np.log1p(-share)[:, None], np.log(share)[:, None] + each).sum(axis=1)
+        before, total = (
+            total,
+            np.logaddexp(np.log1p(-share)[:, None], np.log(share)[:, None] + each).sum(axis=1),
+        )
         if np.all(np.abs(total - before) < SETTLED):
             break
     best = int(np.argmax(total))
-    return _Mixture(value[best], float(scatter[best]), float(share[best]), float(total[best]), each[best])
+    return _Mixture(
+        value[best], float(scatter[best]), float(share[best]), float(total[best]), each[best]
+    )
 
 
-def _at(evidence: Evidence, value: np.ndarray, scatter: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What each flight's log likelihood gains ``(c, n)`` where it has the effect about common values ``(c, k)``, and inverses ``(c, n, k, k)``."""
+def _at(
+    evidence: Evidence, value: np.ndarray, scatter: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What each flight's log likelihood gains ``(c, n)`` where it has the effect about common
+    values ``(c, k)``, and inverses ``(c, n, k, k)``.
+    """
     added = (scatter[:, None] * value)[:, :, None] ** 2 * np.eye(value.shape[1])
     wide = evidence.covariance + added[:, None]
     inverse = np.linalg.inv(wide)

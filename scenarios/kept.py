@@ -19,11 +19,14 @@ from sim.errors import DeclarationError, FlightidError
 
 # ---- Effects as plain text and back
 
-ROOM = "sim.effects."  # effects of the library, and nothing else, are made again by the name of their class
+# effects of the library, and nothing else, are made again by the name of their class
+ROOM = "sim.effects."
 
 
 def effect_content(effect: Traceable) -> dict[str, Any]:
-    """Name, class and fields of an effect; of a user's own the name alone, since its class is in a file of the user's."""
+    """Name, class and fields of an effect; of a user's own the name alone, since its class is in a
+    file of the user's.
+    """
     if not type(effect).__module__.startswith(ROOM):
         return {"name": effect.name, "own": True}
     return {"name": effect.name, **_object(effect)}
@@ -34,14 +37,19 @@ def effect_of(content: Mapping[str, Any], own: Sequence[Traceable], where: str) 
 
     Raises
     ------
-    DeclarationError : a user's effect that is not among ``own``, or a class that this version does not have.
+    DeclarationError : a user's effect that is not among ``own``, or a class that this version does
+    not have.
     """
     name = str(content.get("name", ""))
     if content.get("own"):
         found = next((effect for effect in own if effect.name == name), None)
         if found is None:
             remedy = "name the file it came from with --effects"
-            raise DeclarationError(f"{name} is an effect of a file that the study was made with", where=where, remedy=remedy)
+            raise DeclarationError(
+                f"{name} is an effect of a file that the study was made with",
+                where=where,
+                remedy=remedy,
+            )
         return found
     try:
         effect: Traceable = _made(content)
@@ -49,13 +57,22 @@ def effect_of(content: Mapping[str, Any], own: Sequence[Traceable], where: str) 
             raise TypeError("its class is another's")
     except (AttributeError, ImportError, KeyError, TypeError, ValueError, FlightidError) as error:
         what = f"the effect {name or '?'} cannot be made again ({' '.join(str(error).split())})"
-        raise DeclarationError(what, where=where, remedy="run the study again with this version") from None
+        raise DeclarationError(
+            what, where=where, remedy="run the study again with this version"
+        ) from None
     return effect
 
 
 def _object(value: Any) -> dict[str, Any]:
-    given = {item.name: getattr(value, item.name) for item in fields(value) if item.init and getattr(value, item.name) != _default(item)}
-    return {"class": f"{type(value).__module__}:{type(value).__qualname__}", "fields": {name: _plain(each) for name, each in given.items()}}
+    given = {
+        item.name: getattr(value, item.name)
+        for item in fields(value)
+        if item.init and getattr(value, item.name) != _default(item)
+    }
+    return {
+        "class": f"{type(value).__module__}:{type(value).__qualname__}",
+        "fields": {name: _plain(each) for name, each in given.items()},
+    }
 
 
 def _default(item: Field[Any]) -> Any:
@@ -90,12 +107,18 @@ def _made(content: Mapping[str, Any]) -> Any:
 
 def _value(content: Any) -> Any:
     if isinstance(content, Mapping):
-        return {key: _value(each) for key, each in content["mapping"].items()} if "mapping" in content else _made(content)
+        return (
+            {key: _value(each) for key, each in content["mapping"].items()}
+            if "mapping" in content
+            else _made(content)
+        )
     return tuple(_value(each) for each in content) if isinstance(content, list) else content
 
 
 def refuse_other_kind(value: Any, kind: Any) -> None:
-    """Raise TypeError where a value that was read is not of the type that is declared for it, or holds a number that is not finite."""
+    """Raise TypeError where a value that was read is not of the type that is declared for it, or
+    holds a number that is not finite.
+    """
     from pydantic import ConfigDict, TypeAdapter, ValidationError
 
     plain = is_dataclass(kind) and isinstance(kind, type)
@@ -110,7 +133,9 @@ def refuse_other_kind(value: Any, kind: Any) -> None:
 
 
 def refuse_other_fields(content: Mapping[str, Any], kind: type) -> None:
-    """Raise TypeError where the values under the names of a dataclass's fields are not of their types; KeyError for a name it does not have."""
+    """Raise TypeError where the values under the names of a dataclass's fields are not of their
+    types; KeyError for a name it does not have.
+    """
     hints = get_type_hints(kind)
     for key, value in content.items():
         refuse_other_kind(value, hints[key])
@@ -142,8 +167,9 @@ _TRAINED = {
 class KeptReading:
     """How the fitted records were read and prepared.
 
-    ``hold`` of the inputs, ``by_hand`` where it was asked for; ``weight``: the lift that carries the weight follows a measured pressure; ``flow``,
-    ``attitude``: a measured airspeed or pitch attitude is used. ``rate``, ``lowpass``, ``trusted`` as in a ``Plan``; zero: none.
+    ``hold`` of the inputs, ``by_hand`` where it was asked for; ``weight``: the lift that carries
+    the weight follows a measured pressure; ``flow``, ``attitude``: a measured airspeed or pitch
+    attitude is used. ``rate``, ``lowpass``, ``trusted`` as in a ``Plan``; zero: none.
     """
 
     hold: str
@@ -162,12 +188,13 @@ class KeptModel:
 
     Attributes
     ----------
-    made_by : ``"identify"`` or ``"diagnose"``. model : a name of ``MODELS``, or what a user's own model calls itself.
-    vehicle : name and hash of the vehicle file, ``vehicle_text`` its content; None and empty where an own model went without one.
-    own_file, effects_file : a user's model and effects, which are run only when they are named again.
-    biases : outputs with a free bias. spiked : inputs whose isolated wrong samples are mended.
-    weighed : the weight along the flight path acts, by a measured attitude.
-    before, after : of a diagnosis the declared model, and that with the effects found; of an identification ``after`` alone, without effects.
+    made_by : ``"identify"`` or ``"diagnose"``. model : a name of ``MODELS``, or what a user's own
+    model calls itself. vehicle : name and hash of the vehicle file, ``vehicle_text`` its content;
+    None and empty where an own model went without one. own_file, effects_file : a user's model and
+    effects, which are run only when they are named again. biases : outputs with a free bias. spiked
+    : inputs whose isolated wrong samples are mended. weighed : the weight along the flight path
+    acts, by a measured attitude. before, after : of a diagnosis the declared model, and that with
+    the effects found; of an identification ``after`` alone, without effects.
     """
 
     made_by: str
@@ -187,7 +214,11 @@ class KeptModel:
 
 def write_kept(folder: Path, kept: KeptModel) -> None:
     """Write ``model.json`` into a folder."""
-    files = {"vehicle": kept.vehicle, "model_file": kept.own_file, "effects_file": kept.effects_file}
+    files = {
+        "vehicle": kept.vehicle,
+        "model_file": kept.own_file,
+        "effects_file": kept.effects_file,
+    }
     write_json(
         folder / NAME,
         {
@@ -209,18 +240,24 @@ def write_kept(folder: Path, kept: KeptModel) -> None:
 
 @dataclass(frozen=True, eq=False)
 class KeptFile:
-    """A ``model.json`` that was read: which files of the user's it rests on; with these it becomes a ``KeptModel``."""
+    """A ``model.json`` that was read: which files of the user's it rests on; with these it becomes
+    a ``KeptModel``.
+    """
 
     path: Path
     content: Mapping[str, Any]
 
     def file(self, key: str) -> InputFile | None:
-        """Name and hash of a file, by ``vehicle``, ``model_file`` or ``effects_file``; None where there was none."""
+        """Name and hash of a file, by ``vehicle``, ``model_file`` or ``effects_file``; None where
+        there was none.
+        """
         entry = self.content["files"].get(key)
         return None if entry is None else InputFile(entry["name"], entry["sha256"])
 
     def model(self, own: Sequence[Traceable] = ()) -> KeptModel:
-        """The model; ``own`` are the user's effects. Raises DeclarationError where it cannot be made again."""
+        """The model; ``own`` are the user's effects. Raises DeclarationError where it cannot be
+        made again.
+        """
         try:
             return self._made(own)
         except (AttributeError, KeyError, TypeError, ValueError):
@@ -254,45 +291,84 @@ def read_kept(folder: str | Path) -> KeptFile:
 
     Raises
     ------
-    DeclarationError : no such folder, no study in it, or one that keeps no model; the line says what to run.
+    DeclarationError : no such folder, no study in it, or one that keeps no model; the line says
+    what to run.
     """
     folder = Path(folder)
     if not folder.is_dir():
-        what = "this is a file, not a study folder" if folder.exists() else "there is no such folder"
-        raise DeclarationError(what, where=str(folder), remedy="name the --out folder of identify or diagnose")
+        what = (
+            "this is a file, not a study folder" if folder.exists() else "there is no such folder"
+        )
+        raise DeclarationError(
+            what, where=str(folder), remedy="name the --out folder of identify or diagnose"
+        )
     path = folder / NAME
     if not os.path.lexists(path):
         raise _no_model(folder)
     content = read_json(path, wanted="the --out folder of identify or diagnose")
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA or not _says_its_files(content):
+    if (
+        not isinstance(content, dict)
+        or content.get("schema") != SCHEMA
+        or not _says_its_files(content)
+    ):
         raise _unreadable(path)
     return KeptFile(path, content)
 
 
 def _says_its_files(content: Mapping[str, Any]) -> bool:
-    """Whether a model says what it was declared with, in texts: this is read before its parameters are."""
+    """Whether a model says what it was declared with, in texts: this is read before its parameters
+    are.
+    """
     files = content.get("files")
-    if not isinstance(files, dict) or not all(isinstance(content.get(key), str) for key in ("made_by", "model", "vehicle_text")):
+    if not isinstance(files, dict) or not all(
+        isinstance(content.get(key), str) for key in ("made_by", "model", "vehicle_text")
+    ):
         return False
-    return all(isinstance(each, dict) and all(isinstance(each.get(key), str) for key in ("name", "sha256")) for each in files.values())
+    return all(
+        isinstance(each, dict) and all(isinstance(each.get(key), str) for key in ("name", "sha256"))
+        for each in files.values()
+    )
 
 
 def _unreadable(path: Path) -> DeclarationError:
-    return DeclarationError("this is no model that can be read here", where=str(path), remedy="run the study again")
+    return DeclarationError(
+        "this is no model that can be read here", where=str(path), remedy="run the study again"
+    )
 
 
 def _no_model(folder: Path) -> DeclarationError:
-    """What to run where a folder keeps no model: the study again, or an identification of its record."""
+    """What to run where a folder keeps no model: the study again, or an identification of its
+    record.
+    """
     if (folder / "diagnosis.json").is_file():
-        return DeclarationError("this diagnosis keeps no model", where=str(folder), remedy="run flightid diagnose again with this --out")
+        return DeclarationError(
+            "this diagnosis keeps no model",
+            where=str(folder),
+            remedy="run flightid diagnose again with this --out",
+        )
     comparison = found_json(folder / "comparison.json")
     scenario = comparison.get("scenario") if isinstance(comparison, dict) else None
     if not isinstance(comparison, dict):
-        return DeclarationError("there is no study in this folder", where=str(folder), remedy="name the --out folder of identify or diagnose")
+        return DeclarationError(
+            "there is no study in this folder",
+            where=str(folder),
+            remedy="name the --out folder of identify or diagnose",
+        )
     if scenario == IDENTIFY:
-        return DeclarationError("this study keeps no model", where=str(folder), remedy="run flightid identify again with this --out")
-    remedy = f"identify its record first: flightid identify {folder / 'record.csv'} --model M --vehicle V.toml --out FIT"
-    return DeclarationError("a study of a simulated flight keeps no model to predict with", where=str(folder), remedy=remedy)
+        return DeclarationError(
+            "this study keeps no model",
+            where=str(folder),
+            remedy="run flightid identify again with this --out",
+        )
+    remedy = (
+        f"identify its record first: flightid identify {folder / 'record.csv'} --model M --vehicle "
+        "V.toml --out FIT"
+    )
+    return DeclarationError(
+        "a study of a simulated flight keeps no model to predict with",
+        where=str(folder),
+        remedy=remedy,
+    )
 
 
 def _trained_content(trained: Trained) -> dict[str, Any]:
@@ -310,4 +386,10 @@ def _trained(content: Mapping[str, Any], own: Sequence[Traceable], where: str) -
         refuse_other_kind(content[key], kind)
     refuse_other_fields(content["settings"], FitSettings)
     effects = tuple(effect_of(each, own, where) for each in content["effects"])
-    return Trained(effects, tuple(content["outputs"]), content["shared"], tuple(content["own"]), FitSettings(**content["settings"]))
+    return Trained(
+        effects,
+        tuple(content["outputs"]),
+        content["shared"],
+        tuple(content["own"]),
+        FitSettings(**content["settings"]),
+    )

@@ -13,7 +13,14 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from ident.maneuver_detection import AXES, PAUSE, FlightSignals, Maneuver, active_share, find_maneuvers
+from ident.maneuver_detection import (
+    AXES,
+    PAUSE,
+    FlightSignals,
+    Maneuver,
+    active_share,
+    find_maneuvers,
+)
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.record_file import RecordFile, opened, with_names
 from scenarios.files.records import read_record, refuse_rate
@@ -61,9 +68,9 @@ class NumberedManeuver:
 
     Attributes
     ----------
-    number : from 1 on, in the order of the times. name : axis, kind and a count, ``"pitch-doublet-2"``.
-    found : what the search found. unit : of its amplitude.
-    start, stop : s, the part of the record to use: with rest before the input and the response after it.
+    number : from 1 on, in the order of the times. name : axis, kind and a count,
+    ``"pitch-doublet-2"``. found : what the search found. unit : of its amplitude. start, stop : s,
+    the part of the record to use: with rest before the input and the response after it.
     """
 
     number: int
@@ -80,10 +87,11 @@ class FoundManeuvers:
 
     Attributes
     ----------
-    identity : the file. record : its channels that were searched, SI; controls stand among the outputs, where samples may be missing.
-    maneuvers : in the order of their times. active : share of the time in which an input moves beyond its rest level.
-    path : of the file, None where the record is in memory. simulated : a program made it.
-    unread : columns that look like channels and were not read, by channel: a channel map names them.
+    identity : the file. record : its channels that were searched, SI; controls stand among the
+    outputs, where samples may be missing. maneuvers : in the order of their times. active : share
+    of the time in which an input moves beyond its rest level. path : of the file, None where the
+    record is in memory. simulated : a program made it. unread : columns that look like channels and
+    were not read, by channel: a channel map names them.
     """
 
     identity: InputFile
@@ -104,10 +112,17 @@ class FoundManeuvers:
     def cautions(self) -> tuple[str, ...]:
         """What a user should know, one sentence each."""
         inputs = [name for name in CONTROLS if name in self.record.output_names]
-        cautions = [] if inputs else [f"no input is recorded ({', '.join(CONTROLS)}): turns alone are found"]
+        cautions = (
+            []
+            if inputs
+            else [f"no input is recorded ({', '.join(CONTROLS)}): turns alone are found"]
+        )
         moves = [each for each in self.maneuvers if each.found.kind != "trim"]
         if inputs and not moves:
-            cautions.append("no maneuver found: no input has the form of one, and none rises above what it does at rest")
+            cautions.append(
+                "no maneuver found: no input has the form of one, and none rises above what it "
+                "does at rest"
+            )
         if self.unread:
             alike = [f"{column} looks like {channel}" for channel, column in self.unread.items()]
             name = self.identity.name if self.path is None else self.path
@@ -121,20 +136,27 @@ class FoundManeuvers:
         return f"<Maneuvers of {self.identity.name}: {len(self.maneuvers)}>"
 
 
-def maneuvers_of(source: Path | RecordFile, channels: Mapping[str, ColumnChoice] | None = None, plan: Plan | None = None) -> FoundManeuvers:
+def maneuvers_of(
+    source: Path | RecordFile,
+    channels: Mapping[str, ColumnChoice] | None = None,
+    plan: Plan | None = None,
+) -> FoundManeuvers:
     """Search a record file of any length.
 
     ``plan`` : names of its columns, and its rate where it has no clock or several; None: its own.
 
     Raises
     ------
-    RecordError : anything in the file that keeps it from being used; none of the channels that are searched.
+    RecordError : anything in the file that keeps it from being used; none of the channels that are
+    searched.
     """
     plan = plan or Plan()
     file = with_names(opened(source), plan.columns)
     if plan.rate is not None:
         refuse_rate(file, channels)
-    record, _ = with_load_factors(read_record(file, (), (*CONTROLS, *MOTION), channels, rate=plan.rate))
+    record, _ = with_load_factors(
+        read_record(file, (), (*CONTROLS, *MOTION), channels, rate=plan.rate)
+    )
     signals = signals_of(record)
     found = find_maneuvers(signals)
     path = None if file.in_memory else file.path
@@ -168,7 +190,9 @@ def signals_of(record: Record) -> FlightSignals:
 
 
 def numbered(found: Sequence[Maneuver], record: Record) -> tuple[NumberedManeuver, ...]:
-    """Maneuvers with numbers, names and parts of the record that do not reach into the next maneuver's."""
+    """Maneuvers with numbers, names and parts of the record that do not reach into the next
+    maneuver's.
+    """
     counts: Counter[str] = Counter()
     out = []
     for number, each in enumerate(found, start=1):
@@ -189,7 +213,9 @@ def numbered(found: Sequence[Maneuver], record: Record) -> tuple[NumberedManeuve
 
 
 def _part(each: Maneuver, found: Sequence[Maneuver], record: Record) -> tuple[float, float]:
-    """The input with ``LEAD`` and ``TAIL``, up to a pause in the rows and half way to its neighbours; a trim point as it is."""
+    """The input with ``LEAD`` and ``TAIL``, up to a pause in the rows and half way to its
+    neighbours; a trim point as it is.
+    """
     if each.kind == "trim":
         return round(each.start, DIGITS), round(each.end, DIGITS)
     start, stop = each.start - LEAD, each.end + TAIL
@@ -216,7 +242,9 @@ def _part(each: Maneuver, found: Sequence[Maneuver], record: Record) -> tuple[fl
 ABSENT = "-"  # in a cell of what is not recorded
 
 
-def print_maneuvers(found: FoundManeuvers, out: Console | None = None, details: str = BELOW) -> None:
+def print_maneuvers(
+    found: FoundManeuvers, out: Console | None = None, details: str = BELOW
+) -> None:
     """Print a search."""
     out = out or console()
     print_summary(out, maneuvers_summary(found, details))
@@ -226,7 +254,8 @@ def print_maneuvers(found: FoundManeuvers, out: Console | None = None, details: 
     if any(each.found.excitation for each in found.maneuvers):
         print_paragraph(
             out,
-            "t values: each derivative over its standard deviation, by equation error on this maneuver alone",
+            "t values: each derivative over its standard deviation, by equation error on this "
+            "maneuver alone",
             indent=0,
         )
 
@@ -237,8 +266,10 @@ def maneuvers_summary(found: FoundManeuvers, details: str = BELOW) -> Summary:
     moves = sum(count for kind, count in kinds.items() if kind != "trim")
     named = ", ".join(f"{count} {kind}" for kind, count in kinds.items() if kind != "trim")
     return Summary(
-        f"{found.identity.name}, {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s",
-        f"{moves} maneuver{'s' if moves != 1 else ''}{f' ({named})' if named else ''}, {kinds['trim']} trim point{'s' if kinds['trim'] != 1 else ''}",
+        f"{found.identity.name}, {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} "
+        "s",
+        f"{moves} maneuver{'s' if moves != 1 else ''}{f' ({named})' if named else ''}, "
+        f"{kinds['trim']} trim point{'s' if kinds['trim'] != 1 else ''}",
         f"an input moves beyond its noise in {100.0 * found.active:.1f} % of the time",
         "",
         details,
@@ -259,7 +290,12 @@ def table_columns(found: FoundManeuvers) -> list[TableColumn]:
     ]
     for name, unit, digits in (("airspeed", "m/s", 1), ("height", "m", 0)):
         if any(name in each.found.conditions for each in some):
-            cells = [f"{each.found.conditions[name]:.{digits}f}" if name in each.found.conditions else ABSENT for each in some]
+            cells = [
+                f"{each.found.conditions[name]:.{digits}f}"
+                if name in each.found.conditions
+                else ABSENT
+                for each in some
+            ]
             columns.append(TableColumn(f"{name}, {unit}", cells))
     if any(each.found.excitation for each in some):
         columns.append(TableColumn("t values", [excitation_text(each) for each in some], left=True))
@@ -276,7 +312,13 @@ def amplitude_text(each: NumberedManeuver) -> str:
 
 def excitation_text(each: NumberedManeuver) -> str:
     """``"Cm_alpha 12, Cm_q 8.1"``."""
-    return ", ".join(f"{name} {value:.2g}" if value < 10.0 else f"{name} {value:.0f}" for name, value in each.found.excitation.items()) or ABSENT
+    return (
+        ", ".join(
+            f"{name} {value:.2g}" if value < 10.0 else f"{name} {value:.0f}"
+            for name, value in each.found.excitation.items()
+        )
+        or ABSENT
+    )
 
 
 # ---- The page of a search
@@ -286,12 +328,17 @@ def maneuvers_page(found: FoundManeuvers, drawn: Sequence[Drawn] = ()) -> Page:
     """The page of a search with the figures ``drawn``."""
     name, summary = found.identity.name, maneuvers_summary(found)
     moves = sum(each.found.kind != "trim" for each in found.maneuvers)
-    table = printed_blocks(partial(print_table, title="Maneuvers and trim points", columns=table_columns(found)))
+    table = printed_blocks(
+        partial(print_table, title="Maneuvers and trim points", columns=table_columns(found))
+    )
     used = (
-        f"The file {FILE} holds the part of the record to use for each: {LEAD:g} s before the input to {TAIL:g} s after it, or half way to "
+        f"The file {FILE} holds the part of the record to use for each: {LEAD:g} s before the "
+        f"input to {TAIL:g} s after it, or half way to "
         "its neighbour.",
-        f"flightid identify {name} --maneuver N uses one of them, by number or name; diagnose and survey do so as well.",
-        "A t value is a derivative over its standard deviation, by equation error on this maneuver alone; below about 5 it hardly determines it.",
+        f"flightid identify {name} --maneuver N uses one of them, by number or name; diagnose and "
+        "survey do so as well.",
+        "A t value is a derivative over its standard deviation, by equation error on this maneuver "
+        "alone; below about 5 it hardly determines it.",
     )
     return Page(
         title=f"{name}: maneuvers",
@@ -306,7 +353,9 @@ def maneuvers_page(found: FoundManeuvers, drawn: Sequence[Drawn] = ()) -> Page:
             *section("Maneuvers", *table, Prose("Angles in degrees; times of the inputs.", "note")),
             *section("How they are used", Bullets(used)),
         ),
-        reproduction=reproduction(["flightid", "maneuvers", name], "", [("searched", name, found.identity.sha256)]),
+        reproduction=reproduction(
+            ["flightid", "maneuvers", name], "", [("searched", name, found.identity.sha256)]
+        ),
         created=now(),
     )
 
@@ -318,7 +367,7 @@ SCHEMA = "flightid/maneuvers/1"
 _HEAD = """\
 # Maneuvers of one record, for --maneuver NUMBER or NAME of identify, diagnose and survey. Edit it freely: names and times, further
 # tables, tables deleted. Times are in s and include rest before the input and the response after it.
-"""
+"""  # noqa: E501
 
 
 def write_maneuvers(found: FoundManeuvers, folder: str | Path, *, figures: Formats = USUAL) -> Path:
@@ -329,7 +378,9 @@ def write_maneuvers(found: FoundManeuvers, folder: str | Path, *, figures: Forma
             from scenarios.plots.drawing import drawn_for_page
             from scenarios.plots.maneuvers import figure_flight
 
-            drawn = drawn_for_page([("flight", partial(figure_flight, found, found.identity.name))], scratch, figures)
+            drawn = drawn_for_page(
+                [("flight", partial(figure_flight, found, found.identity.name))], scratch, figures
+            )
         write_text(scratch / FILE, maneuvers_toml(found))
         write_page(scratch, maneuvers_page(found, drawn))
         write_json(scratch / MAIN, maneuvers_content(found))
@@ -376,7 +427,11 @@ def maneuvers_content(found: FoundManeuvers) -> dict[str, Any]:
 
 def _content(each: NumberedManeuver) -> dict[str, Any]:
     one = each.found
-    moved = {"channel": one.channel, "amplitude": one.amplitude, "unit": each.unit} if one.channel else {}
+    moved = (
+        {"channel": one.channel, "amplitude": one.amplitude, "unit": each.unit}
+        if one.channel
+        else {}
+    )
     return {
         "number": each.number,
         "name": each.name,

@@ -23,7 +23,13 @@ from scenarios.files.sources import InputFile, read_source, versions
 from scenarios.files.user_models import OwnModel, channel_units
 from scenarios.files.vehicles import VehicleFile, files_read_unnamed, read_vehicle
 from scenarios.files.writing import PREDICTED, study_folder, write_json
-from scenarios.identification.assessment import left_out, pooled_fits, record_fits, with_outliers, without
+from scenarios.identification.assessment import (
+    left_out,
+    pooled_fits,
+    record_fits,
+    with_outliers,
+    without,
+)
 from scenarios.identification.conditions import PATH, with_weight
 from scenarios.kept import DIAGNOSE, KeptFile, KeptModel, read_kept
 from scenarios.pages.folder import figures, write_page
@@ -52,8 +58,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PredictionRequest:
-    """What a prediction is asked: a study folder, a record and how its columns are named; ``model`` and ``effects`` are a user's files, run,
-    or what such files hold.
+    """What a prediction is asked: a study folder, a record and how its columns are named; ``model``
+    and ``effects`` are a user's files, run, or what such files hold.
     """
 
     study: Path
@@ -66,7 +72,9 @@ class PredictionRequest:
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """One free simulation of the record: ``rows`` ``(m, N)`` of its channels, and their errors; None where it left all measure."""
+    """One free simulation of the record: ``rows`` ``(m, N)`` of its channels, and their errors;
+    None where it left all measure.
+    """
 
     rows: np.ndarray
     figures: ErrorFigures | None
@@ -79,7 +87,8 @@ class Simulation:
 
 @dataclass(frozen=True, eq=False)
 class PredictionResult:
-    """A record predicted by a study's model: ``after`` with what the study found; ``before``, of a diagnosis, as declared.
+    """A record predicted by a study's model: ``after`` with what the study found; ``before``, of a
+    diagnosis, as declared.
 
     ``simulated``: a program made the record, by what the JSON beside it says.
     """
@@ -102,8 +111,8 @@ def predict_record(asked: PredictionRequest) -> PredictionResult:
 
     Raises
     ------
-    DeclarationError : the folder keeps no model; a file of the user's that it rests on is not named, or is another one.
-    RecordError : anything in the record that keeps it from being used.
+    DeclarationError : the folder keeps no model; a file of the user's that it rests on is not
+    named, or is another one. RecordError : anything in the record that keeps it from being used.
     """
     file = read_kept(asked.study)
     vehicle = _vehicle(file, asked.model)
@@ -115,14 +124,29 @@ def predict_record(asked: PredictionRequest) -> PredictionResult:
     reading, plan = kept.reading, _plan(kept, asked.plan)
     model = model.with_noise(Noise()) if kept.made_by == DIAGNOSE else model
     decided = Decided(Hold(reading.hold), reading.weight)
-    ready = prepare((), model, plan, choices, [source], flow=reading.flow, attitude=reading.attitude, decided=decided, part=plan.segments[0])
+    ready = prepare(
+        (),
+        model,
+        plan,
+        choices,
+        [source],
+        flow=reading.flow,
+        attitude=reading.attitude,
+        decided=decided,
+        part=plan.segments[0],
+    )
     (record,), declared = ready.predicted, ready.model
     _refuse_without_attitude(kept, declared, record)
     refuse_unpredictable([record], declared, "")
     channels = tuple(name for name in kept.after.outputs if name in record.output_names)
     if not channels:
-        remedy = f"the study's outputs are {', '.join(kept.after.outputs)}; map the columns with --channels"
-        raise RecordError("it has none of the study's outputs", where=str(source.path), remedy=remedy)
+        remedy = (
+            f"the study's outputs are {', '.join(kept.after.outputs)}; map the columns with "
+            "--channels"
+        )
+        raise RecordError(
+            "it has none of the study's outputs", where=str(source.path), remedy=remedy
+        )
     by = _by_diagnosis if kept.made_by == DIAGNOSE else _by_identification
     record, before, after, counted = by(kept, declared, ready, trusted=plan.trusted)
     masks = [left_out(*pair) for pair in zip(ready.validation, counted, strict=True)]
@@ -149,68 +173,113 @@ def _by_identification(
     parts less their wild points."""
     model = with_weight(declared) if kept.weighed else declared
     system = compile_model(model.with_biases(kept.biases), kept.after.outputs)
-    fits = record_fits([], ready.validation, system, kept.after.shared, kept.after.settings, [PATH], trusted=trusted)
+    fits = record_fits(
+        [],
+        ready.validation,
+        system,
+        kept.after.shared,
+        kept.after.settings,
+        [PATH],
+        trusted=trusted,
+    )
     (fit,) = pooled_fits(fits, ready.parted)
     at = [fit.outputs.index(name) for name in fit.outputs if name in fit.record.output_names]
-    return fit.record, None, Simulation(fit.simulated[at], fit.figures), [each.record for each in fits]
+    return (
+        fit.record,
+        None,
+        Simulation(fit.simulated[at], fit.figures),
+        [each.record for each in fits],
+    )
 
 
-def _by_diagnosis(kept: KeptModel, declared: Model, ready: Prepared, *, trusted: bool) -> tuple[Record, Simulation | None, Simulation, list[Record]]:
+def _by_diagnosis(
+    kept: KeptModel, declared: Model, ready: Prepared, *, trusted: bool
+) -> tuple[Record, Simulation | None, Simulation, list[Record]]:
     """As ``diagnose --validate`` predicts, which looks for wild points in any record."""
     assert kept.before is not None
-    found = predict(kept.before, kept.after, declared.with_biases(kept.biases), ready.validation, kept.spiked)
+    found = predict(
+        kept.before, kept.after, declared.with_biases(kept.biases), ready.validation, kept.spiked
+    )
     (whole,) = ready.parted
     rows = [[each.before for each in found.predictions], [each.after for each in found.predictions]]
     record, (before, after) = put_together(whole, ready.validation, rows)
     channels = found.predictions[0].channels
     wild = [
-        {name: ~mask[row] & part[name].valid for row, name in enumerate(channels)} for part, mask in zip(ready.validation, found.counted, strict=True)
+        {name: ~mask[row] & part[name].valid for row, name in enumerate(channels)}
+        for part, mask in zip(ready.validation, found.counted, strict=True)
     ]
     parts = [without(part, masks) for part, masks in zip(ready.validation, wild, strict=True)]
-    return record, Simulation(before, found.before), Simulation(after, found.after if found.finite else None), parts
+    return (
+        record,
+        Simulation(before, found.before),
+        Simulation(after, found.after if found.finite else None),
+        parts,
+    )
 
 
 def _vehicle(file: KeptFile, model: Path | OwnModel | None) -> VehicleFile:
-    """The study's vehicle, from the text that it keeps; of a user's own model with the file that is named again."""
+    """The study's vehicle, from the text that it keeps; of a user's own model with the file that is
+    named again.
+    """
     own, text = file.file("model_file"), file.content["vehicle_text"]
     chosen: str | OwnModel = file.content["model"]
     if own is not None:
         if model is None:
-            what = f"the study's model is that of {own.name}, a file of a user's own, which is run only when it is named"
+            what = (
+                f"the study's model is that of {own.name}, a file of a user's own, which is run "
+                "only when it is named"
+            )
             raise DeclarationError(what, where="--model", remedy=f"add --model PATH/{own.name}")
         chosen = model if isinstance(model, OwnModel) else _same(model, own, "--model")
         if isinstance(model, OwnModel) and model.identity.sha256 != own.sha256:
             what = f"{model.model.name} is not the {own.name} that the study was made with"
-            raise DeclarationError(what, where="--model", remedy="give that model as it was, or run the study again")
+            raise DeclarationError(
+                what, where="--model", remedy="give that model as it was, or run the study again"
+            )
     elif model is not None:
-        raise DeclarationError(f"the study's model is {chosen}, which is built in", where="--model", remedy="leave it out")
+        raise DeclarationError(
+            f"the study's model is {chosen}, which is built in",
+            where="--model",
+            remedy="leave it out",
+        )
     if not text:
         return read_vehicle(None, chosen)
     with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
         entry = file.file("vehicle")
-        # A study may be somebody else's: whatever name it gives its vehicle file, nothing is written outside this folder.
+        # A study may be somebody else's: whatever name it gives its vehicle file, nothing is
+        # written outside this folder.
         named = Path(entry.name).name.lstrip(".") if entry is not None else ""
         path = Path(folder) / (named or "vehicle.toml")
         path.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")
         return read_vehicle(path, chosen)
 
 
-def _own_effects(file: KeptFile, effects: Path | tuple[Traceable, ...] | None, model: Model) -> Sequence[Traceable]:
+def _own_effects(
+    file: KeptFile, effects: Path | tuple[Traceable, ...] | None, model: Model
+) -> Sequence[Traceable]:
     known = file.file("effects_file")
     if effects is None:
         return ()
     if not isinstance(effects, Path):
         return checked_effects(effects, model, "effects")
     if known is None:
-        raise DeclarationError("the study was made without effects of one's own", where="--effects", remedy="leave it out")
+        raise DeclarationError(
+            "the study was made without effects of one's own",
+            where="--effects",
+            remedy="leave it out",
+        )
     return read_effects(_same(effects, known, "--effects"), model)
 
 
 def _same(path: Path, known: InputFile, option: str) -> str:
-    """The path of a user's file; refused where it is not the one that the study was made with, to the byte."""
+    """The path of a user's file; refused where it is not the one that the study was made with, to
+    the byte.
+    """
     if read_source(path, DeclarationError, "a Python file").identity.sha256 != known.sha256:
         what = f"{path} is not the {known.name} that the study was made with"
-        raise DeclarationError(what, where=option, remedy="name that file as it was, or run the study again")
+        raise DeclarationError(
+            what, where=option, remedy="name that file as it was, or run the study again"
+        )
     return str(path)
 
 
@@ -219,15 +288,27 @@ def _plan(kept: KeptModel, asked: Plan) -> Plan:
     reading = kept.reading
     hold = Hold(reading.hold) if reading.by_hand else None
     trusted = reading.trusted or asked.trusted
-    return Plan(asked.segments, hold, asked.rate or reading.rate or None, reading.lowpass or None, trusted, asked.columns, asked.chosen)
+    return Plan(
+        asked.segments,
+        hold,
+        asked.rate or reading.rate or None,
+        reading.lowpass or None,
+        trusted,
+        asked.columns,
+        asked.chosen,
+    )
 
 
 def _refuse_without_attitude(kept: KeptModel, declared: Model, record: Record) -> None:
     """A model that takes the pitch attitude from the record needs one there."""
-    takes = kept.weighed or any(getattr(effect, "attitude_recorded", False) for effect in kept.after.effects)
+    takes = kept.weighed or any(
+        getattr(effect, "attitude_recorded", False) for effect in kept.after.effects
+    )
     if takes and ATTITUDE not in {signal.name for signal in declared.equations.inputs}:
         what = "it has no theta, which the study's model takes as it is recorded"
-        raise RecordError(what, where=record.name, remedy="give a record with theta, or make the study without it")
+        raise RecordError(
+            what, where=record.name, remedy="give a record with theta, or make the study without it"
+        )
 
 
 def _warnings(ready: Prepared) -> tuple[str, ...]:
@@ -235,12 +316,19 @@ def _warnings(ready: Prepared) -> tuple[str, ...]:
 
 
 def figures_of(simulation: Simulation) -> Mapping[str, Mapping[str, float]]:
-    """rms error, fit in per cent, R squared and Theil's coefficient by channel; empty where the simulation left all measure."""
+    """rms error, fit in per cent, R squared and Theil's coefficient by channel; empty where the
+    simulation left all measure.
+    """
     f = simulation.figures
     if f is None:
         return {}
     return {
-        name: {"rms_error": error, "fit_percent": simulation.fit_percent(name), "r2": f.r2[name], "theil": f.theil[name]}
+        name: {
+            "rms_error": error,
+            "fit_percent": simulation.fit_percent(name),
+            "r2": f.r2[name],
+            "theil": f.theil[name],
+        }
         for name, error in f.rmse.items()
     }
 
@@ -249,15 +337,22 @@ def figures_of(simulation: Simulation) -> Mapping[str, Mapping[str, float]]:
 
 
 def prediction_figures(found: PredictionResult) -> Iterator[Named]:
-    """The figure of a prediction: recorded and predicted, of a diagnosis with effects also as declared. Nothing where no simulation is finite."""
+    """The figure of a prediction: recorded and predicted, of a diagnosis with effects also as
+    declared. Nothing where no simulation is finite.
+    """
     from scenarios.plots.signals import Response, figure_fit
 
     if found.after.figures is None:
         return
     shown = [Response("predicted", dict(zip(found.channels, found.after.rows, strict=True)))]
     if found.before is not None and found.kept.after.effects:
-        shown.insert(0, Response("as declared", dict(zip(found.channels, found.before.rows, strict=True))))
-    title = f"{found.record.name}: {found.kept.model}, {found.kept.made_by}\nnot fitted, only initial states and biases are its own"
+        shown.insert(
+            0, Response("as declared", dict(zip(found.channels, found.before.rows, strict=True)))
+        )
+    title = (
+        f"{found.record.name}: {found.kept.model}, {found.kept.made_by}\nnot fitted, only initial "
+        "states and biases are its own"
+    )
     data = SIMULATED_DATA if found.simulated else MEASURED_DATA
     yield "prediction", partial(figure_fit, found.record, shown, None, title, {}, data)
 
@@ -272,13 +367,18 @@ def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
     """What was predicted with which model, warnings, and the errors channel by channel."""
     record, kept = found.record, found.kept
     effects = [effect.name for effect in kept.after.effects]
-    told = f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s; {predicting_model(found)} ({found.study})"
+    told = (
+        f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s; "
+        f"{predicting_model(found)} ({found.study})"
+    )
     lines = wrapped(told, width)
     for warning in found.warnings:
         lines += wrapped(f"warning: {warning}", width)
     if kept.made_by == DIAGNOSE and effects and not kept.claimed:
         lines += wrapped("the effects are hints: the study claimed none of them", width)
-    lines += table_lines(columns_of(HEADINGS, error_rows(found), left=2), title=TITLE, width=width, keys=2)
+    lines += table_lines(
+        columns_of(HEADINGS, error_rows(found), left=2), title=TITLE, width=width, keys=2
+    )
     for note in found.notes:
         lines += wrapped(f"note: {note}", width)
     return "\n".join(lines) + "\n"
@@ -288,12 +388,20 @@ def predicting_model(found: PredictionResult) -> str:
     """The model, whose it is, and the effects in it."""
     kept = found.kept
     effects = [effect.name for effect in kept.after.effects]
-    return f"{kept.model} model of {found.vehicle}, from {kept.made_by}" + (f" with {' and '.join(effects)}" if effects else "")
+    return f"{kept.model} model of {found.vehicle}, from {kept.made_by}" + (
+        f" with {' and '.join(effects)}" if effects else ""
+    )
 
 
 def error_rows(found: PredictionResult) -> list[tuple[str, ...]]:
-    """Cells below ``HEADINGS``: with the study's effects, and before that as declared where there are any."""
-    before = _rows(found, found.before, "as declared") if found.before is not None and found.kept.after.effects else []
+    """Cells below ``HEADINGS``: with the study's effects, and before that as declared where there
+    are any.
+    """
+    before = (
+        _rows(found, found.before, "as declared")
+        if found.before is not None and found.kept.after.effects
+        else []
+    )
     return [*before, *_rows(found, found.after, "predicted")]
 
 
@@ -305,7 +413,16 @@ def _rows(found: PredictionResult, simulation: Simulation, word: str) -> list[tu
     for name, error in f.rmse.items():
         value, _, unit = displayed(Quantity(error, 0.0, found.record[name].unit))
         shown = f"{value:.3g} {unit}" if unit not in ("", "1") else f"{value:.3g}"
-        rows.append((word, name, shown, f"{simulation.fit_percent(name):.1f}", f"{f.r2[name]:.4f}", f"{f.theil[name]:.3f}"))
+        rows.append(
+            (
+                word,
+                name,
+                shown,
+                f"{simulation.fit_percent(name):.1f}",
+                f"{f.r2[name]:.4f}",
+                f"{f.theil[name]:.3f}",
+            )
+        )
     return rows
 
 
@@ -316,10 +433,26 @@ def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Pag
     """The page of a prediction with the figures ``drawn``."""
     record, figures_after = found.record, found.after.figures
     finite = figures_after is not None
-    worst = min(figures_after.nrmse, key=lambda name: found.after.fit_percent(name), default="") if figures_after is not None else ""
-    fits = f"worst of {len(found.channels)} channels: {worst}, {found.after.fit_percent(worst):.1f} % of it predicted" if worst else ""
-    kept = (("vehicle", found.kept.vehicle), ("model", found.kept.own_file), ("effects", found.kept.effects_file))
-    inputs = [("predicted", found.source.name, found.source.sha256), *((use, file.name, file.sha256) for use, file in kept if file is not None)]
+    worst = (
+        min(figures_after.nrmse, key=lambda name: found.after.fit_percent(name), default="")
+        if figures_after is not None
+        else ""
+    )
+    fits = (
+        f"worst of {len(found.channels)} channels: {worst}, {found.after.fit_percent(worst):.1f} % "
+        "of it predicted"
+        if worst
+        else ""
+    )
+    kept = (
+        ("vehicle", found.kept.vehicle),
+        ("model", found.kept.own_file),
+        ("effects", found.kept.effects_file),
+    )
+    inputs = [
+        ("predicted", found.source.name, found.source.sha256),
+        *((use, file.name, file.sha256) for use, file in kept if file is not None),
+    ]
     return Page(
         title=f"{record.name}: predicted",
         kind=predicting_model(found),
@@ -331,9 +464,13 @@ def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Pag
         sections=(
             *section("Errors", rows_table(capital(TITLE), HEADINGS, error_rows(found))),
             *section("Figures", *figures(drawn)),
-            *section("How it was made", Bullets(tuple(map(as_sentence, (_samples(found), *found.notes))))),
+            *section(
+                "How it was made", Bullets(tuple(map(as_sentence, (_samples(found), *found.notes))))
+            ),
         ),
-        reproduction=reproduction(["flightid", "predict", str(found.study), record.name], "", inputs),
+        reproduction=reproduction(
+            ["flightid", "predict", str(found.study), record.name], "", inputs
+        ),
         created=now(),
     )
 
@@ -350,10 +487,16 @@ SCHEMA = "flightid/prediction/1"
 DECLARED = "declared_"
 
 
-def write_prediction(found: PredictionResult, folder: str | Path, *, figures: Formats = USUAL) -> Path:
-    """Write ``prediction.csv``, the figure ``prediction``, and ``prediction.json`` last; returns the folder."""
+def write_prediction(
+    found: PredictionResult, folder: str | Path, *, figures: Formats = USUAL
+) -> Path:
+    """Write ``prediction.csv``, the figure ``prediction``, and ``prediction.json`` last; returns
+    the folder.
+    """
     with study_folder(folder, MAIN) as scratch:
-        (scratch / "prediction.csv").write_text(_table(found), encoding="utf-8", errors="backslashreplace", newline="\n")
+        (scratch / "prediction.csv").write_text(
+            _table(found), encoding="utf-8", errors="backslashreplace", newline="\n"
+        )
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.drawing import drawn_for_page
@@ -365,7 +508,9 @@ def write_prediction(found: PredictionResult, folder: str | Path, *, figures: Fo
 
 
 def prediction_content(found: PredictionResult) -> dict[str, Any]:
-    """Content of ``prediction.json``: errors in SI, nz in g; ``declared`` those of a diagnosis's model without the effects found."""
+    """Content of ``prediction.json``: errors in SI, nz in g; ``declared`` those of a diagnosis's
+    model without the effects found.
+    """
     kept, record = found.kept, found.record
     files = {"vehicle": kept.vehicle, "model": kept.own_file, "effects": kept.effects_file}
     return {
@@ -376,7 +521,12 @@ def prediction_content(found: PredictionResult) -> dict[str, Any]:
         "vehicle": found.vehicle,
         "effects": [effect.name for effect in kept.after.effects],
         "claimed": list(kept.claimed),
-        "record": {"name": record.name, "samples": len(record), "from": float(record.time[0]), "to": float(record.time[-1])},
+        "record": {
+            "name": record.name,
+            "samples": len(record),
+            "from": float(record.time[0]),
+            "to": float(record.time[-1]),
+        },
         "units": {name: record[name].unit for name in found.channels},
         "finite": found.after.figures is not None,
         "channels": figures_of(found.after),
@@ -386,14 +536,21 @@ def prediction_content(found: PredictionResult) -> dict[str, Any]:
         "inputs": {
             "record": found.source.name,
             "record_sha256": found.source.sha256,
-            **{key: value for name, file in files.items() if file is not None for key, value in ((name, file.name), (f"{name}_sha256", file.sha256))},
+            **{
+                key: value
+                for name, file in files.items()
+                if file is not None
+                for key, value in ((name, file.name), (f"{name}_sha256", file.sha256))
+            },
         },
         "versions": versions(),
     }
 
 
 def _table(found: PredictionResult) -> str:
-    """``time``, and of each channel ``NAME``, ``predicted_NAME`` and of a diagnosis ``declared_NAME``; a cell without a number is empty."""
+    """``time``, and of each channel ``NAME``, ``predicted_NAME`` and of a diagnosis
+    ``declared_NAME``; a cell without a number is empty.
+    """
     columns = {"time": found.record.time.tolist()}
     for i, name in enumerate(found.channels):
         columns[name] = found.record[name].with_gaps().tolist()
@@ -403,5 +560,8 @@ def _table(found: PredictionResult) -> str:
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows([repr(cell) if cell == cell else "" for cell in row] for row in zip(*columns.values(), strict=True))
+    writer.writerows(
+        [repr(cell) if cell == cell else "" for cell in row]
+        for row in zip(*columns.values(), strict=True)
+    )
     return text.getvalue()

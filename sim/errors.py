@@ -37,9 +37,10 @@ class DeclarationError(FlightidError):
 def raised_by(error: BaseException, file: str) -> bool:
     """Whether an exception is a fault of the code in ``file``, not a request from outside to stop.
 
-    Every ``Exception`` is, and so are SystemExit and GeneratorExit, which a function that is called for a value has no reason to raise.
-    Any other, KeyboardInterrupt among them, is where a ``raise`` statement of that file raised it: an interrupt from the keyboard
-    arrives between statements.
+    Every ``Exception`` is, and so are SystemExit and GeneratorExit, which a function that is called
+    for a value has no reason to raise. Any other, KeyboardInterrupt among them, is where a
+    ``raise`` statement of that file raised it: an interrupt from the keyboard arrives between
+    statements.
     """
     if isinstance(error, Exception | SystemExit | GeneratorExit):
         return True

@@ -19,16 +19,18 @@ from sim.record import Hold
 
 # ---- Maneuvers that are constant between switches, and how maneuvers combine
 
-# A time this close to a switch, in s, is at the switch: samples at 0.01 k and sums of durations differ by rounding.
+# A time this close to a switch, in s, is at the switch: samples at 0.01 k and sums of durations
+# differ by rounding.
 SWITCH_TOLERANCE = 1e-9
 
 
 class Maneuver(Protocol):
     """An input as a function of time.
 
-    Calling it gives the value at ``t`` (s, float or array), at a switch the new one; ``before(t)`` gives the
-    limit from the left; ``mean(begin, end)`` the exact mean over each interval (s, arrays); ``breakpoints`` the
-    times at which value or slope may jump, in order; ``hold`` how a record of its samples is best interpolated.
+    Calling it gives the value at ``t`` (s, float or array), at a switch the new one; ``before(t)``
+    gives the limit from the left; ``mean(begin, end)`` the exact mean over each interval (s,
+    arrays); ``breakpoints`` the times at which value or slope may jump, in order; ``hold`` how a
+    record of its samples is best interpolated.
     """
 
     @property
@@ -60,11 +62,17 @@ class MultiStep:
     def __post_init__(self) -> None:
         if len(self.levels) == 0 or len(self.times) != len(self.levels) + 1:
             raise _bad(
-                f"{len(self.levels)} level(s) and {len(self.times)} switching time(s)", "give one time more than levels, and at least one level"
+                f"{len(self.levels)} level(s) and {len(self.times)} switching time(s)",
+                "give one time more than levels, and at least one level",
             )
-        if not all(math.isfinite(value) for value in (*self.levels, *self.times[:-1])) or math.isnan(self.times[-1]):
+        if not all(
+            math.isfinite(value) for value in (*self.levels, *self.times[:-1])
+        ) or math.isnan(self.times[-1]):
             raise _bad("a level or a switching time is not a finite number", "give finite numbers")
-        if any(later - earlier <= SWITCH_TOLERANCE for earlier, later in zip(self.times[:-1], self.times[1:], strict=True)):
+        if any(
+            later - earlier <= SWITCH_TOLERANCE
+            for earlier, later in zip(self.times[:-1], self.times[1:], strict=True)
+        ):
             raise _bad("switching times do not increase", "give every interval a positive duration")
 
     @property
@@ -76,21 +84,36 @@ class MultiStep:
         return Hold.PREVIOUS
 
     def __call__(self, t: Any) -> np.ndarray:
-        return self._padded[np.searchsorted(self._switches, np.asarray(t, dtype=float) + SWITCH_TOLERANCE, side="right")]
+        return self._padded[
+            np.searchsorted(
+                self._switches, np.asarray(t, dtype=float) + SWITCH_TOLERANCE, side="right"
+            )
+        ]
 
     def before(self, t: Any) -> np.ndarray:
-        return self._padded[np.searchsorted(self._switches, np.asarray(t, dtype=float) - SWITCH_TOLERANCE, side="left")]
+        return self._padded[
+            np.searchsorted(
+                self._switches, np.asarray(t, dtype=float) - SWITCH_TOLERANCE, side="left"
+            )
+        ]
 
     def mean(self, begin: Any, end: Any) -> np.ndarray:
-        begin, end = np.broadcast_arrays(np.asarray(begin, dtype=float), np.asarray(end, dtype=float))
-        first, last = (np.searchsorted(self._switches, begin, side="right"), np.searchsorted(self._switches, end, side="left"))
+        begin, end = np.broadcast_arrays(
+            np.asarray(begin, dtype=float), np.asarray(end, dtype=float)
+        )
+        first, last = (
+            np.searchsorted(self._switches, begin, side="right"),
+            np.searchsorted(self._switches, end, side="left"),
+        )
         # Only intervals with a switch inside need noise_model; elsewhere the level itself is exact.
         out = self._padded[first]
         mixed = last > first
         if np.any(mixed):
             a, b = begin[mixed], end[mixed]
             total = np.zeros(a.shape)
-            for level, start, stop in zip(self.levels, self.times[:-1], self.times[1:], strict=True):
+            for level, start, stop in zip(
+                self.levels, self.times[:-1], self.times[1:], strict=True
+            ):
                 total += level * np.maximum(0.0, np.minimum(b, stop) - np.maximum(a, start))
             out = np.array(out)
             out[mixed] = total / (b - a)
@@ -106,7 +129,9 @@ class MultiStep:
 
 
 def three_two_one_one(amplitude: float, unit: float, start: float = 0.0) -> MultiStep:
-    """The 3-2-1-1: steps of 3, 2, 1 and 1 ``unit`` (s) with alternating sign, the first of ``amplitude``, from ``start`` (s)."""
+    """The 3-2-1-1: steps of 3, 2, 1 and 1 ``unit`` (s) with alternating sign, the first of
+    ``amplitude``, from ``start`` (s).
+    """
     return alternating(amplitude, [3.0 * unit, 2.0 * unit, unit, unit], start)
 
 
@@ -126,19 +151,25 @@ def step(amplitude: float, start: float = 0.0) -> MultiStep:
 
 
 def alternating(amplitude: float, durations: Sequence[float], start: float = 0.0) -> MultiStep:
-    """Steps of alternating sign with the given durations (s), the first of ``amplitude``, from ``start`` (s)."""
+    """Steps of alternating sign with the given durations (s), the first of ``amplitude``, from
+    ``start`` (s).
+    """
     for duration in durations:
         if not (duration > SWITCH_TOLERANCE and math.isfinite(duration)):
             raise _bad(f"a step lasts {duration:g} s", "give a positive duration")
     times = [float(start)]
     for duration in np.cumsum(durations):
         times.append(float(start + duration))
-    return MultiStep(tuple(float(amplitude) * (-1.0) ** i for i in range(len(durations))), tuple(times))
+    return MultiStep(
+        tuple(float(amplitude) * (-1.0) ** i for i in range(len(durations))), tuple(times)
+    )
 
 
 @dataclass(frozen=True)
 class Sum:
-    """Several maneuvers added; of none, an input at rest. A smooth part makes the record's hold linear."""
+    """Several maneuvers added; of none, an input at rest. A smooth part makes the record's hold
+    linear.
+    """
 
     parts: tuple[Maneuver, ...] = ()
 
@@ -148,7 +179,9 @@ class Sum:
 
     @property
     def hold(self) -> Hold:
-        return Hold.LINEAR if any(part.hold is Hold.LINEAR for part in self.parts) else Hold.PREVIOUS
+        return (
+            Hold.LINEAR if any(part.hold is Hold.LINEAR for part in self.parts) else Hold.PREVIOUS
+        )
 
     def __call__(self, t: Any) -> np.ndarray:
         return sum((part(t) for part in self.parts), start=np.zeros(np.shape(t)))
@@ -157,7 +190,10 @@ class Sum:
         return sum((part.before(t) for part in self.parts), start=np.zeros(np.shape(t)))
 
     def mean(self, begin: Any, end: Any) -> np.ndarray:
-        return sum((part.mean(begin, end) for part in self.parts), start=np.zeros(np.broadcast_shapes(np.shape(begin), np.shape(end))))
+        return sum(
+            (part.mean(begin, end) for part in self.parts),
+            start=np.zeros(np.broadcast_shapes(np.shape(begin), np.shape(end))),
+        )
 
 
 @dataclass(frozen=True)
@@ -190,7 +226,8 @@ class Delayed:
 
 
 def sequence(parts: Sequence[Maneuver], gap: float, start: float = 0.0) -> Sum:
-    """Maneuvers one after another: the first begins at ``start`` (s), each next ``gap`` (s) after the last break of the one before.
+    """Maneuvers one after another: the first begins at ``start`` (s), each next ``gap`` (s) after
+    the last break of the one before.
 
     Raises ModelError for a negative gap or a part that never begins.
     """
@@ -223,7 +260,8 @@ class Multisine:
     """A sum of harmonics of one period, repeated a whole number of times.
 
     u = sum_i amplitudes_i cos(2 pi harmonics_i (t - start) / period + phases_i) on
-    ``[start, start + cycles period]``, zero outside. Disjoint harmonics are orthogonal over a period.
+    ``[start, start + cycles period]``, zero outside. Disjoint harmonics are orthogonal over a
+    period.
     """
 
     period: float
@@ -236,16 +274,29 @@ class Multisine:
     def __post_init__(self) -> None:
         if not (self.period > 0 and math.isfinite(self.period)):
             raise _multisine_bad("multisine", f"period {self.period:g} s", "give a positive period")
-        if not self.harmonics or len({len(self.harmonics), len(self.amplitudes), len(self.phases)}) != 1:
+        if (
+            not self.harmonics
+            or len({len(self.harmonics), len(self.amplitudes), len(self.phases)}) != 1
+        ):
             raise _multisine_bad(
-                "multisine", "harmonics, amplitudes and phases differ in number, or there are none", "give each harmonic one of both"
+                "multisine",
+                "harmonics, amplitudes and phases differ in number, or there are none",
+                "give each harmonic one of both",
             )
-        if any(harmonic < 1 or harmonic != int(harmonic) for harmonic in self.harmonics) or len(set(self.harmonics)) != len(self.harmonics):
-            raise _multisine_bad("multisine", f"harmonics {list(self.harmonics)}", "give different whole numbers from 1 on")
+        if any(harmonic < 1 or harmonic != int(harmonic) for harmonic in self.harmonics) or len(
+            set(self.harmonics)
+        ) != len(self.harmonics):
+            raise _multisine_bad(
+                "multisine",
+                f"harmonics {list(self.harmonics)}",
+                "give different whole numbers from 1 on",
+            )
         if not all(math.isfinite(v) for v in (*self.amplitudes, *self.phases, self.start)):
             raise _multisine_bad("multisine", "a number is not finite", "give finite numbers")
         if self.cycles < 1 or self.cycles != int(self.cycles):
-            raise _multisine_bad("multisine", f"{self.cycles} cycles", "give a whole number of cycles, at least one")
+            raise _multisine_bad(
+                "multisine", f"{self.cycles} cycles", "give a whole number of cycles, at least one"
+            )
 
     @property
     def end(self) -> float:
@@ -262,58 +313,103 @@ class Multisine:
 
     def __call__(self, t: Any) -> np.ndarray:
         t = np.asarray(t, dtype=float)
-        return np.where((t >= self.start - SWITCH_TOLERANCE) & (t < self.end - SWITCH_TOLERANCE), self._inside(t), 0.0)
+        return np.where(
+            (t >= self.start - SWITCH_TOLERANCE) & (t < self.end - SWITCH_TOLERANCE),
+            self._inside(t),
+            0.0,
+        )
 
     def before(self, t: Any) -> np.ndarray:
         t = np.asarray(t, dtype=float)
-        return np.where((t > self.start + SWITCH_TOLERANCE) & (t <= self.end + SWITCH_TOLERANCE), self._inside(t), 0.0)
+        return np.where(
+            (t > self.start + SWITCH_TOLERANCE) & (t <= self.end + SWITCH_TOLERANCE),
+            self._inside(t),
+            0.0,
+        )
 
     def mean(self, begin: Any, end: Any) -> np.ndarray:
-        """Mean over each interval: a harmonic's mean is its value at the middle times sin(x)/x of half its phase advance."""
-        begin, end = np.broadcast_arrays(np.asarray(begin, dtype=float), np.asarray(end, dtype=float))
+        """Mean over each interval: a harmonic's mean is its value at the middle times sin(x)/x of
+        half its phase advance.
+        """
+        begin, end = np.broadcast_arrays(
+            np.asarray(begin, dtype=float), np.asarray(end, dtype=float)
+        )
         a, b = np.clip(begin, self.start, self.end), np.clip(end, self.start, self.end)
         middle, width = 0.5 * (a + b), b - a
         total = np.zeros(begin.shape)
-        for harmonic, amplitude, phase in zip(self.harmonics, self.amplitudes, self.phases, strict=True):
+        for harmonic, amplitude, phase in zip(
+            self.harmonics, self.amplitudes, self.phases, strict=True
+        ):
             omega = 2.0 * math.pi * harmonic / self.period
-            total += amplitude * np.cos(omega * (middle - self.start) + phase) * np.sinc(omega * width / (2.0 * math.pi))
+            total += (
+                amplitude
+                * np.cos(omega * (middle - self.start) + phase)
+                * np.sinc(omega * width / (2.0 * math.pi))
+            )
         return total * width / (end - begin)
 
     def _inside(self, t: np.ndarray) -> np.ndarray:
         total = np.zeros(t.shape)
-        for harmonic, amplitude, phase in zip(self.harmonics, self.amplitudes, self.phases, strict=True):
-            total += amplitude * np.cos(2.0 * math.pi * harmonic * (t - self.start) / self.period + phase)
+        for harmonic, amplitude, phase in zip(
+            self.harmonics, self.amplitudes, self.phases, strict=True
+        ):
+            total += amplitude * np.cos(
+                2.0 * math.pi * harmonic * (t - self.start) / self.period + phase
+            )
         return total
 
 
-def schroeder_multisine(rms: float, period: float, harmonics: Sequence[int], start: float = 0.0, cycles: int = 1) -> Multisine:
-    """A multisine of equal amplitudes with Schroeder's phases, shifted in time so that it begins and ends at zero.
+def schroeder_multisine(
+    rms: float, period: float, harmonics: Sequence[int], start: float = 0.0, cycles: int = 1
+) -> Multisine:
+    """A multisine of equal amplitudes with Schroeder's phases, shifted in time so that it begins
+    and ends at zero.
 
-    phase_i = -pi i (i - 1) / n keeps the peaks low (Schroeder, IEEE Trans. Information Theory 16(1), 1970).
-    ``rms`` in the input's unit over a period, ``period`` and ``start`` in s.
+    phase_i = -pi i (i - 1) / n keeps the peaks low (Schroeder, IEEE Trans. Information Theory
+    16(1), 1970). ``rms`` in the input's unit over a period, ``period`` and ``start`` in s.
     """
     count = len(harmonics)
     if not (math.isfinite(rms) and count):
-        raise _multisine_bad("multisine", f"rms {rms} over {count} harmonic(s)", "give a finite rms and at least one harmonic")
+        raise _multisine_bad(
+            "multisine",
+            f"rms {rms} over {count} harmonic(s)",
+            "give a finite rms and at least one harmonic",
+        )
     phases = [-math.pi * i * (i - 1) / count for i in range(1, count + 1)]
     amplitude = rms * math.sqrt(2.0 / count)
     plain = Multisine(period, tuple(harmonics), (amplitude,) * count, tuple(phases), 0.0)
     shift = _first_zero(plain)
-    turned = tuple(phase + 2.0 * math.pi * harmonic * shift / period for harmonic, phase in zip(harmonics, phases, strict=True))
+    turned = tuple(
+        phase + 2.0 * math.pi * harmonic * shift / period
+        for harmonic, phase in zip(harmonics, phases, strict=True)
+    )
     return Multisine(period, tuple(harmonics), (amplitude,) * count, turned, start, cycles)
 
 
 def orthogonal_multisines(
-    rms: Sequence[float], period: float, lowest: int, highest: int, start: float = 0.0, cycles: int = 1
+    rms: Sequence[float],
+    period: float,
+    lowest: int,
+    highest: int,
+    start: float = 0.0,
+    cycles: int = 1,
 ) -> tuple[Multisine, ...]:
-    """One multisine an input, harmonics ``lowest`` to ``highest`` dealt out in turn, hence mutually orthogonal over a period.
+    """One multisine an input, harmonics ``lowest`` to ``highest`` dealt out in turn, hence mutually
+    orthogonal over a period.
 
     Raises ModelError when an input would be left without a harmonic.
     """
     if highest - lowest + 1 < len(rms):
-        raise _multisine_bad("multisine", f"harmonics {lowest} to {highest} for {len(rms)} inputs", "give at least one harmonic an input")
+        raise _multisine_bad(
+            "multisine",
+            f"harmonics {lowest} to {highest} for {len(rms)} inputs",
+            "give at least one harmonic an input",
+        )
     dealt = [range(lowest + i, highest + 1, len(rms)) for i in range(len(rms))]
-    return tuple(schroeder_multisine(level, period, list(own), start, cycles) for level, own in zip(rms, dealt, strict=True))
+    return tuple(
+        schroeder_multisine(level, period, list(own), start, cycles)
+        for level, own in zip(rms, dealt, strict=True)
+    )
 
 
 def least_peak_multisine(
@@ -328,16 +424,21 @@ def least_peak_multisine(
 
     ``shares`` : relative amplitudes of the harmonics; None for equal ones.
 
-    Peaks are clipped and the phases of what is left kept, the clipping ever slighter (Van der Ouderaa, Schoukens and Renneboog, IEEE Trans.
-    Instrumentation and Measurement 37(1), 1988); of all that was passed the lowest peak is taken, so it is never above Schroeder's.
+    Peaks are clipped and the phases of what is left kept, the clipping ever slighter (Van der
+    Ouderaa, Schoukens and Renneboog, IEEE Trans. Instrumentation and Measurement 37(1), 1988); of
+    all that was passed the lowest peak is taken, so it is never above Schroeder's.
     """
     first = schroeder_multisine(rms, period, harmonics, 0.0)
     at, count = np.asarray(first.harmonics), _FINE * max(first.harmonics)
     size, phases = np.asarray(first.amplitudes), np.asarray(first.phases)
     if shares is not None:
         relative = np.asarray(shares, dtype=float)
-        if relative.shape != size.shape or not (np.all(np.isfinite(relative)) and np.all(relative > 0.0)):
-            raise _multisine_bad("multisine", f"shares {list(shares)}", "give one above zero for each harmonic")
+        if relative.shape != size.shape or not (
+            np.all(np.isfinite(relative)) and np.all(relative > 0.0)
+        ):
+            raise _multisine_bad(
+                "multisine", f"shares {list(shares)}", "give one above zero for each harmonic"
+            )
         size = size * relative * math.sqrt(size.size / float(relative @ relative))
     best, lowest = phases, math.inf
     for step in range(_CLIPPINGS):
@@ -352,19 +453,28 @@ def least_peak_multisine(
     amplitudes = tuple(size.tolist())
     plain = Multisine(period, first.harmonics, amplitudes, tuple(best.tolist()), 0.0)
     shift = _first_zero(plain)
-    turned = tuple(phase + 2.0 * math.pi * harmonic * shift / period for harmonic, phase in zip(first.harmonics, best.tolist(), strict=True))
+    turned = tuple(
+        phase + 2.0 * math.pi * harmonic * shift / period
+        for harmonic, phase in zip(first.harmonics, best.tolist(), strict=True)
+    )
     return Multisine(period, first.harmonics, amplitudes, turned, start, cycles)
 
 
 def peak_factor(multisine: Multisine) -> float:
     """Largest magnitude over root mean square, of a sine the root of two."""
-    t = np.arange(_FINE * max(multisine.harmonics)) * multisine.period / (_FINE * max(multisine.harmonics))
+    t = (
+        np.arange(_FINE * max(multisine.harmonics))
+        * multisine.period
+        / (_FINE * max(multisine.harmonics))
+    )
     u = multisine._inside(t)
     return float(np.max(np.abs(u)) / np.sqrt(np.mean(u**2)))
 
 
 def _first_zero(multisine: Multisine) -> float:
-    """First upward zero of a multisine within its period, s, by bisection; it has zero mean, so there is one."""
+    """First upward zero of a multisine within its period, s, by bisection; it has zero mean, so
+    there is one.
+    """
     t = np.linspace(0.0, multisine.period, 32 * max(multisine.harmonics) + 1)
     u = multisine._inside(t)
     if not np.any(u):
@@ -417,14 +527,25 @@ class Sweep:
     spacing: Spacing = Spacing.LINEAR
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(v) for v in (self.amplitude, self.low, self.high, self.duration, self.start, self.taper)):
+        if not all(
+            math.isfinite(v)
+            for v in (self.amplitude, self.low, self.high, self.duration, self.start, self.taper)
+        ):
             raise _multisine_bad("sweep", "a number is not finite", "give finite numbers")
         if not (self.low > 0 and self.high > 0):
-            raise _multisine_bad("sweep", f"band {self.low:g} to {self.high:g} rad/s", "give positive frequencies")
+            raise _multisine_bad(
+                "sweep", f"band {self.low:g} to {self.high:g} rad/s", "give positive frequencies"
+            )
         if not self.duration > 0:
-            raise _multisine_bad("sweep", f"duration {self.duration:g} s", "give a positive duration")
+            raise _multisine_bad(
+                "sweep", f"duration {self.duration:g} s", "give a positive duration"
+            )
         if not 0 <= self.taper <= 0.5 * self.duration:
-            raise _multisine_bad("sweep", f"taper {self.taper:g} s", "give a taper between zero and half the duration")
+            raise _multisine_bad(
+                "sweep",
+                f"taper {self.taper:g} s",
+                "give a taper between zero and half the duration",
+            )
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -438,15 +559,23 @@ class Sweep:
 
     def __call__(self, t: Any) -> np.ndarray:
         s = np.asarray(t, dtype=float) - self.start
-        return np.where((s >= -SWITCH_TOLERANCE) & (s < self.duration - SWITCH_TOLERANCE), self._inside(s), 0.0)
+        return np.where(
+            (s >= -SWITCH_TOLERANCE) & (s < self.duration - SWITCH_TOLERANCE), self._inside(s), 0.0
+        )
 
     def before(self, t: Any) -> np.ndarray:
         s = np.asarray(t, dtype=float) - self.start
-        return np.where((s > SWITCH_TOLERANCE) & (s <= self.duration + SWITCH_TOLERANCE), self._inside(s), 0.0)
+        return np.where(
+            (s > SWITCH_TOLERANCE) & (s <= self.duration + SWITCH_TOLERANCE), self._inside(s), 0.0
+        )
 
     def mean(self, begin: Any, end: Any) -> np.ndarray:
-        """Mean over each interval by Gauss-Legendre panels short against the period: exact to rounding."""
-        begin, end = np.broadcast_arrays(np.asarray(begin, dtype=float), np.asarray(end, dtype=float))
+        """Mean over each interval by Gauss-Legendre panels short against the period: exact to
+        rounding.
+        """
+        begin, end = np.broadcast_arrays(
+            np.asarray(begin, dtype=float), np.asarray(end, dtype=float)
+        )
         panel = 0.5 / max(self.low, self.high)
         nodes, weights = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
         out = np.empty(begin.shape)
@@ -455,7 +584,15 @@ class Sweep:
             a, b = begin[index], end[index]
             cuts = np.concatenate([[a], inner[(inner > a) & (inner < b)], [b]])
             counts = np.maximum(1, np.ceil(np.diff(cuts) / panel)).astype(int)
-            edges = np.append(np.concatenate([np.linspace(c, d, n, endpoint=False) for c, d, n in zip(cuts[:-1], cuts[1:], counts, strict=True)]), b)
+            edges = np.append(
+                np.concatenate(
+                    [
+                        np.linspace(c, d, n, endpoint=False)
+                        for c, d, n in zip(cuts[:-1], cuts[1:], counts, strict=True)
+                    ]
+                ),
+                b,
+            )
             half = 0.5 * np.diff(edges)
             at = (edges[:-1] + half)[:, None] + half[:, None] * nodes
             out[index] = np.sum(self(at) * weights * half[:, None]) / (b - a)

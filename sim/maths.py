@@ -1,4 +1,5 @@
-"""Elementary functions and splines that accept floats, arrays, batches and complex steps; constants.
+"""Elementary functions and splines that accept floats, arrays, batches and complex steps;
+constants.
 
 NumPy's abs, sign and comparisons drop or bend the imaginary part that carries a derivative
 (Squire and Trapp, SIAM Review 40(1), 1998); these keep it.
@@ -23,11 +24,14 @@ G0 = 9.80665  # m/s2, standard gravity: the unit of nz
 # ---- Elementary functions that survive a complex step and serve floats
 
 COMPLEX_STEP = 1e-30
-_WIDE = 64  # runs beside each other, from which steps taken together are cheaper than solves one by one
+# runs beside each other, from which steps taken together are cheaper than solves one by one
+_WIDE = 64
 
 
 def plus(x: Any, port: Any) -> Any:
-    """``x + port``; a port on which nothing acts is a plain zero, and an array is spared that addition."""
+    """``x + port``; a port on which nothing acts is a plain zero, and an array is spared that
+    addition.
+    """
     return x if type(port) is float and port == 0.0 else x + port
 
 
@@ -42,31 +46,43 @@ def real(x: Any) -> Any:
 
 
 def exp(x: Any) -> Any:
-    """Exponential; ``math`` for floats, since NumPy's scalar call is ten times dearer. Infinite, as of an array, where ``math`` would raise."""
+    """Exponential; ``math`` for floats, since NumPy's scalar call is ten times dearer. Infinite, as
+    of an array, where ``math`` would raise.
+    """
     try:
         if isinstance(x, float):
             return math.exp(x)
         return cmath.exp(x) if isinstance(x, complex) else np.exp(x)
     except OverflowError:
-        return complex(math.inf, math.copysign(math.inf, x.imag) if x.imag else 0.0) if isinstance(x, complex) else math.inf
+        return (
+            complex(math.inf, math.copysign(math.inf, x.imag) if x.imag else 0.0)
+            if isinstance(x, complex)
+            else math.inf
+        )
 
 
 def cos(x: Any) -> Any:
-    """Cosine of a float, complex number or array; NaN of an infinite float, as of an array, where ``math`` would raise."""
+    """Cosine of a float, complex number or array; NaN of an infinite float, as of an array, where
+    ``math`` would raise.
+    """
     if isinstance(x, float):
         return math.cos(x) if math.isfinite(x) else math.nan
     return cmath.cos(x) if isinstance(x, complex) else np.cos(x)
 
 
 def sin(x: Any) -> Any:
-    """Sine of a float, complex number or array; NaN of an infinite float, as of an array, where ``math`` would raise."""
+    """Sine of a float, complex number or array; NaN of an infinite float, as of an array, where
+    ``math`` would raise.
+    """
     if isinstance(x, float):
         return math.sin(x) if math.isfinite(x) else math.nan
     return cmath.sin(x) if isinstance(x, complex) else np.sin(x)
 
 
 def log(x: Any) -> Any:
-    """Natural logarithm of a float, of a complex number near a positive one, or of an array of either; of what is not positive as of an array."""
+    """Natural logarithm of a float, of a complex number near a positive one, or of an array of
+    either; of what is not positive as of an array.
+    """
     if isinstance(x, float):
         return math.log(x) if x > 0.0 else -math.inf if x == 0.0 else math.nan
     if isinstance(x, complex):
@@ -75,7 +91,9 @@ def log(x: Any) -> Any:
 
 
 def sqrt(x: Any) -> Any:
-    """Square root of a float, of a complex number, or of an array; NaN of a negative float, as of an array."""
+    """Square root of a float, of a complex number, or of an array; NaN of a negative float, as of
+    an array.
+    """
     if isinstance(x, float):
         return math.sqrt(x) if x >= 0.0 else math.nan
     return cmath.sqrt(x) if isinstance(x, complex) else np.sqrt(x)
@@ -115,7 +133,9 @@ def minimum(x: Any, y: Any) -> Any:
     return where(real(x) <= real(y), x, y)
 
 
-def complex_step_jacobian(function: Callable[[list[Any]], Sequence[Any]], x: Sequence[float]) -> np.ndarray:
+def complex_step_jacobian(
+    function: Callable[[list[Any]], Sequence[Any]], x: Sequence[float]
+) -> np.ndarray:
     """Jacobian of ``function`` at the point ``x``, exact to rounding, shape ``(m, n)``.
 
     One call a column with Python complex numbers: for the small systems here that is several times
@@ -125,15 +145,21 @@ def complex_step_jacobian(function: Callable[[list[Any]], Sequence[Any]], x: Seq
     point: list[Any] = list(x)
     for j, value in enumerate(x):
         point[j] = complex(value, COMPLEX_STEP)
-        columns.append([out.imag if isinstance(out, complex) else np.imag(out) for out in function(point)])
+        columns.append(
+            [out.imag if isinstance(out, complex) else np.imag(out) for out in function(point)]
+        )
         point[j] = value
     return np.array(columns).T / COMPLEX_STEP
 
 
-def jacobian_in_one_call(function: Callable[[list[Any]], Sequence[Any]], x: Sequence[float]) -> np.ndarray:
-    """As ``complex_step_jacobian``, equal to rounding, for functions that broadcast: all columns in one call with arrays.
+def jacobian_in_one_call(
+    function: Callable[[list[Any]], Sequence[Any]], x: Sequence[float]
+) -> np.ndarray:
+    """As ``complex_step_jacobian``, equal to rounding, for functions that broadcast: all columns in
+    one call with arrays.
 
-    The cheaper of the two from about six columns on: 3 to 5 times for the 19 states and parameters of a flexible aircraft.
+    The cheaper of the two from about six columns on: 3 to 5 times for the 19 states and parameters
+    of a flexible aircraft.
     """
     n = len(x)
     points = np.repeat(np.asarray(x, dtype=complex)[:, None], n, axis=1)
@@ -161,7 +187,9 @@ def interpolate(x: Any, knots: np.ndarray, values: np.ndarray) -> np.ndarray:
     else:
         shape = np.broadcast_shapes(x.shape[1:], values.shape[1:])
         full = np.broadcast_to(values, (values.shape[0], *shape))
-        index = np.broadcast_to(low.reshape(low.shape + (1,) * (len(shape) + 1 - low.ndim)), (low.shape[0], *shape))
+        index = np.broadcast_to(
+            low.reshape(low.shape + (1,) * (len(shape) + 1 - low.ndim)), (low.shape[0], *shape)
+        )
         y0, y1 = np.take_along_axis(full, index, 0), np.take_along_axis(full, index + 1, 0)
         x = x.reshape(x.shape + (1,) * (len(shape) + 1 - x.ndim))
         low = low.reshape(x.shape)
@@ -172,8 +200,9 @@ def interpolate(x: Any, knots: np.ndarray, values: np.ndarray) -> np.ndarray:
 def linear_recurrence(a: Any, b: Any, start: Any) -> np.ndarray:
     """Solve ``y[k+1] = a[k] y[k] + b[k]`` from ``y[0] = start``.
 
-    Shapes: ``a`` and ``b`` are ``(n, ...)`` with batch axes trailing; the result is ``(n + 1, ...)``. Real or complex.
-    Each run of a batch takes one banded triangular solve; very wide batches go step by step together.
+    Shapes: ``a`` and ``b`` are ``(n, ...)`` with batch axes trailing; the result is ``(n + 1,
+    ...)``. Real or complex. Each run of a batch takes one banded triangular solve; very wide
+    batches go step by step together.
     """
     a, b, start = np.asarray(a), np.asarray(b), np.asarray(start)
     n, shape = len(b), np.broadcast_shapes(a.shape[1:], b.shape[1:], start.shape)
@@ -197,10 +226,11 @@ def linear_recurrence(a: Any, b: Any, start: Any) -> np.ndarray:
 
 
 def each_column(function: Callable[..., np.ndarray], rows: Any, *values: Any) -> np.ndarray:
-    """Apply ``function(row, *scalars)`` to every run of a batch: for recursions that a batch cannot share.
+    """Apply ``function(row, *scalars)`` to every run of a batch: for recursions that a batch cannot
+    share.
 
-    ``rows`` is ``(n, ...)``, ``values`` scalars or arrays that broadcast with the batch axes; the function gets one
-    contiguous row ``(n,)`` and Python scalars and returns a row as long.
+    ``rows`` is ``(n, ...)``, ``values`` scalars or arrays that broadcast with the batch axes; the
+    function gets one contiguous row ``(n,)`` and Python scalars and returns a row as long.
     """
     rows, values = np.asarray(rows), tuple(np.asarray(value) for value in values)
     shape = np.broadcast_shapes(rows.shape[1:], *(value.shape for value in values))
@@ -210,7 +240,8 @@ def each_column(function: Callable[..., np.ndarray], rows: Any, *values: Any) ->
     given = [np.broadcast_to(value, shape) for value in values]
     out = np.empty(full.shape, dtype=np.result_type(full, *given, float))
     one_row = rows.size == len(rows)
-    known: dict[tuple[Any, ...], np.ndarray] = {}  # runs alike are computed once: most are in a batch of differences
+    # runs alike are computed once: most are in a batch of differences
+    known: dict[tuple[Any, ...], np.ndarray] = {}
     for index in np.ndindex(shape):
         scalars, column = tuple(value[index].item() for value in given), (slice(None), *index)
         if scalars not in known or not one_row:
@@ -220,15 +251,20 @@ def each_column(function: Callable[..., np.ndarray], rows: Any, *values: Any) ->
 
 
 def once_for_alike(function: Callable[..., Any], *values: Any) -> Any:
-    """``function(*values)``, worked out once for runs that are alike where every value is a number or a column ``(c, 1)``, a run a row.
+    """``function(*values)``, worked out once for runs that are alike where every value is a number
+    or a column ``(c, 1)``, a run a row.
 
-    In a batch of differences most runs are. ``function`` must broadcast, and give each run of ``(c, 1)`` a row of its own.
+    In a batch of differences most runs are. ``function`` must broadcast, and give each run of ``(c,
+    1)`` a row of its own.
     """
     columns = [value for value in values if np.ndim(value) > 0]
     if not columns or any(np.shape(value) != (len(columns[0]), 1) for value in columns):
         return function(*values)
     known: dict[tuple[Any, ...], int] = {}
-    place = [known.setdefault(run, len(known)) for run in zip(*(value[:, 0].tolist() for value in columns), strict=True)]
+    place = [
+        known.setdefault(run, len(known))
+        for run in zip(*(value[:, 0].tolist() for value in columns), strict=True)
+    ]
     if len(known) == len(place):
         return function(*values)
     first = [place.index(k) for k in range(len(known))]
@@ -236,7 +272,9 @@ def once_for_alike(function: Callable[..., Any], *values: Any) -> Any:
 
 
 def trailing(row: np.ndarray, depth: int) -> np.ndarray:
-    """A row with time first, its batch axes moved to the end of ``depth`` batch axes: ``(n, ...)`` to ``(n, 1, ..., ...)``."""
+    """A row with time first, its batch axes moved to the end of ``depth`` batch axes: ``(n, ...)``
+    to ``(n, 1, ..., ...)``.
+    """
     return row.reshape(row.shape[:1] + (1,) * (depth + 1 - row.ndim) + row.shape[1:])
 
 
@@ -247,12 +285,14 @@ COARSE = 5  # intervals of the usual form
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """Functions of one variable, tabulated as cubics on equal intervals; beyond the range they go on straight.
+    """Functions of one variable, tabulated as cubics on equal intervals; beyond the range they go
+    on straight.
 
     Attributes
     ----------
     low, spacing : where the first interval begins and how long each is. intervals : their number.
-    table : ``(4, n, intervals + 2)`` coefficients of the powers 0 to 3 of the share of an interval passed, by function and
+    table : ``(4, n, intervals + 2)`` coefficients of the powers 0 to 3 of the share of an interval
+    passed, by function and
         interval; the first and the last column are the straight lines below and above.
     columns : the same for single numbers: by interval, then by function, from the third power down.
     """
@@ -269,19 +309,22 @@ class Shapes:
 
 
 @lru_cache(maxsize=256)
-def natural_shapes(low: float, high: float, fine: bool = False, anchor: float = 0.0, flat: bool = True) -> Shapes:
+def natural_shapes(
+    low: float, high: float, fine: bool = False, anchor: float = 0.0, flat: bool = True
+) -> Shapes:
     """Natural cubic splines on equal intervals over ``[low, high]``, without what an anchor takes.
 
     Parameters
     ----------
     low, high : the range; the anchor is taken into it.
-    fine : halve the intervals: four functions as before, then five finer ones (six if not ``flat``).
-    anchor : where every function is zero. flat : there the slopes are zero, too.
+    fine : halve the intervals: four functions as before, then five finer ones (six if not
+    ``flat``). anchor : where every function is zero. flat : there the slopes are zero, too.
 
     Returns
     -------
-    Functions that are orthonormal in the mean over the range: the mean of a product is one or zero. The usual form has
-    four: five intervals, of six free ordinates two taken by the anchor; if not ``flat`` five.
+    Functions that are orthonormal in the mean over the range: the mean of a product is one or zero.
+    The usual form has four: five intervals, of six free ordinates two taken by the anchor; if not
+    ``flat`` five.
     """
     low, high = min(low, anchor), max(high, anchor)
     if not high > low:
@@ -300,13 +343,18 @@ def natural_shapes(low: float, high: float, fine: bool = False, anchor: float = 
     _, mixing = np.linalg.qr(_values(_cubics(ordinates), grid) / np.sqrt(len(grid)))
     ordinates = ordinates @ np.linalg.inv(mixing * np.sign(np.diag(mixing))[:, None])
     table = _cubics(ordinates)
-    columns = tuple(tuple(tuple(table[::-1, j, i].tolist()) for j in range(table.shape[1])) for i in range(table.shape[2]))
+    columns = tuple(
+        tuple(tuple(table[::-1, j, i].tolist()) for j in range(table.shape[1]))
+        for i in range(table.shape[2])
+    )
     return Shapes(low, (high - low) / intervals, intervals, table, columns)
 
 
 @lru_cache(maxsize=256)
 def first_shapes(shapes: Shapes, count: int) -> Shapes:
-    """The first ``count`` of some shapes, which are the plainest: a straight line, a parabola and so on where they are not flat."""
+    """The first ``count`` of some shapes, which are the plainest: a straight line, a parabola and
+    so on where they are not flat.
+    """
     columns = tuple(cell[:count] for cell in shapes.columns)
     return Shapes(shapes.low, shapes.spacing, shapes.intervals, shapes.table[:, :count], columns)
 
@@ -320,9 +368,15 @@ def shape_names(fine: bool = False, flat: bool = True) -> tuple[str, ...]:
 def combine(shapes: Shapes, x: Any, sizes: Sequence[Any]) -> Any:
     """``sum_j sizes[j] shape_j(x)``; numbers or arrays that broadcast, complex steps kept."""
     z = (x - shapes.low) / shapes.spacing
-    if isinstance(z, (float, complex)) and all(isinstance(size, (float, complex)) for size in sizes):
+    if isinstance(z, (float, complex)) and all(
+        isinstance(size, (float, complex)) for size in sizes
+    ):
         share = real(z)
-        cell = -1 if not share >= 0.0 else (shapes.intervals if share >= shapes.intervals else int(share))
+        cell = (
+            -1
+            if not share >= 0.0
+            else (shapes.intervals if share >= shapes.intervals else int(share))
+        )
         u, total = z - cell, 0.0
         for size, (c3, c2, c1, c0) in zip(sizes, shapes.columns[cell + 1], strict=True):
             total = total + size * (((c3 * u + c2) * u + c1) * u + c0)
@@ -333,7 +387,9 @@ def combine(shapes: Shapes, x: Any, sizes: Sequence[Any]) -> Any:
     u = z - cells
     shape = np.broadcast_shapes(*(np.shape(size) for size in sizes))
     depth = (1,) * len(shape)
-    blend = sum(np.asarray(size) * shapes.table[:, j].reshape(4, -1, *depth) for j, size in enumerate(sizes))
+    blend = sum(
+        np.asarray(size) * shapes.table[:, j].reshape(4, -1, *depth) for j, size in enumerate(sizes)
+    )
     each = int(np.prod(shape, dtype=int))
     where = cells.astype(np.intp) * each + (each + np.arange(each).reshape(shape))
     c0, c1, c2, c3 = (np.take(row, where) for row in np.asarray(blend).reshape(4, -1))
@@ -341,7 +397,9 @@ def combine(shapes: Shapes, x: Any, sizes: Sequence[Any]) -> Any:
 
 
 def _without_anchor(ordinates: np.ndarray, at: float, flat: bool) -> np.ndarray:
-    """Ordinates ``(K, n)`` at equal knots on [0, 1] less each function's value, and tangent, at the anchor."""
+    """Ordinates ``(K, n)`` at equal knots on [0, 1] less each function's value, and tangent, at the
+    anchor.
+    """
     knots = np.linspace(0.0, 1.0, len(ordinates))
     table = _cubics(ordinates)
     value = _values(table, np.array([at]))[0]
@@ -350,14 +408,24 @@ def _without_anchor(ordinates: np.ndarray, at: float, flat: bool) -> np.ndarray:
     intervals = len(ordinates) - 1
     cell = min(int(at * intervals), intervals - 1)
     u = at * intervals - cell
-    slope = intervals * (table[1, :, cell + 1] + 2.0 * u * table[2, :, cell + 1] + 3.0 * u * u * table[3, :, cell + 1])
+    slope = intervals * (
+        table[1, :, cell + 1]
+        + 2.0 * u * table[2, :, cell + 1]
+        + 3.0 * u * u * table[3, :, cell + 1]
+    )
     return ordinates - value - np.outer(knots - at, slope)
 
 
 def _cubics(ordinates: np.ndarray) -> np.ndarray:
-    """Natural cubic splines through ``(K, n)`` ordinates at equal knots: the table of ``Shapes``."""
+    """Natural cubic splines through ``(K, n)`` ordinates at equal knots: the table of
+    ``Shapes``.
+    """
     knots = len(ordinates)
-    matrix = np.diag(np.full(knots, 4.0)) + np.diag(np.ones(knots - 1), 1) + np.diag(np.ones(knots - 1), -1)
+    matrix = (
+        np.diag(np.full(knots, 4.0))
+        + np.diag(np.ones(knots - 1), 1)
+        + np.diag(np.ones(knots - 1), -1)
+    )
     matrix[0], matrix[-1] = np.eye(knots)[0], np.eye(knots)[-1]
     right = np.zeros_like(ordinates)
     right[1:-1] = 6.0 * (ordinates[:-2] - 2.0 * ordinates[1:-1] + ordinates[2:])
@@ -366,7 +434,10 @@ def _cubics(ordinates: np.ndarray) -> np.ndarray:
     inner = np.array([y0, y1 - y0 - m0 / 3.0 - m1 / 6.0, 0.5 * m0, (m1 - m0) / 6.0])
     first, last = inner[1, 0], inner[1, -1] + 2.0 * inner[2, -1] + 3.0 * inner[3, -1]
     none = np.zeros_like(first)
-    below, above = np.array([ordinates[0] - first, first, none, none]), np.array([ordinates[-1], last, none, none])
+    below, above = (
+        np.array([ordinates[0] - first, first, none, none]),
+        np.array([ordinates[-1], last, none, none]),
+    )
     return np.concatenate([below[:, None], inner, above[:, None]], axis=1).transpose(0, 2, 1)
 
 

@@ -1,4 +1,6 @@
-"""A record: what a test engineer hands over. Time, inputs, outputs, names, units, missing samples."""
+"""A record: what a test engineer hands over. Time, inputs, outputs, names, units, missing
+samples.
+"""
 
 from __future__ import annotations
 
@@ -76,10 +78,14 @@ class Record:
     def __post_init__(self) -> None:
         time = np.array(self.time, dtype=float)
         if time.ndim != 1 or time.size < 2:
-            raise RecordError(f"{time.size} sample(s)", where=self.name, remedy="a record needs at least two rows")
+            raise RecordError(
+                f"{time.size} sample(s)", where=self.name, remedy="a record needs at least two rows"
+            )
         if not np.all(np.isfinite(time)):
             raise RecordError(
-                "time is missing or infinite", where=f"{self.name}, row {int(np.argmin(np.isfinite(time))) + 1}", remedy="give every row a time"
+                "time is missing or infinite",
+                where=f"{self.name}, row {int(np.argmin(np.isfinite(time))) + 1}",
+                remedy="give every row a time",
             )
         step = np.diff(time)
         if np.any(step <= 0):
@@ -99,9 +105,17 @@ class Record:
                     remedy="give each row one value",
                 )
             if not np.any(channel.valid):
-                raise RecordError("not a single number", where=f"{self.name}, channel {channel.name}", remedy="leave the column out")
+                raise RecordError(
+                    "not a single number",
+                    where=f"{self.name}, channel {channel.name}",
+                    remedy="leave the column out",
+                )
             if names.count(channel.name) > 1:
-                raise RecordError("appears twice", where=f"{self.name}, channel {channel.name}", remedy="keep one of the two")
+                raise RecordError(
+                    "appears twice",
+                    where=f"{self.name}, channel {channel.name}",
+                    remedy="keep one of the two",
+                )
         for channel in self.inputs:
             if not np.all(channel.valid):
                 row = int(np.argmin(channel.valid)) + 1
@@ -125,7 +139,10 @@ class Record:
         return tuple(channel.name for channel in self.outputs)
 
     def __repr__(self) -> str:
-        return f"<Record {self.name}: {len(self)} samples of {', '.join(channel.name for channel in self.channels)}>"
+        return (
+            f"<Record {self.name}: {len(self)} samples of "
+            f"{', '.join(channel.name for channel in self.channels)}>"
+        )
 
     def __len__(self) -> int:
         return int(self.time.size)
@@ -135,7 +152,9 @@ class Record:
             if channel.name == name:
                 return channel
         known = ", ".join(channel.name for channel in self.channels)
-        raise RecordError(f"there is no channel {name!r}", where=self.name, remedy=f"it has {known}")
+        raise RecordError(
+            f"there is no channel {name!r}", where=self.name, remedy=f"it has {known}"
+        )
 
     def input_array(self, names: Iterable[str] | None = None) -> np.ndarray:
         """Inputs, shape ``(n_inputs, N)``, in the order named."""
@@ -148,7 +167,10 @@ class Record:
         A name that the record lacks gives a row that is nowhere valid.
         """
         chosen = self.output_names if names is None else tuple(names)
-        values, valid = np.zeros((len(chosen), len(self))), np.zeros((len(chosen), len(self)), dtype=bool)
+        values, valid = (
+            np.zeros((len(chosen), len(self))),
+            np.zeros((len(chosen), len(self)), dtype=bool),
+        )
         for row, name in enumerate(chosen):
             if name in self.output_names:
                 values[row], valid[row] = self[name].values, self[name].valid
@@ -163,9 +185,17 @@ class Record:
             keep &= self.time <= stop
         if np.count_nonzero(keep) < 2:
             span = f"{self.time[0]:g} to {self.time[-1]:g} s"
-            raise RecordError(f"fewer than two rows between {start} and {stop} s", where=self.name, remedy=f"the record covers {span}")
+            raise RecordError(
+                f"fewer than two rows between {start} and {stop} s",
+                where=self.name,
+                remedy=f"the record covers {span}",
+            )
         cut = [
-            tuple(replace(c, values=_frozen(c.values[keep]), valid=_frozen(c.valid[keep])) for c in group) for group in (self.inputs, self.outputs)
+            tuple(
+                replace(c, values=_frozen(c.values[keep]), valid=_frozen(c.valid[keep]))
+                for c in group
+            )
+            for group in (self.inputs, self.outputs)
         ]
         return replace(self, time=self.time[keep], inputs=cut[0], outputs=cut[1])
 

@@ -1,4 +1,6 @@
-"""Base models and records that tests share: rigid aircraft, low-order equivalent, falling body and whole axes, with made-up inputs."""
+"""Base models and records that tests share: rigid aircraft, low-order equivalent, falling body and
+whole axes, with made-up inputs.
+"""
 
 from __future__ import annotations
 
@@ -43,12 +45,27 @@ LOES_VALUES = {
     "L_q": 1.01,
     "M_q": -3.0,
     "inv_tau": 10.6,
-    "delay": 0.12,  # a whole number of sub-steps: the input then jumps between steps, and integrators keep their order
+    # a whole number of sub-steps: the input then jumps between steps, and integrators keep their
+    # order
+    "delay": 0.12,
 }
-BALLISTIC_VALUES = {"air_density_reference": 1.752, "density_scale_height": 6705.6, "gravity": 9.80665, "beta": 2441.2}
-# A light single-engined aircraft, with a cross inertia and a trim that no stability axes have: every term acts.
+BALLISTIC_VALUES = {
+    "air_density_reference": 1.752,
+    "density_scale_height": 6705.6,
+    "gravity": 9.80665,
+    "beta": 2441.2,
+}
+# A light single-engined aircraft, with a cross inertia and a trim that no stability axes have:
+# every term acts.
 LATERAL_VALUES = {
-    **{"mass": 1247.0, "wing_area": 17.1, "span": 10.2, "roll_inertia": 1420.0, "yaw_inertia": 4790.0, "cross_inertia": 120.0},
+    **{
+        "mass": 1247.0,
+        "wing_area": 17.1,
+        "span": 10.2,
+        "roll_inertia": 1420.0,
+        "yaw_inertia": 4790.0,
+        "cross_inertia": 120.0,
+    },
     **{"airspeed": 53.6, "air_density": 1.225, "trim_alpha": 0.03, "trim_theta": 0.05},
     **{"CY_beta": -0.56, "CY_p": -0.02, "CY_r": 0.2, "CY_da": 0.01, "CY_dr": 0.157},
     **{"Cl_beta": -0.074, "Cl_p": -0.41, "Cl_r": 0.107, "Cl_da": -0.134, "Cl_dr": 0.012},
@@ -64,7 +81,16 @@ LONGITUDINAL_VALUES = {
         "reference_airspeed": 53.6,
         "thrust_arm": 0.1,
     },
-    **{"CD_0": 0.05, "CD_V": 0.003, "CD_alpha": 0.33, "CL_0": 0.3, "CL_V": 0.01, "CL_alpha": 4.44, "CL_q": 3.8, "CL_de": 0.355},
+    **{
+        "CD_0": 0.05,
+        "CD_V": 0.003,
+        "CD_alpha": 0.33,
+        "CL_0": 0.3,
+        "CL_V": 0.01,
+        "CL_alpha": 4.44,
+        "CL_q": 3.8,
+        "CL_de": 0.355,
+    },
     **{"Cm_0": 0.01, "Cm_V": 0.0258, "Cm_alpha": -0.54, "Cm_q": -14.3, "Cm_de": -0.912},
 }
 
@@ -78,21 +104,36 @@ MULTIROTOR_VALUES = {
 
 def rigid_model(values: Mapping[str, float] = RIGID_VALUES) -> Model:
     """The rigid aircraft at rest in trim; derivatives free, the rest held."""
-    parameters = tuple(Parameter(name, value, free=name.startswith(("CL", "Cm"))) for name, value in values.items())
+    parameters = tuple(
+        Parameter(name, value, free=name.startswith(("CL", "Cm"))) for name, value in values.items()
+    )
     initial = ParameterSet((Parameter("alpha", 0.0, "rad"), Parameter("q", 0.0, "rad/s")))
-    return Model(ShortPeriod(), ParameterSet(parameters), initial, Noise({"alpha": 0.002, "q": 0.002, "nz": 0.01}))
+    return Model(
+        ShortPeriod(),
+        ParameterSet(parameters),
+        initial,
+        Noise({"alpha": 0.002, "q": 0.002, "nz": 0.01}),
+    )
 
 
 def ballistic_model(values: Mapping[str, float] = BALLISTIC_VALUES) -> Model:
     """A body falling from 60 km at 1.8 km/s; beta free, the rest held."""
-    parameters = tuple(Parameter(name, value, free=name == "beta") for name, value in values.items())
-    initial = ParameterSet((Parameter("altitude", 60960.0, "m"), Parameter("velocity", -1828.8, "m/s")))
+    parameters = tuple(
+        Parameter(name, value, free=name == "beta") for name, value in values.items()
+    )
+    initial = ParameterSet(
+        (Parameter("altitude", 60960.0, "m"), Parameter("velocity", -1828.8, "m/s"))
+    )
     return Model(Ballistic(), ParameterSet(parameters), initial, Noise({"altitude": 7.62}))
 
 
 def loes_model(values: Mapping[str, float] = LOES_VALUES) -> Model:
-    """The low-order equivalent system at rest in trim, constant terms zero; the delay is held, so that filters take it too."""
-    model = model_from_constants("loes", LOES_CONSTANTS, values).with_noise(Noise({"alpha": 0.001, "q": 0.002, "nz": 0.02}))
+    """The low-order equivalent system at rest in trim, constant terms zero; the delay is held, so
+    that filters take it too.
+    """
+    model = model_from_constants("loes", LOES_CONSTANTS, values).with_noise(
+        Noise({"alpha": 0.001, "q": 0.002, "nz": 0.02})
+    )
     return model.with_parameters(model.parameters.hold(["delay"]))
 
 
@@ -103,9 +144,18 @@ def lateral_model(values: Mapping[str, float] = LATERAL_VALUES) -> Model:
 
 
 def longitudinal_model(values: Mapping[str, float] = LONGITUDINAL_VALUES) -> Model:
-    """The whole longitudinal axis in level flight at the reference airspeed, where elevator and thrust are those of ``LEVEL``."""
-    initial = {"airspeed": values["reference_airspeed"], "alpha": LEVEL[0], "theta": LEVEL[0], "q": 0.0}
-    noise = Noise({"airspeed": 0.1, "alpha": 0.001, "theta": 0.001, "q": 0.001, "nz": 0.01, "nx": 0.002})
+    """The whole longitudinal axis in level flight at the reference airspeed, where elevator and
+    thrust are those of ``LEVEL``.
+    """
+    initial = {
+        "airspeed": values["reference_airspeed"],
+        "alpha": LEVEL[0],
+        "theta": LEVEL[0],
+        "q": 0.0,
+    }
+    noise = Noise(
+        {"airspeed": 0.1, "alpha": 0.001, "theta": 0.001, "q": 0.001, "nz": 0.01, "nx": 0.002}
+    )
     return model_from_constants("longitudinal", {}, values, initial=initial).with_noise(noise)
 
 
@@ -116,8 +166,13 @@ def multirotor_model(values: Mapping[str, float] = MULTIROTOR_VALUES) -> Model:
 
 
 def level_flight(values: Mapping[str, float] = LONGITUDINAL_VALUES) -> tuple[float, float, float]:
-    """Angle of attack (rad), elevator (rad) and thrust (N) of steady level flight: lift, moment and drag balanced to the last digits."""
-    v, pressure = values, 0.5 * values["air_density"] * values["reference_airspeed"] ** 2 * values["wing_area"]
+    """Angle of attack (rad), elevator (rad) and thrust (N) of steady level flight: lift, moment and
+    drag balanced to the last digits.
+    """
+    v, pressure = (
+        values,
+        0.5 * values["air_density"] * values["reference_airspeed"] ** 2 * values["wing_area"],
+    )
 
     def unbalance(x: Any) -> list[float]:
         alpha, elevator, push = x
@@ -125,7 +180,11 @@ def level_flight(values: Mapping[str, float] = LONGITUDINAL_VALUES) -> tuple[flo
         lift = v["CL_0"] + v["CL_V"] + v["CL_alpha"] * alpha + v["CL_de"] * elevator
         moment = v["Cm_0"] + v["Cm_V"] + v["Cm_alpha"] * alpha + v["Cm_de"] * elevator
         weight = v["mass"] * G0 / pressure
-        return [lift + push * math.sin(alpha) - weight, drag - push * math.cos(alpha), moment + push * v["thrust_arm"] / v["chord"]]
+        return [
+            lift + push * math.sin(alpha) - weight,
+            drag - push * math.cos(alpha),
+            moment + push * v["thrust_arm"] / v["chord"],
+        ]
 
     alpha, elevator, push = fsolve(unbalance, [0.0, 0.0, 0.05], xtol=1e-14)
     return float(alpha), float(elevator), float(push * pressure)
@@ -136,7 +195,9 @@ LEVEL = level_flight()
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """What a simulation needs beside the model: times ``(N,)``, inputs ``(n_inputs, N)``, hold, largest sub-step."""
+    """What a simulation needs beside the model: times ``(N,)``, inputs ``(n_inputs, N)``, hold,
+    largest sub-step.
+    """
 
     time: np.ndarray
     u: np.ndarray
@@ -144,11 +205,19 @@ class Flight:
     max_step: float = 0.01
 
 
-def three_two_one_one(time: np.ndarray, start: float = 1.0, unit: float = 0.5, size: float = 0.1) -> np.ndarray:
+def three_two_one_one(
+    time: np.ndarray, start: float = 1.0, unit: float = 0.5, size: float = 0.1
+) -> np.ndarray:
     """A 3-2-1-1 of alternating sign on the given times."""
     ends = start + unit * np.cumsum([0, 3, 2, 1, 1])
     signs = [1.0, -1.0, 1.0, -1.0]
-    return size * np.sum([sign * ((time >= a - 1e-9) & (time < b - 1e-9)) for sign, a, b in zip(signs, ends[:-1], ends[1:], strict=True)], axis=0)
+    return size * np.sum(
+        [
+            sign * ((time >= a - 1e-9) & (time < b - 1e-9))
+            for sign, a, b in zip(signs, ends[:-1], ends[1:], strict=True)
+        ],
+        axis=0,
+    )
 
 
 def rigid_flight(duration: float = 6.0, rate: float = 50.0) -> Flight:
@@ -172,7 +241,10 @@ def ballistic_flight(duration: float = 20.0, rate: float = 10.0) -> Flight:
 def lateral_flight(duration: float = 4.0, rate: float = 25.0) -> Flight:
     """A 3-2-1-1 of the rudder, then a doublet of the aileron before it has ended."""
     time = np.arange(round(duration * rate) + 1) / rate
-    doublet = 0.06 * (((time >= 2.2 - 1e-9) & (time < 2.8 - 1e-9)) * 1.0 - ((time >= 2.8 - 1e-9) & (time < 3.4 - 1e-9)))
+    doublet = 0.06 * (
+        ((time >= 2.2 - 1e-9) & (time < 2.8 - 1e-9)) * 1.0
+        - ((time >= 2.8 - 1e-9) & (time < 3.4 - 1e-9))
+    )
     return Flight(time, np.array([doublet, three_two_one_one(time, 0.6, 0.4, 0.08)]), max_step=0.04)
 
 
@@ -180,13 +252,20 @@ def longitudinal_flight(duration: float = 4.0, rate: float = 25.0) -> Flight:
     """A 3-2-1-1 of the elevator from level flight, and a step of thrust."""
     time = np.arange(round(duration * rate) + 1) / rate
     thrust = LEVEL[2] + 600.0 * (time >= 2.6 - 1e-9)
-    return Flight(time, np.array([LEVEL[1] + three_two_one_one(time, 0.6, 0.4, 0.08), thrust]), max_step=0.04)
+    return Flight(
+        time, np.array([LEVEL[1] + three_two_one_one(time, 0.6, 0.4, 0.08), thrust]), max_step=0.04
+    )
 
 
 def multirotor_flight(duration: float = 4.0, rate: float = 25.0) -> Flight:
-    """A 3-2-1-1 of each of roll, pitch and yaw before the last has ended, and a step of thrust from hover."""
+    """A 3-2-1-1 of each of roll, pitch and yaw before the last has ended, and a step of thrust from
+    hover.
+    """
     time = np.arange(round(duration * rate) + 1) / rate
-    moments = [three_two_one_one(time, 0.4 + 0.6 * n, 0.24, size) for n, size in enumerate((0.002, 0.002, 0.008))]
+    moments = [
+        three_two_one_one(time, 0.4 + 0.6 * n, 0.24, size)
+        for n, size in enumerate((0.002, 0.002, 0.008))
+    ]
     return Flight(time, np.array([*moments, 0.38 + 0.05 * (time >= 2.6 - 1e-9)]), max_step=0.04)
 
 
@@ -202,12 +281,27 @@ def base_for(equations: str) -> tuple[Model, Flight]:
     }[equations]
 
 
-def fly(system: System, flight: Flight, p: list[Any] | None = None, x0: list[Any] | None = None, step: Step = rk4_step) -> list[np.ndarray]:
-    """Noise-free outputs at the samples, one array a row; parameters and initial state as declared unless given."""
+def fly(
+    system: System,
+    flight: Flight,
+    p: list[Any] | None = None,
+    x0: list[Any] | None = None,
+    step: Step = rk4_step,
+) -> list[np.ndarray]:
+    """Noise-free outputs at the samples, one array a row; parameters and initial state as declared
+    unless given.
+    """
     p = list(system.parameters.values()) if p is None else p
     x0 = list(system.initial.values()) if x0 is None else x0
     grid = make_grid(flight.time, flight.max_step)
-    return simulate(system, p, x0, drive_from_record(system, p, flight.u, flight.time, flight.hold, grid), grid, step)
+    return simulate(
+        system,
+        p,
+        x0,
+        drive_from_record(system, p, flight.u, flight.time, flight.hold, grid),
+        grid,
+        step,
+    )
 
 
 def fly_model(model: Model, flight: Flight) -> list[np.ndarray]:

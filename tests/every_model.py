@@ -1,4 +1,6 @@
-"""A short record with noise of each model, by its true numbers, and a vehicle file that is wrong about them."""
+"""A short record with noise of each model, by its true numbers, and a vehicle file that is wrong
+about them.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,15 @@ from sim.record import Channel, Record
 from sim.vehicles.factory import model_from_constants
 from sim.vehicles.multirotor import Multirotor
 from tests import whole_axes
-from tests.bases import BALLISTIC_VALUES, LOES_CONSTANTS, LOES_VALUES, RIGID_VALUES, Flight, fly, three_two_one_one
+from tests.bases import (
+    BALLISTIC_VALUES,
+    LOES_CONSTANTS,
+    LOES_VALUES,
+    RIGID_VALUES,
+    Flight,
+    fly,
+    three_two_one_one,
+)
 from tests.own_models import roll
 from tests.recorders import quadrotor
 from tests.rigid_problem import FREE
@@ -26,13 +36,21 @@ _UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g", "altitude": "m", "p": "rad/s"
 _MODE = {"omega1": 14.0, "zeta1": 0.04, "generalized_mass1": 900.0}
 _MODAL = {
     **{"CL_eta1": 0.06, "CL_etadot1": 0.02, "Cm_eta1": -0.09, "Cm_etadot1": -0.05},
-    **{"Ceta1_alpha": -0.05, "Ceta1_q": -0.3, "Ceta1_de": 0.03, "Ceta1_eta1": -0.004, "Ceta1_etadot1": -0.02},
+    **{
+        "Ceta1_alpha": -0.05,
+        "Ceta1_q": -0.3,
+        "Ceta1_de": 0.03,
+        "Ceta1_eta1": -0.004,
+        "Ceta1_etadot1": -0.02,
+    },
 }
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A record, the vehicle file that is handed over with it, and the true values of what is estimated."""
+    """A record, the vehicle file that is handed over with it, and the true values of what is
+    estimated.
+    """
 
     record: Record
     vehicle: VehicleFile
@@ -44,7 +62,11 @@ def case_of(model: str, seed: int = 0, noise: float = 1.0) -> Case:
     if model in whole_axes.TRUE:
         wrong = _wrong(whole_axes.TRUE[model])
         share = {name: wrong[name] / value for name, value in whole_axes.TRUE[model].items()}
-        return Case(whole_axes.flown(model, seed, noise=noise), whole_axes.vehicle_file(model, share), whole_axes.TRUE[model])
+        return Case(
+            whole_axes.flown(model, seed, noise=noise),
+            whole_axes.vehicle_file(model, share),
+            whole_axes.TRUE[model],
+        )
     if model == "multirotor":
         return _quadrotor(seed, noise)
     rng = np.random.default_rng(seed)
@@ -53,20 +75,36 @@ def case_of(model: str, seed: int = 0, noise: float = 1.0) -> Case:
         true = {"beta": BALLISTIC_VALUES["beta"]}
         start = {"altitude": 60960.0, "velocity": -1828.8}
         flown = model_from_constants("ballistic", constants, true, initial=start)
-        return Case(_record(flown, np.arange(201) / 10.0, {}, rng, noise), VehicleFile("body", "ballistic", constants, _wrong(true)), true)
+        return Case(
+            _record(flown, np.arange(201) / 10.0, {}, rng, noise),
+            VehicleFile("body", "ballistic", constants, _wrong(true)),
+            true,
+        )
     if model == "own":
         declared = roll()
         true = {"L_p": -2.4, "L_da": 7.0}
         time = np.arange(251) / 25.0
-        record = _record(declared.with_values(true), time, {"aileron": three_two_one_one(time, size=0.08)}, rng, noise)
+        record = _record(
+            declared.with_values(true),
+            time,
+            {"aileron": three_two_one_one(time, size=0.08)},
+            rng,
+            noise,
+        )
         starts = {"L_p": -2.0, "L_da": 8.0}
-        return Case(record, VehicleFile("roll", "roll", {"airspeed": 60.0}, starts, own=declared), true)
+        return Case(
+            record, VehicleFile("roll", "roll", {"airspeed": 60.0}, starts, own=declared), true
+        )
     if model == "loes":
         true = LOES_VALUES | {"delay": 0.118}
         time = np.arange(201) / 25.0
         flown = model_from_constants("loes", LOES_CONSTANTS, true)
         record = _record(flown, time, {"stick": three_two_one_one(time, size=1.0)}, rng, noise)
-        return Case(record, VehicleFile("fighter", "loes", LOES_CONSTANTS, {**_wrong(true), "L_q": 1.0}), true)
+        return Case(
+            record,
+            VehicleFile("fighter", "loes", LOES_CONSTANTS, {**_wrong(true), "L_q": 1.0}),
+            true,
+        )
     constants = {name: value for name, value in RIGID_VALUES.items() if name not in FREE}
     true = {name: RIGID_VALUES[name] for name in FREE}
     time = np.arange(401) / 50.0
@@ -76,29 +114,65 @@ def case_of(model: str, seed: int = 0, noise: float = 1.0) -> Case:
         return Case(record, VehicleFile("aircraft", "rigid", constants, _wrong(true)), true)
     flown = model_from_constants("rigid", {**constants, **_MODE}, {**true, **_MODAL}, modes=1)
     record = _record(flown, time, {"elevator": three_two_one_one(time, size=0.05)}, rng, noise)
-    mode = {"frequency": _MODE["omega1"], "damping": _MODE["zeta1"], "generalized_mass": _MODE["generalized_mass1"], **_MODAL}
-    return Case(record, VehicleFile("aircraft", "flexible", constants, _wrong(true), ((1, mode),)), true)
+    mode = {
+        "frequency": _MODE["omega1"],
+        "damping": _MODE["zeta1"],
+        "generalized_mass": _MODE["generalized_mass1"],
+        **_MODAL,
+    }
+    return Case(
+        record, VehicleFile("aircraft", "flexible", constants, _wrong(true), ((1, mode),)), true
+    )
 
 
 def _quadrotor(seed: int, noise: float) -> Case:
     """A quadrotor under its rate controller, simulated apart from the project."""
     columns = quadrotor.flight(seed=seed, noise=noise, duration=18.0)
     equations = Multirotor()
-    channels = {signal.name: Channel.of(signal.name, signal.unit, columns[signal.name]) for signal in (*equations.inputs, *equations.outputs)}
-    inputs, outputs = ([channels[signal.name] for signal in some] for some in (equations.inputs, equations.outputs))
+    channels = {
+        signal.name: Channel.of(signal.name, signal.unit, columns[signal.name])
+        for signal in (*equations.inputs, *equations.outputs)
+    }
+    inputs, outputs = (
+        [channels[signal.name] for signal in some] for some in (equations.inputs, equations.outputs)
+    )
     record = Record(columns["time"], tuple(inputs), tuple(outputs), name="record.csv")
-    return Case(record, VehicleFile("quadrotor", "multirotor", {}, quadrotor.STARTS), quadrotor.TRUTH)
+    return Case(
+        record, VehicleFile("quadrotor", "multirotor", {}, quadrotor.STARTS), quadrotor.TRUTH
+    )
 
 
 def _wrong(true: Mapping[str, float]) -> dict[str, float]:
     return {name: value * WRONG[i % len(WRONG)] for i, (name, value) in enumerate(true.items())}
 
 
-def _record(model: Model, time: np.ndarray, inputs: Mapping[str, np.ndarray], rng: np.random.Generator, noise: float) -> Record:
+def _record(
+    model: Model,
+    time: np.ndarray,
+    inputs: Mapping[str, np.ndarray],
+    rng: np.random.Generator,
+    noise: float,
+) -> Record:
     system = compile_model(model)
-    rows = fly(system, Flight(time, np.array([inputs[name] for name in system.input_names]).reshape(-1, len(time)), max_step=0.005))
+    rows = fly(
+        system,
+        Flight(
+            time,
+            np.array([inputs[name] for name in system.input_names]).reshape(-1, len(time)),
+            max_step=0.005,
+        ),
+    )
     channels = []
     for name, row in zip(system.output_names, rows, strict=True):
-        channels.append(Channel.of(name, _UNITS[name], row + noise * _NOISE[name] * rng.standard_normal(len(time))))
+        channels.append(
+            Channel.of(
+                name, _UNITS[name], row + noise * _NOISE[name] * rng.standard_normal(len(time))
+            )
+        )
     units = {signal.name: signal.unit for signal in system.inputs}
-    return Record(time, tuple(Channel.of(name, units[name], row) for name, row in inputs.items()), tuple(channels), name="record.csv")
+    return Record(
+        time,
+        tuple(Channel.of(name, units[name], row) for name, row in inputs.items()),
+        tuple(channels),
+        name="record.csv",
+    )

@@ -8,7 +8,9 @@ import pytest
 
 
 def remembered_forks(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """The number of each process that is forked from here on, as forks return them; 0 in a fork itself."""
+    """The number of each process that is forked from here on, as forks return them; 0 in a fork
+    itself.
+    """
     helpers: list[int] = []
     fork = os.fork
 

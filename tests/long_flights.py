@@ -1,8 +1,10 @@
-"""Simulated flights of twenty minutes with known maneuvers, and the score of what a search finds in them.
+"""Simulated flights of twenty minutes with known maneuvers, and the score of what a search finds in
+them.
 
-The aircraft is linear, its longitudinal and lateral motion decoupled and each in perturbations about level flight. A pilot holds
-attitude and height, corrects now and then, retrims, changes the speed; a yaw damper moves the rudder in every second flight. All
-flights of a call are marched together, one axis a flight.
+The aircraft is linear, its longitudinal and lateral motion decoupled and each in perturbations
+about level flight. A pilot holds attitude and height, corrects now and then, retrims, changes the
+speed; a yaw damper moves the rudder in every second flight. All flights of a call are marched
+together, one axis a flight.
 """
 
 from __future__ import annotations
@@ -49,7 +51,9 @@ PATTERNS = {
 
 @dataclass(frozen=True)
 class Known:
-    """A maneuver that was flown: its input, or for a turn its bank, begins at ``start`` and ends at ``end``, s."""
+    """A maneuver that was flown: its input, or for a turn its bank, begins at ``start`` and ends at
+    ``end``, s.
+    """
 
     start: float
     end: float
@@ -59,7 +63,9 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class LongFlight:
-    """The record of a flight as its recorder wrote it, and what was flown. ``quiet``: hands off before a maneuver, s."""
+    """The record of a flight as its recorder wrote it, and what was flown. ``quiet``: hands off
+    before a maneuver, s.
+    """
 
     signals: FlightSignals
     known: tuple[Known, ...]
@@ -91,7 +97,12 @@ def fly(seeds: Sequence[int], length: float = LENGTH) -> list[LongFlight]:
         scripts,
         [_disturbances(rng, time, one) for rng, one in zip(generators, aircraft, strict=True)],
     )
-    return [_recorded(rng, time, {name: values[k] for name, values in motion.items()}, aircraft[k], scripts[k]) for k, rng in enumerate(generators)]
+    return [
+        _recorded(
+            rng, time, {name: values[k] for name, values in motion.items()}, aircraft[k], scripts[k]
+        )
+        for k, rng in enumerate(generators)
+    ]
 
 
 def _aircraft(rng: np.random.Generator) -> dict[str, float]:
@@ -137,12 +148,16 @@ def _script(rng: np.random.Generator, time: np.ndarray, aircraft: dict[str, floa
             break
         end = _put(rng, script, time, clock + calm, axis, kind, aircraft)
         for plane in PLANES:
-            script.hands[plane][(time >= clock) & (time < clock + calm)] *= 0.4 if plane == _plane(axis) else 0.7
+            script.hands[plane][(time >= clock) & (time < clock + calm)] *= (
+                0.4 if plane == _plane(axis) else 0.7
+            )
         script.quiet.append((clock, clock + calm))
         pause = rng.uniform(12.0, 70.0)
         if rng.uniform() < 0.2:
             at, over = end + 5.0, rng.uniform(30.0, 60.0)
-            script.speed += rng.uniform(-0.1, 0.1) * aircraft["V"] * np.clip((time - at) / over, 0.0, 1.0)
+            script.speed += (
+                rng.uniform(-0.1, 0.1) * aircraft["V"] * np.clip((time - at) / over, 0.0, 1.0)
+            )
             pause += over
         clock = end + pause
     _corrections(rng, script, time, aircraft)
@@ -159,7 +174,9 @@ def _put(
     aircraft: dict[str, float],
 ) -> float:
     """Write a maneuver into the script; its end, s."""
-    size = float(rng.uniform(0.7, 1.5) * rng.choice([-1.0, 1.0])) * (0.15 if axis == "throttle" else aircraft["amplitude"])
+    size = float(rng.uniform(0.7, 1.5) * rng.choice([-1.0, 1.0])) * (
+        0.15 if axis == "throttle" else aircraft["amplitude"]
+    )
     control = CONTROLS[axis]
     if kind == "turn":
         bank, ramp, hold = (
@@ -172,11 +189,20 @@ def _put(
     elif kind == "pull-up":
         ramp, hold = rng.uniform(0.7, 1.5), rng.uniform(2.0, 4.0)
         end = start + hold + 2.0 * ramp
-        steady = -aircraft["Me"] * -aircraft["Za"] / (-aircraft["Ma"] + aircraft["Mq"] * aircraft["Za"])  # g of lift for a unit of control
+        # g of lift for a unit of control
+        steady = (
+            -aircraft["Me"] * -aircraft["Za"] / (-aircraft["Ma"] + aircraft["Mq"] * aircraft["Za"])
+        )
         pull = rng.uniform(0.4, 0.9) / (steady * aircraft["V"] / GRAVITY)
-        script.command[control] -= np.clip(np.minimum(time - start, end - time) / ramp, 0.0, 1.0) * min(pull / DEGREE, 4.0 * aircraft["amplitude"])
+        script.command[control] -= np.clip(
+            np.minimum(time - start, end - time) / ramp, 0.0, 1.0
+        ) * min(pull / DEGREE, 4.0 * aircraft["amplitude"])
     elif kind in ("sweep", "multisine"):
-        end = start + rng.uniform(15.0, 60.0) if kind == "sweep" else start + rng.choice([10.0, 15.0, 20.0, 30.0])
+        end = (
+            start + rng.uniform(15.0, 60.0)
+            if kind == "sweep"
+            else start + rng.choice([10.0, 15.0, 20.0, 30.0])
+        )
         inside = (time >= start) & (time < end)
         since = time[inside] - start
         if kind == "sweep":
@@ -195,12 +221,20 @@ def _put(
             first = max(1, round(0.1 * (end - start)))
             harmonics = np.arange(first, round(1.8 * (end - start)), rng.integers(2, 4))
             phases = -np.pi * np.arange(harmonics.size) ** 2 / harmonics.size
-            wave = sum(np.cos(2 * np.pi * h * since / (end - start) + phase) for h, phase in zip(harmonics, phases, strict=True))
+            wave = sum(
+                np.cos(2 * np.pi * h * since / (end - start) + phase)
+                for h, phase in zip(harmonics, phases, strict=True)
+            )
             wave = wave / np.max(np.abs(wave)) * 1.3
         script.command[control][inside] += size * wave
     else:
         unit = rng.uniform(0.4, 1.2) if kind != "step" else rng.uniform(5.0, 12.0)
-        unit = rng.uniform(4.0, 9.0) if axis == "throttle" else unit * (2.0 if kind == "doublet" and axis == "pitch" and rng.uniform() < 0.3 else 1.0)
+        unit = (
+            rng.uniform(4.0, 9.0)
+            if axis == "throttle"
+            else unit
+            * (2.0 if kind == "doublet" and axis == "pitch" and rng.uniform() < 0.3 else 1.0)
+        )
         durations = np.abs(PATTERNS[kind]) * unit * rng.uniform(0.88, 1.12, len(PATTERNS[kind]))
         edges = start + np.concatenate([[0.0], np.cumsum(durations)])
         rise = rng.uniform(0.05, 0.3)  # s, in which a level is reached
@@ -208,10 +242,14 @@ def _put(
             rise = rng.uniform(0.5, 0.9) * min(durations)  # flown by hand on a large aircraft
         for sign, first, last in zip(np.sign(PATTERNS[kind]), edges[:-1], edges[1:], strict=True):
             level = sign * size * rng.uniform(0.85, 1.15) * (0.6 if kind == "step" else 1.0)
-            script.command[control] += level * (np.clip((time - first) / rise, 0.0, 1.0) - np.clip((time - last) / rise, 0.0, 1.0))
+            script.command[control] += level * (
+                np.clip((time - first) / rise, 0.0, 1.0) - np.clip((time - last) / rise, 0.0, 1.0)
+            )
         end = float(edges[-1])
     if kind != "turn":
-        script.hands[_plane(axis)][(time >= start) & (time < end + rng.uniform(0.5, 3.0))] *= rng.uniform(0.1, 0.4)
+        script.hands[_plane(axis)][(time >= start) & (time < end + rng.uniform(0.5, 3.0))] *= (
+            rng.uniform(0.1, 0.4)
+        )
     script.known.append(Known(start, float(end), axis, kind))
     return float(end)
 
@@ -220,7 +258,9 @@ def _plane(axis: str) -> str:
     return PLANES[axis in ("roll", "yaw")]
 
 
-def _corrections(rng: np.random.Generator, script: _Script, time: np.ndarray, aircraft: dict[str, float]) -> None:
+def _corrections(
+    rng: np.random.Generator, script: _Script, time: np.ndarray, aircraft: dict[str, float]
+) -> None:
     """Short inputs of the pilot between the maneuvers, and slow retrimming."""
     busy = np.zeros(time.size, dtype=bool)
     for one in script.known:
@@ -231,23 +271,36 @@ def _corrections(rng: np.random.Generator, script: _Script, time: np.ndarray, ai
             inside = (time >= at) & (time < at + over)
             if inside.any() and not busy[inside].any():
                 size = rng.uniform(0.1, 0.4) * 0.7 * aircraft["amplitude"] * rng.choice([-1, 1])
-                script.command[control][inside] += size * np.sin(np.pi * (time[inside] - at) / over) ** 2
+                script.command[control][inside] += (
+                    size * np.sin(np.pi * (time[inside] - at) / over) ** 2
+                )
         walk = np.cumsum(rng.standard_normal(time.size)) * np.sqrt(STEP) * 0.015
         script.command[control] += lfilter([STEP / 10.0], [1.0, STEP / 10.0 - 1.0], walk)
 
 
-def _disturbances(rng: np.random.Generator, time: np.ndarray, aircraft: dict[str, float]) -> dict[str, np.ndarray]:
+def _disturbances(
+    rng: np.random.Generator, time: np.ndarray, aircraft: dict[str, float]
+) -> dict[str, np.ndarray]:
     def coloured(sigma: float, rate: float) -> np.ndarray:
         shape = np.exp(-rate * STEP)
-        return np.asarray(lfilter([sigma * np.sqrt(1.0 - shape**2)], [1.0, -shape], rng.standard_normal(time.size)))
+        return np.asarray(
+            lfilter(
+                [sigma * np.sqrt(1.0 - shape**2)], [1.0, -shape], rng.standard_normal(time.size)
+            )
+        )
 
     gust = aircraft["V"] / 200.0
-    level = 1.0 + 0.5 * np.sin(2.0 * np.pi * time / rng.uniform(300.0, 900.0) + rng.uniform(0.0, 6.0))
+    level = 1.0 + 0.5 * np.sin(
+        2.0 * np.pi * time / rng.uniform(300.0, 900.0) + rng.uniform(0.0, 6.0)
+    )
     return {
         "alpha": coloured(aircraft["sigma"] / aircraft["V"], gust) * level,
         "beta": coloured(aircraft["sigma"] / aircraft["V"], gust) * level,
         "speed": coloured(aircraft["sigma"], gust) * level,
-        **{control: coloured(aircraft["remnant"] * aircraft["amplitude"] * DEGREE, 3.0) for control in ("elevator", "aileron", "rudder")},
+        **{
+            control: coloured(aircraft["remnant"] * aircraft["amplitude"] * DEGREE, 3.0)
+            for control in ("elevator", "aileron", "rudder")
+        },
     }
 
 
@@ -260,7 +313,10 @@ def _march(
     """Semi-implicit Euler steps of all flights together; signals ``(F, N)``."""
     a = {key: np.array([one[key] for one in aircraft]) for key in aircraft[0]}
     count = len(aircraft)
-    command = {control: np.array([script.command[control] for script in scripts]) * DEGREE for control in ("elevator", "aileron", "rudder")}
+    command = {
+        control: np.array([script.command[control] for script in scripts]) * DEGREE
+        for control in ("elevator", "aileron", "rudder")
+    }
     throttle = np.array([script.command["thrust"] for script in scripts])
     bank = np.array([script.bank for script in scripts])
     hands = {plane: np.array([script.hands[plane] for script in scripts]) for plane in PLANES}
@@ -282,7 +338,9 @@ def _march(
             *CONTROLS.values(),
         )
     }
-    V, alpha, q, theta, h, beta, p, r, phi, psi, elevator_p, aileron_p, thrust_p, held, level = np.zeros((15, count))
+    V, alpha, q, theta, h, beta, p, r, phi, psi, elevator_p, aileron_p, thrust_p, held, level = (
+        np.zeros((15, count))
+    )
     for n in range(time.size):
         fly, roll = hands["symmetric"][:, n], hands["lateral"][:, n]
         climb = theta - alpha
@@ -292,7 +350,14 @@ def _march(
         ailerons = -a["Lp"] / a["La"] * (-0.7 * (phi - bank[:, n]) - 0.2 * p)
         aileron_p += STEP / 0.25 * (roll * (ailerons + gust["aileron"][:, n]) - aileron_p)
         level += STEP * 0.03 * aileron_p
-        thrust_p += STEP / 4.0 * (np.clip(0.03 * (wanted[:, n] - V), -0.3, 0.3) * np.minimum(1.0, fly + 0.2) - thrust_p)
+        thrust_p += (
+            STEP
+            / 4.0
+            * (
+                np.clip(0.03 * (wanted[:, n] - V), -0.3, 0.3) * np.minimum(1.0, fly + 0.2)
+                - thrust_p
+            )
+        )
         elevator = command["elevator"][:, n] + elevator_p + held + a["pitch_damper"] * q
         aileron = command["aileron"][:, n] + aileron_p + level
         rudder = command["rudder"][:, n] + a["damper"] * r + roll * gust["rudder"][:, n]
@@ -304,7 +369,9 @@ def _march(
         theta += STEP * q
         h += STEP * a["V"] * climb
         p += STEP * (a["Lp"] * p + a["Lb"] * bg + a["La"] * aileron)
-        r += STEP * (a["Nb"] * bg + a["Nr"] * (r - GRAVITY / a["V"] * np.sin(phi)) + a["Nd"] * rudder)
+        r += STEP * (
+            a["Nb"] * bg + a["Nr"] * (r - GRAVITY / a["V"] * np.sin(phi)) + a["Nd"] * rudder
+        )
         beta += STEP * (a["Yb"] * bg - r + GRAVITY / a["V"] * np.sin(phi))
         phi += STEP * p
         psi += STEP * r
@@ -366,7 +433,11 @@ def _recorded(
             "psi": 0.05 * DEGREE,
         },
     }
-    channels = {name: values[kept] + aircraft["noise"] * noise[name] * rng.standard_normal(values[kept].size) for name, values in clean.items()}
+    channels = {
+        name: values[kept]
+        + aircraft["noise"] * noise[name] * rng.standard_normal(values[kept].size)
+        for name, values in clean.items()
+    }
     inputs = {name: channels.pop(name) for name in CONTROLS.values()}
     return LongFlight(
         FlightSignals(time[kept], inputs, channels),
@@ -390,13 +461,17 @@ class Score:
     confused: tuple[str, ...] = ()
 
     def __add__(self, other: Score) -> Score:
-        return Score(*(getattr(self, name) + getattr(other, name) for name in self.__dataclass_fields__))
+        return Score(
+            *(getattr(self, name) + getattr(other, name) for name in self.__dataclass_fields__)
+        )
 
 
 def score(known: Sequence[Known], found: Sequence[Maneuver], label: str = "") -> Score:
-    """How many known maneuvers were found: right axis, and both ends within 1 s or 70 % of the joint time in common.
+    """How many known maneuvers were found: right axis, and both ends within 1 s or 70 % of the
+    joint time in common.
 
-    A maneuver found that matches no known one, be it a part of one only, is a false one; trim points count neither way.
+    A maneuver found that matches no known one, be it a part of one only, is a false one; trim
+    points count neither way.
     """
     moves = [one for one in found if one.kind != "trim"]
     missed, confused, hits, kinds = [], [], 0, 0
@@ -408,13 +483,17 @@ def score(known: Sequence[Known], found: Sequence[Maneuver], label: str = "") ->
         if not same:
             missed.append(f"{label}{each.axis} {each.kind} {each.start:.1f}-{each.end:.1f}")
         elif not right:
-            confused.append(f"{label}{each.axis} {each.kind} {each.start:.1f}-{each.end:.1f} as {same[0].kind}")
+            confused.append(
+                f"{label}{each.axis} {each.kind} {each.start:.1f}-{each.end:.1f} as {same[0].kind}"
+            )
     invented = [
         f"{label}{one.axis} {one.kind} {one.start:.1f}-{one.end:.1f}"
         for one in moves
         if not any(one.axis == each.axis and _matches(each, one) for each in known)
     ]
-    return Score(len(known), hits, kinds, len(invented), 1, tuple(missed), tuple(invented), tuple(confused))
+    return Score(
+        len(known), hits, kinds, len(invented), 1, tuple(missed), tuple(invented), tuple(confused)
+    )
 
 
 def _matches(known: Known, found: Maneuver) -> bool:

@@ -1,4 +1,6 @@
-"""What the library offers to each kind of equations, and the few instances that stand for the rest where laws are dear."""
+"""What the library offers to each kind of equations, and the few instances that stand for the rest
+where laws are dear.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ VARYING = "varies"  # of this stem there are dozens on each vehicle, which diffe
 
 
 def held_to_all_laws(vehicle: Equations) -> list[Effect]:
-    """All effects that are offered to a vehicle, of the parameters that vary one over a state and one over an input."""
+    """All effects that are offered to a vehicle, of the parameters that vary one over a state and
+    one over an input.
+    """
     seen, found = set[tuple[str, bool]](), list[Effect]()
     for effect in effects_for(vehicle):
         key = (stem(effect), getattr(effect, "state", True))
@@ -39,9 +43,11 @@ def stem(effect: Effect) -> str:
 
 
 def representatives() -> list[tuple[Effect, str]]:
-    """Effects on whole axes with the name of these: all of the library that nothing else can carry, and one instance of every stem.
+    """Effects on whole axes with the name of these: all of the library that nothing else can carry,
+    and one instance of every stem.
 
-    What acts on a port is different on each of the axes and has one instance on both; inputs and sensors are alike everywhere.
+    What acts on a port is different on each of the axes and has one instance on both; inputs and
+    sensors are alike everywhere.
     """
     covered = {effect for vehicle in VEHICLES for effect in held_to_all_laws(vehicle)}
     files, seen, found = {*library()}, set[tuple[str, str]](), list[tuple[Effect, str]]()
@@ -49,7 +55,9 @@ def representatives() -> list[tuple[Effect, str]]:
         for effect in effects_for(vehicle):
             on_ports = effect.station in (Station.DYNAMICS, Station.DISTURBANCE)
             key = (stem(effect), vehicle.name if on_ports else "")
-            if isinstance(effect, StructuralMode) or (key in seen and (effect in covered or effect not in files)):
+            if isinstance(effect, StructuralMode) or (
+                key in seen and (effect in covered or effect not in files)
+            ):
                 continue
             covered.add(effect)
             seen.add(key)
@@ -58,15 +66,29 @@ def representatives() -> list[tuple[Effect, str]]:
 
 
 def made() -> list[Effect]:
-    """Every instance that is offered to a whole axis and that none of the ``VARIANTS`` is, each once."""
+    """Every instance that is offered to a whole axis and that none of the ``VARIANTS`` is, each
+    once.
+    """
     files = {*library()}
-    return list(dict.fromkeys(effect for vehicle in WHOLE_AXES for effect in held_to_all_laws(vehicle) if effect not in files))
+    return list(
+        dict.fromkeys(
+            effect
+            for vehicle in WHOLE_AXES
+            for effect in held_to_all_laws(vehicle)
+            if effect not in files
+        )
+    )
 
 
 def guards_of_whole_axes() -> list[tuple[Effect, str]]:
     """Guards that only a whole axis can carry, with its name."""
     known = {guard for vehicle in VEHICLES for guard in catch_all_terms_for(vehicle)}
-    return [(guard, vehicle.name) for vehicle in WHOLE_AXES for guard in catch_all_terms_for(vehicle) if guard not in known]
+    return [
+        (guard, vehicle.name)
+        for vehicle in WHOLE_AXES
+        for guard in catch_all_terms_for(vehicle)
+        if guard not in known
+    ]
 
 
 def first_of_each_kind(offered: list[tuple[Effect, str]]) -> list[tuple[Effect, str]]:

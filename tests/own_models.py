@@ -1,4 +1,6 @@
-"""Models of users, declared by functions and as files: a roll, a mass on a spring, and the rigid short period written a second time."""
+"""Models of users, declared by functions and as files: a roll, a mass on a spring, and the rigid
+short period written a second time.
+"""
 
 from __future__ import annotations
 
@@ -124,7 +126,7 @@ MODEL = own_model(
     rates=rates,
     readings=readings,
 )
-'''
+'''  # noqa: E501
 ROLL_DECLARED: dict[str, Any] = {
     "name": "roll",
     "states": {"p": "rad/s", "phi": "rad"},
@@ -138,7 +140,9 @@ ROLL_DECLARED: dict[str, Any] = {
 
 
 def spring_mass(**ports: Any) -> Model:
-    """2 kg on a spring of 40 N/m with a damper; the force of a port ``load`` acts before the acceleration is formed, as a user would write it."""
+    """2 kg on a spring of 40 N/m with a damper; the force of a port ``load`` acts before the
+    acceleration is formed, as a user would write it.
+    """
     load = (lambda s: s.load) if ports else (lambda s: 0.0)
     return own_model(
         name="spring-mass",
@@ -160,11 +164,16 @@ def roll(**changes: Any) -> Model:
 
 
 def own_rigid(values: dict[str, float]) -> Model:
-    """The rigid short period as a user would write it, at these values; the airframe's numbers are those of ``RIGID_VALUES``."""
+    """The rigid short period as a user would write it, at these values; the airframe's numbers are
+    those of ``RIGID_VALUES``.
+    """
     derivatives = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")
 
     def flow(s: Any, p: Any) -> dict[str, Any]:
-        q_hat, force = s.q * p.chord / (2.0 * p.airspeed), 0.5 * p.air_density * p.airspeed * p.airspeed * p.wing_area
+        q_hat, force = (
+            s.q * p.chord / (2.0 * p.airspeed),
+            0.5 * p.air_density * p.airspeed * p.airspeed * p.wing_area,
+        )
         return {
             "L": force * (p.CL_alpha * s.alpha + p.CL_q * q_hat + p.CL_de * s.elevator),
             "M": force * p.chord * (p.Cm_alpha * s.alpha + p.Cm_q * q_hat + p.Cm_de * s.elevator),
@@ -175,7 +184,9 @@ def own_rigid(values: dict[str, float]) -> Model:
         states={"alpha": "rad", "q": "rad/s"},
         inputs={"elevator": "rad"},
         outputs={"alpha": "rad", "q": "rad/s", "nz": "g"},
-        constants={name: (value, "1") for name, value in RIGID_VALUES.items() if name not in derivatives},
+        constants={
+            name: (value, "1") for name, value in RIGID_VALUES.items() if name not in derivatives
+        },
         parameters={name: (values[name], "1/rad") for name in derivatives},
         flow=flow,
         rates=lambda s, p: {"alpha": s.q - s.L / (p.mass * p.airspeed), "q": s.M / p.pitch_inertia},

@@ -1,4 +1,6 @@
-"""A printed table read back: what stands under each heading, whatever was folded and however many blocks it took."""
+"""A printed table read back: what stands under each heading, whatever was folded and however many
+blocks it took.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +11,8 @@ from collections.abc import Sequence
 def read_back(lines: Sequence[str]) -> dict[str, list[str]]:
     """Heading -> cells of a table without a title, folded cells with their blanks closed up.
 
-    The rule under the headings says which characters of a line are whose; a line whose columns at the right are all empty goes on with
-    the row above it.
+    The rule under the headings says which characters of a line are whose; a line whose columns at
+    the right are all empty goes on with the row above it.
     """
     found: dict[str, list[str]] = {}
     for block in "\n".join(lines).split("\n\n"):
@@ -23,7 +25,10 @@ def read_back(lines: Sequence[str]) -> dict[str, list[str]]:
             assert not "".join(outside).strip(), f"{row!r} runs over its columns"
         starts = [i for i, row in enumerate(rows) if i > at and not row.startswith(" " * 3)]
         for (a, b), head in zip(spans, heads, strict=True):
-            cells = [closed([row[a:b] for row in rows[i:j]]) for i, j in zip(starts, [*starts[1:], len(rows)], strict=True)]
+            cells = [
+                closed([row[a:b] for row in rows[i:j]])
+                for i, j in zip(starts, [*starts[1:], len(rows)], strict=True)
+            ]
             assert found.setdefault(head, cells) == cells, f"{head} differs between blocks"
     return found
 

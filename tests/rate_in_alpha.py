@@ -1,4 +1,6 @@
-"""A vane ahead of the centre of gravity under another name: an effect, or a guard, that looks like a late vane and that no effect calls alike."""
+"""A vane ahead of the centre of gravity under another name: an effect, or a guard, that looks like
+a late vane and that no effect calls alike.
+"""
 
 from __future__ import annotations
 

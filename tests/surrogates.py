@@ -1,4 +1,6 @@
-"""Short surrogate flights for tests: two records of 8 s, one aircraft, whatever levels are wanted."""
+"""Short surrogate flights for tests: two records of 8 s, one aircraft, whatever levels are
+wanted.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,15 @@ from typing import Any
 from exam.surrogates.declaration import OPTIONAL, Causes, FlightLine, Hidden, Surrogate
 
 DEGREE = math.pi / 180.0
-NOISE = {"alpha": 0.001, "q": 0.001, "nz": 0.006, "theta": 0.001, "airspeed": 0.3, "dynamic_pressure": 40.0, "ax": 0.02}
+NOISE = {
+    "alpha": 0.001,
+    "q": 0.001,
+    "nz": 0.006,
+    "theta": 0.001,
+    "airspeed": 0.3,
+    "dynamic_pressure": 40.0,
+    "ax": 0.02,
+}
 EVERY = Causes(
     anti_alias=7.0,
     anti_alias_spread=0.04,
@@ -34,7 +44,9 @@ NOTHING = Hidden()
 
 
 def short(causes: Causes = CALM, hidden: Hidden = NOTHING, **changes: Any) -> Surrogate:
-    """A surrogate flight that flies in a few hundredths of a second; ``changes`` are those of its FlightLine."""
+    """A surrogate flight that flies in a few hundredths of a second; ``changes`` are those of its
+    FlightLine.
+    """
     line = {
         "vehicles": ("fighter",),
         "variation": 0.2,

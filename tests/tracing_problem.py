@@ -1,4 +1,6 @@
-"""Problems for the tracing loop: the rigid aircraft with planted effects, cheap to fit (10 s at 50 Hz)."""
+"""Problems for the tracing loop: the rigid aircraft with planted effects, cheap to fit (10 s at 50
+Hz).
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,12 @@ def doublets(duration: float = 10.0, rate: float = 50.0, size: float = 0.06) -> 
 
 
 def planted(
-    effects: Sequence[Traceable] = (), values: Mapping[str, float] | None = None, seed: int = 1, *, flight: Flight | None = None, scale: float = 1.0
+    effects: Sequence[Traceable] = (),
+    values: Mapping[str, float] | None = None,
+    seed: int = 1,
+    *,
+    flight: Flight | None = None,
+    scale: float = 1.0,
 ) -> Record:
     """A record of the rigid aircraft with effects at given values (full names)."""
     model = rigid_model().with_effects(*effects).with_values(values or {})
@@ -43,15 +50,28 @@ def planted(
 
 
 def problem_of(
-    records: Sequence[Record], candidates: Sequence[Traceable] = (), settings: TraceSettings = SETTINGS, model: Model | None = None
+    records: Sequence[Record],
+    candidates: Sequence[Traceable] = (),
+    settings: TraceSettings = SETTINGS,
+    model: Model | None = None,
 ) -> TraceProblem:
     """What a search works on, every measured sample in it."""
     outputs = [name for name in OUTPUTS if any(name in record.output_names for record in records)]
-    return TraceProblem(records, measured_masks(records, outputs), model or declared(), tuple(candidates), outputs, settings)
+    return TraceProblem(
+        records,
+        measured_masks(records, outputs),
+        model or declared(),
+        tuple(candidates),
+        outputs,
+        settings,
+    )
 
 
 def fit_of(
-    problem: TraceProblem, effects: Sequence[Traceable] = (), start: FittedModel | None = None, added: Mapping[str, float] | None = None
+    problem: TraceProblem,
+    effects: Sequence[Traceable] = (),
+    start: FittedModel | None = None,
+    added: Mapping[str, float] | None = None,
 ) -> FittedModel:
     """A fit that has to work."""
     fitted = problem.fit(effects, start, added)
@@ -61,13 +81,18 @@ def fit_of(
 
 def with_output(record: Record, name: str, values: np.ndarray) -> Record:
     """A record with one output replaced; NaN marks missing samples."""
-    outputs = tuple(Channel.of(name, c.unit, values) if c.name == name else c for c in record.outputs)
+    outputs = tuple(
+        Channel.of(name, c.unit, values) if c.name == name else c for c in record.outputs
+    )
     return replace(record, outputs=outputs)
 
 
 def part(record: Record, rows: slice) -> Record:
     """Some rows of a record, under its name."""
-    inputs, outputs = (tuple(replace(c, values=c.values[rows], valid=c.valid[rows]) for c in group) for group in (record.inputs, record.outputs))
+    inputs, outputs = (
+        tuple(replace(c, values=c.values[rows], valid=c.valid[rows]) for c in group)
+        for group in (record.inputs, record.outputs)
+    )
     return replace(record, time=record.time[rows], inputs=inputs, outputs=outputs)
 
 
@@ -76,8 +101,12 @@ def without_output(record: Record, name: str) -> Record:
 
 
 def coloured(record: Record, seed: int, size: float = 1.0) -> Record:
-    """The record with noise added that remembers itself for 0.3 s and is, at size one, one to three times as large as the white one."""
+    """The record with noise added that remembers itself for 0.3 s and is, at size one, one to three
+    times as large as the white one.
+    """
     rng = np.random.default_rng((seed, 7))
     for name, std in (("alpha", 0.002), ("q", 0.003), ("nz", 0.03)):
-        record = with_output(record, name, record[name].values + coloured_noise(rng, record.time, size * std, 0.3))
+        record = with_output(
+            record, name, record[name].values + coloured_noise(rng, record.time, size * std, 0.3)
+        )
     return record

@@ -1,4 +1,6 @@
-"""A rigid aircraft in Dryden turbulence, written for the tests alone: its equations and its gust share nothing with the effect's."""
+"""A rigid aircraft in Dryden turbulence, written for the tests alone: its equations and its gust
+share nothing with the effect's.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,8 @@ def rough_record(
     gust = dryden_gust(rng, np.arange((samples - 1) * _FINE + 1) * h, intensity, length, V) / V
     elevator = three_two_one_one(time, size=size, unit=unit)
     half_chord = v["chord"] / (2.0 * V)
-    lift = np.array([v["CL_alpha"], v["CL_q"] * half_chord, v["CL_alpha"], v["CL_de"]])  # of alpha, q, gust, elevator
+    # of alpha, q, gust, elevator
+    lift = np.array([v["CL_alpha"], v["CL_q"] * half_chord, v["CL_alpha"], v["CL_de"]])
     moment = np.array([v["Cm_alpha"], v["Cm_q"] * half_chord, v["Cm_alpha"], v["Cm_de"]])
     M = np.zeros((2, 4))
     M[0, 1] = 1.0
@@ -53,9 +56,14 @@ def rough_record(
         states[:, k + 1] = x
     seen = gust[::_FINE]
     nz = force / (v["mass"] * 9.80665) * (lift @ np.array([*states, seen, elevator]))
-    z = np.array([states[0] + seen, states[1], nz]) + NOISE[:, None] * rng.standard_normal((3, samples))
+    z = np.array([states[0] + seen, states[1], nz]) + NOISE[:, None] * rng.standard_normal(
+        (3, samples)
+    )
     z[rng.random(z.shape) < missing] = np.nan
-    outputs = tuple(Channel.of(name, unit_, row) for name, unit_, row in zip(("alpha", "q", "nz"), ("rad", "rad/s", "g"), z, strict=True))
+    outputs = tuple(
+        Channel.of(name, unit_, row)
+        for name, unit_, row in zip(("alpha", "q", "nz"), ("rad", "rad/s", "g"), z, strict=True)
+    )
     return Record(time, (Channel.of("elevator", "rad", elevator),), outputs)
 
 

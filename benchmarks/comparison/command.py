@@ -16,7 +16,9 @@ STOPPED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Exit code: 0 done, 1 a contender failed, 2 bad usage, 130 stopped by Ctrl-C; what is written is written whole or not at all."""
+    """Exit code: 0 done, 1 a contender failed, 2 bad usage, 130 stopped by Ctrl-C; what is written
+    is written whole or not at all.
+    """
     os.environ.update(ONE_THREAD)  # before anything imports NumPy
     try:
         return _main(arguments)
@@ -41,8 +43,15 @@ def _main(arguments: Sequence[str] | None) -> int:
     about = "flightid beside its peers, cold and warm, in one run; writes docs/performance.md."
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=about)
     parser.add_argument("--jobs", help=f"only these, separated by commas: {', '.join(everything)}")
-    parser.add_argument("--quick", action="store_true", help="few rounds and small problems: to see that all runs, not for numbers")
-    where = "folder for performance.md, .json and .png; docs where all is measured in full, else nothing is written"
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="few rounds and small problems: to see that all runs, not for numbers",
+    )
+    where = (
+        "folder for performance.md, .json and .png; docs where all is measured in full, else "
+        "nothing is written"
+    )
     parser.add_argument("--out", type=Path, help=where)
     chosen = parser.parse_args(arguments)
     names = everything if chosen.jobs is None else chosen.jobs.split(",")
@@ -62,13 +71,20 @@ def _main(arguments: Sequence[str] | None) -> int:
     described, pace = machine(), QUICK if chosen.quick else Pace()
     with tempfile.TemporaryDirectory(prefix="flightid-benchmarks-") as temporary:
         folder = Path(temporary)
-        compared = [(known[name], compare(known[name], pace, folder, say)) for name in names if name in known]
+        compared = [
+            (known[name], compare(known[name], pace, folder, say))
+            for name in names
+            if name in known
+        ]
         tables = [TABLES[name](pace, folder, say) for name in names if name in TABLES]
     text = page(described, compared, tables)
     if out is None:
         print(text)
         return 0
-    files = {"performance.md": text.encode(), "performance.json": document(described, compared, tables).encode()}
+    files = {
+        "performance.md": text.encode(),
+        "performance.json": document(described, compared, tables).encode(),
+    }
     if compared:
         files["performance.png"] = drawn(compared)
     _written_whole({out / name: content for name, content in files.items()})

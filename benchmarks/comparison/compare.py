@@ -1,4 +1,6 @@
-"""Runs one job: all who are installed, whether they agree, warm in turn, then as whole processes in turn."""
+"""Runs one job: all who are installed, whether they agree, warm in turn, then as whole processes in
+turn.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Pace:
-    """How long a comparison takes: rounds of warm calls and after how many seconds one drops out, rounds of whole processes, small problems."""
+    """How long a comparison takes: rounds of warm calls and after how many seconds one drops out,
+    rounds of whole processes, small problems.
+    """
 
     rounds: int = 15
     patience: float = 6.0
@@ -34,7 +38,9 @@ QUICK = Pace(rounds=3, patience=1.0, cold_rounds=1, small=True)
 
 @dataclass(frozen=True)
 class Result:
-    """One contender in one job; times in s, ratios to flightid, None where it is ``absent`` (which says why)."""
+    """One contender in one job; times in s, ratios to flightid, None where it is ``absent`` (which
+    says why).
+    """
 
     contender: Contender
     absent: str = ""
@@ -47,13 +53,18 @@ class Result:
 
 
 def compare(job: Job, pace: Pace, folder: Path, say: Say) -> tuple[Result, ...]:
-    """Results of a job, flightid's first. Raises ProcessFailed where a contender cannot do it as a process of its own."""
+    """Results of a job, flightid's first. Raises ProcessFailed where a contender cannot do it as a
+    process of its own.
+    """
     problem = job.problem(pace.small)
     path = folder / f"{job.name}.npz"
     np.savez(path, **cast(dict[str, Any], problem))
     present = [each for each in job.contenders if not each.absent]
     say(f"{job.name}: {len(present)} of {len(job.contenders)} installed, preparing")
-    works: dict[str, Callable[[], Answer]] = {each.module: import_module(f"benchmarks.peers.{each.module}").prepare(problem) for each in present}
+    works: dict[str, Callable[[], Answer]] = {
+        each.module: import_module(f"benchmarks.peers.{each.module}").prepare(problem)
+        for each in present
+    }
     answers = {name: work() for name, work in works.items()}
     say(f"{job.name}: warm, {pace.rounds} rounds")
     warm = interleaved(works, pace.rounds, pace.patience)
@@ -62,12 +73,20 @@ def compare(job: Job, pace: Pace, folder: Path, say: Say) -> tuple[Result, ...]:
     memory: dict[str, float] = {}
     for _ in range(pace.cold_rounds):
         for each in present:
-            found = measured([sys.executable, "-m", "benchmarks.peers", each.module, str(path)], folder)
+            found = measured(
+                [sys.executable, "-m", "benchmarks.peers", each.module, str(path)], folder
+            )
             # Of a contender that does a share of the work the rest is added at its warm rate.
-            cold[each.module].append(found.seconds + (1.0 / each.share - 1.0) * quartiles(warm[each.module]).median)
+            cold[each.module].append(
+                found.seconds + (1.0 / each.share - 1.0) * quartiles(warm[each.module]).median
+            )
             memory[each.module] = max(found.memory, memory.get(each.module, 0.0))
-    warm = {each.module: [seconds / each.share for seconds in warm[each.module]] for each in present}
-    return tuple(_result(job, each, problem, answers, warm, cold, memory) for each in job.contenders)
+    warm = {
+        each.module: [seconds / each.share for seconds in warm[each.module]] for each in present
+    }
+    return tuple(
+        _result(job, each, problem, answers, warm, cold, memory) for each in job.contenders
+    )
 
 
 def _result(
@@ -84,7 +103,15 @@ def _result(
     name, ours = each.module, job.ours.module
     agreement = job.check(problem, answers[ours], answers[name], each.tolerance)
     times = quartiles(warm[name]), quartiles(cold[name])
-    return Result(each, "", agreement, *times, ratios(warm[name], warm[ours]), ratios(cold[name], cold[ours]), memory[name])
+    return Result(
+        each,
+        "",
+        agreement,
+        *times,
+        ratios(warm[name], warm[ours]),
+        ratios(cold[name], cold[ours]),
+        memory[name],
+    )
 
 
 def result_json(result: Result) -> dict[str, Any]:

@@ -13,7 +13,9 @@ WARM, COLD = "#D55E00", "#0072B2"  # of Okabe and Ito's palette
 
 
 def drawn(compared: Sequence[tuple[Job, Sequence[Result]]]) -> bytes:
-    """A PNG: for each peer the time over flightid's, warm and cold, medians with quartiles, on a logarithmic axis; one job below the other."""
+    """A PNG: for each peer the time over flightid's, warm and cold, medians with quartiles, on a
+    logarithmic axis; one job below the other.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -28,7 +30,15 @@ def drawn(compared: Sequence[tuple[Job, Sequence[Result]]]) -> bytes:
     axes = figure.add_subplot()
     for i, (_, warm, cold) in enumerate(rows):
         for ratio, colour, shift in ((warm, WARM, -0.15), (cold, COLD, 0.15)):
-            axes.errorbar(ratio.median, i + shift, xerr=_whiskers(ratio), fmt="o", color=colour, markersize=4, linewidth=1)
+            axes.errorbar(
+                ratio.median,
+                i + shift,
+                xerr=_whiskers(ratio),
+                fmt="o",
+                color=colour,
+                markersize=4,
+                linewidth=1,
+            )
     for colour, label in ((WARM, "warm"), (COLD, "cold, whole process")):
         axes.plot([], [], "o", color=colour, markersize=4, label=label)
     axes.axvline(1.0, color="black", linewidth=0.8)

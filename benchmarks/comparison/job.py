@@ -15,7 +15,9 @@ Answer = Mapping[str, np.ndarray]
 
 
 class Agreement(NamedTuple):
-    """What a check says of one contender's answer, and whether it is near enough to count as the same work."""
+    """What a check says of one contender's answer, and whether it is near enough to count as the
+    same work.
+    """
 
     said: str
     near: bool
@@ -27,13 +29,11 @@ class Contender:
 
     Attributes
     ----------
-    module : file in `benchmarks.peers`; its ``prepare(problem)`` returns the work, a function without arguments that returns the answer.
-    label : as the page shows it.
-    package : whose version the page shows, empty for none.
-    needs : packages without which it is not installed.
-    tolerance : of the job's check.
-    share : of the work that it does; its times are divided by it, and the page says so.
-    missing : says what is not there besides packages, empty where all is.
+    module : file in `benchmarks.peers`; its ``prepare(problem)`` returns the work, a function
+    without arguments that returns the answer. label : as the page shows it. package : whose version
+    the page shows, empty for none. needs : packages without which it is not installed. tolerance :
+    of the job's check. share : of the work that it does; its times are divided by it, and the page
+    says so. missing : says what is not there besides packages, empty where all is.
     """
 
     module: str
@@ -65,10 +65,9 @@ class Job:
 
     Attributes
     ----------
-    name : for `--jobs`. title, about : for the page; about says what is the same for all and what is not.
-    ours : flightid, to which all times are related. peers : the others.
-    problem : of the full size, or with True of a small one.
-    check : problem, our answer, another's, its tolerance.
+    name : for `--jobs`. title, about : for the page; about says what is the same for all and what
+    is not. ours : flightid, to which all times are related. peers : the others. problem : of the
+    full size, or with True of a small one. check : problem, our answer, another's, its tolerance.
     """
 
     name: str

@@ -14,10 +14,14 @@ PACKAGES = ("flightid", "numpy", "scipy", "filterpy", "control", "dynamax", "jax
 
 
 def machine() -> dict[str, str]:
-    """What a reader needs to compare: processor, cores, system, Python, versions, compiler, load and date."""
+    """What a reader needs to compare: processor, cores, system, Python, versions, compiler, load
+    and date.
+    """
     return {
         "processor": _processor(),
-        "cores": str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()),
+        "cores": str(
+            len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+        ),
         "system": f"{platform.system()} {platform.machine()}",
         "Python": platform.python_version(),
         **{name: _version(name) for name in PACKAGES},
@@ -32,7 +36,10 @@ def _processor() -> str:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return platform.processor() or "unknown"
-    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.processor() or "unknown")
+    return next(
+        (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")),
+        platform.processor() or "unknown",
+    )
 
 
 def _version(package: str) -> str:
@@ -46,5 +53,7 @@ def _compiler() -> str:
     command = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if command is None:
         return "none"
-    said = subprocess.run([command, "--version"], capture_output=True, text=True, check=False).stdout.splitlines()
+    said = subprocess.run(
+        [command, "--version"], capture_output=True, text=True, check=False
+    ).stdout.splitlines()
     return said[0] if said else command

@@ -17,7 +17,9 @@ COMMAND = "python -m benchmarks"
 
 @dataclass(frozen=True)
 class Table:
-    """One table of the page under a heading, with a sentence before it; ``data`` is what performance.json keeps of it."""
+    """One table of the page under a heading, with a sentence before it; ``data`` is what
+    performance.json keeps of it.
+    """
 
     title: str
     about: str
@@ -51,20 +53,54 @@ def page(machine: Mapping[str, str], compared: Compared, others: Sequence[Table]
     lines = ["# Performance", "", _introduction(), "", *_machine(machine)]
     lines += ["", *_standing(compared), "", FIGURE] if compared else []
     for job, results in compared:
-        lines += ["", f"## {job.title}", "", _flat(job.about), "", *_table(HEAD, [_row(each, each.contender is job.ours) for each in results])]
+        lines += [
+            "",
+            f"## {job.title}",
+            "",
+            _flat(job.about),
+            "",
+            *_table(HEAD, [_row(each, each.contender is job.ours) for each in results]),
+        ]
     for table in others:
-        lines += ["", f"## {table.title}", "", _flat(table.about), "", *_table(table.head, table.rows)]
+        lines += [
+            "",
+            f"## {table.title}",
+            "",
+            _flat(table.about),
+            "",
+            *_table(table.head, table.rows),
+        ]
     return "\n".join(lines) + "\n"
 
 
 def document(machine: Mapping[str, str], compared: Compared, others: Sequence[Table]) -> str:
     """The same numbers as JSON."""
-    jobs = [{"name": job.name, "title": job.title, "contenders": [result_json(each) for each in results]} for job, results in compared]
-    content = {"schema": SCHEMA, "machine": dict(machine), "jobs": jobs, "tables": {table.title: table.data for table in others}}
+    jobs = [
+        {
+            "name": job.name,
+            "title": job.title,
+            "contenders": [result_json(each) for each in results],
+        }
+        for job, results in compared
+    ]
+    content = {
+        "schema": SCHEMA,
+        "machine": dict(machine),
+        "jobs": jobs,
+        "tables": {table.title: table.data for table in others},
+    }
     return json.dumps(content, indent=1) + "\n"
 
 
-HEAD = ("program", "warm", "warm, times flightid", "cold", "cold, times flightid", "memory, MiB", "answer")
+HEAD = (
+    "program",
+    "warm",
+    "warm, times flightid",
+    "cold",
+    "cold, times flightid",
+    "memory, MiB",
+    "answer",
+)
 
 
 def _introduction() -> str:
@@ -73,7 +109,7 @@ def _introduction() -> str:
         did the same work in one run, in turn, with one thread each. *Warm* is a call in a process that has done it before, *cold* a whole process:
         start, imports, compilation, one call. Ratios are the other's time over flightid's, round by round, the median with its quartiles: above 1
         flightid is ahead. Quote ratios; times are of this machine. *Memory* is the peak of the cold process. *Answer* says how near the answers are.
-        """)
+        """)  # noqa: E501
 
 
 def _machine(machine: Mapping[str, str]) -> list[str]:
@@ -89,10 +125,28 @@ def _standing(compared: Compared) -> list[str]:
             for way, ratio in (("warm", each.warm_ratio), ("cold", each.cold_ratio)):
                 if ratio is not None and ratio.lower <= 1.0:
                     word = "behind" if ratio.upper < 1.0 else "level with"
-                    behind.append(f"- {job.title}, {way}: {word} {each.contender.label}, which takes {times(ratio)} times as long.")
+                    behind.append(
+                        f"- {job.title}, {way}: {word} {each.contender.label}, which takes "
+                        f"{times(ratio)} times as long."
+                    )
     lines += behind or ["Nowhere in this run."]
-    apart = [f"- {job.title}: {each.contender.label}." for job, results in compared for each in results[1:] if not each.agreement.near]
-    return lines if not apart else [*lines, "", "Not the same answer within the stated tolerance, so that times do not compare:", "", *apart]
+    apart = [
+        f"- {job.title}: {each.contender.label}."
+        for job, results in compared
+        for each in results[1:]
+        if not each.agreement.near
+    ]
+    return (
+        lines
+        if not apart
+        else [
+            *lines,
+            "",
+            "Not the same answer within the stated tolerance, so that times do not compare:",
+            "",
+            *apart,
+        ]
+    )
 
 
 def _row(result: Result, ours: bool) -> tuple[str, ...]:
@@ -102,9 +156,23 @@ def _row(result: Result, ours: bool) -> tuple[str, ...]:
     share = result.contender.share
     label = name if share == 1.0 else f"{name}, scaled from {share:.2g} of the work"
     ratios = ("1", "1") if ours else (times(result.warm_ratio), times(result.cold_ratio))
-    answer = "" if ours else result.agreement.said if result.agreement.near else f"**not the same**: {result.agreement.said}"
+    answer = (
+        ""
+        if ours
+        else result.agreement.said
+        if result.agreement.near
+        else f"**not the same**: {result.agreement.said}"
+    )
     memory = "" if result.memory is None else f"{result.memory:.0f}"
-    return (label, seconds(result.warm.median), ratios[0], seconds(result.cold.median), ratios[1], memory, answer)
+    return (
+        label,
+        seconds(result.warm.median),
+        ratios[0],
+        seconds(result.cold.median),
+        ratios[1],
+        memory,
+        answer,
+    )
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:

@@ -1,4 +1,6 @@
-"""Interleaved timing, and what is told of it: medians and quartiles of times, and of ratios round by round."""
+"""Interleaved timing, and what is told of it: medians and quartiles of times, and of ratios round
+by round.
+"""
 
 from __future__ import annotations
 
@@ -27,16 +29,21 @@ def quartiles(values: Sequence[float]) -> Quartiles:
 
 
 def interleaved(
-    works: Mapping[str, Callable[[], Any]], rounds: int, patience: float, clock: Callable[[], float] = time.perf_counter
+    works: Mapping[str, Callable[[], Any]],
+    rounds: int,
+    patience: float,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, list[float]]:
     """Seconds of each work, round by round in turn: A B C A B C ...
 
-    The first calls of each are not counted but tell how often it fits into ``SHORTEST``. Who has used up its ``patience``, s, after
-    ``FEWEST`` rounds takes no further part, so that lists may be of different length; the k-th entries are of one round.
+    The first calls of each are not counted but tell how often it fits into ``SHORTEST``. Who has
+    used up its ``patience``, s, after ``FEWEST`` rounds takes no further part, so that lists may be
+    of different length; the k-th entries are of one round.
     """
     often: dict[str, int] = {}
     for name, work in works.items():
-        for _ in range(2):  # the first call of all may compile; what is long all the same is warm enough after it
+        # the first call of all may compile; what is long all the same is warm enough after it
+        for _ in range(2):
             begin = clock()
             work()
             took = clock() - begin

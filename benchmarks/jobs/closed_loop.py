@@ -27,7 +27,15 @@ def problem(small: bool) -> Problem:
         out[:, k] = loop.C[:3] @ x + loop.D[:3, 0] * u
         x = loop.A @ x + loop.B[:, 0] * u
     matrices = {name: np.asarray(getattr(loop, name)) for name in "ABCD"}
-    return {**matrices, "C": matrices["C"][:3], "D": matrices["D"][:3], "frame": np.array(x29.frame), "time": time, "stick": stick, "clean": out}
+    return {
+        **matrices,
+        "C": matrices["C"][:3],
+        "D": matrices["D"][:3],
+        "frame": np.array(x29.frame),
+        "time": time,
+        "stick": stick,
+        "clean": out,
+    }
 
 
 JOB = Job(
@@ -35,7 +43,7 @@ JOB = Job(
     "Simulation of a closed loop",
     """The X-29-like aircraft under its control law for twenty seconds at 80 frames a second, a stick so small that no limit is met.
 python-control has the linear loop, handed in as four matrices; flightid flies it with rate and travel limits, gearing and telemetry, which here
-change nothing.""",
+change nothing.""",  # noqa: E501
     Contender("flightid_loop", "flightid, with limits", "flightid"),
     (Contender("control_loop", "python-control, linear", "control", ("control",), tolerance=NEAR),),
     problem,

@@ -10,7 +10,8 @@ from benchmarks.jobs.rigid_flight import rigid_problem
 from benchmarks.peers import flightid_fly, scipy_dop853
 
 LADDER = tuple(10.0**-k for k in range(3, 14))
-NEAR, USUAL = 1e-6, 1e-4  # of the largest value: what motions must be within, and what one at the usual tolerance must
+# of the largest value: what motions must be within, and what one at the usual tolerance must
+NEAR, USUAL = 1e-6, 1e-4
 
 
 def exact_motion(problem: Problem) -> np.ndarray:
@@ -30,17 +31,26 @@ def exact_motion(problem: Problem) -> np.ndarray:
 
 
 def problem(small: bool) -> Problem:
-    """The flight with its switches and levels, and the loosest tolerance that makes DOP853 as accurate as flightid."""
+    """The flight with its switches and levels, and the loosest tolerance that makes DOP853 as
+    accurate as flightid.
+    """
     base = rigid_problem(4.0 if small else 8.0)
     changes = np.flatnonzero(np.diff(base["elevator"])) + 1
-    flown = {**base, "clean": exact_motion(base), "switches": base["time"][changes], "levels": np.append(0.0, base["elevator"][changes])}
+    flown = {
+        **base,
+        "clean": exact_motion(base),
+        "switches": base["time"][changes],
+        "levels": np.append(0.0, base["elevator"][changes]),
+    }
     size = np.max(np.abs(flown["clean"]), axis=1, keepdims=True)
 
     def error(clean: np.ndarray) -> float:
         return float(np.max(np.abs(clean - flown["clean"]) / size))
 
     ours = error(flightid_fly.prepare(flown)()["clean"])
-    tolerance = next((each for each in LADDER if error(scipy_dop853.flown(flown, each)) <= ours), LADDER[-1])
+    tolerance = next(
+        (each for each in LADDER if error(scipy_dop853.flown(flown, each)) <= ours), LADDER[-1]
+    )
     return {**flown, "tolerance": np.array(tolerance)}
 
 
@@ -49,11 +59,13 @@ JOB = Job(
     "Simulation of a flight",
     """The rigid aircraft through the 3-2-1-1, angle of attack and pitch rate at 100 Hz, then the noise of the sensors. DOP853 begins anew at
 every switch; once it has the loosest tolerance at which it is as accurate as flightid in this run (1e-13 where none is), once 1e-6.
-python-control samples the linear model exactly, which serves linear models only. Errors are against the matrix exponential.""",
+python-control samples the linear model exactly, which serves linear models only. Errors are against the matrix exponential.""",  # noqa: E501
     Contender("flightid_fly", "flightid", "flightid"),
     (
         Contender("scipy_dop853", "SciPy, DOP853 as accurate", "scipy", ("scipy",), tolerance=NEAR),
-        Contender("scipy_dop853_usual", "SciPy, DOP853 at 1e-6", "scipy", ("scipy",), tolerance=USUAL),
+        Contender(
+            "scipy_dop853_usual", "SciPy, DOP853 at 1e-6", "scipy", ("scipy",), tolerance=USUAL
+        ),
         Contender("control_flight", "python-control", "control", ("control",), tolerance=NEAR),
     ),
     problem,

@@ -21,10 +21,16 @@ JOB = Job(
     "A thousand runs",
     f"""The record above with {RUNS} draws of its noise, a filter each: final estimates, sigmas and log-likelihoods. filterpy takes one record
 after the other; {SHARE} are timed and scaled to {RUNS}. The C is written by hand for this one model, is compiled when it starts (part of its cold
-start), and uses what is zero in its matrices. dynamax runs under jit and vmap, and linearises the Runge-Kutta step itself.""",
+start), and uses what is zero in its matrices. dynamax runs under jit and vmap, and linearises the Runge-Kutta step itself.""",  # noqa: E501
     Contender("flightid_bank", "flightid, batched", "flightid"),
     (
-        Contender("filterpy_one_by_one", "filterpy, one by one", "filterpy", ("filterpy",), share=SHARE / RUNS),
+        Contender(
+            "filterpy_one_by_one",
+            "filterpy, one by one",
+            "filterpy",
+            ("filterpy",),
+            share=SHARE / RUNS,
+        ),
         Contender("dynamax_bank", "dynamax, jitted", "dynamax", ("dynamax", "jax"), tolerance=1.0),
         Contender("c_bank", "C by hand", missing=lambda: "" if compiler() else "no C compiler"),
     ),

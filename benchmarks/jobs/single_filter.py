@@ -7,12 +7,13 @@ from benchmarks.comparison.job import Contender, Job, Problem
 from benchmarks.jobs.rigid_flight import rigid_problem
 
 OURS = Contender("flightid_ekf", "flightid", "flightid")
-# A change of 1e-6 sigma is rounding; dynamax linearises the discrete step, which moves estimates by tenths of a sigma.
+# A change of 1e-6 sigma is rounding; dynamax linearises the discrete step, which moves estimates by
+# tenths of a sigma.
 DYNAMAX = Contender("dynamax_ekf", "dynamax, jitted", "dynamax", ("dynamax", "jax"), tolerance=1.0)
 SAME = """Eight seconds at 100 Hz of the scenario `rigid`: two states and six derivatives as states, Runge-Kutta for the mean, three terms of the
 exponential for the covariance, Joseph's update; means and sigmas are kept at every sample. The subclass of filterpy has its Jacobian written by
 hand for this one model; flightid works it out from the declared equations. What is timed is flightid's own kernel, `--engine batched`; by default a
-single record is filtered by filterpy itself."""
+single record is filtered by filterpy itself."""  # noqa: E501
 
 
 def problem(small: bool) -> Problem:
@@ -22,7 +23,8 @@ def problem(small: bool) -> Problem:
 PLAIN = Job(
     "ekf",
     "One record, one filter",
-    f"{SAME} flightid computes likelihoods, innovations and the tests of them besides, filterpy here does not.",
+    f"{SAME} flightid computes likelihoods, innovations and the tests of them besides, filterpy "
+    "here does not.",
     OURS,
     (Contender("filterpy_ekf", "filterpy, a subclass", "filterpy", ("filterpy",)),),
     problem,
@@ -32,9 +34,12 @@ WITH_LIKELIHOODS = Job(
     "ekf-likelihood",
     "One record, one filter, with likelihoods",
     """The same, and everybody gives the log-likelihood. dynamax is jitted and linearises the Runge-Kutta step itself: its estimates differ by tenths
-of a sigma.""",
+of a sigma.""",  # noqa: E501
     OURS,
-    (Contender("filterpy_ekf_likelihood", "filterpy, a subclass", "filterpy", ("filterpy",)), DYNAMAX),
+    (
+        Contender("filterpy_ekf_likelihood", "filterpy, a subclass", "filterpy", ("filterpy",)),
+        DYNAMAX,
+    ),
     problem,
     same_estimates_and_likelihood,
 )

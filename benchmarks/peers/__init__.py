@@ -1,1 +1,3 @@
-"""The same work by flightid and by others, each in a file of its own that imports nothing of the others."""
+"""The same work by flightid and by others, each in a file of its own that imports nothing of the
+others.
+"""

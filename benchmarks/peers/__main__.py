@@ -1,4 +1,6 @@
-"""One contender once, from a cold start: `python -m benchmarks.peers NAME PROBLEM.npz`. Imports only what that contender needs."""
+"""One contender once, from a cold start: `python -m benchmarks.peers NAME PROBLEM.npz`. Imports
+only what that contender needs.
+"""
 
 import sys
 from importlib import import_module

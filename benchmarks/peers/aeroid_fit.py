@@ -1,7 +1,8 @@
 """Output error by aeroid's identify, differences by its own choice.
 
-aeroid takes an input as straight between samples. The elevator is held, so that it is handed in as the mean of two
-samples, which is half a sample late like the hold; handed in as recorded, its estimates are a dozen sigmas off.
+aeroid takes an input as straight between samples. The elevator is held, so that it is handed in as
+the mean of two samples, which is half a sample late like the hold; handed in as recorded, its
+estimates are a dozen sigmas off.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ def data_of(problem: Problem) -> FlightData:
     """The record as aeroid's."""
     elevator = problem["elevator"]
     between = 0.5 * (elevator + np.concatenate([elevator[:1], elevator[:-1]]))
-    return FlightData(problem["time"], {"elevator": between, **dict(zip(OUTPUTS, problem["z"], strict=True))})
+    return FlightData(
+        problem["time"], {"elevator": between, **dict(zip(OUTPUTS, problem["z"], strict=True))}
+    )
 
 
 def model_of(problem: Problem, stack: Callable[[list[Any]], Any]) -> Model:
@@ -32,13 +35,20 @@ def model_of(problem: Problem, stack: Callable[[list[Any]], Any]) -> Model:
         Cm = p["Cm_alpha"] * x[0] + p["Cm_q"] * hat * x[1] + p["Cm_de"] * u[0]
         return stack([x[1] - lift * CL, moment * Cm])
 
-    return Model(OUTPUTS, ("elevator",), dict(zip(DERIVATIVES, problem["start"][2:].tolist(), strict=True)), dynamics)
+    return Model(
+        OUTPUTS,
+        ("elevator",),
+        dict(zip(DERIVATIVES, problem["start"][2:].tolist(), strict=True)),
+        dynamics,
+    )
 
 
 def identified(problem: Problem, model: Model, gradient: str) -> dict[str, np.ndarray]:
     """aeroid's estimates and sigmas, the motion beginning at rest."""
     weights = dict(zip(OUTPUTS, (1.0 / problem["noise_std"]).tolist(), strict=True))
-    found = identify(model, data_of(problem), DERIVATIVES, weights=weights, x0=np.zeros(2), gradient=gradient)
+    found = identify(
+        model, data_of(problem), DERIVATIVES, weights=weights, x0=np.zeros(2), gradient=gradient
+    )
     return {
         "estimate": np.array([found.parameters[name] for name in DERIVATIVES]),
         "estimate_std": np.array([found.stderr[name] for name in DERIVATIVES]),

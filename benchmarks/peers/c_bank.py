@@ -1,4 +1,6 @@
-"""The filters of many records in C written by hand (`ekf.c`), compiled on the spot and called through ctypes."""
+"""The filters of many records in C written by hand (`ekf.c`), compiled on the spot and called
+through ctypes.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,20 @@ def compiled() -> ctypes.CDLL:
     assert command is not None
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ekf.so"
-        subprocess.run([command, "-O3", "-march=native", "-shared", "-fPIC", "-o", str(path), str(SOURCE), "-lm"], check=True)
+        subprocess.run(
+            [
+                command,
+                "-O3",
+                "-march=native",
+                "-shared",
+                "-fPIC",
+                "-o",
+                str(path),
+                str(SOURCE),
+                "-lm",
+            ],
+            check=True,
+        )
         return ctypes.CDLL(str(path))
 
 
@@ -36,7 +51,14 @@ def prepare(problem: Problem) -> Callable[[], dict[str, np.ndarray]]:
     run.restype = None
     z = np.ascontiguousarray(np.transpose(problem["z_runs"], (2, 1, 0)))
     runs, samples, _ = z.shape
-    inputs = [np.array(scales_of(problem)), problem["elevator"], z, problem["noise_std"] ** 2, problem["start"], problem["start_std"] ** 2]
+    inputs = [
+        np.array(scales_of(problem)),
+        problem["elevator"],
+        z,
+        problem["noise_std"] ** 2,
+        problem["start"],
+        problem["start_std"] ** 2,
+    ]
     held = [np.ascontiguousarray(each, dtype=float) for each in inputs]
     dt = ctypes.c_double(float(problem["time"][1] - problem["time"][0]))
 
@@ -44,6 +66,10 @@ def prepare(problem: Problem) -> Callable[[], dict[str, np.ndarray]]:
         mean, variance, total = np.empty((runs, 8)), np.empty((runs, 8)), np.empty(runs)
         arrays = [each.ctypes.data_as(ctypes.c_void_p) for each in (*held, mean, variance, total)]
         run(ctypes.c_int(runs), ctypes.c_int(samples), dt, *arrays)
-        return {"estimate": mean[:, 2:].T, "estimate_std": np.sqrt(variance[:, 2:]).T, "log_likelihood": total}
+        return {
+            "estimate": mean[:, 2:].T,
+            "estimate_std": np.sqrt(variance[:, 2:]).T,
+            "log_likelihood": total,
+        }
 
     return work

@@ -11,6 +11,10 @@ from benchmarks.peers.short_period import Problem
 
 
 def prepare(problem: Problem) -> Callable[[], dict[str, np.ndarray]]:
-    loop = control.ss(problem["A"], problem["B"], problem["C"], problem["D"], float(problem["frame"]))
+    loop = control.ss(
+        problem["A"], problem["B"], problem["C"], problem["D"], float(problem["frame"])
+    )
     time, stick = problem["time"], problem["stick"]
-    return lambda: {"clean": np.asarray(control.forced_response(loop, timepts=time, inputs=stick).outputs)}
+    return lambda: {
+        "clean": np.asarray(control.forced_response(loop, timepts=time, inputs=stick).outputs)
+    }

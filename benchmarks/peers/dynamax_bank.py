@@ -1,4 +1,6 @@
-"""dynamax's filter of many records: vmap over records, a hundred at a time so that their histories stay small, jitted."""
+"""dynamax's filter of many records: vmap over records, a hundred at a time so that their histories
+stay small, jitted.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,11 @@ def prepare(problem: Problem) -> Callable[[], dict[str, np.ndarray]]:
 
     def one(z: Any) -> Any:
         post = run(z)
-        return post.filtered_means[-1, 2:], jnp.sqrt(jnp.diagonal(post.filtered_covariances[-1]))[2:], post.marginal_loglik
+        return (
+            post.filtered_means[-1, 2:],
+            jnp.sqrt(jnp.diagonal(post.filtered_covariances[-1]))[2:],
+            post.marginal_loglik,
+        )
 
     all_runs = jax.jit(lambda z: jax.lax.map(one, z, batch_size=AT_ONCE))
     z = jnp.array(np.transpose(problem["z_runs"], (2, 1, 0)))

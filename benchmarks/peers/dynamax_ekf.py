@@ -1,6 +1,7 @@
 """dynamax's extended Kalman filter, jitted in double precision; the first call compiles.
 
-dynamax linearises the Runge-Kutta step itself, where the others hold F over a step: its estimates differ by tenths of a sigma.
+dynamax linearises the Runge-Kutta step itself, where the others hold F over a step: its estimates
+differ by tenths of a sigma.
 """
 
 from __future__ import annotations
@@ -26,7 +27,12 @@ def filter_of(problem: Problem) -> Callable[[Any], Any]:
     def rates(x: Any, u: Any) -> Any:
         alpha, q, CL_alpha, CL_q, CL_de, Cm_alpha, Cm_q, Cm_de = x
         alpha_rate = q - lift * (CL_alpha * alpha + CL_q * hat * q + CL_de * u)
-        return jnp.concatenate([jnp.array([alpha_rate, moment * (Cm_alpha * alpha + Cm_q * hat * q + Cm_de * u)]), jnp.zeros(6)])
+        return jnp.concatenate(
+            [
+                jnp.array([alpha_rate, moment * (Cm_alpha * alpha + Cm_q * hat * q + Cm_de * u)]),
+                jnp.zeros(6),
+            ]
+        )
 
     def moved(x: Any, u: Any) -> Any:
         k1 = rates(x, u[0])
@@ -42,7 +48,8 @@ def filter_of(problem: Problem) -> Callable[[Any], Any]:
         emission_function=lambda x, u: x[:2],
         emission_covariance=jnp.diag(jnp.array(problem["noise_std"]) ** 2),
     )
-    # dynamax moves to a sample with the input of that sample; a held input is that of the sample before.
+    # dynamax moves to a sample with the input of that sample; a held input is that of the sample
+    # before.
     held = jnp.array(np.concatenate([[0.0], problem["elevator"][:-1]]))[:, None]
     fields = ["filtered_means", "filtered_covariances"]
     return lambda z: extended_kalman_filter(params, z, inputs=held, output_fields=fields)
@@ -54,12 +61,22 @@ def prepare(problem: Problem) -> Callable[[], dict[str, np.ndarray]]:
     @jax.jit
     def one(z: Any) -> Any:
         post = run(z)
-        return post.filtered_means, jnp.sqrt(jnp.diagonal(post.filtered_covariances, axis1=1, axis2=2)), post.marginal_loglik
+        return (
+            post.filtered_means,
+            jnp.sqrt(jnp.diagonal(post.filtered_covariances, axis1=1, axis2=2)),
+            post.marginal_loglik,
+        )
 
     z = jnp.array(problem["z"].T)
 
     def work() -> dict[str, np.ndarray]:
         mean, std, total = (np.asarray(each) for each in one(z))
-        return {"mean": mean, "std": std, "estimate": mean[-1, 2:], "estimate_std": std[-1, 2:], "log_likelihood": total}
+        return {
+            "mean": mean,
+            "std": std,
+            "estimate": mean[-1, 2:],
+            "estimate_std": std[-1, 2:],
+            "log_likelihood": total,
+        }
 
     return work

@@ -1,4 +1,6 @@
-"""A subclass of filterpy's ExtendedKalmanFilter with the Jacobian written out by hand, as its handbook shows; no likelihoods."""
+"""A subclass of filterpy's ExtendedKalmanFilter with the Jacobian written out by hand, as its
+handbook shows; no likelihoods.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ from benchmarks.peers.short_period import Problem, Scales, rk4, scales_of
 
 
 class ShortPeriodFilter(ExtendedKalmanFilter):
-    """States alpha, q and the six derivatives; Runge-Kutta for the mean, three terms of the exponential for the covariance."""
+    """States alpha, q and the six derivatives; Runge-Kutta for the mean, three terms of the
+    exponential for the covariance.
+    """
 
     P: np.ndarray
 
@@ -44,7 +48,9 @@ def outputs(x: np.ndarray) -> np.ndarray:
 
 
 def filtered(problem: Problem, z: np.ndarray, likelihood: bool) -> dict[str, np.ndarray]:
-    """One record ``z (2, N)``: means and standard deviations after each sample, ``(N, 8)``, the last of each, and the log-likelihood."""
+    """One record ``z (2, N)``: means and standard deviations after each sample, ``(N, 8)``, the
+    last of each, and the log-likelihood.
+    """
     time, elevator = problem["time"], problem["elevator"].tolist()
     ekf = ShortPeriodFilter(scales_of(problem), float(time[1] - time[0]))
     ekf.x, ekf.P = problem["start"].reshape(8, 1).copy(), np.diag(problem["start_std"] ** 2)

@@ -15,6 +15,9 @@ def prepare(problem: Problem) -> Callable[[], dict[str, np.ndarray]]:
 
     def work() -> dict[str, np.ndarray]:
         found = [filtered(problem, z[:, :, b], likelihood=True) for b in range(z.shape[2])]
-        return {name: np.stack([each[name] for each in found], axis=-1) for name in ("estimate", "estimate_std", "log_likelihood")}
+        return {
+            name: np.stack([each[name] for each in found], axis=-1)
+            for name in ("estimate", "estimate_std", "log_likelihood")
+        }
 
     return work

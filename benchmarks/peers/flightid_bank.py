@@ -17,10 +17,17 @@ BATCH = 500
 
 
 def prepare(problem: Problem) -> Callable[[], dict[str, np.ndarray]]:
-    record, system, z = record_of(problem), compile_model(declared(problem), OUTPUTS, online=True), problem["z_runs"]
+    record, system, z = (
+        record_of(problem),
+        compile_model(declared(problem), OUTPUTS, online=True),
+        problem["z_runs"],
+    )
 
     def work() -> dict[str, np.ndarray]:
-        banks = [run_bank(record, system, FilterSettings(), z=z[:, :, b : b + BATCH]) for b in range(0, z.shape[2], BATCH)]
+        banks = [
+            run_bank(record, system, FilterSettings(), z=z[:, :, b : b + BATCH])
+            for b in range(0, z.shape[2], BATCH)
+        ]
         return {
             "estimate": np.concatenate([bank.mean[2:] for bank in banks], axis=1),
             "estimate_std": np.concatenate([bank.std[2:] for bank in banks], axis=1),

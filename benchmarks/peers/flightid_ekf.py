@@ -1,4 +1,6 @@
-"""flightid's own kernel for one record (``--engine batched``): states and parameters with their histories, innovations and likelihoods."""
+"""flightid's own kernel for one record (``--engine batched``): states and parameters with their
+histories, innovations and likelihoods.
+"""
 
 from __future__ import annotations
 

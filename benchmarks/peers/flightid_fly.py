@@ -15,10 +15,15 @@ from sim.truth.flight import fly
 
 def prepare(problem: Problem) -> Callable[[], dict[str, np.ndarray]]:
     model, time = true_model(problem), problem["time"]
-    elevator = MultiStep(tuple(problem["levels"][1:-1].tolist()), tuple(problem["switches"].tolist()))
+    elevator = MultiStep(
+        tuple(problem["levels"][1:-1].tolist()), tuple(problem["switches"].tolist())
+    )
 
     def work() -> dict[str, np.ndarray]:
         record, truth = fly(model, elevator, time, np.random.default_rng(1), outputs=OUTPUTS)
-        return {"clean": np.array([truth.outputs[name] for name in OUTPUTS]), "z": record.output_array(OUTPUTS)[0]}
+        return {
+            "clean": np.array([truth.outputs[name] for name in OUTPUTS]),
+            "z": record.output_array(OUTPUTS)[0],
+        }
 
     return work

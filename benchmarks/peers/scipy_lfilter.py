@@ -1,4 +1,6 @@
-"""Output error on the exact discrete transfer functions of the linear model by scipy.signal.lfilter: the quick way where a model is linear."""
+"""Output error on the exact discrete transfer functions of the linear model by
+scipy.signal.lfilter: the quick way where a model is linear.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ def prepare(problem: Problem) -> Callable[[], dict[str, np.ndarray]]:
         block[:2, :2], block[:2, 2:] = A, B
         held = expm(block * dt)
         Ad, Bd = held[:2, :2], held[:2, 2]
-        # (z I - Ad)^-1 = (z I + Ad - tr(Ad) I) / (z^2 - tr(Ad) z + det(Ad)) of a matrix of two rows.
+        # (z I - Ad)^-1 = (z I + Ad - tr(Ad) I) / (z^2 - tr(Ad) z + det(Ad)) of a matrix of two
+        # rows.
         trace, below = np.trace(Ad), [1.0, -np.trace(Ad), np.linalg.det(Ad)]
         second = Ad @ Bd - trace * Bd
         return np.stack([lfilter([0.0, Bd[i], second[i]], below, elevator) for i in range(2)])

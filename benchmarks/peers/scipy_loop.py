@@ -1,4 +1,6 @@
-"""Output error as the handbooks' first program: SciPy's least_squares on a simulation loop in plain Python."""
+"""Output error as the handbooks' first program: SciPy's least_squares on a simulation loop in plain
+Python.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +15,13 @@ from benchmarks.peers.short_period import Problem, rk4, scales_of
 def solved(problem: Problem, simulate: Callable[[np.ndarray], np.ndarray]) -> dict[str, np.ndarray]:
     """Six derivatives whose simulated outputs ``(2, N)`` come nearest, with their sigmas."""
     z, weight, start = problem["z"], 1.0 / problem["noise_std"][:, None], problem["start"][2:]
-    found = least_squares(lambda p: ((z - simulate(p)) * weight).ravel(), start, x_scale=np.abs(start), xtol=1e-10)
-    return {"estimate": found.x, "estimate_std": np.sqrt(np.diagonal(np.linalg.inv(found.jac.T @ found.jac)))}
+    found = least_squares(
+        lambda p: ((z - simulate(p)) * weight).ravel(), start, x_scale=np.abs(start), xtol=1e-10
+    )
+    return {
+        "estimate": found.x,
+        "estimate_std": np.sqrt(np.diagonal(np.linalg.inv(found.jac.T @ found.jac))),
+    }
 
 
 def prepare(problem: Problem) -> Callable[[], dict[str, np.ndarray]]:

@@ -19,4 +19,8 @@ def _series(series: Series, pace: Pace, folder: Path, say: Callable[[str], None]
     return grown(series, pace, say)
 
 
-TABLES: Mapping[str, Measure] = {**{each.name: partial(_series, each) for each in SERIES}, "jobs": jobs, "memory": memory}
+TABLES: Mapping[str, Measure] = {
+    **{each.name: partial(_series, each) for each in SERIES},
+    "jobs": jobs,
+    "memory": memory,
+}

@@ -1,4 +1,6 @@
-"""The flexible aircraft with any number of elastic modes and free parameters, its record, and what is done with them."""
+"""The flexible aircraft with any number of elastic modes and free parameters, its record, and what
+is done with them.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,12 @@ from ident.filters.ekf import run_ekf
 from ident.whole_record.layout import FitSettings
 from ident.whole_record.output_error import fit_output_error
 from scenarios.studies.catalogue import load_scenario
-from scenarios.studies.estimating import assumed_noise, declared_model, flight_constants, fly_scenario
+from scenarios.studies.estimating import (
+    assumed_noise,
+    declared_model,
+    flight_constants,
+    fly_scenario,
+)
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.record import Record
@@ -26,10 +33,16 @@ STATE_STD = 0.01  # rad, rad/s and as large for modes
 
 @cache
 def full_order() -> tuple[Record, Model]:
-    """The record of `flexible-ac1-full-order` and its declared model: ten states, 66 free parameters with priors."""
+    """The record of `flexible-ac1-full-order` and its declared model: ten states, 66 free
+    parameters with priors.
+    """
     scenario = load_scenario("flexible-ac1-full-order")
     estimation = scenario.estimations[0]
-    model = declared_model(estimation, flight_constants(scenario.flight, estimation), assumed_noise(scenario, estimation))
+    model = declared_model(
+        estimation,
+        flight_constants(scenario.flight, estimation),
+        assumed_noise(scenario, estimation),
+    )
     return fly_scenario(scenario, scenario.seed)[0], model
 
 
@@ -49,7 +62,9 @@ def with_modes(count: int) -> Model:
     model = flexible_model(read_parameter_set("bomber_ac1"), count, full_order()[1].noise)
     priors = {name: 0.3 * abs(model.parameters[name].value) for name in DERIVATIVES}
     parameters = model.parameters.only_free(DERIVATIVES).with_prior(priors)
-    initial = replace(model.initial, items=tuple(replace(item, prior_std=STATE_STD) for item in model.initial))
+    initial = replace(
+        model.initial, items=tuple(replace(item, prior_std=STATE_STD) for item in model.initial)
+    )
     return replace(model, parameters=parameters, initial=initial)
 
 

@@ -21,11 +21,17 @@ RATE = 100  # samples a second
 def _rigid(samples: int) -> Any:
     found = rigid_problem((samples - 1) / RATE)
     changes = np.flatnonzero(np.diff(found["elevator"])) + 1
-    return {**found, "switches": found["time"][changes], "levels": np.append(0.0, found["elevator"][changes])}
+    return {
+        **found,
+        "switches": found["time"][changes],
+        "levels": np.append(0.0, found["elevator"][changes]),
+    }
 
 
 def _traced(candidates: int) -> Callable[[], Any]:
-    """A diagnosis of a record with a late elevator, with so many effects offered, the right one first."""
+    """A diagnosis of a record with a late elevator, with so many effects offered, the right one
+    first.
+    """
     from ident.tracing.loop import diagnose
     from scenarios.diagnosis.candidates import candidates_for
     from scenarios.studies.catalogue import load_document
@@ -36,7 +42,9 @@ def _traced(candidates: int) -> Callable[[], Any]:
     scenario, known = trace_scenario_of(*load_document("trace-delay")), rigid_problem()
     flight = fly_trace(scenario, scenario.seed)
     starts = dict(zip(DERIVATIVES, known["start"][2:].tolist(), strict=True))
-    model = model_from_constants("rigid", dict(zip(CONSTANTS, known["constants"].tolist(), strict=True)), starts)
+    model = model_from_constants(
+        "rigid", dict(zip(CONSTANTS, known["constants"].tolist(), strict=True)), starts
+    )
     model = model.with_biases([channel.name for channel in flight.train.outputs])
     every = sorted(candidates_for(model), key=lambda each: each.name != "input-delay")
     named = [each for each in every if not each.traits.general][:candidates]
@@ -55,7 +63,8 @@ SERIES: tuple[Series, ...] = (
     Series(
         "samples",
         "Growth with samples",
-        "The rigid aircraft at 100 Hz, six derivatives: one filter, one output-error fit, one simulation, each a warm call.",
+        "The rigid aircraft at 100 Hz, six derivatives: one filter, one output-error fit, one "
+        "simulation, each a warm call.",
         "samples",
         (401, 801, 1601, 3201, 6401),
         {
@@ -79,17 +88,21 @@ SERIES: tuple[Series, ...] = (
     Series(
         "parameters",
         "Growth with free parameters",
-        "801 samples, ten states, priors. A fit may need more steps with more parameters, which the exponent counts too.",
+        "801 samples, ten states, priors. A fit may need more steps with more parameters, which "
+        "the exponent counts too.",
         "parameters",
         (6, 12, 24, 48, 66),
-        {"filter": lambda n: filtered(full_order()[0], with_free(n)), "output error": lambda n: fitted(full_order()[0], with_free(n))},
+        {
+            "filter": lambda n: filtered(full_order()[0], with_free(n)),
+            "output error": lambda n: fitted(full_order()[0], with_free(n)),
+        },
         rounds=5,
     ),
     Series(
         "candidates",
         "Growth with candidates of the tracing loop",
         """A diagnosis of the scenario `trace-delay`, which hides a late elevator; so many effects of the library are offered, the right one first, no
-guards.""",
+guards.""",  # noqa: E501
         "candidates",
         (3, 6, 12, 24, 48),
         {"diagnosis": _traced},
@@ -98,7 +111,8 @@ guards.""",
     Series(
         "runs",
         "Growth with runs",
-        "`flightid campaign rigid` in one process: flights, filters and the table, without its start.",
+        "`flightid campaign rigid` in one process: flights, filters and the table, without its "
+        "start.",
         "runs",
         (100, 1000, 10000),
         {"campaign": _campaign},

@@ -13,7 +13,10 @@ from benchmarks.comparison.whole_process import measured
 
 FLIGHTID = [sys.executable, "-m", "scenarios"]
 ROOT = Path(__file__).resolve().parents[2]
-_RUN = f"import sys; sys.path.insert(0, {str(ROOT)!r}); from exam.__main__ import main; sys.exit(main())"
+_RUN = (
+    f"import sys; sys.path.insert(0, {str(ROOT)!r}); from exam.__main__ import main; "
+    "sys.exit(main())"
+)
 EXAM = [sys.executable, "-c", _RUN]  # is not installed
 # A campaign: its name, its command, its runs, those of a quick benchmark, and rounds.
 STUDIES = (
@@ -38,11 +41,26 @@ def jobs(pace: Pace, folder: Path, say: Callable[[str], None]) -> Table:
                 found[count].append(measured(command, folder).seconds)
         gain = ratios(found[1], found[2])
         study = f"{name} --runs {runs}"
-        rows.append((f"`{study}`", *(seconds(quartiles(found[count]).median) for count in found), times(gain)))
-        data[study] = {"seconds": {str(count): values for count, values in found.items()}, "gain": gain._asdict()}
+        rows.append(
+            (
+                f"`{study}`",
+                *(seconds(quartiles(found[count]).median) for count in found),
+                times(gain),
+            )
+        )
+        data[study] = {
+            "seconds": {str(count): values for count, values in found.items()},
+            "gain": gain._asdict(),
+        }
     about = """Whole processes with one thread each, start included, on the cores named above.
-    Two jobs need both cores: where the load before is not near zero, other work had them, and this table says little."""
-    return Table("One job and two", about, ("study", "one job", "two jobs", "times faster"), tuple(rows), data)
+    Two jobs need both cores: where the load before is not near zero, other work had them, and this table says little."""  # noqa: E501
+    return Table(
+        "One job and two",
+        about,
+        ("study", "one job", "two jobs", "times faster"),
+        tuple(rows),
+        data,
+    )
 
 
 def memory(pace: Pace, folder: Path, say: Callable[[str], None]) -> Table:
@@ -54,7 +72,17 @@ def memory(pace: Pace, folder: Path, say: Callable[[str], None]) -> Table:
         "run rigid": [*FLIGHTID, "run", "rigid", "--out", "run"],
         "simulate rigid": [*FLIGHTID, "simulate", "rigid", "--out", "record.csv"],
         "check": [*FLIGHTID, "check", *files[:1], "--vehicle", files[2], "--out", "check"],
-        "identify --model rigid": [*FLIGHTID, "identify", files[0], "--model", "rigid", "--vehicle", files[2], "--out", "identify"],
+        "identify --model rigid": [
+            *FLIGHTID,
+            "identify",
+            files[0],
+            "--model",
+            "rigid",
+            "--vehicle",
+            files[2],
+            "--out",
+            "identify",
+        ],
         "diagnose --model rigid": [
             *FLIGHTID,
             "diagnose",
@@ -70,18 +98,40 @@ def memory(pace: Pace, folder: Path, say: Callable[[str], None]) -> Table:
         ],
     }
     for runs in ASKED_RUNS[:1] if pace.small else ASKED_RUNS:
-        commands[f"campaign rigid --runs {runs} --jobs 1"] = [*FLIGHTID, "campaign", "rigid", "--runs", str(runs), "--jobs", "1", "--quiet"]
+        commands[f"campaign rigid --runs {runs} --jobs 1"] = [
+            *FLIGHTID,
+            "campaign",
+            "rigid",
+            "--runs",
+            str(runs),
+            "--jobs",
+            "1",
+            "--quiet",
+        ]
     found = {}
     for name, command in commands.items():
         say(f"memory: {name}")
         found[name] = measured(command, folder)
-    rows = tuple((f"`{name}`", f"{each.memory:.0f}", seconds(each.seconds)) for name, each in found.items())
-    about = "Peak resident memory of the process, or of its largest child, and how long it took, start, figures and report included."
-    return Table("Memory", about, ("command", "MiB", "time"), rows, {name: each._asdict() for name, each in found.items()})
+    rows = tuple(
+        (f"`{name}`", f"{each.memory:.0f}", seconds(each.seconds)) for name, each in found.items()
+    )
+    about = (
+        "Peak resident memory of the process, or of its largest child, and how long it took, "
+        "start, figures and report included."
+    )
+    return Table(
+        "Memory",
+        about,
+        ("command", "MiB", "time"),
+        rows,
+        {name: each._asdict() for name, each in found.items()},
+    )
 
 
 def _flown(folder: Path) -> list[str]:
-    """Record, held-out record and vehicle file of the scenario `trace-delay`: 1001 samples of three channels."""
+    """Record, held-out record and vehicle file of the scenario `trace-delay`: 1001 samples of three
+    channels.
+    """
     from scenarios.studies.catalogue import load_document
     from scenarios.trials.planted.flights import fly_trace, write_flown
     from scenarios.trials.planted.schema import trace_scenario_of

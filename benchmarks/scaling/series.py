@@ -38,7 +38,9 @@ class Series:
 
 
 def exponent(sizes: Sequence[float], times: Sequence[float]) -> float:
-    """Slope of log time over log size at the ``LARGE`` end, least squares: 1 where time grows as the size."""
+    """Slope of log time over log size at the ``LARGE`` end, least squares: 1 where time grows as
+    the size.
+    """
     return float(np.polyfit(np.log(sizes[-LARGE:]), np.log(times[-LARGE:]), 1)[0])
 
 
@@ -46,14 +48,24 @@ def grown(series: Series, pace: Pace, say: Callable[[str], None]) -> Table:
     """Measure a series, sizes and works in turn."""
     sizes = series.sizes[: series.quick] if pace.small else series.sizes
     say(f"{series.name}: {len(sizes)} sizes of {len(series.works)} works")
-    prepared = {f"{what} {size}": prepare(size) for size in sizes for what, prepare in series.works.items()}
+    prepared = {
+        f"{what} {size}": prepare(size) for size in sizes for what, prepare in series.works.items()
+    }
     times = interleaved(prepared, min(series.rounds, pace.rounds), pace.patience / 2.0)
     found = {what: [quartiles(times[f"{what} {size}"]) for size in sizes] for what in series.works}
-    slopes = {what: exponent(sizes, [each.median for each in values]) for what, values in found.items()}
-    rows = [(str(size), *(seconds(found[what][i].median) for what in found)) for i, size in enumerate(sizes)]
+    slopes = {
+        what: exponent(sizes, [each.median for each in values]) for what, values in found.items()
+    }
+    rows = [
+        (str(size), *(seconds(found[what][i].median) for what in found))
+        for i, size in enumerate(sizes)
+    ]
     rows.append(("exponent", *(f"{slopes[what]:.2f}" for what in found)))
     data = {
         "sizes": list(sizes),
-        "works": {what: {"seconds": [each._asdict() for each in values], "exponent": slopes[what]} for what, values in found.items()},
+        "works": {
+            what: {"seconds": [each._asdict() for each in values], "exponent": slopes[what]}
+            for what, values in found.items()
+        },
     }
     return Table(series.title, series.about, (series.unit, *found), tuple(rows), data)

@@ -1,4 +1,6 @@
-"""Checks a built site: `python -m docs._ext.check SITE`. Every link leads somewhere, and no page asks another host for anything."""
+"""Checks a built site: `python -m docs._ext.check SITE`. Every link leads somewhere, and no page
+asks another host for anything.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,15 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 # Tags and attributes by which a browser fetches something without being asked.
-FETCHED = {("script", "src"), ("img", "src"), ("iframe", "src"), ("source", "src"), ("video", "src"), ("link", "href"), ("object", "data")}
+FETCHED = {
+    ("script", "src"),
+    ("img", "src"),
+    ("iframe", "src"),
+    ("source", "src"),
+    ("video", "src"),
+    ("link", "href"),
+    ("object", "data"),
+}
 IMPORTED = re.compile(r"""(?:url\(|@import)\s*["']?\s*(https?:)?//""")
 
 
@@ -43,8 +53,11 @@ def page(path: Path) -> Page:
 
 
 def complaints(site: Path) -> Iterator[str]:
-    """One sentence for each link that leads nowhere and each thing that is fetched from elsewhere."""
-    for path in sorted(each for each in site.rglob("*.html") if "_static" not in each.parts):  # the theme's own templates lie there
+    """One sentence for each link that leads nowhere and each thing that is fetched from
+    elsewhere.
+    """
+    # the theme's own templates lie there
+    for path in sorted(each for each in site.rglob("*.html") if "_static" not in each.parts):
         name, here = path.relative_to(site), page(path)
         for address in here.fetched:
             if urlsplit(address).netloc:
@@ -58,7 +71,9 @@ def complaints(site: Path) -> Iterator[str]:
 
 
 def leads_nowhere(path: Path, address: str) -> str:
-    """What is wrong with a link of a page, empty where nothing is or where it leads to another host."""
+    """What is wrong with a link of a page, empty where nothing is or where it leads to another
+    host.
+    """
     parts = urlsplit(address)
     if parts.scheme or parts.netloc:
         return ""
@@ -67,7 +82,11 @@ def leads_nowhere(path: Path, address: str) -> str:
         target /= "index.html"
     if not target.is_file():
         return "there is no such file"
-    if parts.fragment and target.suffix == ".html" and unquote(parts.fragment) not in page(target).anchors:
+    if (
+        parts.fragment
+        and target.suffix == ".html"
+        and unquote(parts.fragment) not in page(target).anchors
+    ):
         return "there is no such place in it"
     return ""
 
@@ -78,7 +97,10 @@ def main() -> None:
     print("\n".join(found))
     if found or not (site / "index.html").is_file():
         sys.exit(f"{len(found)} faults in {site}")
-    print(f"{page.cache_info().currsize} pages, every link leads somewhere, nothing is fetched from another host")
+    print(
+        f"{page.cache_info().currsize} pages, every link leads somewhere, nothing is fetched from "
+        "another host"
+    )
 
 
 if __name__ == "__main__":

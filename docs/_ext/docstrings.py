@@ -1,6 +1,8 @@
-"""Docstrings of this project are plain text; Sphinx wants reStructuredText. What looks like markup and is none is escaped.
+"""Docstrings of this project are plain text; Sphinx wants reStructuredText. What looks like markup
+and is none is escaped.
 
-Kept are names in backticks, indented blocks, and the parts that a line of dashes underlines (Parameters, Returns, Raises, Attributes).
+Kept are names in backticks, indented blocks, and the parts that a line of dashes underlines
+(Parameters, Returns, Raises, Attributes).
 """
 
 from __future__ import annotations
@@ -21,7 +23,10 @@ def escaped(text: str) -> str:
     """One paragraph in one line: code stays code, everything else is taken as it stands."""
     out, at = [], 0
     for found in CODE.finditer(text):
-        out += [MARKS.sub(r"\\\1", text[at : found.start()]), f"\\ ``{(found[1] or found[2]).strip()}``\\ "]
+        out += [
+            MARKS.sub(r"\\\1", text[at : found.start()]),
+            f"\\ ``{(found[1] or found[2]).strip()}``\\ ",
+        ]
         at = found.end()
     joined = "".join([*out, MARKS.sub(r"\\\1", text[at:])])
     joined = re.sub(r"::$", ":", joined)
@@ -29,7 +34,9 @@ def escaped(text: str) -> str:
 
 
 def entries(lines: Sequence[str]) -> Iterator[str]:
-    """Lines of a part such as Parameters: ``name : text`` with its continuation as an item of a list, anything else as a paragraph."""
+    """Lines of a part such as Parameters: ``name : text`` with its continuation as an item of a
+    list, anything else as a paragraph.
+    """
     found: list[list[str]] = []
     for line in lines:
         if found and line.startswith(" "):
@@ -65,7 +72,9 @@ def plain(lines: Sequence[str]) -> list[str]:
         elif listed and any(ENTRY.fullmatch(line) for line in paragraph):
             out += entries(paragraph)
         elif paragraph and paragraph[0].startswith("- "):
-            out += [f"* {escaped(line.strip().removeprefix('- '))}" for line in joined_items(paragraph)] + [""]
+            out += [
+                f"* {escaped(line.strip().removeprefix('- '))}" for line in joined_items(paragraph)
+            ] + [""]
         elif paragraph:
             out += [escaped(" ".join(line.strip() for line in paragraph)), ""]
     return out
@@ -82,8 +91,12 @@ def joined_items(lines: Sequence[str]) -> list[str]:
     return found
 
 
-def process(app: Any, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
-    """Sphinx's hook: the lines are changed where they stand. Docstrings of other packages are left alone."""
+def process(
+    app: Any, what: str, name: str, thing: object, options: object, lines: list[str]
+) -> None:
+    """Sphinx's hook: the lines are changed where they stand. Docstrings of other packages are left
+    alone.
+    """
     lines[:] = plain(lines)
 
 

@@ -1,7 +1,8 @@
 """Links of a code host turned into links of the site.
 
-The pages point to files of the checkout, so that they can be followed where the code is hosted. On the site a Markdown file is a page,
-a folder the page of its README, a Python file its part of the API page; what the site does not have is shown without a link.
+The pages point to files of the checkout, so that they can be followed where the code is hosted. On
+the site a Markdown file is a page, a folder the page of its README, a Python file its part of the
+API page; what the site does not have is shown without a link.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ FENCED = re.compile(r"(^```.*?^```\s*?$)", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\[\]]*\])*)\]\(([^)\s]+)\)")
 
 
-def turned(text: str, origin: str, page: str, pages: Mapping[str, str], files: frozenset[str]) -> str:
+def turned(
+    text: str, origin: str, page: str, pages: Mapping[str, str], files: frozenset[str]
+) -> str:
     """Markdown with its links turned.
 
     Parameters
@@ -33,7 +36,7 @@ def turned(text: str, origin: str, page: str, pages: Mapping[str, str], files: f
             return found[0]
         where = posixpath.normpath(posixpath.join(posixpath.dirname(origin), path))
         if where in files:
-            return f"{mark}[{words}]({posixpath.relpath(where, posixpath.join('docs', posixpath.dirname(page)))})"
+            return f"{mark}[{words}]({posixpath.relpath(where, posixpath.join('docs', posixpath.dirname(page)))})"  # noqa: E501
         if where not in pages:
             return words
         name, _, part = pages[where].partition("#")
@@ -41,4 +44,6 @@ def turned(text: str, origin: str, page: str, pages: Mapping[str, str], files: f
         anchor = anchor or part
         return f"{mark}[{words}]({to}{'#' if anchor else ''}{anchor})"
 
-    return "".join(each if each.startswith("```") else LINK.sub(one, each) for each in FENCED.split(text))
+    return "".join(
+        each if each.startswith("```") else LINK.sub(one, each) for each in FENCED.split(text)
+    )

@@ -1,4 +1,6 @@
-"""The Sphinx extension of the site: made pages are written before sources are read; links and contents are set as each is read."""
+"""The Sphinx extension of the site: made pages are written before sources are read; links and
+contents are set as each is read.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ def write_made_pages(app: Any) -> None:
 
 
 def read(app: Any, name: str, source: list[str]) -> None:
-    """Sphinx's hook for each page that is read: links as the site has them, contents as `conf.py` says."""
+    """Sphinx's hook for each page that is read: links as the site has them, contents as `conf.py`
+    says.
+    """
     text = source[0]
     if not name.startswith("made/"):
         text = turn(text, f"docs/{name}.md", name)
@@ -55,7 +59,11 @@ def contents_of(app: Any, name: str) -> list[str]:
     if name == "made/scenarios":
         return ["made/scenario/*"]
     if name == "made/api/README":
-        return [f"made/api/{each}" for each in ("flightid", "scenarios", "ident", "sim") if (Path(app.srcdir) / f"made/api/{each}.md").is_file()]
+        return [
+            f"made/api/{each}"
+            for each in ("flightid", "scenarios", "ident", "sim")
+            if (Path(app.srcdir) / f"made/api/{each}.md").is_file()
+        ]
     if name == "made/contributing":
         return ["made/tests", "made/benchmarks"]
     return list(app.config.contents.get(name, ()))

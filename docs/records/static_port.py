@@ -12,7 +12,9 @@ from sim.declaration.proposal import Probe, Traits
 
 @dataclass(frozen=True)
 class StaticPort:
-    """The recorded altitude is h - coefficient v^2/(2 g): the port reads coefficient times the dynamic pressure too much."""
+    """The recorded altitude is h - coefficient v^2/(2 g): the port reads coefficient times the
+    dynamic pressure too much.
+    """
 
     name = "static-port"
     station = Station.SENSOR_PATH
@@ -26,12 +28,16 @@ class StaticPort:
         plausible={"coefficient": (-0.3, 0.3)},
     )
     explanation = (
-        "A barometer takes the pressure in its bay for that of the free air. Holes in the side of a fast body feel a share of the dynamic "
+        "A barometer takes the pressure in its bay for that of the free air. Holes in the side of "
+        "a fast body feel a share of the dynamic "
         "pressure besides: dp = c rho v^2/2, which is a height of c v^2/(2 g) whatever the density."
     )
 
     def read(self, s, y, vehicle, p):
-        return {"altitude": y["altitude"] - p.coefficient * s.velocity * s.velocity / (2.0 * vehicle.gravity)}
+        return {
+            "altitude": y["altitude"]
+            - p.coefficient * s.velocity * s.velocity / (2.0 * vehicle.gravity)
+        }
 
     def probes(self, context):
         return [Probe({"coefficient": 0.0}, slopes=("coefficient",))]

@@ -1,1 +1,3 @@
-"""Campaigns of every scenario that has parameters to estimate: writes `docs/campaign-statistics.md`."""
+"""Campaigns of every scenario that has parameters to estimate: writes
+`docs/campaign-statistics.md`.
+"""

@@ -33,7 +33,9 @@ Cell = tuple[str, str, str]
 
 
 def cells(wanted: Sequence[str] = ()) -> list[Cell]:
-    """All cells, or those that contain every word of one of ``wanted`` (``"ekf,rigid,white"``; words left out stand for any)."""
+    """All cells, or those that contain every word of one of ``wanted`` (``"ekf,rigid,white"``;
+    words left out stand for any).
+    """
     every = [
         (estimator, model, noise)
         for noise in NOISES
@@ -48,7 +50,9 @@ def cells(wanted: Sequence[str] = ()) -> list[Cell]:
 
 
 def run_of(cell: Cell, run: int) -> dict[str, Any]:
-    """One flight of a cell, identified: errors in sigmas by parameter, outcome, caution on sigmas."""
+    """One flight of a cell, identified: errors in sigmas by parameter, outcome, caution on
+    sigmas.
+    """
     estimator, model, noise = cell
     flight = flown(model, noise, run)
     row = {"estimator": estimator, "model": model, "noise": noise, "run": run}
@@ -82,7 +86,9 @@ def write_flight(folder: Path, flight: Flight) -> tuple[Path, Path]:
 
 def measure(rows: Path, wanted: Sequence[Cell], runs: int, first: int = 0) -> None:
     """Append every run that the file does not hold yet, all cells advancing together."""
-    kept = {(each["estimator"], each["model"], each["noise"], each["run"]) for each in read_rows(rows)}
+    kept = {
+        (each["estimator"], each["model"], each["noise"], each["run"]) for each in read_rows(rows)
+    }
     for run in range(first, first + runs):
         for cell in wanted:
             if (*cell, run) not in kept:
@@ -92,7 +98,11 @@ def measure(rows: Path, wanted: Sequence[Cell], runs: int, first: int = 0) -> No
 
 def read_rows(rows: Path) -> list[dict[str, Any]]:
     """The runs that a file holds; none where there is no file."""
-    return [json.loads(line) for line in rows.read_text(encoding="utf-8").splitlines()] if rows.is_file() else []
+    return (
+        [json.loads(line) for line in rows.read_text(encoding="utf-8").splitlines()]
+        if rows.is_file()
+        else []
+    )
 
 
 def statistics(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
@@ -104,7 +114,9 @@ def statistics(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     factor by which sigmas would have to be larger to hold 95.4 % of the errors.
     """
     every = list(rows)
-    settled = [each for each in every if each["errors"] and each["outcome"] in ("converged", "at-bound")]
+    settled = [
+        each for each in every if each["errors"] and each["outcome"] in ("converged", "at-bound")
+    ]
     base = {
         "runs": len(every),
         "settled": len(settled),
@@ -115,7 +127,9 @@ def statistics(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     names = list(settled[0]["errors"])
     errors = np.array([[each["errors"].get(name, np.nan) for name in names] for each in settled])
     inside = np.abs(errors) <= 2.0
-    low, high = clustered_share(inside.sum(axis=1), np.full(len(inside), inside.shape[1]), np.random.default_rng(0))
+    low, high = clustered_share(
+        inside.sum(axis=1), np.full(len(inside), inside.shape[1]), np.random.default_rng(0)
+    )
     by_name = inside.mean(axis=0)
     worst = int(np.argmin(by_name))
     return {
@@ -133,10 +147,17 @@ def statistics(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
     """The measured cells as a table of Markdown."""
-    head = "| noise | model | estimator | runs | settled | within 2 sigma | 95 % interval | least | largest mean error | cautioned |\n"
+    head = (
+        "| noise | model | estimator | runs | settled | within 2 sigma | 95 % interval | least | "
+        "largest mean error | cautioned |\n"
+    )
     lines = [head, "|---|---|---|---|---|---|---|---|---|---|\n"]
     for estimator, model, noise in cells():
-        mine = [each for each in rows if (each["estimator"], each["model"], each["noise"]) == (estimator, model, noise)]
+        mine = [
+            each
+            for each in rows
+            if (each["estimator"], each["model"], each["noise"]) == (estimator, model, noise)
+        ]
         if not mine:
             continue
         s = statistics(mine)
@@ -155,7 +176,9 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure what is asked and print or write the table; 2 with one line where that fails."""
     parser = Parser("coverage-estimators", "coverage of every estimator")
-    parser.add_argument("rows", type=Path, help="file of runs, one a line; what it holds is not run again")
+    parser.add_argument(
+        "rows", type=Path, help="file of runs, one a line; what it holds is not run again"
+    )
     parser.add_argument(
         "--runs",
         type=int,
@@ -170,7 +193,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="WORDS",
         help="cells with all these words, e.g. ekf,lateral",
     )
-    parser.add_argument("--page", type=Path, help="write the table into this page between its marks")
+    parser.add_argument(
+        "--page", type=Path, help="write the table into this page between its marks"
+    )
     asked = parser.parse_args(arguments)
     try:
         measure(asked.rows, cells(asked.only), asked.runs, asked.first)
@@ -182,7 +207,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if BEGIN not in text or END not in text:
             raise ValueError(f"{asked.page} has no marks {BEGIN} and {END}")
         before, after = text.split(BEGIN, 1)[0], text.split(END, 1)[1]
-        asked.page.write_text(f"{before}{BEGIN}\n\n{found}\n{END}{after}", encoding="utf-8", newline="\n")
+        asked.page.write_text(
+            f"{before}{BEGIN}\n\n{found}\n{END}{after}", encoding="utf-8", newline="\n"
+        )
     except (OSError, ValueError) as error:
         print(f"python -m exam coverage-estimators: {error}", file=sys.stderr)
         return 2

@@ -1,4 +1,6 @@
-"""Write the page: ``python -m exam coverage [--page FILE.md] [--kept] [--only SCENARIO] [--jobs N]``."""
+"""Write the page: ``python -m exam coverage [--page FILE.md] [--kept] [--only SCENARIO] [--jobs
+N]``.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +20,27 @@ PAGE = Path("docs/campaign-statistics.md")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure what is asked, keep the numbers beside the page after each campaign, and write the page; 2 with one line where that fails."""
+    """Measure what is asked, keep the numbers beside the page after each campaign, and write the
+    page; 2 with one line where that fails.
+    """
     parser = Parser("coverage", "coverage of the sigmas of every scenario")
-    parser.add_argument("--page", type=Path, default=PAGE, help=f"the page; its numbers go beside it as .json (default: {PAGE})")
-    parser.add_argument("--kept", action="store_true", help="run nothing: write the page anew from the numbers beside it")
-    parser.add_argument("--only", action="append", metavar="SCENARIO", help="measure these alone, and keep what is there of the others")
+    parser.add_argument(
+        "--page",
+        type=Path,
+        default=PAGE,
+        help=f"the page; its numbers go beside it as .json (default: {PAGE})",
+    )
+    parser.add_argument(
+        "--kept",
+        action="store_true",
+        help="run nothing: write the page anew from the numbers beside it",
+    )
+    parser.add_argument(
+        "--only",
+        action="append",
+        metavar="SCENARIO",
+        help="measure these alone, and keep what is there of the others",
+    )
     parser.add_argument("--jobs", type=int, default=None, help="processes (default: one a core)")
     asked = parser.parse_args(arguments)
     numbers: Path = asked.page.with_suffix(".json")
@@ -44,11 +62,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _kept(numbers: Path) -> dict[tuple[str, str], dict[str, Any]]:
     if not numbers.is_file():
         return {}
-    return {(each["scenario"], each["method"]): each for each in json.loads(numbers.read_text(encoding="utf-8"))["campaigns"]}
+    return {
+        (each["scenario"], each["method"]): each
+        for each in json.loads(numbers.read_text(encoding="utf-8"))["campaigns"]
+    }
 
 
 def _keep(numbers: Path, found: dict[tuple[str, str], dict[str, Any]]) -> None:
-    numbers.write_text(json.dumps({"schema": "flightid/coverage/1", "campaigns": _ordered(found)}, indent=1) + "\n", encoding="utf-8", newline="\n")
+    numbers.write_text(
+        json.dumps({"schema": "flightid/coverage/1", "campaigns": _ordered(found)}, indent=1)
+        + "\n",
+        encoding="utf-8",
+        newline="\n",
+    )
 
 
 def _ordered(found: dict[tuple[str, str], dict[str, Any]]) -> list[dict[str, Any]]:

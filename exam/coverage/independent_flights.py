@@ -1,4 +1,5 @@
-"""Flights for the coverage of the estimators, by equations, integration, noise and gusts of their own: nothing of `sim` is used.
+"""Flights for the coverage of the estimators, by equations, integration, noise and gusts of their
+own: nothing of `sim` is used.
 
 Rigid short period: alpha and q about trim, as a pair of linear equations. Lateral: the moment
 equation solved with the inertia matrix (Etkin and Reid, Dynamics of Flight, 3rd ed., section
@@ -120,11 +121,16 @@ class Flight:
 
 
 def flown(model: str, noise: str, run: int) -> Flight:
-    """Flight number ``run`` of a model in one kind of noise; the same arguments give the same bytes."""
+    """Flight number ``run`` of a model in one kind of noise; the same arguments give the same
+    bytes.
+    """
     rng = np.random.default_rng([35, _NUMBERS[model], _NUMBERS[noise], run])
     time, inputs = maneuver(model)
     share = rng.uniform(1.0 - START_ERROR, 1.0 + START_ERROR, len(TRUE[model]))
-    start = {name: float(value * by) for (name, value), by in zip(TRUE[model].items(), share, strict=True)}
+    start = {
+        name: float(value * by)
+        for (name, value), by in zip(TRUE[model].items(), share, strict=True)
+    }
     gust = None
     if noise.endswith("gusts"):
         spectrum = markov if noise.startswith("markov") else dryden
@@ -152,19 +158,23 @@ def ar1(rng: np.random.Generator, count: int, memory: float = MEMORY) -> np.ndar
 
 
 def markov(rng: np.random.Generator, count: int, step: float, airspeed: float) -> np.ndarray:
-    """First-order (Ornstein and Uhlenbeck) gusts ``(count,)`` in m/s, correlated over ``GUST_LENGTH``."""
+    """First-order (Ornstein and Uhlenbeck) gusts ``(count,)`` in m/s, correlated over
+    ``GUST_LENGTH``.
+    """
     return GUST_SIGMA * ar1(rng, count, math.exp(-step * airspeed / GUST_LENGTH))
 
 
 def dryden(rng: np.random.Generator, count: int, step: float, airspeed: float) -> np.ndarray:
-    """Dryden's vertical gusts ``(count,)`` in m/s: white noise through sigma sqrt(T) (1 + sqrt(3) T s)/(1 + T s)^2, T = length/V.
+    """Dryden's vertical gusts ``(count,)`` in m/s: white noise through sigma sqrt(T) (1 + sqrt(3) T
+    s)/(1 + T s)^2, T = length/V.
 
     The gust and a state of half its memory are integrated as x'' = -2 x'/T - x/T^2 + noise/T^2 in
     small steps, from their stationary covariance: of x with unit noise density 1/(4 T), of x'
     1/(4 T^3).
     """
     T, h = GUST_LENGTH / airspeed, step
-    # Exact transition over a step of the critically damped oscillator; the noise's covariance from that of the stationary motion.
+    # Exact transition over a step of the critically damped oscillator; the noise's covariance from
+    # that of the stationary motion.
     decay = math.exp(-h / T)
     F = decay * np.array([[1.0 + h / T, h], [-h / T**2, 1.0 - h / T]])
     stationary = np.diag([1.0 / (4.0 * T), 1.0 / (4.0 * T**3)])
@@ -187,13 +197,20 @@ def maneuver(model: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         return sum((size * (time >= at - 1e-9) for at, size in edges), np.zeros(len(time)))
 
     if model == "rigid":
-        return time, {"elevator": 0.035 * steps((1.0, 1), (2.5, -2), (3.5, 2), (4.0, -2), (4.5, 1), (7.5, -1), (8.2, 2), (8.9, -1))}
+        return time, {
+            "elevator": 0.035
+            * steps(
+                (1.0, 1), (2.5, -2), (3.5, 2), (4.0, -2), (4.5, 1), (7.5, -1), (8.2, 2), (8.9, -1)
+            )
+        }
     if model == "lateral":
         aileron = 0.07 * steps((1.0, 1), (1.8, -2), (2.6, 1), (10.0, -1), (10.6, 2), (11.2, -1))
         rudder = 0.06 * steps((4.0, 1), (6.2, -2), (7.6, 2), (8.3, -2), (9.0, 1))
         return time, {"aileron": aileron, "rudder": rudder}
     _, elevator, thrust = level()
-    moved = 0.035 * steps((1.0, 1), (2.5, -2), (3.5, 2), (4.0, -2), (4.5, 1), (15.0, -1), (15.6, 2), (16.2, -1))
+    moved = 0.035 * steps(
+        (1.0, 1), (2.5, -2), (3.5, 2), (4.0, -2), (4.5, 1), (15.0, -1), (15.6, 2), (16.2, -1)
+    )
     return time, {
         "elevator": elevator + moved,
         "thrust": thrust + 1200.0 * steps((6.0, 1), (10.0, -1)),
@@ -202,7 +219,9 @@ def maneuver(model: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
 @functools.cache
 def level() -> tuple[float, float, float]:
-    """Angle of attack, elevator (rad) and thrust (N) of level flight at the reference airspeed, by Newton's method."""
+    """Angle of attack, elevator (rad) and thrust (N) of level flight at the reference airspeed, by
+    Newton's method.
+    """
     c, d = CONSTANTS["longitudinal"], TRUE["longitudinal"]
     force = 0.5 * c["air_density"] * c["reference_airspeed"] ** 2 * c["wing_area"]
 
@@ -210,7 +229,12 @@ def level() -> tuple[float, float, float]:
         alpha, elevator, thrust = x[0], x[1], x[2] * force
         lift = force * (d["CL_0"] + d["CL_alpha"] * alpha + d["CL_de"] * elevator)
         drag = force * (d["CD_0"] + d["CD_alpha"] * alpha)
-        moment = d["Cm_0"] + d["Cm_alpha"] * alpha + d["Cm_de"] * elevator + thrust * c["thrust_arm"] / (force * c["chord"])
+        moment = (
+            d["Cm_0"]
+            + d["Cm_alpha"] * alpha
+            + d["Cm_de"] * elevator
+            + thrust * c["thrust_arm"] / (force * c["chord"])
+        )
         return np.array(
             [
                 (lift + thrust * np.sin(alpha) - c["mass"] * G) / force,
@@ -226,8 +250,12 @@ def level() -> tuple[float, float, float]:
     return float(x[0]), float(x[1]), float(x[2] * force)
 
 
-def motion(model: str, time: np.ndarray, inputs: Mapping[str, np.ndarray], gust: np.ndarray | None = None) -> dict[str, np.ndarray]:
-    """Outputs at the samples without sensor noise; ``gust`` (m/s) at every integration step, upwards or from the right."""
+def motion(
+    model: str, time: np.ndarray, inputs: Mapping[str, np.ndarray], gust: np.ndarray | None = None
+) -> dict[str, np.ndarray]:
+    """Outputs at the samples without sensor noise; ``gust`` (m/s) at every integration step,
+    upwards or from the right.
+    """
     rates, outputs, x = _EQUATIONS[model]()
     u, h = np.array(list(inputs.values())), float(time[1] - time[0]) / FINE
     wind = np.zeros((len(time) - 1) * FINE + 1) if gust is None else gust
@@ -260,8 +288,17 @@ def _rigid() -> Equations:
     c, d = CONSTANTS["rigid"], TRUE["rigid"]
     V, half = c["airspeed"], c["chord"] / (2.0 * c["airspeed"])
     force = 0.5 * c["air_density"] * V * V * c["wing_area"]
-    lift = force / c["mass"] * np.array([d["CL_alpha"], d["CL_q"] * half, d["CL_de"], d["CL_alpha"] / V])
-    pitch = force * c["chord"] / c["pitch_inertia"] * np.array([d["Cm_alpha"], d["Cm_q"] * half, d["Cm_de"], d["Cm_alpha"] / V])
+    lift = (
+        force
+        / c["mass"]
+        * np.array([d["CL_alpha"], d["CL_q"] * half, d["CL_de"], d["CL_alpha"] / V])
+    )
+    pitch = (
+        force
+        * c["chord"]
+        / c["pitch_inertia"]
+        * np.array([d["Cm_alpha"], d["Cm_q"] * half, d["Cm_de"], d["Cm_alpha"] / V])
+    )
     matrix = np.array([np.array([0.0, 1.0, 0.0, 0.0]) - lift / V, pitch])
 
     def rates(x: np.ndarray, u: np.ndarray, w: float) -> np.ndarray:
@@ -277,9 +314,16 @@ def _lateral() -> Equations:
     c, d = CONSTANTS["lateral"], TRUE["lateral"]
     V, half = c["airspeed"], c["span"] / (2.0 * c["airspeed"])
     force = 0.5 * c["air_density"] * V * V * c["wing_area"]
-    of = np.array([[d.get(f"{axis}_{by}", 0.0) for by in ("beta", "p", "r", "da", "dr")] for axis in ("CY", "Cl", "Cn")])
+    of = np.array(
+        [
+            [d.get(f"{axis}_{by}", 0.0) for by in ("beta", "p", "r", "da", "dr")]
+            for axis in ("CY", "Cl", "Cn")
+        ]
+    )
     of = of * np.array([1.0, half, half, 1.0, 1.0])
-    inertia = np.array([[c["roll_inertia"], -c["cross_inertia"]], [-c["cross_inertia"], c["yaw_inertia"]]])
+    inertia = np.array(
+        [[c["roll_inertia"], -c["cross_inertia"]], [-c["cross_inertia"], c["yaw_inertia"]]]
+    )
     turning = np.linalg.solve(inertia, force * c["span"] * of[1:])
     side = force / c["mass"] * of[0]
     # States beta, p, r, phi; inputs aileron, rudder; wind over airspeed.
@@ -315,7 +359,11 @@ def _longitudinal() -> Equations:
         force = 0.5 * c["air_density"] * speed * speed * c["wing_area"]
         drag = force * (d["CD_0"] + d["CD_alpha"] * alpha)
         lift = force * (d["CL_0"] + d["CL_alpha"] * alpha + d["CL_de"] * u[0])
-        moment = force * c["chord"] * (d["Cm_0"] + d["Cm_alpha"] * alpha + d["Cm_q"] * rate + d["Cm_de"] * u[0])
+        moment = (
+            force
+            * c["chord"]
+            * (d["Cm_0"] + d["Cm_alpha"] * alpha + d["Cm_q"] * rate + d["Cm_de"] * u[0])
+        )
         X = u[1] + lift * math.sin(path) - drag * math.cos(path)
         Z = -lift * math.cos(path) - drag * math.sin(path)
         return X / mass, Z / mass, (moment + u[1] * c["thrust_arm"]) / c["pitch_inertia"]
@@ -323,11 +371,15 @@ def _longitudinal() -> Equations:
     def rates(x: np.ndarray, u: np.ndarray, w: float) -> np.ndarray:
         X, Z, q_dot = loads(x, u, w)
         along, down, q, theta = x
-        return np.array([X - q * down - G * math.sin(theta), Z + q * along + G * math.cos(theta), q_dot, q])
+        return np.array(
+            [X - q * down - G * math.sin(theta), Z + q * along + G * math.cos(theta), q_dot, q]
+        )
 
     def outputs(x: np.ndarray, u: np.ndarray, w: float) -> np.ndarray:
         X, Z, _ = loads(x, u, w)
-        return np.array([math.hypot(x[0], x[1]), math.atan2(x[1], x[0]) + w / V0, x[3], x[2], -Z / G, X / G])
+        return np.array(
+            [math.hypot(x[0], x[1]), math.atan2(x[1], x[0]) + w / V0, x[3], x[2], -Z / G, X / G]
+        )
 
     alpha, _, _ = level()
     return rates, outputs, np.array([V0 * math.cos(alpha), V0 * math.sin(alpha), 0.0, alpha])

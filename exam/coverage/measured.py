@@ -14,10 +14,14 @@ from scenarios.tasks.study import Execution
 
 
 def measured(name: str, method: str, runs: int, jobs: int | None = 1) -> dict[str, Any]:
-    """Coverage of each parameter, and why a sigma is wrong. Raises FlightidError as ``fly_campaign``."""
+    """Coverage of each parameter, and why a sigma is wrong. Raises FlightidError as
+    ``fly_campaign``.
+    """
     document, short, where = load_document(name)
     again = Rebuilt({key: value for key, value in document.items() if key != "kind"}, short, where)
-    campaign = fly_campaign(load_scenario(name), runs, SEED, method, manner=Execution(jobs), again=again)
+    campaign = fly_campaign(
+        load_scenario(name), runs, SEED, method, manner=Execution(jobs), again=again
+    )
     judged = judge(campaign)
     why = {each.name: each for each in judged.findings.found}
     return {
@@ -26,16 +30,30 @@ def measured(name: str, method: str, runs: int, jobs: int | None = 1) -> dict[st
         "label": campaign.estimation.label,
         "runs": runs,
         "settled": runs - campaign.broken,
-        "parameters": {each.name: _parameter(each, why.get(each.name)) for each in judged.statistics.parameters},
+        "parameters": {
+            each.name: _parameter(each, why.get(each.name)) for each in judged.statistics.parameters
+        },
         "because": cause_sentences(judged.findings),
     }
 
 
 def _parameter(each: ParameterStatistics, finding: Finding | None) -> dict[str, Any]:
-    content: dict[str, Any] = {"within_2": each.two.share, "low": each.two.interval[0], "high": each.two.interval[1]}
+    content: dict[str, Any] = {
+        "within_2": each.two.share,
+        "low": each.two.interval[0],
+        "high": each.two.interval[1],
+    }
     content |= {"prior_share": each.prior_share} if each.prior_share is not None else {}
     if finding is None:
         return content
     right = finding.coverage
-    wrong = {"factor": finding.wrong.factor, "because_of": cause_word(finding), "right_within_2": right.share, "right_runs": right.runs}
-    return {**content, "wrong": {**wrong, "right_low": right.interval[0], "right_high": right.interval[1]}}
+    wrong = {
+        "factor": finding.wrong.factor,
+        "because_of": cause_word(finding),
+        "right_within_2": right.share,
+        "right_runs": right.runs,
+    }
+    return {
+        **content,
+        "wrong": {**wrong, "right_low": right.interval[0], "right_high": right.interval[1]},
+    }

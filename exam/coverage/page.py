@@ -25,9 +25,12 @@ of whose stated variance the prior gives more than {prior:.0f} %: over runs with
 whose coverage lies outside, but whose interval holds the 95.4 % of a normal distribution where it is widened so that one right campaign in
 twenty is suspected of anything: the runs are too few to call the sigma wrong. The page is written by
 [exam/coverage](../exam/coverage/README.md); its numbers lie beside it as JSON.
-"""
+"""  # noqa: E501
 COLUMNS = "| parameter | within 2σ | 95 % interval | judged |\n|---|---|---|---|\n"
-INSIDE, TOLD = "coverage of 93 to 97 %, sigma not called wrong", "sigma called wrong, with the reason"
+INSIDE, TOLD = (
+    "coverage of 93 to 97 %, sigma not called wrong",
+    "sigma called wrong, with the reason",
+)
 PRIOR, OPEN = "not identifiable: the prior gives most of the variance", "not told"
 KINDS = (INSIDE, TOLD, PRIOR, OPEN)
 
@@ -38,10 +41,21 @@ def page_of(found: Sequence[Mapping[str, Any]]) -> str:
     counts = Counter(_kind(each) for each in every)
     inside = sum("wrong" in each and LOW <= each["within_2"] <= HIGH for each in every)
     lines = "\n".join(f"| {name} | {counts[name]} |" for name in KINDS)
-    head = HEAD.format(count=len(every), low=100 * LOW, high=100 * HIGH, inside=inside, prior=100 * IDENTIFIABLE, counts=lines)
+    head = HEAD.format(
+        count=len(every),
+        low=100 * LOW,
+        high=100 * HIGH,
+        inside=inside,
+        prior=100 * IDENTIFIABLE,
+        counts=lines,
+    )
     parts = []
     for number, campaign in enumerate(found):
-        parts.append(_section(campaign, first=number == 0 or found[number - 1]["scenario"] != campaign["scenario"]))
+        parts.append(
+            _section(
+                campaign, first=number == 0 or found[number - 1]["scenario"] != campaign["scenario"]
+            )
+        )
     return head + "".join(parts)
 
 
@@ -57,16 +71,24 @@ def _kind(each: Mapping[str, Any]) -> str:
 def _section(campaign: Mapping[str, Any], *, first: bool) -> str:
     """A table of one campaign, below the heading of its scenario."""
     heading = f"\n## {campaign['scenario']}\n" if first else ""
-    left = "" if campaign["settled"] == campaign["runs"] else f", of which {campaign['settled']} settled"
+    left = (
+        ""
+        if campaign["settled"] == campaign["runs"]
+        else f", of which {campaign['settled']} settled"
+    )
     rows = "".join(_row(name, each) for name, each in campaign["parameters"].items())
     why = "".join(f"\n- {as_sentence(each)}" for each in campaign["because"])
-    return f"{heading}\n{_capital(campaign['label'])} (`{campaign['method']}`), {campaign['runs']} runs{left}:\n\n{COLUMNS}{rows}" + (
-        f"{why}\n" if why else ""
+    return (
+        f"{heading}\n{_capital(campaign['label'])} (`{campaign['method']}`), {campaign['runs']} "
+        f"runs{left}:\n\n{COLUMNS}{rows}" + (f"{why}\n" if why else "")
     )
 
 
 def _row(name: str, each: Mapping[str, Any]) -> str:
-    return f"| {name} | {100 * each['within_2']:.1f} % | {100 * each['low']:.1f} to {100 * each['high']:.1f} % | {judged(each)} |\n"
+    return (
+        f"| {name} | {100 * each['within_2']:.1f} % | {100 * each['low']:.1f} to "
+        f"{100 * each['high']:.1f} % | {judged(each)} |\n"
+    )
 
 
 def judged(each: Mapping[str, Any]) -> str:
@@ -78,8 +100,15 @@ def judged(each: Mapping[str, Any]) -> str:
         return "holds" if kind == INSIDE else "not told from 95.4 %"
     wrong = each["wrong"]
     factor = wrong["factor"]
-    size = f"too small by {_size(factor)}" if factor > 1.0 else f"too large by {_size(1.0 / max(factor, 1e-12))}"
-    right = f"{100 * wrong['right_within_2']:.1f} % ({100 * wrong['right_low']:.1f} to {100 * wrong['right_high']:.1f} %)"
+    size = (
+        f"too small by {_size(factor)}"
+        if factor > 1.0
+        else f"too large by {_size(1.0 / max(factor, 1e-12))}"
+    )
+    right = (
+        f"{100 * wrong['right_within_2']:.1f} % ({100 * wrong['right_low']:.1f} to "
+        f"{100 * wrong['right_high']:.1f} %)"
+    )
     return f"σ {size}: {wrong['because_of']}; right σ {right}"
 
 

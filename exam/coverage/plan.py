@@ -1,4 +1,6 @@
-"""Which methods of which scenarios are measured, and with how many runs: a thousand where they are cheap."""
+"""Which methods of which scenarios are measured, and with how many runs: a thousand where they are
+cheap.
+"""
 
 from __future__ import annotations
 

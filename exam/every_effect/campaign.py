@@ -25,33 +25,66 @@ from scenarios.terminal.tables import WIDTH
 NAME = "every-effect"
 SCHEMA = "flightid/campaign/1"
 COLUMNS = (
-    *("number", "seed", "effect", "planted", "vehicle", "model", "size_sigmas", "values", "verdict", "outcome", "right", "name", "false"),
+    *(
+        "number",
+        "seed",
+        "effect",
+        "planted",
+        "vehicle",
+        "model",
+        "size_sigmas",
+        "values",
+        "verdict",
+        "outcome",
+        "right",
+        "name",
+        "false",
+    ),
     *("probability", "error_sigmas", "errors", "held_out_before", "held_out_after"),
 )
 
 
 def scores_of(flights: Sequence[HiddenEffectFlight]) -> Scores:
     """The flights with what each was flown for."""
-    return Scores([each.marked for each in flights], [each.effect for each in flights], by_kind=True)
+    return Scores(
+        [each.marked for each in flights], [each.effect for each in flights], by_kind=True
+    )
 
 
 def every_effect_text(done: Flown, width: int = WIDTH) -> str:
     """The tables of the terminal."""
-    blocks = [[f"{NAME}: {done.ended} flights, {done.words}"], *scores_blocks(scores_of(done.found), width)]
+    blocks = [
+        [f"{NAME}: {done.ended} flights, {done.words}"],
+        *scores_blocks(scores_of(done.found), width),
+    ]
     return "\n\n".join("\n".join(block) for block in blocks) + "\n"
 
 
 def cells_of(flight: HiddenEffectFlight) -> dict[str, Any]:
     """A flight as one row of ``COLUMNS``; None where there is no such thing."""
     cells = {
-        **{"number": flight.number, "seed": flight.seed, "effect": flight.effect, "planted": flight.hidden, "vehicle": flight.vehicle},
-        **{"model": flight.model, "size_sigmas": flight.size, "values": json.dumps(dict(flight.values)), **score_cells(flight.marked)},
+        **{
+            "number": flight.number,
+            "seed": flight.seed,
+            "effect": flight.effect,
+            "planted": flight.hidden,
+            "vehicle": flight.vehicle,
+        },
+        **{
+            "model": flight.model,
+            "size_sigmas": flight.size,
+            "values": json.dumps(dict(flight.values)),
+            **score_cells(flight.marked),
+        },
     }
     return {name: cells[name] for name in COLUMNS}
 
 
-def write_every_effect(done: Flown, runs: int, effects: Sequence[str] | None, out: str | Path, figures: Formats = USUAL) -> Path:
-    """Write ``flights.csv``, one row a flight, figures, the page, and ``campaign.json`` (last) into a folder; returns it.
+def write_every_effect(
+    done: Flown, runs: int, effects: Sequence[str] | None, out: str | Path, figures: Formats = USUAL
+) -> Path:
+    """Write ``flights.csv``, one row a flight, figures, the page, and ``campaign.json`` (last) into
+    a folder; returns it.
 
     ``runs`` : flights of each of the ``effects``, None for all of the library.
     """
@@ -70,6 +103,14 @@ def write_every_effect(done: Flown, runs: int, effects: Sequence[str] | None, ou
             "flights": done.ended,
             **({"effects": list(effects)} if effects else {}),
         }
-        write_page(scratch, every_effect_page(done, scores, runs, effects, drawn_scores(scores, NAME, scratch, figures)))
-        write_json(scratch / "campaign.json", {**content, "marks": scores_content(scores), "versions": versions()})
+        write_page(
+            scratch,
+            every_effect_page(
+                done, scores, runs, effects, drawn_scores(scores, NAME, scratch, figures)
+            ),
+        )
+        write_json(
+            scratch / "campaign.json",
+            {**content, "marks": scores_content(scores), "versions": versions()},
+        )
     return Path(out)

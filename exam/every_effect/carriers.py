@@ -1,4 +1,6 @@
-"""What carries a hidden effect: a vehicle with the plan of its two records, and the file that tells the loop of it."""
+"""What carries a hidden effect: a vehicle with the plan of its two records, and the file that tells
+the loop of it.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,14 @@ import numpy as np
 
 from exam.clean import FLOWN, WRONG
 from exam.random_cases.case import Setting
-from exam.random_cases.vehicles import CONTROL, RATES, as_sampled, drawn_flights, drawn_vehicle, vehicle_file
+from exam.random_cases.vehicles import (
+    CONTROL,
+    RATES,
+    as_sampled,
+    drawn_flights,
+    drawn_vehicle,
+    vehicle_file,
+)
 from exam.random_cases.vehicles import NOISE as OF_PAPERS
 from scenarios.studies.estimating import maneuvers_by_input, resting
 from scenarios.trials.planted.declaration import RecordPlan, TraceScenario, true_vehicle
@@ -23,13 +32,16 @@ from sim.record import Channel, Record
 from sim.truth.flight import fly, sample_times
 
 MODELS = ("rigid", "loes", "ballistic", "flexible", "lateral", "longitudinal")
-DRAWN = ("rigid", "loes", "ballistic")  # whose vehicles and maneuvers are drawn; of the others the flight of a tracing scenario
+# whose vehicles and maneuvers are drawn; of the others the flight of a tracing scenario
+DRAWN = ("rigid", "loes", "ballistic")
 STEP = 0.005  # s, of the integration; input paths work on finer cells of their own
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """One record to be flown: the true model without noise from where this record begins, its maneuvers by input, and its times in s."""
+    """One record to be flown: the true model without noise from where this record begins, its
+    maneuvers by input, and its times in s.
+    """
 
     model: Model
     inputs: Mapping[str, Maneuver] | None
@@ -50,8 +62,9 @@ HiddenEffects = tuple[tuple[Effect, Mapping[str, float]], ...]
 
 @dataclass(frozen=True, eq=False)
 class Carrier:
-    """A vehicle in two records: ``model`` is what the loop is told it is, ``noise`` the standard deviation of each measured output, ``free`` the
-    parameters that the loop estimates, ``vehicle_file`` the text of the file that it is given."""
+    """A vehicle in two records: ``model`` is what the loop is told it is, ``noise`` the standard
+    deviation of each measured output, ``free`` the parameters that the loop estimates,
+    ``vehicle_file`` the text of the file that it is given."""
 
     vehicle: str
     model: str
@@ -61,16 +74,32 @@ class Carrier:
     free: tuple[str, ...]
     vehicle_file: str
 
-    def flown(self, plan: Plan, hidden: HiddenEffects, rng: np.random.Generator, *, step: float = STEP) -> Record:
+    def flown(
+        self, plan: Plan, hidden: HiddenEffects, rng: np.random.Generator, *, step: float = STEP
+    ) -> Record:
         """One record without measurement noise; ``rng`` for what is random in an effect."""
         true = plan.model
         for effect, values in hidden:
-            true = true.with_effects(effect).with_values({full_name(effect, local): value for local, value in values.items()})
-        return fly(true, plan.inputs, plan.time, rng, step=min(step, plan.interval), outputs=tuple(self.noise))[0]
+            true = true.with_effects(effect).with_values(
+                {full_name(effect, local): value for local, value in values.items()}
+            )
+        return fly(
+            true,
+            plan.inputs,
+            plan.time,
+            rng,
+            step=min(step, plan.interval),
+            outputs=tuple(self.noise),
+        )[0]
 
     def measured(self, record: Record, rng: np.random.Generator) -> Record:
         """The same with measurement noise."""
-        outputs = tuple(Channel.of(c.name, c.unit, c.values + self.noise[c.name] * rng.standard_normal(len(record))) for c in record.outputs)
+        outputs = tuple(
+            Channel.of(
+                c.name, c.unit, c.values + self.noise[c.name] * rng.standard_normal(len(record))
+            )
+            for c in record.outputs
+        )
         return replace(record, outputs=outputs)
 
 
@@ -88,15 +117,22 @@ def equations_of(model: str) -> Equations:
 def _drawn(model: str, rng: np.random.Generator) -> Carrier:
     label, true = drawn_vehicle(model, rng)
     rate = float(rng.choice(RATES[model]))
-    train, validate = (_plan(model, flight.setting, flight.maneuver, rate) for flight in drawn_flights(true, rate, rng))
+    train, validate = (
+        _plan(model, flight.setting, flight.maneuver, rate)
+        for flight in drawn_flights(true, rate, rng)
+    )
     names = [signal.name for signal in true.equations.outputs]
     noise = {name: OF_PAPERS[name] for name in names if name in OF_PAPERS}
-    return Carrier(label, model, train, validate, noise, true.parameters.free_names, vehicle_file(true, rng))
+    return Carrier(
+        label, model, train, validate, noise, true.parameters.free_names, vehicle_file(true, rng)
+    )
 
 
 def _plan(model: str, setting: Setting, maneuver: Maneuver | None, rate: float) -> Plan:
     time = sample_times(rate, setting.duration)
-    inputs = None if maneuver is None else {CONTROL[model]: as_sampled(maneuver, time, setting.interval)}
+    inputs = (
+        None if maneuver is None else {CONTROL[model]: as_sampled(maneuver, time, setting.interval)}
+    )
     return Plan(setting.model.with_noise(Noise()), inputs, time)
 
 
@@ -111,7 +147,11 @@ def _of_scenario(model: str, rng: np.random.Generator) -> Carrier:
 
     train, validate = planned(flight.train, "train"), planned(flight.validate, "validate")
     free = {item.name: item.value for item in true.parameters if item.free}
-    start = {name: value * (1.0 + float(rng.uniform(-WRONG, WRONG))) for name, value in free.items() if value != 0.0}
+    start = {
+        name: value * (1.0 + float(rng.uniform(-WRONG, WRONG)))
+        for name, value in free.items()
+        if value != 0.0
+    }
     text = started_file(replace(scenario, start=start), true)
     return Carrier(flight.vehicle, model, train, validate, flight.noise_std, tuple(free), text)
 

@@ -1,4 +1,6 @@
-"""One flight with one effect of the library in it, or nothing: drawn, sized, flown and written as the loop is given it."""
+"""One flight with one effect of the library in it, or nothing: drawn, sized, flown and written as
+the loop is given it.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +20,16 @@ from scenarios.preparation.plan import Request
 from sim.declaration.proposal import Traceable
 from sim.record import Record
 
-WEAKEST, STRONGEST = 8.0, 80.0  # sigmas: expected gains of 32 and 3200; at the first one nearly all weak effects are detected
+# sigmas: expected gains of 32 and 3200; at the first one nearly all weak effects are detected
+WEAKEST, STRONGEST = 8.0, 80.0
 SEEN = 0.5  # of what is wanted, below which another effect of the kind is tried
 TRIES = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """A flight with its truth: ``values`` of the effect ``name`` (empty: nothing) in the fitted record, and its ``size`` in sigmas.
+    """A flight with its truth: ``values`` of the effect ``name`` (empty: nothing) in the fitted
+    record, and its ``size`` in sigmas.
 
     ``values`` are local and SI; in the record that is held out an event begins at another time.
     """
@@ -39,9 +43,11 @@ class Flown:
 
 
 def fly_hidden(instances: Sequence[Instance], turn: int, seed: int) -> Flown:
-    """The flight of a seed with one of some ``instances`` in it: that whose ``turn`` it is, or one drawn at random where that cannot be seen.
+    """The flight of a seed with one of some ``instances`` in it: that whose ``turn`` it is, or one
+    drawn at random where that cannot be seen.
 
-    Sizes are even in the logarithm from ``WEAKEST`` to ``STRONGEST``. What stays too small at its largest plausible size is flown nevertheless.
+    Sizes are even in the logarithm from ``WEAKEST`` to ``STRONGEST``. What stays too small at its
+    largest plausible size is flown nevertheless.
 
     Raises
     ------
@@ -60,13 +66,17 @@ def fly_hidden(instances: Sequence[Instance], turn: int, seed: int) -> Flown:
     assert best is not None
     carrier, effect, values, size = best
     hidden: HiddenEffects = () if effect is None else ((effect, values),)
-    again: HiddenEffects = () if effect is None else ((effect, _elsewhere(effect, values, carrier, rng)),)
+    again: HiddenEffects = (
+        () if effect is None else ((effect, _elsewhere(effect, values, carrier, rng)),)
+    )
     train = carrier.measured(carrier.flown(carrier.train, hidden, rng), rng)
     validate = carrier.measured(carrier.flown(carrier.validate, again, rng), rng)
     return Flown(carrier, "" if effect is None else effect.name, values, size, train, validate)
 
 
-def _attempt(instance: Instance, wanted: float, rng: np.random.Generator) -> tuple[Carrier, Traceable | None, Mapping[str, float], float]:
+def _attempt(
+    instance: Instance, wanted: float, rng: np.random.Generator
+) -> tuple[Carrier, Traceable | None, Mapping[str, float], float]:
     """A vehicle and values of an effect that are as strong as wanted, as far as they can be."""
     carrier = drawn_carrier(instance.model, rng)
     if not instance.name:
@@ -82,14 +92,23 @@ def _attempt(instance: Instance, wanted: float, rng: np.random.Generator) -> tup
     return carrier, effect, draw.at(amount), size if math.isfinite(size) else 0.0
 
 
-def _elsewhere(effect: Traceable, values: Mapping[str, float], carrier: Carrier, rng: np.random.Generator) -> Mapping[str, float]:
-    """Values in the record that is held out: those of the aircraft are the same, an event is another one."""
+def _elsewhere(
+    effect: Traceable, values: Mapping[str, float], carrier: Carrier, rng: np.random.Generator
+) -> Mapping[str, float]:
+    """Values in the record that is held out: those of the aircraft are the same, an event is
+    another one.
+    """
     onset = effect.traits.onset
-    return {**values, **({onset: begun(carrier.validate, rng)} if onset and effect.traits.per_record else {})}
+    return {
+        **values,
+        **({onset: begun(carrier.validate, rng)} if onset and effect.traits.per_record else {}),
+    }
 
 
 def write_hidden(flown: Flown, folder: Path) -> Request:
-    """What the loop is given, in a folder that exists: ``train.csv`` and ``validate.csv`` with their sidecars, ``vehicle.toml``."""
+    """What the loop is given, in a folder that exists: ``train.csv`` and ``validate.csv`` with
+    their sidecars, ``vehicle.toml``.
+    """
     train, _ = write_record(folder, flown.train, "train", simulated=True)
     validate, _ = write_record(folder, flown.validate, "validate", simulated=True)
     vehicle = folder / "vehicle.toml"

@@ -23,7 +23,9 @@ from scenarios.terminal.tables import WIDTH
 
 @dataclass(frozen=True, eq=False)
 class OneFlight:
-    """A flight with its diagnosis: its ``task``, what was flown, what the loop said, and how it is scored."""
+    """A flight with its diagnosis: its ``task``, what was flown, what the loop said, and how it is
+    scored.
+    """
 
     task: Task
     flown: Flown
@@ -31,8 +33,14 @@ class OneFlight:
     marked: ScoredFlight
 
 
-def fly_one(work: EveryEffect, number: int, root: int, progress: Callable[[str, float], None] = lambda stage, share: None) -> OneFlight:
-    """Flight ``number`` of the campaign whose seeds spring from ``root``: the same as in the campaign, to the last bit.
+def fly_one(
+    work: EveryEffect,
+    number: int,
+    root: int,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+) -> OneFlight:
+    """Flight ``number`` of the campaign whose seeds spring from ``root``: the same as in the
+    campaign, to the last bit.
 
     Raises
     ------
@@ -54,12 +62,20 @@ def one_text(one: OneFlight, width: int = WIDTH) -> str:
 def truth_sentence(one: OneFlight) -> str:
     """What was hidden, and what the diagnosis is worth."""
     values = ", ".join(f"{local} {value:.5g}" for local, value in one.flown.values.items())
-    hidden = f"{one.flown.name} ({values}; SI), {one.flown.size:.0f} sigmas" if one.flown.name else "nothing"
-    return f"flight {one.task.number}: hidden was {hidden}; the loop says {one.marked.standing.value}"
+    hidden = (
+        f"{one.flown.name} ({values}; SI), {one.flown.size:.0f} sigmas"
+        if one.flown.name
+        else "nothing"
+    )
+    return (
+        f"flight {one.task.number}: hidden was {hidden}; the loop says {one.marked.standing.value}"
+    )
 
 
 def write_one(one: OneFlight, folder: str | Path, *, figures: Formats = USUAL) -> Path:
-    """Write the diagnosis, the files that the loop was given, and ``truth.json`` (last); returns the folder."""
+    """Write the diagnosis, the files that the loop was given, and ``truth.json`` (last); returns
+    the folder.
+    """
     write_diagnosis(one.tracing, folder, figures=figures)
     with study_folder(folder, "truth.json") as scratch:
         write_hidden(one.flown, scratch)
@@ -74,7 +90,10 @@ def truth_content(one: OneFlight) -> dict[str, Any]:
         "schema": "flightid/truth/1",
         "number": one.task.number,
         "seed": one.task.seed,
-        "parameters": {name: {"value": true[name].value, "unit": true[name].unit} for name in flown.carrier.free},
+        "parameters": {
+            name: {"value": true[name].value, "unit": true[name].unit}
+            for name in flown.carrier.free
+        },
         "effects": [flown.name] if flown.name else [],
         "hidden": {flown.name: dict(flown.values)} if flown.name else {},
         "size_sigmas": flown.size,

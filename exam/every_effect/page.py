@@ -12,21 +12,40 @@ from scenarios.pages.model import Page, Prose, as_sentence, now, section
 from scenarios.plots.formats import Drawn
 
 EXPLAINED = (
-    "In each flight one effect of the library, or nothing, is hidden with values drawn from the flight's seed; the loop is given two records and a "
-    "vehicle file with starting values up to 30 % off, and no truth. The size is the change of the fitted outputs in noise sigmas that no other "
-    "values of the declared parameters explain; it is drawn between 8 and 80, even in the logarithm."
+    "In each flight one effect of the library, or nothing, is hidden with values drawn from the "
+    "flight's seed; the loop is given two records and a "
+    "vehicle file with starting values up to 30 % off, and no truth. The size is the change of the "
+    "fitted outputs in noise sigmas that no other "
+    "values of the declared parameters explain; it is drawn between 8 and 80, even in the "
+    "logarithm."
 )
 
 
-def every_effect_page(done: Flown, scores: Scores, runs: int, effects: Sequence[str] | None, drawn: Sequence[Drawn] = ()) -> Page:
+def every_effect_page(
+    done: Flown,
+    scores: Scores,
+    runs: int,
+    effects: Sequence[str] | None,
+    drawn: Sequence[Drawn] = (),
+) -> Page:
     """The page of all flights, ``runs`` of each of the ``effects``, with the figures ``drawn``."""
     right = right_share([each for each in scores.flights if each.hidden])
     clean = false_share([each for each in scores.flights if not each.hidden])
-    told = f"{right.count} of {right.of} hidden effects are named" if right.of else "nothing was hidden"
-    false = f"{clean.count} of {clean.of} flights with nothing in them get a name" if clean.of else f"no flight has {NOTHING} in it"
+    told = (
+        f"{right.count} of {right.of} hidden effects are named"
+        if right.of
+        else "nothing was hidden"
+    )
+    false = (
+        f"{clean.count} of {clean.of} flights with nothing in them get a name"
+        if clean.of
+        else f"no flight has {NOTHING} in it"
+    )
     options = ("--effects", ",".join(effects)) if effects else ()
     command = ("every-effect", "--runs", str(runs), "--seed", str(done.root), *options)
-    one = "python -m exam every-effect " + " ".join((*options, "--seed", str(done.root), "--only", "NUMBER", "--out", "DIR"))
+    one = "python -m exam every-effect " + " ".join(
+        (*options, "--seed", str(done.root), "--only", "NUMBER", "--out", "DIR")
+    )
     return Page(
         title=f"Every effect: {done.ended} flights",
         kind="Campaign of the tracing loop",
@@ -37,7 +56,12 @@ def every_effect_page(done: Flown, scores: Scores, runs: int, effects: Sequence[
         warnings=(as_sentence(done.failed),) if done.failed else (),
         sections=(
             *scores_sections(scores, drawn),
-            *section("How it was made", Prose(EXPLAINED), Prose("One flight again, by its number in flights.csv:"), Prose(one, "code")),
+            *section(
+                "How it was made",
+                Prose(EXPLAINED),
+                Prose("One flight again, by its number in flights.csv:"),
+                Prose(one, "code"),
+            ),
         ),
         reproduction=exam_reproduction(command, as_sentence(done.words)),
         created=now(),

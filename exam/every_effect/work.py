@@ -1,4 +1,6 @@
-"""Flights with one effect each as tasks: a row has what was hidden, what the loop concluded, and how far its numbers are off."""
+"""Flights with one effect each as tasks: a row has what was hidden, what the loop concluded, and
+how far its numbers are off.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,17 @@ from time import process_time
 
 from exam.every_effect.flight import Flown, fly_hidden, write_hidden
 from exam.every_effect.kinds import Instance, chosen, effect_of
-from exam.scores.scored_flight import Outcome, ScoredFlight, Stated, claims_of, outcome_of, over_noise, parameter_errors, plain_name, stated_by
+from exam.scores.scored_flight import (
+    Outcome,
+    ScoredFlight,
+    Stated,
+    claims_of,
+    outcome_of,
+    over_noise,
+    parameter_errors,
+    plain_name,
+    stated_by,
+)
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.tasks.work import Cell, Row, RowTable, Task
@@ -21,17 +33,39 @@ from sim.declaration.proposal import Curve
 
 TAKEN = "diagnosis_seconds"  # of the processor
 COLUMNS = {
-    **{"effect": "text", "planted": "text", "vehicle": "text", "model": "text", "size_sigmas": "float", "values": "text"},
-    **{"verdict": "text", "outcome": "text", "right": "bool", "name": "text", "false": "text", "probability": "float", "stated": "text"},
-    **{"error_sigmas": "float", "errors": "text", "derivatives": "text", "held_out_before": "float", "held_out_after": "float"},
+    **{
+        "effect": "text",
+        "planted": "text",
+        "vehicle": "text",
+        "model": "text",
+        "size_sigmas": "float",
+        "values": "text",
+    },
+    **{
+        "verdict": "text",
+        "outcome": "text",
+        "right": "bool",
+        "name": "text",
+        "false": "text",
+        "probability": "float",
+        "stated": "text",
+    },
+    **{
+        "error_sigmas": "float",
+        "errors": "text",
+        "derivatives": "text",
+        "held_out_before": "float",
+        "held_out_after": "float",
+    },
     TAKEN: "time",
 }
 
 
 @dataclass(frozen=True)
 class HiddenEffectFlight:
-    """One flight of the campaign: its task's number and seed, the ``effect`` it was flown for, what was ``hidden`` (empty: nothing) with local
-    ``values`` in SI, its ``size`` in sigmas, how it is marked, and the errors of the declared ``derivatives`` in reported sigmas."""
+    """One flight of the campaign: its task's number and seed, the ``effect`` it was flown for, what
+    was ``hidden`` (empty: nothing) with local ``values`` in SI, its ``size`` in sigmas, how it is
+    marked, and the errors of the declared ``derivatives`` in reported sigmas."""
 
     number: int
     seed: int
@@ -48,9 +82,11 @@ class HiddenEffectFlight:
 
 @dataclass(frozen=True)
 class EveryEffect:
-    """The campaign: in each turn one flight for each of some ``effects``, all of the library where it is None.
+    """The campaign: in each turn one flight for each of some ``effects``, all of the library where
+    it is None.
 
-    Flight k is of effect ``k mod n`` of n, so that a campaign with more flights an effect has the same first ones.
+    Flight k is of effect ``k mod n`` of n, so that a campaign with more flights an effect has the
+    same first ones.
     """
 
     effects: tuple[str, ...] | None = None
@@ -73,7 +109,13 @@ class EveryEffect:
         return chosen(self.effects)
 
     def identity(self) -> Mapping[str, object]:
-        return {"campaign": self.name, "effects": {name: [f"{each.model} {each.name}" for each in found] for name, found in self.kinds.items()}}
+        return {
+            "campaign": self.name,
+            "effects": {
+                name: [f"{each.model} {each.name}" for each in found]
+                for name, found in self.kinds.items()
+            },
+        }
 
     def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
         return [self._row(task) for task in tasks]
@@ -81,7 +123,9 @@ class EveryEffect:
     def fly(self, task: Task) -> Flown:
         """The flight of a task."""
         names = tuple(self.kinds)
-        return fly_hidden(self.kinds[names[task.number % len(names)]], task.number // len(names), task.seed)
+        return fly_hidden(
+            self.kinds[names[task.number % len(names)]], task.number // len(names), task.seed
+        )
 
     def read(self, table: RowTable) -> list[HiddenEffectFlight]:
         """Flights of a table that have a row, in order."""
@@ -125,7 +169,11 @@ def scored_flight_of(flown: Flown, tracing: Tracing) -> ScoredFlight:
     """A diagnosis held against what was hidden."""
     d, claims = tracing.diagnosis, claims_of(tracing.diagnosis)
     right = right_names(flown)
-    false = tuple(claim.name for claim in claims if not right & {plain_name(name) for name in (claim.name, *claim.alternatives)})
+    false = tuple(
+        claim.name
+        for claim in claims
+        if not right & {plain_name(name) for name in (claim.name, *claim.alternatives)}
+    )
     outcome = outcome_of(d.verdict.value, claims)
     named = bool(claims) and outcome in (Outcome.NAMED, Outcome.AMBIGUOUS)
     noise = flown.carrier.noise
@@ -144,11 +192,17 @@ def scored_flight_of(flown: Flown, tracing: Tracing) -> ScoredFlight:
 
 
 def right_names(flown: Flown) -> frozenset[str]:
-    """Names that are right: that of the effect, those of the same fault, and where its size makes it the same thing, another's."""
+    """Names that are right: that of the effect, those of the same fault, and where its size makes
+    it the same thing, another's.
+    """
     if not flown.name:
         return frozenset()
     traits = effect_of(Instance(flown.carrier.model, flown.name)).traits
-    same = {other for local, (other, least) in traits.same_as.items() if abs(flown.values[local]) > least}
+    same = {
+        other
+        for local, (other, least) in traits.same_as.items()
+        if abs(flown.values[local]) > least
+    }
     return frozenset(plain_name(name) for name in {flown.name, *traits.twins, *same})
 
 
@@ -156,14 +210,22 @@ def derivative_errors(flown: Flown, tracing: Tracing) -> dict[str, float]:
     """Errors of the declared parameters in reported sigmas, with what is claimed."""
     true, after = flown.carrier.train.model.parameters, tracing.diagnosis.after
     errors = {
-        name: (after[name].value - true[name].value) / after[name].std for name in flown.carrier.free if name in after and after[name].std > 0.0
+        name: (after[name].value - true[name].value) / after[name].std
+        for name in flown.carrier.free
+        if name in after and after[name].std > 0.0
     }
     return {name: float(error) for name, error in errors.items() if math.isfinite(error)}
 
 
 def _comparable(flown: Flown) -> Mapping[str, float]:
-    """True values of what a diagnosis may estimate. Of a curve none: its coefficients hang on the range that the search saw."""
-    return {} if not flown.name or isinstance(effect_of(Instance(flown.carrier.model, flown.name)), Curve) else flown.values
+    """True values of what a diagnosis may estimate. Of a curve none: its coefficients hang on the
+    range that the search saw.
+    """
+    return (
+        {}
+        if not flown.name or isinstance(effect_of(Instance(flown.carrier.model, flown.name)), Curve)
+        else flown.values
+    )
 
 
 def _read(table: RowTable, at: int) -> HiddenEffectFlight:
@@ -189,5 +251,14 @@ def _read(table: RowTable, at: int) -> HiddenEffectFlight:
         number("held_out_after"),
     )
     sizes = number("size_sigmas"), json.loads(cell("values"))
-    own = int(table.columns["number"][at]), int(table.columns["seed"][at]), cell("effect"), hidden, cell("vehicle"), cell("model")
-    return HiddenEffectFlight(*own, *sizes, marked, json.loads(cell("derivatives")), float(table.times[TAKEN][at]))
+    own = (
+        int(table.columns["number"][at]),
+        int(table.columns["seed"][at]),
+        cell("effect"),
+        hidden,
+        cell("vehicle"),
+        cell("model"),
+    )
+    return HiddenEffectFlight(
+        *own, *sizes, marked, json.loads(cell("derivatives")), float(table.times[TAKEN][at])
+    )

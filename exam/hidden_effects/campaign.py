@@ -1,4 +1,6 @@
-"""Many flights of one tracing scenario: how often the verdict is the expected one, what is hidden is named, and something false is claimed."""
+"""Many flights of one tracing scenario: how often the verdict is the expected one, what is hidden
+is named, and something false is claimed.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,16 @@ from typing import Any
 
 from exam.repeated import LoopFlights
 from exam.scores.rates import Scores, hidden_label
-from exam.scores.scored_flight import ScoredFlight, claims_of, is_curve, outcome_of, over_noise, parameter_errors, plain_name, stated_by
+from exam.scores.scored_flight import (
+    ScoredFlight,
+    claims_of,
+    is_curve,
+    outcome_of,
+    over_noise,
+    parameter_errors,
+    plain_name,
+    stated_by,
+)
 from exam.scoring import Share, same_fault, share_of_flights, share_within_flights
 from ident.tracing.diagnosis import Claim, Verdict
 from scenarios.studies.catalogue import load_document
@@ -26,9 +37,10 @@ SIGMAS = 2.0
 class TraceJudged:
     """One flight of a tracing scenario.
 
-    ``claimed`` : claims with their alternatives, ``"a/b"``. ``named`` : each hidden effect that the library has, and whether a claim names it,
-    ``alone`` those that are named without an alternative. ``false`` : claims behind which nothing true stands. ``inside`` : of each derivative
-    whether its interval of two sigmas, with what was claimed, holds the truth.
+    ``claimed`` : claims with their alternatives, ``"a/b"``. ``named`` : each hidden effect that the
+    library has, and whether a claim names it, ``alone`` those that are named without an
+    alternative. ``false`` : claims behind which nothing true stands. ``inside`` : of each
+    derivative whether its interval of two sigmas, with what was claimed, holds the truth.
     """
 
     seed: int
@@ -69,24 +81,36 @@ def scored_flight_of(study: TraceStudy, judged: TraceJudged) -> ScoredFlight:
 
 
 def _true_names(study: TraceStudy) -> frozenset[str]:
-    """Names behind which something true stands: of what is hidden, of what the scenario accepts, and of the same faults."""
+    """Names behind which something true stands: of what is hidden, of what the scenario accepts,
+    and of the same faults.
+    """
     accepted = {name for names in study.scenario.expect.effects for name in names}
     return frozenset().union(*(same_fault(name) for name in {*accepted, *study.flown.hidden}))
 
 
 def judged_of(study: TraceStudy) -> TraceJudged:
-    """A tracing study held against its truth: what its scenario accepts as an answer is none that is false."""
+    """A tracing study held against its truth: what its scenario accepts as an answer is none that
+    is false.
+    """
     claims = [claim for claim in study.tracing.diagnosis.effects if claim.claimed]
     accepted = {name for names in study.scenario.expect.effects for name in names}
-    hidden = [name for name in study.flown.hidden if name in accepted] or ([*study.scenario.expect.effects[0]] if accepted else [])
+    hidden = [name for name in study.flown.hidden if name in accepted] or (
+        [*study.scenario.expect.effects[0]] if accepted else []
+    )
     true = _true_names(study)
     return TraceJudged(
         study.seed,
         study.tracing.diagnosis.verdict.value,
         study.grade,
         tuple("/".join(_group(claim)) for claim in claims),
-        tuple((name, any(same_fault(name) & {*_group(claim)} for claim in claims)) for name in hidden),
-        tuple(name for name in hidden if any(claim.name in same_fault(name) and not claim.alternatives for claim in claims)),
+        tuple(
+            (name, any(same_fault(name) & {*_group(claim)} for claim in claims)) for name in hidden
+        ),
+        tuple(
+            name
+            for name in hidden
+            if any(claim.name in same_fault(name) and not claim.alternatives for claim in claims)
+        ),
         tuple("/".join(_group(claim)) for claim in claims if not true & {*_group(claim)}),
         tuple((row.name, abs(row.sigmas) < SIGMAS) for row in study.derivatives),
     )
@@ -94,16 +118,32 @@ def judged_of(study: TraceStudy) -> TraceJudged:
 
 def trace_flights(name: str, changes: Sequence[str] = ()) -> LoopFlights:
     """Flights of a tracing scenario by its name or the path of its file."""
-    # By its name: a user's own model is made of functions, which cannot be handed over to another process.
+    # By its name: a user's own model is made of functions, which cannot be handed over to another
+    # process.
     document, short, _ = load_document(name, changes)
-    return LoopFlights(short, partial(_judge_named, name, tuple(changes)), TraceJudged, {"scenario": document, "files": files_of(document)})
+    return LoopFlights(
+        short,
+        partial(_judge_named, name, tuple(changes)),
+        TraceJudged,
+        {"scenario": document, "files": files_of(document)},
+    )
 
 
 def files_of(document: Mapping[str, Any]) -> dict[str, str]:
     """Users' model files that a scenario names, by the hashes of their bytes."""
-    named = [value for table in document.values() if isinstance(table, dict) for value in table.values()]
-    paths = sorted({value for value in (*document.values(), *named) if isinstance(value, str) and value.endswith(".py")})
-    return {path: sha256(Path(path).read_bytes()).hexdigest() for path in paths if Path(path).is_file()}
+    named = [
+        value for table in document.values() if isinstance(table, dict) for value in table.values()
+    ]
+    paths = sorted(
+        {
+            value
+            for value in (*document.values(), *named)
+            if isinstance(value, str) and value.endswith(".py")
+        }
+    )
+    return {
+        path: sha256(Path(path).read_bytes()).hexdigest() for path in paths if Path(path).is_file()
+    }
 
 
 def _judge_named(name: str, changes: tuple[str, ...], number: int, seed: int) -> TraceJudged:
@@ -123,18 +163,27 @@ def scores_of(judged: Sequence[TraceJudged]) -> Scores:
 
 def verdict_shares(judged: Sequence[TraceJudged]) -> dict[str, Share]:
     """The share of each verdict."""
-    return {verdict.value: share_of_flights(flight.verdict == verdict.value for flight in judged) for verdict in Verdict}
+    return {
+        verdict.value: share_of_flights(flight.verdict == verdict.value for flight in judged)
+        for verdict in Verdict
+    }
 
 
 def trace_shares(judged: Sequence[TraceJudged]) -> dict[str, Share]:
     """The shares that a campaign is for, by their names in ``campaign.json``."""
     return {
         "expected": share_of_flights(flight.grade is Grade.RIGHT for flight in judged),
-        "expected_or_alternative": share_of_flights(flight.grade in (Grade.RIGHT, Grade.AMBIGUOUS) for flight in judged),
+        "expected_or_alternative": share_of_flights(
+            flight.grade in (Grade.RIGHT, Grade.AMBIGUOUS) for flight in judged
+        ),
         "named": share_within_flights([hit for _, hit in flight.named] for flight in judged),
-        "named_alone": share_within_flights([name in flight.alone for name, _ in flight.named] for flight in judged),
+        "named_alone": share_within_flights(
+            [name in flight.alone for name, _ in flight.named] for flight in judged
+        ),
         "false_claims": share_of_flights(bool(flight.false) for flight in judged),
-        "within_two_sigma": share_within_flights([hit for _, hit in flight.inside] for flight in judged),
+        "within_two_sigma": share_within_flights(
+            [hit for _, hit in flight.inside] for flight in judged
+        ),
     }
 
 

@@ -23,7 +23,9 @@ from scenarios.trials.planted.declaration import TraceScenario
 
 
 def campaign_page(scenario: TraceScenario, done: Flown, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a campaign with the figures ``drawn``: verdicts and shares with their intervals, names, probabilities, sigmas."""
+    """The page of a campaign with the figures ``drawn``: verdicts and shares with their intervals,
+    names, probabilities, sigmas.
+    """
     judged: Sequence[TraceJudged] = done.found
     shares, false = trace_shares(judged), false_lines(judged)
     right = shares["expected"]
@@ -37,8 +39,14 @@ def campaign_page(scenario: TraceScenario, done: Flown, drawn: Sequence[Drawn] =
         summary=(as_sentence(expected_line(scenario)),),
         warnings=tuple(map(as_sentence, [*false, *([done.failed] if done.failed else [])])),
         sections=(
-            *section("Verdicts", rows_table("Verdicts with their 95 % intervals", VERDICTS, verdict_rows(judged))),
-            *section("How often the loop is right", rows_table("Shares with their 95 % intervals", SHARES, share_rows(judged))),
+            *section(
+                "Verdicts",
+                rows_table("Verdicts with their 95 % intervals", VERDICTS, verdict_rows(judged)),
+            ),
+            *section(
+                "How often the loop is right",
+                rows_table("Shares with their 95 % intervals", SHARES, share_rows(judged)),
+            ),
             *scores_sections(scores_of(judged), drawn),
         ),
         reproduction=exam_reproduction(command, as_sentence(done.words)),

@@ -33,7 +33,9 @@ _LABELS = {
 }
 
 
-def trace_campaign_text(scenario: TraceScenario, judged: Sequence[TraceJudged], seeds: str, width: int = WIDTH) -> str:
+def trace_campaign_text(
+    scenario: TraceScenario, judged: Sequence[TraceJudged], seeds: str, width: int = WIDTH
+) -> str:
     """Verdicts and shares with their intervals, false claims one by one; ``seeds`` in words."""
     blocks = [
         [f"{scenario.name}: {len(judged)} flights, {seeds}", expected_line(scenario)],
@@ -47,7 +49,9 @@ def trace_campaign_text(scenario: TraceScenario, judged: Sequence[TraceJudged], 
 
 def expected_line(scenario: TraceScenario) -> str:
     """Verdicts and effects that the scenario expects."""
-    expected = " or ".join(" + ".join(names) for names in scenario.expect.effects) or "nothing to claim"
+    expected = (
+        " or ".join(" + ".join(names) for names in scenario.expect.effects) or "nothing to claim"
+    )
     return f"expected: {' or '.join(scenario.expect.verdicts)}, {expected}"
 
 
@@ -58,18 +62,30 @@ def verdict_rows(judged: Sequence[TraceJudged]) -> list[tuple[str, ...]]:
 
 def share_rows(judged: Sequence[TraceJudged]) -> list[tuple[str, ...]]:
     """Cells below ``SHARES``."""
-    return [(_LABELS[key], *_share(share)) for key, share in trace_shares(judged).items() if share.of]
+    return [
+        (_LABELS[key], *_share(share)) for key, share in trace_shares(judged).items() if share.of
+    ]
 
 
 def false_lines(judged: Sequence[TraceJudged]) -> list[str]:
     """Every claim of what is not there."""
-    return [f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there" for flight in judged if flight.false]
+    return [
+        f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there"
+        for flight in judged
+        if flight.false
+    ]
 
 
 def write_trace_campaign(
-    scenario: TraceScenario, done: Flown, out: str | Path, paged: Callable[[Sequence[Drawn]], Page], figures: Formats = USUAL
+    scenario: TraceScenario,
+    done: Flown,
+    out: str | Path,
+    paged: Callable[[Sequence[Drawn]], Page],
+    figures: Formats = USUAL,
 ) -> Path:
-    """Write ``flights.csv``, one row a flight, figures, the page that ``paged`` makes with them, and ``campaign.json`` (last)."""
+    """Write ``flights.csv``, one row a flight, figures, the page that ``paged`` makes with them,
+    and ``campaign.json`` (last).
+    """
     judged: Sequence[TraceJudged] = done.found
     scores = scores_of(judged)
     with study_folder(out, "campaign.json") as scratch:
@@ -77,16 +93,38 @@ def write_trace_campaign(
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(["seed", "verdict", "grade", "said", "hidden", "named", "false_claims"])
         for flight in judged:
-            lists = (flight.claimed, [name for name, _ in flight.named], [name for name, hit in flight.named if hit], flight.false)
-            writer.writerow([flight.seed, flight.verdict, flight.grade.name.lower(), *(" + ".join(names) for names in lists)])
+            lists = (
+                flight.claimed,
+                [name for name, _ in flight.named],
+                [name for name, hit in flight.named if hit],
+                flight.false,
+            )
+            writer.writerow(
+                [
+                    flight.seed,
+                    flight.verdict,
+                    flight.grade.name.lower(),
+                    *(" + ".join(names) for names in lists),
+                ]
+            )
         (scratch / "flights.csv").write_text(text.getvalue(), encoding="utf-8", newline="\n")
-        shares = {**{f"verdict.{name}": share for name, share in verdict_shares(judged).items()}, **trace_shares(judged)}
+        shares = {
+            **{f"verdict.{name}": share for name, share in verdict_shares(judged).items()},
+            **trace_shares(judged),
+        }
         content = {
             "schema": "flightid/campaign/1",
             "scenario": scenario.name,
             **done.content,
-            "expected": {"verdicts": list(scenario.expect.verdicts), "effects": [list(names) for names in scenario.expect.effects]},
-            "shares": {key: {"count": share.count, "of": share.of, "interval": list(share.interval)} for key, share in shares.items() if share.of},
+            "expected": {
+                "verdicts": list(scenario.expect.verdicts),
+                "effects": [list(names) for names in scenario.expect.effects],
+            },
+            "shares": {
+                key: {"count": share.count, "of": share.of, "interval": list(share.interval)}
+                for key, share in shares.items()
+                if share.of
+            },
             "marks": scores_content(scores),
             "versions": versions(),
         }
@@ -97,4 +135,8 @@ def write_trace_campaign(
 
 def _share(share: Share) -> tuple[str, str, str]:
     low, high = share.interval
-    return f"{share.count} of {share.of}", f"{100.0 * share.count / share.of:.1f} %", f"{100.0 * low:.1f} to {100.0 * high:.1f} %"
+    return (
+        f"{share.count} of {share.of}",
+        f"{100.0 * share.count / share.of:.1f} %",
+        f"{100.0 * low:.1f} to {100.0 * high:.1f} %",
+    )

@@ -22,7 +22,9 @@ class AlphaRateProduct:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    explanation: ClassVar[str] = "The tail comes into the wake of the wing as the nose rises: it damps less there, or more."
+    explanation: ClassVar[str] = (
+        "The tail comes into the wake of the wing as the nose rises: it damps less there, or more."
+    )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {"moment": p.moment * s.alpha_air * s.q}

@@ -1,4 +1,6 @@
-"""The filter ahead of a recorder's converter: on every channel of a measured flight, and in no model."""
+"""The filter ahead of a recorder's converter: on every channel of a measured flight, and in no
+model.
+"""
 
 from __future__ import annotations
 
@@ -16,19 +18,26 @@ from sim.maths import linear_recurrence
 
 @dataclass(frozen=True)
 class AntiAliasFilter:
-    """Butterworth's second-order low pass: y_ddot = w^2 (v - y) - sqrt(2) w y_dot, w = 2 pi ``corner`` (Hz), settled at the start; none at zero.
+    """Butterworth's second-order low pass: y_ddot = w^2 (v - y) - sqrt(2) w y_dot, w = 2 pi
+    ``corner`` (Hz), settled at the start; none at zero.
 
-    Late by sqrt(2)/w where the signal is slow. The same filter on input and outputs leaves a linear model as it is.
+    Late by sqrt(2)/w where the signal is slow. The same filter on input and outputs leaves a linear
+    model as it is.
     """
 
     channel: str
 
     station: ClassVar[Station] = Station.SENSOR_PATH
     rank: ClassVar[int] = 90
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("corner", 7.0, "Hz", bounds=(0.0, 1000.0)),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("corner", 7.0, "Hz", bounds=(0.0, 1000.0)),
+    )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"corner": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
-    explanation: ClassVar[str] = "The recorder's filter cuts what its sampling could not show. What is left comes late, by as much in every channel."
+    explanation: ClassVar[str] = (
+        "The recorder's filter cuts what its sampling could not show. What is left comes late, by "
+        "as much in every channel."
+    )
 
     @property
     def name(self) -> str:
@@ -39,9 +48,11 @@ class AntiAliasFilter:
         return (f"sensor-lag:{self.channel}", f"sensor-delay:{self.channel}")
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
-        """Exact response to a channel that runs straight from ``begin`` to ``end`` of each sub-step and may jump between.
+        """Exact response to a channel that runs straight from ``begin`` to ``end`` of each sub-step
+        and may jump between.
 
-        Twice the real part of one complex lag: z_dot = r z + c v, r = w (-1 + i)/sqrt(2), c = -i w/sqrt(2).
+        Twice the real part of one complex lag: z_dot = r z + c v, r = w (-1 + i)/sqrt(2), c = -i
+        w/sqrt(2).
         """
         if p.corner <= 0.0:
             return begin, end

@@ -12,7 +12,9 @@ from sim.declaration.effect import Parameter, Regularity, Station
 
 @dataclass(frozen=True)
 class ControlUpwash:
-    """alpha reads alpha + ``gain`` d, d the elevator (rad) or the pseudo-control in the stick's unit."""
+    """alpha reads alpha + ``gain`` d, d the elevator (rad) or the pseudo-control in the stick's
+    unit.
+    """
 
     name: ClassVar[str] = "own:control-upwash"
     channel: ClassVar[str] = "alpha"
@@ -21,7 +23,10 @@ class ControlUpwash:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"gain": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
-    explanation: ClassVar[str] = "The vane sits beside a canard: the flow that the surface turns is read as an angle of attack."
+    explanation: ClassVar[str] = (
+        "The vane sits beside a canard: the flow that the surface turns is read as an angle of "
+        "attack."
+    )
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {"alpha": y["alpha"] + p.gain * (s.delta if hasattr(s, "delta") else s.elevator)}

@@ -21,7 +21,9 @@ class CubicVane:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"cubic": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ("sensor-curve:alpha",)
-    explanation: ClassVar[str] = "The vane turns a potentiometer that is not quite linear, to both sides alike."
+    explanation: ClassVar[str] = (
+        "The vane turns a potentiometer that is not quite linear, to both sides alike."
+    )
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {"alpha": y["alpha"] + p.cubic * y["alpha"] ** 3}

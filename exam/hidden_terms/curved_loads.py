@@ -12,7 +12,9 @@ from sim.declaration.effect import Parameter, Regularity, Signal, Station
 
 @dataclass(frozen=True)
 class CurvedLoads:
-    """moment += ``moment_square`` alpha^2 + ``moment_cube`` alpha^3, lift likewise; 1/rad2 and 1/rad3, the gust included."""
+    """moment += ``moment_square`` alpha^2 + ``moment_cube`` alpha^3, lift likewise; 1/rad2 and
+    1/rad3, the gust included.
+    """
 
     name: ClassVar[str] = "own:curved-loads"
     station: ClassVar[Station] = Station.DYNAMICS
@@ -23,16 +25,24 @@ class CurvedLoads:
         Parameter("lift_square", -2.0, "1/rad2"),
         Parameter("lift_cube", -20.0, "1/rad3"),
     )
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType(dict.fromkeys(("moment_square", "moment_cube", "lift_square", "lift_cube"), 0.0))
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType(
+        dict.fromkeys(("moment_square", "moment_cube", "lift_square", "lift_cube"), 0.0)
+    )
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ("moment-nonlinearity", "lift-nonlinearity")
     states: ClassVar[tuple[Signal, ...]] = ()
-    explanation: ClassVar[str] = "No polar is a straight line: slopes change a little over the range flown, more on one side than on the other."
+    explanation: ClassVar[str] = (
+        "No polar is a straight line: slopes change a little over the range flown, more on one "
+        "side than on the other."
+    )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         a = s.alpha_air
         square = a * a
-        return {"moment": square * (p.moment_square + p.moment_cube * a), "lift": square * (p.lift_square + p.lift_cube * a)}
+        return {
+            "moment": square * (p.moment_square + p.moment_cube * a),
+            "lift": square * (p.lift_square + p.lift_cube * a),
+        }
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()

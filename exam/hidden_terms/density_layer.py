@@ -27,7 +27,10 @@ class DensityLayer:
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    explanation: ClassVar[str] = "Between two heights the air is colder than the declared one, and thicker; above and below it is as declared."
+    explanation: ClassVar[str] = (
+        "Between two heights the air is colder than the declared one, and thicker; above and below "
+        "it is as declared."
+    )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         off = (s.altitude - p.middle) / p.depth

@@ -22,7 +22,9 @@ class DragDecay:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    explanation: ClassVar[str] = "The nose burns off and grows blunt: the drag changes steadily with time."
+    explanation: ClassVar[str] = (
+        "The nose burns off and grows blunt: the drag changes steadily with time."
+    )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {"log_drag": p.rate * s.time}

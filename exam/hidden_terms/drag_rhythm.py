@@ -19,12 +19,17 @@ class DragRhythm:
     name: ClassVar[str] = "own:drag-rhythm"
     station: ClassVar[Station] = Station.DYNAMICS
     needs: ClassVar[tuple[str, ...]] = ("log_drag",)
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("size", 0.25, "1"), Parameter("frequency", 1.5, "rad/s"))
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("size", 0.25, "1"),
+        Parameter("frequency", 1.5, "rad/s"),
+    )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    explanation: ClassVar[str] = "The body swings about its axis and shows the air now its nose, now its side."
+    explanation: ClassVar[str] = (
+        "The body swings about its axis and shows the air now its nose, now its side."
+    )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {"log_drag": p.size * cos(p.frequency * s.time - 0.5 * math.pi)}

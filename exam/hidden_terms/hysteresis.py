@@ -21,12 +21,19 @@ class Hysteresis:
     name: ClassVar[str] = "own:hysteresis"
     station: ClassVar[Station] = Station.DYNAMICS
     needs: ClassVar[tuple[str, ...]] = ("moment",)
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("size", 0.01, "1"), Parameter("width", 0.03, "rad", bounds=(1e-4, 10.0)))
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("size", 0.01, "1"),
+        Parameter("width", 0.03, "rad", bounds=(1e-4, 10.0)),
+    )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ()
-    states: ClassVar[tuple[Signal, ...]] = (Signal("memory", "1", "which way the nose went last, -1 to 1"),)
-    explanation: ClassVar[str] = "The flow attaches later than it left: going up the moment is another than going down."
+    states: ClassVar[tuple[Signal, ...]] = (
+        Signal("memory", "1", "which way the nose went last, -1 to 1"),
+    )
+    explanation: ClassVar[str] = (
+        "The flow attaches later than it left: going up the moment is another than going down."
+    )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {"moment": p.size * s.memory}

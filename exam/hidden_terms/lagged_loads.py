@@ -12,9 +12,11 @@ from sim.declaration.effect import Parameter, Regularity, Signal, Station
 
 @dataclass(frozen=True)
 class TwoStageLoads:
-    """moment += ``moment`` (alpha - late), lift += ``lift`` (alpha - late), late = 0.6 fast + 0.4 slow.
+    """moment += ``moment`` (alpha - late), lift += ``lift`` (alpha - late), late = 0.6 fast + 0.4
+    slow.
 
-    fast_dot = (alpha - fast)/``fast``, slow_dot = (alpha - slow)/``slow``, s: loads that overshoot after a change of the angle of attack.
+    fast_dot = (alpha - fast)/``fast``, slow_dot = (alpha - slow)/``slow``, s: loads that overshoot
+    after a change of the angle of attack.
     """
 
     name: ClassVar[str] = "own:lagged-loads"
@@ -33,7 +35,10 @@ class TwoStageLoads:
         Signal("fast_angle", "rad", "angle of attack, late by the fast stage"),
         Signal("slow_angle", "rad", "and by the slow one"),
     )
-    explanation: ClassVar[str] = "The wake takes its time: loads follow the angle of attack in two stages, a fast and a slow one."
+    explanation: ClassVar[str] = (
+        "The wake takes its time: loads follow the angle of attack in two stages, a fast and a "
+        "slow one."
+    )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         ahead = s.alpha_air - 0.6 * s.fast_angle - 0.4 * s.slow_angle

@@ -15,5 +15,7 @@ def every_term() -> Mapping[str, Effect]:
 
 
 def find_any_term(name: str, equations: Equations, where: str) -> Effect:
-    """An effect of the library or one of ``every_term``; raises DeclarationError as ``find_term``."""
+    """An effect of the library or one of ``every_term``; raises DeclarationError as
+    ``find_term``.
+    """
     return find_term(name, equations, where, every_term())

@@ -1,4 +1,6 @@
-"""Drag of a falling body that steps with the Mach number: another form than the library's spline."""
+"""Drag of a falling body that steps with the Mach number: another form than the library's
+spline.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,10 @@ class MachDrag:
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ("drag-mach",)
     states: ClassVar[tuple[Signal, ...]] = ()
-    explanation: ClassVar[str] = "A shock wave leaves the shoulder of the body at one Mach number: below it the drag is another than above."
+    explanation: ClassVar[str] = (
+        "A shock wave leaves the shoulder of the body at one Mach number: below it the drag is "
+        "another than above."
+    )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         z = (absolute(s.velocity) / 300.0 - p.middle) / p.width

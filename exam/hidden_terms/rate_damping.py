@@ -23,7 +23,9 @@ class RateDamping:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    explanation: ClassVar[str] = "The tail leaves its straight range in fast pitching: damping grows with the rate itself."
+    explanation: ClassVar[str] = (
+        "The tail leaves its straight range in fast pitching: damping grows with the rate itself."
+    )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {"moment": p.size * s.q * absolute(s.q)}

@@ -20,12 +20,17 @@ class StallingLift:
     name: ClassVar[str] = "own:stalling-lift"
     station: ClassVar[Station] = Station.DYNAMICS
     needs: ClassVar[tuple[str, ...]] = ("lift",)
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("loss", 2.0, "1/rad"), Parameter("width", 0.06, "rad", bounds=(1e-6, 10.0)))
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("loss", 2.0, "1/rad"),
+        Parameter("width", 0.06, "rad", bounds=(1e-6, 10.0)),
+    )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"loss": 0.0})
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ("lift-nonlinearity",)
     states: ClassVar[tuple[Signal, ...]] = ()
-    explanation: ClassVar[str] = "The flow leaves the wing little by little: lift grows ever slower on both sides of trim."
+    explanation: ClassVar[str] = (
+        "The flow leaves the wing little by little: lift grows ever slower on both sides of trim."
+    )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         share = (s.alpha_air / p.width) ** 2

@@ -12,7 +12,9 @@ from sim.declaration.effect import Parameter, Regularity, Signal, Station
 
 @dataclass(frozen=True)
 class TravellingMass:
-    """moment += ``rate`` t alpha, ``rate`` in 1/(rad s): the stability grows or shrinks steadily from the record's begin."""
+    """moment += ``rate`` t alpha, ``rate`` in 1/(rad s): the stability grows or shrinks steadily
+    from the record's begin.
+    """
 
     name: ClassVar[str] = "own:travelling-mass"
     station: ClassVar[Station] = Station.DYNAMICS
@@ -22,7 +24,9 @@ class TravellingMass:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    explanation: ClassVar[str] = "Fuel runs from one tank into another: the stability changes steadily all along the record."
+    explanation: ClassVar[str] = (
+        "Fuel runs from one tank into another: the stability changes steadily all along the record."
+    )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {"moment": p.rate * s.time * s.alpha_air}

@@ -1,4 +1,6 @@
-"""A control surface that loses power at large deflections: another form than the library's spline."""
+"""A control surface that loses power at large deflections: another form than the library's
+spline.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ class WeakeningControl:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ("control-nonlinearity",)
     states: ClassVar[tuple[Signal, ...]] = ()
-    explanation: ClassVar[str] = "The gap of the elevator opens as it deflects: each further degree turns the flow by less."
+    explanation: ClassVar[str] = (
+        "The gap of the elevator opens as it deflects: each further degree turns the flow by less."
+    )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         if hasattr(s, "delta"):  # the low-order equivalent has a pseudo-control

@@ -19,9 +19,10 @@ ALL = ("rigid", "loes", "ballistic")
 class Setting:
     """One record of a case, from which sizes are drawn.
 
-    ``peak`` the largest deflection in the control's unit, ``duration`` and ``interval`` (sampling) in s. The three scales take sizes that are
-    said for the rigid aircraft to the equations at hand: ``moment`` and ``lift`` the unit of its ports in coefficients, ``control`` that of
-    the control in radians.
+    ``peak`` the largest deflection in the control's unit, ``duration`` and ``interval`` (sampling)
+    in s. The three scales take sizes that are said for the rigid aircraft to the equations at hand:
+    ``moment`` and ``lift`` the unit of its ports in coefficients, ``control`` that of the control
+    in radians.
     """
 
     model: Model
@@ -47,12 +48,12 @@ class Kind:
 
     Attributes
     ----------
-    draw : its parameters, from a generator and the setting. models : on which it is drawn; channels : it needs to be seen.
-    term : hides it in the flight; ``spoils`` : puts it into the finished record instead.
-    answer : the effect that names it, empty where nothing in the library does.
+    draw : its parameters, from a generator and the setting. models : on which it is drawn; channels
+    : it needs to be seen. term : hides it in the flight; ``spoils`` : puts it into the finished
+    record instead. answer : the effect that names it, empty where nothing in the library does.
     accepted : names that are no wrong claim beside the answer, and name it where there is none.
-    words : by which a warning names a recorder's fault.
-    apart : drawn anew for the second record, but the parameters in ``same``.
+    words : by which a warning names a recorder's fault. apart : drawn anew for the second record,
+    but the parameters in ``same``.
     """
 
     draw: Draw
@@ -103,11 +104,12 @@ class CaseScore:
     ----------
     verdict : ``refused`` where the files were not taken, ``failed`` where the loop broke off.
     claimed : names claimed; ``claims`` : for each its name, then its alternatives.
-    right : the names are those hidden, or none where nothing is; of what no effect names, ``unexplained``; of a recorder's fault also a word on it.
-    wrong : a claim names what is not there.
-    errors : of derivatives, in reported standard deviations. held_out : the worst channel's error over the noise, zero without a diagnosis.
-    statements : the claims with what they were weighed against, for the reliability of their probabilities.
-    values : of what is hidden, in the fitted record. seconds : of the processor, for the diagnosis. said : why there is no diagnosis.
+    right : the names are those hidden, or none where nothing is; of what no effect names,
+    ``unexplained``; of a recorder's fault also a word on it. wrong : a claim names what is not
+    there. errors : of derivatives, in reported standard deviations. held_out : the worst channel's
+    error over the noise, zero without a diagnosis. statements : the claims with what they were
+    weighed against, for the reliability of their probabilities. values : of what is hidden, in the
+    fitted record. seconds : of the processor, for the diagnosis. said : why there is no diagnosis.
     """
 
     case: Case

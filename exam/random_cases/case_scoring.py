@@ -1,4 +1,6 @@
-"""The score of an answer: which names are right, which are wrong, and how far the numbers are off."""
+"""The score of an answer: which names are right, which are wrong, and how far the numbers are
+off.
+"""
 
 from __future__ import annotations
 
@@ -34,32 +36,57 @@ def case_score_of(case: Case, model: Model, tracing: Tracing, seconds: float) ->
         _errors(case, model, diagnosis),
         max(rmse / NOISE[name] for name, rmse in diagnosis.error_after.rmse.items()),
         seconds,
-        tuple(tuple(Named(name, _is_hidden(case, name)) for name in (claim.name, *claim.alternatives)) for claim in claims),
+        tuple(
+            tuple(Named(name, _is_hidden(case, name)) for name in (claim.name, *claim.alternatives))
+            for claim in claims
+        ),
         _statements(case, claims),
     )
 
 
 def _statements(case: Case, claims: Sequence[Claim]) -> tuple[Statement, ...]:
     """All names of the claims that have a probability."""
-    return tuple(Statement(name, p, _is_hidden(case, name)) for claim in claims for name, p in claim.probability.items())
+    return tuple(
+        Statement(name, p, _is_hidden(case, name))
+        for claim in claims
+        for name, p in claim.probability.items()
+    )
 
 
 def refusal_score_of(case: Case, fault: FlightidError, seconds: float) -> CaseScore:
-    """The score where there is no diagnosis: files refused are right for a recorder's fault and an alarm for all else, a failure is never right."""
+    """The score where there is no diagnosis: files refused are right for a recorder's fault and an
+    alarm for all else, a failure is never right.
+    """
     refused = isinstance(fault, RecordError | DeclarationError)
-    return CaseScore(case, REFUSED if refused else FAILED, (), refused and case.group == "recorder", False, {}, 0.0, seconds, said=str(fault))
+    return CaseScore(
+        case,
+        REFUSED if refused else FAILED,
+        (),
+        refused and case.group == "recorder",
+        False,
+        {},
+        0.0,
+        seconds,
+        said=str(fault),
+    )
 
 
 def _matched(case: Case, claims: Sequence[Claim]) -> tuple[set[str], bool]:
-    """Answers that no claim gives, and whether a claim gives none; each claim answers once, so as to answer most."""
+    """Answers that no claim gives, and whether a claim gives none; each claim answers once, so as
+    to answer most.
+    """
     answers = sorted(case.answers)
     accepted = {name for hidden in case.hidden for name in KINDS[hidden].accepted}
     best: tuple[set[str], bool] = (set(answers), bool(claims))
     for order in permutations(claims):
         left, wrong = set(answers), False
         for claim in order:
-            hit = next((answer for answer in answers if answer in left and _says(answer, claim)), None)
-            wrong = wrong or (hit is None and not _given({claim.name, *claim.alternatives}, accepted))
+            hit = next(
+                (answer for answer in answers if answer in left and _says(answer, claim)), None
+            )
+            wrong = wrong or (
+                hit is None and not _given({claim.name, *claim.alternatives}, accepted)
+            )
             left.discard(hit or "")
         if (wrong, len(left)) < (best[1], len(best[0])) or order == tuple(claims):
             best = (left, wrong)
@@ -71,14 +98,21 @@ def _says(answer: str, claim: Claim) -> bool:
 
 
 def _given(names: Set[str], accepted: Set[str]) -> bool:
-    """Whether one of the names is accepted; of a numbered effect (``elastic-mode#2``, ``elastic-mode:1``) any number."""
+    """Whether one of the names is accepted; of a numbered effect (``elastic-mode#2``,
+    ``elastic-mode:1``) any number.
+    """
     plain = {name.partition("#")[0] for name in names}
-    return bool(plain & {*accepted, *(name.partition(":")[0] for name in accepted if name.startswith("elastic"))})
+    return bool(
+        plain
+        & {*accepted, *(name.partition(":")[0] for name in accepted if name.startswith("elastic"))}
+    )
 
 
 def _is_hidden(case: Case, name: str) -> bool:
     accepted = {other for answer in case.answers for other in same_fault(answer)}
-    return _given({name}, accepted | {other for hidden in case.hidden for other in KINDS[hidden].accepted})
+    return _given(
+        {name}, accepted | {other for hidden in case.hidden for other in KINDS[hidden].accepted}
+    )
 
 
 def _rightly_concluded(case: Case, tracing: Tracing, claims: Sequence[Claim]) -> bool:
@@ -95,9 +129,18 @@ def _rightly_concluded(case: Case, tracing: Tracing, claims: Sequence[Claim]) ->
 def _told_of(words: Sequence[str], tracing: Tracing) -> bool:
     """Whether a warning or a note about the record has one of the words."""
     texts = [*tracing.doubts, *tracing.look.doubts, *tracing.look.lines, *warnings_of(tracing)]
-    return any(re.search(rf"\b{re.escape(word)}\b", text, re.IGNORECASE) for word in words for text in texts)
+    return any(
+        re.search(rf"\b{re.escape(word)}\b", text, re.IGNORECASE)
+        for word in words
+        for text in texts
+    )
 
 
 def _errors(case: Case, model: Model, diagnosis: Diagnosis) -> Mapping[str, float]:
-    after = {name: diagnosis.after[name] for name in estimated(case.model) if name in diagnosis.after}
-    return {name: (found.value - model.parameters[name].value) / found.std for name, found in after.items()}
+    after = {
+        name: diagnosis.after[name] for name in estimated(case.model) if name in diagnosis.after
+    }
+    return {
+        name: (found.value - model.parameters[name].value) / found.std
+        for name, found in after.items()
+    }

@@ -1,7 +1,8 @@
-"""A random examination of the tracing loop: model, vehicle, rate, channels, maneuvers, and what is hidden, all drawn from a seed.
+"""A random examination of the tracing loop: model, vehicle, rate, channels, maneuvers, and what is
+hidden, all drawn from a seed.
 
-Each record is written, diagnosed by what the loop is told (two files and a vehicle file), and marked: right name, held-out error, and
-how many standard deviations the derivatives are off.
+Each record is written, diagnosed by what the loop is told (two files and a vehicle file), and
+marked: right name, held-out error, and how many standard deviations the derivatives are off.
 """
 
 from __future__ import annotations
@@ -28,7 +29,13 @@ from sim.errors import FlightidError, ModelError
 from sim.record import Record
 
 MODELS = {"rigid": 0.6, "loes": 0.25, "ballistic": 0.15}
-GROUPS = {"nothing": 0.15, "one effect": 0.3, "two effects": 0.25, "foreign": 0.15, "recorder": 0.15}
+GROUPS = {
+    "nothing": 0.15,
+    "one effect": 0.3,
+    "two effects": 0.25,
+    "foreign": 0.15,
+    "recorder": 0.15,
+}
 TRIES = 20  # of sizes, for one case
 # Both change the airspeed; a truth with two laws for it is none.
 NEVER_TOGETHER = frozenset({"phugoid", "speed-variation"})
@@ -36,7 +43,9 @@ NEVER_TOGETHER = frozenset({"phugoid", "speed-variation"})
 
 @dataclass(frozen=True, eq=False)
 class Written:
-    """A case in a folder: the true model, what is hidden in the first record, and what the loop is told."""
+    """A case in a folder: the true model, what is hidden in the first record, and what the loop is
+    told.
+    """
 
     case: Case
     model: Model
@@ -45,7 +54,8 @@ class Written:
 
 
 def examine(seed: int, group: str = "") -> CaseScore:
-    """Draw a case, fly it, have it diagnosed, and score it; all but the time depends on these alone.
+    """Draw a case, fly it, have it diagnosed, and score it; all but the time depends on these
+    alone.
 
     ``group`` : one of ``GROUPS``; empty, it is drawn as well.
     """
@@ -63,7 +73,9 @@ def examine(seed: int, group: str = "") -> CaseScore:
 
 
 def write_case(seed: int, folder: Path, group: str = "") -> Written:
-    """Write a seed's case into a folder that exists: ``train.csv`` and ``validate.csv`` with their sidecars, ``vehicle.toml``."""
+    """Write a seed's case into a folder that exists: ``train.csv`` and ``validate.csv`` with their
+    sidecars, ``vehicle.toml``.
+    """
     rng = np.random.default_rng((seed, 3))
     name = _chosen(MODELS, rng)
     label, model = drawn_vehicle(name, rng)
@@ -74,11 +86,16 @@ def write_case(seed: int, folder: Path, group: str = "") -> Written:
         written = _written(seed, name, label, model, rate, channels, group or drawn, folder, rng)
         if written is not None:
             return written
-    raise ModelError(f"{TRIES} cases hide what no one could see", where=f"case {seed}", remedy="draw larger sizes of what is hidden")
+    raise ModelError(
+        f"{TRIES} cases hide what no one could see",
+        where=f"case {seed}",
+        remedy="draw larger sizes of what is hidden",
+    )
 
 
 def write_clean(name: str, seed: int, folder: Path) -> tuple[Written, Flight]:
-    """A case of one model in which nothing is hidden, drawn as others are, and the flight of its first record.
+    """A case of one model in which nothing is hidden, drawn as others are, and the flight of its
+    first record.
 
     Raises
     ------
@@ -90,18 +107,42 @@ def write_clean(name: str, seed: int, folder: Path) -> tuple[Written, Flight]:
         rate = float(rng.choice(RATES[name]))
         channels = _channels(name, rng)
         flights = drawn_flights(model, rate, rng)
-        written = _flown_and_written(Case(seed, label, (), frozenset(), False, channels, rate, name, "nothing"), model, flights, folder, rng)
+        written = _flown_and_written(
+            Case(seed, label, (), frozenset(), False, channels, rate, name, "nothing"),
+            model,
+            flights,
+            folder,
+            rng,
+        )
         if written is not None:
             return written, flights[0]
-    raise ModelError(f"{TRIES} cases of {name} cannot be flown", where=f"case {seed}", remedy="draw smaller maneuvers")
+    raise ModelError(
+        f"{TRIES} cases of {name} cannot be flown",
+        where=f"case {seed}",
+        remedy="draw smaller maneuvers",
+    )
 
 
 def _channels(model: str, rng: np.random.Generator) -> tuple[str, ...]:
-    return ("altitude",) if model == "ballistic" else ("alpha", "q", "nz") if rng.random() < 0.75 else ("alpha", "q")
+    return (
+        ("altitude",)
+        if model == "ballistic"
+        else ("alpha", "q", "nz")
+        if rng.random() < 0.75
+        else ("alpha", "q")
+    )
 
 
 def _written(
-    seed: int, name: str, label: str, model: Model, rate: float, channels: tuple[str, ...], group: str, folder: Path, rng: np.random.Generator
+    seed: int,
+    name: str,
+    label: str,
+    model: Model,
+    rate: float,
+    channels: tuple[str, ...],
+    group: str,
+    folder: Path,
+    rng: np.random.Generator,
 ) -> Written | None:
     """A case of a group; None where what was drawn could not be flown, or seen."""
     hidden = drawn_hidden(group, name, channels, rng)
@@ -112,7 +153,9 @@ def _written(
     return _flown_and_written(case, model, drawn_flights(model, rate, rng), folder, rng)
 
 
-def _flown_and_written(case: Case, model: Model, flights: tuple[Flight, Flight], folder: Path, rng: np.random.Generator) -> Written | None:
+def _flown_and_written(
+    case: Case, model: Model, flights: tuple[Flight, Flight], folder: Path, rng: np.random.Generator
+) -> Written | None:
     """A case's files in a folder; None where what is hidden could not be flown, or seen."""
     sane = _flown_sanely(case, *flights, rng)
     if sane is None:
@@ -122,11 +165,20 @@ def _flown_and_written(case: Case, model: Model, flights: tuple[Flight, Flight],
         write_record(folder, record, stem)
     vehicle = folder / "vehicle.toml"
     vehicle.write_text(vehicle_file(model, rng), encoding="utf-8", newline="\n")
-    return Written(case, model, first, Request((folder / "train.csv",), case.model, vehicle, (folder / "validate.csv",)))
+    return Written(
+        case,
+        model,
+        first,
+        Request((folder / "train.csv",), case.model, vehicle, (folder / "validate.csv",)),
+    )
 
 
-def _flown_sanely(case: Case, train: Flight, validate: Flight, rng: np.random.Generator) -> tuple[Values, tuple[Record, Record]] | None:
-    """What is hidden in the first record, and both; drawn anew where it would not be seen, or leave the range of any model."""
+def _flown_sanely(
+    case: Case, train: Flight, validate: Flight, rng: np.random.Generator
+) -> tuple[Values, tuple[Record, Record]] | None:
+    """What is hidden in the first record, and both; drawn anew where it would not be seen, or leave
+    the range of any model.
+    """
     for _ in range(TRIES):
         first = drawn_values(case.hidden, train.setting, rng)
         if not all_visible(case, first, train):
@@ -139,8 +191,12 @@ def _flown_sanely(case: Case, train: Flight, validate: Flight, rng: np.random.Ge
     return None
 
 
-def drawn_hidden(group: str, model: str, channels: tuple[str, ...], rng: np.random.Generator) -> tuple[str, ...]:
-    """Names of what a case of a group hides. A falling body has one channel, which does not separate two effects: it hides one."""
+def drawn_hidden(
+    group: str, model: str, channels: tuple[str, ...], rng: np.random.Generator
+) -> tuple[str, ...]:
+    """Names of what a case of a group hides. A falling body has one channel, which does not
+    separate two effects: it hides one.
+    """
     if group == "nothing":
         return ()
     if group == "recorder":

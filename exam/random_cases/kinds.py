@@ -14,8 +14,14 @@ KINDS: Mapping[str, Kind] = {**EFFECTS, **FALLING, **FOREIGN, **RECORDER}
 
 
 def drawable(group: str, model: str, channels: Sequence[str]) -> list[str]:
-    """Names of a group's kinds that can be hidden in a model's record of these channels and be seen there, in their order."""
-    return [name for name, kind in KINDS.items() if kind.group == group and model in kind.models and set(kind.channels) <= set(channels)]
+    """Names of a group's kinds that can be hidden in a model's record of these channels and be seen
+    there, in their order.
+    """
+    return [
+        name
+        for name, kind in KINDS.items()
+        if kind.group == group and model in kind.models and set(kind.channels) <= set(channels)
+    ]
 
 
 def families(names: Sequence[str]) -> dict[str, list[str]]:

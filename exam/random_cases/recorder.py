@@ -60,14 +60,24 @@ def _each(channel: str) -> Mapping[str, Kind]:
     late = _late(channel)
 
     def kind(draw: Draw, act: object, accepted: tuple[str, ...] = (), apart: bool = False) -> Kind:
-        return Kind(draw, models=ALL, channels=needed, spoils=partial(act, channel), accepted=accepted, words=said, apart=apart)  # type: ignore
+        return Kind(
+            draw,
+            models=ALL,
+            channels=needed,
+            spoils=partial(act, channel),
+            accepted=accepted,
+            words=said,
+            apart=apart,
+        )  # type: ignore
 
     return {
         f"held:{channel}": kind(_held, columns.held, (f"sensor-hold:{channel}", *late)),
         f"dead:{channel}": kind(_dead, columns.dead, spikes, apart=True),
         f"burst:{channel}": kind(_burst(channel), columns.burst, spikes, apart=True),
         f"coarse:{channel}": kind(_coarse(channel), readings.coarse),
-        f"clipped:{channel}": kind(uniform(0.1, 0.25, "share"), readings.clipped, (f"sensor-curve:{channel}",)),
+        f"clipped:{channel}": kind(
+            uniform(0.1, 0.25, "share"), readings.clipped, (f"sensor-curve:{channel}",)
+        ),
     }
 
 
@@ -75,7 +85,14 @@ def _factor(channel: str, factor: float, models: tuple[str, ...] = AIRCRAFT) -> 
     needed = () if channel in CONTROLS else (channel,)
     spoils = partial(readings.scaled, channel)
     accepted = () if channel in CONTROLS else (f"sensor-scale:{channel}",)
-    return Kind(lambda rng, s: {"factor": factor}, models=models, channels=needed, spoils=spoils, accepted=accepted, words=(channel,))
+    return Kind(
+        lambda rng, s: {"factor": factor},
+        models=models,
+        channels=needed,
+        spoils=spoils,
+        accepted=accepted,
+        words=(channel,),
+    )
 
 
 DEGREES = 180.0 / math.pi
@@ -87,12 +104,27 @@ RECORDER: Mapping[str, Kind] = {
         accepted=tuple(sorted(same_fault("time-base"))),
         words=CLOCK,
     ),
-    "rows missing": Kind(_spell(0.3, 1.5), models=ALL, spoils=clock.rows_missing, words=ROWS, apart=True),
-    "rows lost": Kind(_spell(0.3, 1.0), models=ALL, spoils=clock.rows_lost, words=(*ROWS, *CLOCK), apart=True),
-    **{name: kind for channel in CHANNELS if channel != "altitude" for name, kind in _each(channel).items()},
+    "rows missing": Kind(
+        _spell(0.3, 1.5), models=ALL, spoils=clock.rows_missing, words=ROWS, apart=True
+    ),
+    "rows lost": Kind(
+        _spell(0.3, 1.0), models=ALL, spoils=clock.rows_lost, words=(*ROWS, *CLOCK), apart=True
+    ),
+    **{
+        name: kind
+        for channel in CHANNELS
+        if channel != "altitude"
+        for name, kind in _each(channel).items()
+    },
     **{name: kind for name, kind in _each("altitude").items() if not name.startswith("clipped")},
     **{
-        f"skewed:{name}": Kind(_rows_late, channels=("nz",), spoils=partial(columns.skewed, name), accepted=_late(name), words=(name,))
+        f"skewed:{name}": Kind(
+            _rows_late,
+            channels=("nz",),
+            spoils=partial(columns.skewed, name),
+            accepted=_late(name),
+            words=(name,),
+        )
         for name in ("alpha", "q", "nz")
     },
     "exchanged samples": Kind(

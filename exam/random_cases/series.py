@@ -1,4 +1,6 @@
-"""A series of cases, from a first seed on: examined as tasks, and the line that is written of each."""
+"""A series of cases, from a first seed on: examined as tasks, and the line that is written of
+each.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ from sim.errors import DeclarationError
 
 
 def examined(first: int, count: int, manner: Execution, group: str = "") -> Flown:
-    """Scores of the cases ``first`` to ``first + count - 1``, of those that had ended where it was stopped.
+    """Scores of the cases ``first`` to ``first + count - 1``, of those that had ended where it was
+    stopped.
 
     ``group`` : all of them are of this one; empty, each draws its own.
     """
@@ -38,13 +41,29 @@ def line_of(score: CaseScore) -> Mapping[str, Any]:
     """What one line of the file holds; a number that is not finite is left out."""
     case = score.case
     return {
-        **{"seed": case.seed, "model": case.model, "aircraft": case.aircraft, "rate": case.rate, "channels": case.channels},
-        **{"group": case.group, "hidden": case.hidden, "values": score.values, "verdict": score.verdict},
-        "claims": [[{"name": named.name, "hidden": named.hidden} for named in claim] for claim in score.claims],
+        **{
+            "seed": case.seed,
+            "model": case.model,
+            "aircraft": case.aircraft,
+            "rate": case.rate,
+            "channels": case.channels,
+        },
+        **{
+            "group": case.group,
+            "hidden": case.hidden,
+            "values": score.values,
+            "verdict": score.verdict,
+        },
+        "claims": [
+            [{"name": named.name, "hidden": named.hidden} for named in claim]
+            for claim in score.claims
+        ],
         "statements": [asdict(statement) for statement in score.statements],
         **{"right": score.right, "wrong": score.wrong, "said": score.said},
         "held_out_error": score.held_out if math.isfinite(score.held_out) else -1.0,
-        "errors_in_sigmas": {name: error for name, error in score.errors.items() if math.isfinite(error)},
+        "errors_in_sigmas": {
+            name: error for name, error in score.errors.items() if math.isfinite(error)
+        },
         "seconds": score.seconds,
     }
 
@@ -70,7 +89,9 @@ def score_of_line(line: Mapping[str, Any]) -> CaseScore:
             line["model"],
             line["group"],
         )
-        claims = tuple(tuple(Named(each["name"], each["hidden"]) for each in claim) for claim in line["claims"])
+        claims = tuple(
+            tuple(Named(each["name"], each["hidden"]) for each in claim) for claim in line["claims"]
+        )
         return CaseScore(
             case,
             line["verdict"],

@@ -30,8 +30,12 @@ def either(rng: np.random.Generator) -> float:
     return float(rng.choice([-1.0, 1.0]))
 
 
-def pulse(rng: np.random.Generator, s: Setting, shortest: float, longest: float, last: float = 0.7) -> tuple[float, float]:
-    """Begin and length of something that happens in a record, s; it begins at ``last`` of the record at the latest."""
+def pulse(
+    rng: np.random.Generator, s: Setting, shortest: float, longest: float, last: float = 0.7
+) -> tuple[float, float]:
+    """Begin and length of something that happens in a record, s; it begins at ``last`` of the
+    record at the latest.
+    """
     return float(rng.uniform(0.1, last) * s.duration), float(rng.uniform(shortest, longest))
 
 

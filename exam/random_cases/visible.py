@@ -1,7 +1,9 @@
-"""Can what is hidden be seen in the record that is fitted? An effect below the noise, or within reach of the parameters, is no question.
+"""Can what is hidden be seen in the record that is fitted? An effect below the noise, or within
+reach of the parameters, is no question.
 
-Its strength is the expected gain of the log likelihood: half the squared change that taking it away makes to the outputs, in noise sigmas, as far
-as no change of the declared parameters, of the initial state, of biases, or of the size of what else is hidden can stand in for it.
+Its strength is the expected gain of the log likelihood: half the squared change that taking it away
+makes to the outputs, in noise sigmas, as far as no change of the declared parameters, of the
+initial state, of biases, or of the size of what else is hidden can stand in for it.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ LEAST_STATE = 0.1  # rad, rad/s: of a state that begins with zero
 
 
 def all_visible(case: Case, values: Values, flight: Flight) -> bool:
-    """Whether each effect that is hidden in a record can be seen there; what is random or the recorder's is not asked."""
+    """Whether each effect that is hidden in a record can be seen there; what is random or the
+    recorder's is not asked.
+    """
     asked = [name for name in values if _is_smooth(name, flight)]
     if not asked:
         return True
@@ -34,15 +38,34 @@ def all_visible(case: Case, values: Values, flight: Flight) -> bool:
     columns = [np.kron(np.eye(len(true)), np.ones((true.shape[1], 1)))]
     for name in estimated(case.model):
         change = SLOPE * model.parameters[name].value
-        columns.append((_whitened(case, values, flight, {name: model.parameters[name].value + change}) - true).reshape(-1, 1) / SLOPE)
+        columns.append(
+            (
+                _whitened(case, values, flight, {name: model.parameters[name].value + change})
+                - true
+            ).reshape(-1, 1)
+            / SLOPE
+        )
     for item in model.initial:
-        moved = model.with_initial(model.initial.with_values({item.name: item.value + SLOPE * max(abs(item.value), LEAST_STATE)}))
+        moved = model.with_initial(
+            model.initial.with_values(
+                {item.name: item.value + SLOPE * max(abs(item.value), LEAST_STATE)}
+            )
+        )
         elsewhere = replace(flight, setting=replace(flight.setting, model=moved))
         there = _whitened(case, values, elsewhere, {})
         if there.shape == true.shape:
             columns.append((there - true).reshape(-1, 1) / SLOPE)
-    gone = {name: (_whitened(case, {k: v for k, v in values.items() if k != name}, flight, {}) - true).reshape(-1, 1) for name in asked}
-    return all(_left([*columns, *(other for key, other in gone.items() if key != name)], gone[name]) > LEAST for name in asked)
+    gone = {
+        name: (
+            _whitened(case, {k: v for k, v in values.items() if k != name}, flight, {}) - true
+        ).reshape(-1, 1)
+        for name in asked
+    }
+    return all(
+        _left([*columns, *(other for key, other in gone.items() if key != name)], gone[name])
+        > LEAST
+        for name in asked
+    )
 
 
 def _left(columns: list[np.ndarray], change: np.ndarray) -> float:
@@ -54,15 +77,21 @@ def _left(columns: list[np.ndarray], change: np.ndarray) -> float:
 
 
 def _is_smooth(name: str, flight: Flight) -> bool:
-    """Whether a kind acts in the flight, and not at random: spikes and turbulence are seen by themselves or not at all."""
+    """Whether a kind acts in the flight, and not at random: spikes and turbulence are seen by
+    themselves or not at all.
+    """
     kind = KINDS[name]
     if not kind.term or "spikes" in kind.term:
         return False
-    return not isinstance(find_any_term(kind.term, flight.setting.model.equations, name), NoiseEffect)
+    return not isinstance(
+        find_any_term(kind.term, flight.setting.model.equations, name), NoiseEffect
+    )
 
 
 def _whitened(case: Case, values: Values, flight: Flight, changed: dict[str, float]) -> np.ndarray:
-    """Outputs without noise in its sigmas, ``(channels, N)``, of the aircraft with some parameters changed; zeros where it cannot be flown."""
+    """Outputs without noise in its sigmas, ``(channels, N)``, of the aircraft with some parameters
+    changed; zeros where it cannot be flown.
+    """
     smooth = {name: drawn for name, drawn in values.items() if _is_smooth(name, flight)}
     try:
         record = simulated(case, smooth, flight, np.random.default_rng(0), changed, step=COARSE)

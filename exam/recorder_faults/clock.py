@@ -21,7 +21,9 @@ def rows_missing(record: Record, values: Mapping[str, float], rng: np.random.Gen
 
 
 def rows_lost(record: Record, values: Mapping[str, float], rng: np.random.Generator) -> Record:
-    """The same with a time column that was written afterwards, even from end to end: what follows comes too early."""
+    """The same with a time column that was written afterwards, even from end to end: what follows
+    comes too early.
+    """
     kept = _kept(record, _outside(record, values))
     return replace(kept, time=record.time[: len(kept)])
 
@@ -32,6 +34,11 @@ def _outside(record: Record, values: Mapping[str, float]) -> np.ndarray:
 
 def _kept(record: Record, rows: np.ndarray) -> Record:
     def cut(channels: tuple[Channel, ...]) -> tuple[Channel, ...]:
-        return tuple(replace(channel, values=channel.values[rows], valid=channel.valid[rows]) for channel in channels)
+        return tuple(
+            replace(channel, values=channel.values[rows], valid=channel.valid[rows])
+            for channel in channels
+        )
 
-    return replace(record, time=record.time[rows], inputs=cut(record.inputs), outputs=cut(record.outputs))
+    return replace(
+        record, time=record.time[rows], inputs=cut(record.inputs), outputs=cut(record.outputs)
+    )

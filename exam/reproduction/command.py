@@ -1,4 +1,6 @@
-"""Write the page: ``python -m exam papers-page [--studies DIR] [--page FILE.md] [--kept] [--jobs N]``."""
+"""Write the page: ``python -m exam papers-page [--studies DIR] [--page FILE.md] [--kept] [--jobs
+N]``.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +20,26 @@ PAGE = Path("docs/papers.md")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Write the page and, beside it, its numbers as JSON; 2 with one line where the declaration or a study is at fault."""
+    """Write the page and, beside it, its numbers as JSON; 2 with one line where the declaration or
+    a study is at fault.
+    """
     parser = Parser("papers-page", "two papers, number by number")
-    parser.add_argument("--studies", type=Path, help="folder of study folders; what is missing is run into it (default: all are run)")
-    parser.add_argument("--page", type=Path, default=PAGE, help="the page; its numbers go beside it as .json (default: docs/papers.md)")
-    parser.add_argument("--kept", action="store_true", help="run nothing: take the numbers that lie beside the page, to write reasons anew")
+    parser.add_argument(
+        "--studies",
+        type=Path,
+        help="folder of study folders; what is missing is run into it (default: all are run)",
+    )
+    parser.add_argument(
+        "--page",
+        type=Path,
+        default=PAGE,
+        help="the page; its numbers go beside it as .json (default: docs/papers.md)",
+    )
+    parser.add_argument(
+        "--kept",
+        action="store_true",
+        help="run nothing: take the numbers that lie beside the page, to write reasons anew",
+    )
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     asked = parser.parse_args(arguments)
     if asked.jobs < 1:
@@ -44,7 +61,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def make(page: Path, folder: Path, jobs: int = 1) -> None:
-    """Run what ``folder`` lacks, then write the page and its numbers. Raises DeclarationError where the declaration or a study is at fault."""
+    """Run what ``folder`` lacks, then write the page and its numbers. Raises DeclarationError where
+    the declaration or a study is at fault.
+    """
     names = scenarios_of(paper_of(name) for name in PAPERS)
     for done, name in enumerate(run_all(folder, names, jobs), start=1):
         print(f"{done} of {len(names)}: {name}", file=sys.stderr, flush=True)

@@ -1,4 +1,6 @@
-"""Numbers of study folders by where they stand: ``SCENARIO/METHOD: PATH``, and the file that keeps those of the page."""
+"""Numbers of study folders by where they stand: ``SCENARIO/METHOD: PATH``, and the file that keeps
+those of the page.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +18,16 @@ import numpy as np
 from sim.errors import DeclarationError
 
 SCHEMA = "flightid/reproduction-numbers/1"
-DIGITS = 6  # significant ones that are kept: more than the page shows, fewer than another processor moves
+# significant ones that are kept: more than the page shows, fewer than another processor moves
+DIGITS = 6
 SETTLED = 2.0  # final sigmas within which an estimate stays once it has settled
 
 
 @dataclass(frozen=True)
 class Found:
-    """A number of a study with its standard deviation (None where it has none) and unit (empty where none is told)."""
+    """A number of a study with its standard deviation (None where it has none) and unit (empty
+    where none is told).
+    """
 
     value: float
     std: float | None = None
@@ -33,22 +38,30 @@ Numbers = Callable[[str], Found]
 
 
 def split(lookup: str) -> tuple[str, str, str]:
-    """Scenario, method (empty: the main one) and path of ``SCENARIO/METHOD: PATH``. Raises DeclarationError."""
+    """Scenario, method (empty: the main one) and path of ``SCENARIO/METHOD: PATH``. Raises
+    DeclarationError.
+    """
     study, colon, path = lookup.partition(": ")
     scenario, _, method = study.partition("/")
     if not colon or not scenario or not path:
-        raise DeclarationError(f"{lookup!r} is not STUDY: PATH", where="reproduction", remedy="write for example rigid: CL_alpha.true")
+        raise DeclarationError(
+            f"{lookup!r} is not STUDY: PATH",
+            where="reproduction",
+            remedy="write for example rigid: CL_alpha.true",
+        )
     return scenario, method, path
 
 
 def number_in(folder: Path, method: str, path: str) -> Found:
     """A number of a study folder.
 
-    ``NAME`` is a parameter or a derived quantity with its sigma, ``NAME.true`` an entry of it, ``correlation.A.B`` a correlation,
-    ``files.NAME`` 1 if the study has that file, ``record.CHANNEL.peak`` the largest size of a recorded channel, ``record.rate`` samples a
-    second, ``history.settled`` the time after which every parameter of the filter stays within two final sigmas of its final value,
-    ``truth.PATH`` a number of ``truth.json``; any other path is that of ``comparison.json``, entries of lists by number or by ``name=VALUE``.
-    ``PATH^2`` is a number squared, without a sigma.
+    ``NAME`` is a parameter or a derived quantity with its sigma, ``NAME.true`` an entry of it,
+    ``correlation.A.B`` a correlation, ``files.NAME`` 1 if the study has that file,
+    ``record.CHANNEL.peak`` the largest size of a recorded channel, ``record.rate`` samples a
+    second, ``history.settled`` the time after which every parameter of the filter stays within two
+    final sigmas of its final value, ``truth.PATH`` a number of ``truth.json``; any other path is
+    that of ``comparison.json``, entries of lists by number or by ``name=VALUE``. ``PATH^2`` is a
+    number squared, without a sigma.
 
     Raises
     ------
@@ -57,10 +70,18 @@ def number_in(folder: Path, method: str, path: str) -> Found:
     if path.endswith("^2"):
         return Found(number_in(folder, method, path.removesuffix("^2")).value ** 2)
     content = _content(folder / "comparison.json")
-    base = content if not method else content["plain"] if method == "plain" else _method(content["methods"], method)
+    base = (
+        content
+        if not method
+        else content["plain"]
+        if method == "plain"
+        else _method(content["methods"], method)
+    )
     first, _, rest = path.partition(".")
     if first == "files":
-        return Found(1.0) if rest in content["files"] and (folder / rest).is_file() else _absent(path)
+        return (
+            Found(1.0) if rest in content["files"] and (folder / rest).is_file() else _absent(path)
+        )
     if first == "truth":
         return _found(_walk(_content(folder / "truth.json"), rest))
     if first == "record":
@@ -72,7 +93,11 @@ def number_in(folder: Path, method: str, path: str) -> Found:
     for table in ("parameters", "derived"):
         if first in base.get(table, {}):
             entry = base[table][first]
-            return _found(_walk(entry, rest), entry.get("unit", "")) if rest else Found(entry["estimate"], entry.get("std"), entry.get("unit", ""))
+            return (
+                _found(_walk(entry, rest), entry.get("unit", ""))
+                if rest
+                else Found(entry["estimate"], entry.get("std"), entry.get("unit", ""))
+            )
     return _found(_walk(base, path))
 
 
@@ -83,7 +108,11 @@ def _content(path: Path) -> Any:
 
 def _method(methods: Any, name: str) -> Any:
     """One of a study's further methods, which stand by name or as a list."""
-    return next(each for each in methods if each["name"] == name) if isinstance(methods, list) else methods[name]
+    return (
+        next(each for each in methods if each["name"] == name)
+        if isinstance(methods, list)
+        else methods[name]
+    )
 
 
 def _absent(path: str) -> Found:
@@ -100,7 +129,11 @@ def _walk(content: Any, path: str) -> Any:
     for step in path.split("."):
         if isinstance(content, list):
             key, equals, value = step.partition("=")
-            content = next(each for each in content if str(each[key]) == value) if equals else content[int(step)]
+            content = (
+                next(each for each in content if str(each[key]) == value)
+                if equals
+                else content[int(step)]
+            )
         else:
             content = content[step]
     return content
@@ -127,7 +160,9 @@ def _recorded(columns: Mapping[str, np.ndarray], what: str) -> Found:
 
 
 def settling_time(path: Path, names: Iterable[str]) -> float:
-    """Time (s) after which every named column of a history stays within ``SETTLED`` of its final sigmas of its final value."""
+    """Time (s) after which every named column of a history stays within ``SETTLED`` of its final
+    sigmas of its final value.
+    """
     columns, last = _columns(path), 0.0
     time = columns["time"]
     for name in names:
@@ -146,8 +181,12 @@ def from_studies(folder_of: Callable[[str], Path]) -> Numbers:
             found = number_in(folder_of(scenario), method, path)
         except (LookupError, StopIteration, TypeError, ValueError):
             what = f"the study has no {path}{f' of {method}' if method else ''}"
-            raise DeclarationError(what, where=scenario, remedy="see its comparison.json and files") from None
-        return Found(_rounded(found.value), None if found.std is None else _rounded(found.std), found.unit)
+            raise DeclarationError(
+                what, where=scenario, remedy="see its comparison.json and files"
+            ) from None
+        return Found(
+            _rounded(found.value), None if found.std is None else _rounded(found.std), found.unit
+        )
 
     return of
 
@@ -164,7 +203,11 @@ def from_file(path: Path) -> Numbers:
 
     def of(lookup: str) -> Found:
         if lookup not in kept:
-            raise DeclarationError(f"{lookup} is not kept", where=str(path), remedy="make the page again: python -m exam papers-page")
+            raise DeclarationError(
+                f"{lookup} is not kept",
+                where=str(path),
+                remedy="make the page again: python -m exam papers-page",
+            )
         value, std, unit = kept[lookup]
         return Found(value, std, unit)
 
@@ -183,5 +226,8 @@ def keeping(numbers: Numbers, kept: dict[str, Found]) -> Numbers:
 
 def kept_text(kept: Mapping[str, Found]) -> str:
     """The file of the numbers of a page: one line each, sorted."""
-    lines = [f"  {json.dumps(key)}: {json.dumps([kept[key].value, kept[key].std, kept[key].unit])}" for key in sorted(kept)]
+    lines = [
+        f"  {json.dumps(key)}: {json.dumps([kept[key].value, kept[key].std, kept[key].unit])}"
+        for key in sorted(kept)
+    ]
     return f'{{"schema": "{SCHEMA}", "numbers": {{\n' + ",\n".join(lines) + "\n}}\n"

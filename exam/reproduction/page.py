@@ -23,10 +23,14 @@ is known where the other prints none; in per cent where there is none at all. `x
 settings or variances. `+-` is one standard deviation. **Off** tells how far the printed value and ours, each in its own sigmas, are from the
 true value, or from the reference that the table names. A study is `SCENARIO` or `SCENARIO/METHOD`: run it with
 `flightid run SCENARIO --out study`, or see all of them with `flightid list`.
-"""
+"""  # noqa: E501
 WIDTH = 150  # of a line of prose in the file
 _REFERENCES = {"true": "", "condensed": "condensed", "loop_equivalent": "loop's own"}
-_OFF = {"true": "off true (printed; ours)", "condensed": "off condensed (printed; ours)", "loop_equivalent": "off loop's own (printed; ours)"}
+_OFF = {
+    "true": "off true (printed; ours)",
+    "condensed": "off condensed (printed; ours)",
+    "loop_equivalent": "off loop's own (printed; ours)",
+}
 
 
 class Tally:
@@ -39,15 +43,20 @@ class Tally:
     def add(self, group: Values, rows: Sequence[Row]) -> None:
         """Count the rows of a group, one that stands for several as several."""
         self.rows["all"] += len(rows) + max(len(group.zero) - 1, 0)
-        self.rows.update("close" if abs(row.sigmas) <= CLOSE else "far" for row in rows if row.sigmas is not None)
+        self.rows.update(
+            "close" if abs(row.sigmas) <= CLOSE else "far" for row in rows if row.sigmas is not None
+        )
 
     def line(self) -> str:
         """What there is of the paper on the page, in one line."""
         rows, agreed = self.rows, self.statements
-        told = ", ".join(f"{count} {word}" for word, count in sorted(agreed.items(), key=lambda each: -each[1]))
+        told = ", ".join(
+            f"{count} {word}" for word, count in sorted(agreed.items(), key=lambda each: -each[1])
+        )
         others = rows["all"] - rows["close"] - rows["far"]
         return (
-            f"{rows['all']} rows of numbers: {rows['close']} within two sigmas, {rows['far']} beyond, {others} not compared in sigmas. "
+            f"{rows['all']} rows of numbers: {rows['close']} within two sigmas, {rows['far']} "
+            f"beyond, {others} not compared in sigmas. "
             f"{sum(agreed.values())} figures, conclusions and readings; ours agrees: {told}."
         )
 
@@ -60,7 +69,10 @@ def page_of(papers: Iterable[Paper], numbers: Numbers) -> str:
 def _paper(paper: Paper, numbers: Numbers) -> str:
     tally = Tally()
     parts = "".join(_part(paper, part, numbers, tally) for part in paper.parts)
-    return f"\n## {paper.title}\n\n{_wrapped(paper.source)}\n\n{_wrapped(paper.about)}\n\n{_wrapped(tally.line())}\n{parts}"
+    return (
+        "\n## "
+        f"{paper.title}\n\n{_wrapped(paper.source)}\n\n{_wrapped(paper.about)}\n\n{_wrapped(tally.line())}\n{parts}"
+    )
 
 
 def _part(paper: Paper, part: Part, numbers: Numbers, tally: Tally) -> str:
@@ -78,33 +90,59 @@ def _part(paper: Paper, part: Part, numbers: Numbers, tally: Tally) -> str:
     if part.together:
         out.append("\n" + _rows_table(part, groups))
     else:
-        out += [f"\n{_heading(group)}\n\n{_rows_table(part, [(group, rows)])}" for group, rows in groups]
+        out += [
+            f"\n{_heading(group)}\n\n{_rows_table(part, [(group, rows)])}" for group, rows in groups
+        ]
     if part.statements:
         tally.statements.update(statement.agrees for statement in part.statements)
         out.append(_statements([told(statement, numbers) for statement in part.statements]))
     if part.misprints:
-        out.append("\n" + "\n".join(_wrapped(f"True `{name}`: {why}") for name, why in part.misprints.items()) + "\n")
+        out.append(
+            "\n"
+            + "\n".join(_wrapped(f"True `{name}`: {why}") for name, why in part.misprints.items())
+            + "\n"
+        )
     return "".join(out)
 
 
 def _heading(group: Values) -> str:
-    return _wrapped(f"**{group.label[0].upper()}{group.label[1:]}**: ours is `{group.study}`. {group.note}")
+    return _wrapped(
+        f"**{group.label[0].upper()}{group.label[1:]}**: ours is `{group.study}`. {group.note}"
+    )
 
 
 def _rows_table(part: Part, groups: Sequence[tuple[Values, Sequence[Row]]]) -> str:
-    """One table of the rows of one group, or of several with the same columns, which then say whose they are."""
+    """One table of the rows of one group, or of several with the same columns, which then say whose
+    they are.
+    """
     kinds = {group.reference for group, _ in groups}
     if len(kinds) > 1:
-        raise DeclarationError("groups with several references", where=part.heading, remedy="give each the same, or strike together")
+        raise DeclarationError(
+            "groups with several references",
+            where=part.heading,
+            remedy="give each the same, or strike together",
+        )
     (kind,) = kinds
     reference = _REFERENCES.get(kind, "")
-    heads = ["quantity", *(["ours is"] if part.together else []), *(["true"] if part.true else []), *([reference] if reference else [])]
+    heads = [
+        "quantity",
+        *(["ours is"] if part.together else []),
+        *(["true"] if part.true else []),
+        *([reference] if reference else []),
+    ]
     heads += ["printed", "ours", "difference", *([_OFF[kind]] if kind else []), "why"]
     lines = []
     for group, rows in groups:
         whose = [f"{group.label}: `{group.study}`"] if part.together else []
         for row in rows:
-            cells = [f"`{row.name}`", *whose, *([row.true] if part.true else []), *([row.reference] if reference else []), row.printed, row.ours]
+            cells = [
+                f"`{row.name}`",
+                *whose,
+                *([row.true] if part.true else []),
+                *([row.reference] if reference else []),
+                row.printed,
+                row.ours,
+            ]
             lines.append([*cells, row.difference, *([row.off] if kind else []), row.why])
     return table(heads, lines)
 
@@ -112,7 +150,17 @@ def _rows_table(part: Part, groups: Sequence[tuple[Values, Sequence[Row]]]) -> s
 def _statements(rows: Sequence[Told]) -> str:
     figures = any(row.figure for row in rows)
     heads = ["where", "the paper", *(["our figure"] if figures else []), "ours", "agrees", "why"]
-    lines = [[r.place, r.says, *([f"`{r.figure}`" if r.figure else "none"] if figures else []), r.ours, r.agrees, r.why] for r in rows]
+    lines = [
+        [
+            r.place,
+            r.says,
+            *([f"`{r.figure}`" if r.figure else "none"] if figures else []),
+            r.ours,
+            r.agrees,
+            r.why,
+        ]
+        for r in rows
+    ]
     return "\n" + table(heads, lines)
 
 
@@ -123,13 +171,21 @@ def _matrix(paper: Paper, matrix: Matrix, numbers: Numbers) -> str:
     for i, a in enumerate(cells.names):
         line = [f"{i + 1} `{a}`"]
         for j, b in enumerate(cells.names):
-            line.append("1" if i == j else _short(cells.printed[a, b] if i < j else cells.ours[b, a]))
+            line.append(
+                "1" if i == j else _short(cells.printed[a, b] if i < j else cells.ours[b, a])
+            )
         lines.append(line)
     a, b = cells.worst
-    told = f"Root mean square of the {len(cells.printed)} differences {cells.rms:.2f}; `{a}` with `{b}` differs most, "
+    told = (
+        f"Root mean square of the {len(cells.printed)} differences {cells.rms:.2f}; `{a}` with "
+        f"`{b}` differs most, "
+    )
     told += f"printed {cells.printed[a, b]:.2f}, ours {cells.ours[a, b]:.2f}. Why: {matrix.why}"
     heads = ["", *(str(i) for i in range(1, len(cells.names) + 1))]
-    return f"\n**{matrix.label}**: printed above the diagonal, ours (`{matrix.study}`) below.\n\n{table(heads, lines)}\n{_wrapped(told)}\n"
+    return (
+        f"\n**{matrix.label}**: printed above the diagonal, ours (`{matrix.study}`) "
+        f"below.\n\n{table(heads, lines)}\n{_wrapped(told)}\n"
+    )
 
 
 def _short(correlation: float) -> str:
@@ -139,12 +195,16 @@ def _short(correlation: float) -> str:
 
 
 def table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    """A Markdown table. Raises DeclarationError for a cell that is empty (the first of the heads may be)."""
+    """A Markdown table. Raises DeclarationError for a cell that is empty (the first of the heads
+    may be).
+    """
     out = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
     for line in lines:
         cells = [_prose(cell).replace("|", "\\|") for cell in line]
         if not all(cells) or len(cells) != len(heads):
-            raise DeclarationError(f"an empty cell beside {cells[0]}", where="reproduction", remedy="fill it")
+            raise DeclarationError(
+                f"an empty cell beside {cells[0]}", where="reproduction", remedy="fill it"
+            )
         out.append("| " + " | ".join(cells) + " |")
     return "\n".join(out) + "\n"
 

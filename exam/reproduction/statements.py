@@ -1,4 +1,6 @@
-"""Figures and conclusions of the page: what the paper shows, what ours shows with its numbers, and whether it follows from them."""
+"""Figures and conclusions of the page: what the paper shows, what ours shows with its numbers, and
+whether it follows from them.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ class Told:
 
 
 def told(statement: Statement, numbers: Numbers) -> Told:
-    """A statement with its numbers. Raises DeclarationError where a figure or number is missing, or what is said no longer follows."""
+    """A statement with its numbers. Raises DeclarationError where a figure or number is missing, or
+    what is said no longer follows.
+    """
     found = {name: combined(lookup, numbers) for name, lookup in statement.numbers.items()}
     if statement.figure:
         study, _, file = statement.figure.partition("/")
@@ -37,13 +41,26 @@ def told(statement: Statement, numbers: Numbers) -> Told:
     values = {name: each.value for name, each in found.items()}
     for condition in statement.holds:
         if not holds(condition, values):
-            remedy = f"look at what has changed, and say anew whether it agrees: {', '.join(f'{n} {v:.6g}' for n, v in values.items())}"
-            raise DeclarationError(f"{condition} does not hold", where=f"reproduction, {statement.place}", remedy=remedy)
+            remedy = (
+                "look at what has changed, and say anew whether it agrees: "
+                f"{', '.join(f'{n} {v:.6g}' for n, v in values.items())}"
+            )
+            raise DeclarationError(
+                f"{condition} does not hold",
+                where=f"reproduction, {statement.place}",
+                remedy=remedy,
+            )
     try:
         ours = statement.ours.format(**{name: _Shown(each) for name, each in found.items()})
     except (KeyError, ValueError, IndexError) as error:
-        raise DeclarationError(f"{error} in braces", where=f"reproduction, {statement.place}", remedy="name it under numbers") from None
-    return Told(statement.place, statement.says, ours, statement.figure, statement.agrees, statement.why)
+        raise DeclarationError(
+            f"{error} in braces",
+            where=f"reproduction, {statement.place}",
+            remedy="name it under numbers",
+        ) from None
+    return Told(
+        statement.place, statement.says, ours, statement.figure, statement.agrees, statement.why
+    )
 
 
 def combined(lookup: str, numbers: Numbers) -> Found:
@@ -56,7 +73,9 @@ def combined(lookup: str, numbers: Numbers) -> Found:
 
 
 class _Shown:
-    """A number as a template writes it: ``{x}`` three digits, ``{x:.0%}`` any format of a number, ``{x:size}`` without its sign."""
+    """A number as a template writes it: ``{x}`` three digits, ``{x:.0%}`` any format of a number,
+    ``{x:size}`` without its sign.
+    """
 
     def __init__(self, found: Found) -> None:
         self.found = found
@@ -67,10 +86,16 @@ class _Shown:
 
 
 def holds(condition: str, values: Mapping[str, float]) -> bool:
-    """Whether ``"name < 0.1"`` or ``"|name| > other"`` holds. Raises DeclarationError for another form or an unknown name."""
+    """Whether ``"name < 0.1"`` or ``"|name| > other"`` holds. Raises DeclarationError for another
+    form or an unknown name.
+    """
     found = _CONDITION.fullmatch(condition)
     if found is None:
-        raise DeclarationError(f"{condition!r} is no condition", where="reproduction", remedy="write name < number, |name| > number or name > name")
+        raise DeclarationError(
+            f"{condition!r} is no condition",
+            where="reproduction",
+            remedy="write name < number, |name| > number or name > name",
+        )
     return bool(_COMPARED[found[2]](_term(found[1], values), _term(found[3], values)))
 
 
@@ -79,13 +104,17 @@ def _term(text: str, values: Mapping[str, float]) -> float:
     try:
         value = values[name] if name in values else float(name)
     except ValueError:
-        raise DeclarationError(f"there is no number {name!r}", where="reproduction", remedy="name it under numbers") from None
+        raise DeclarationError(
+            f"there is no number {name!r}", where="reproduction", remedy="name it under numbers"
+        ) from None
     return abs(value) if text.startswith("|") else value
 
 
 @dataclass(frozen=True)
 class Cells:
-    """A printed correlation matrix beside ours: ``printed`` and ``ours`` by pair of names, the earlier name first."""
+    """A printed correlation matrix beside ours: ``printed`` and ``ours`` by pair of names, the
+    earlier name first.
+    """
 
     names: tuple[str, ...]
     printed: Mapping[tuple[str, str], float]
@@ -99,18 +128,30 @@ class Cells:
     @property
     def rms(self) -> float:
         """Root mean square of the differences."""
-        return float((sum((self.ours[pair] - r) ** 2 for pair, r in self.printed.items()) / len(self.printed)) ** 0.5)
+        return float(
+            (
+                sum((self.ours[pair] - r) ** 2 for pair, r in self.printed.items())
+                / len(self.printed)
+            )
+            ** 0.5
+        )
 
 
 def cells_of(matrix: Matrix, turned: list[str], numbers: Numbers) -> Cells:
-    """Both matrices; ours with the signs of the paper. Raises DeclarationError where a row has too many or too few entries."""
+    """Both matrices; ours with the signs of the paper. Raises DeclarationError where a row has too
+    many or too few entries.
+    """
     printed: dict[tuple[str, str], float] = {}
     for at, (name, line) in enumerate(zip(matrix.names, [*matrix.upper, ""], strict=True)):
         others, entries = matrix.names[at + 1 :], line.split()
         if len(others) != len(entries):
             what = f"{len(entries)} entries, {len(others)} are due"
-            raise DeclarationError(what, where=f"reproduction, {matrix.label}, {name}", remedy="see the paper")
-        printed |= {(name, other): float(entry) for other, entry in zip(others, entries, strict=True)}
+            raise DeclarationError(
+                what, where=f"reproduction, {matrix.label}, {name}", remedy="see the paper"
+            )
+        printed |= {
+            (name, other): float(entry) for other, entry in zip(others, entries, strict=True)
+        }
     ours = {}
     for a, b in printed:
         sign = -1.0 if (a in turned) != (b in turned) else 1.0

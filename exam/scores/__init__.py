@@ -1,1 +1,3 @@
-"""What campaigns of the tracing loop are judged by: verdicts, names, their probabilities, and sigmas, over many flights whose truth is known."""
+"""What campaigns of the tracing loop are judged by: verdicts, names, their probabilities, and
+sigmas, over many flights whose truth is known.
+"""

@@ -23,11 +23,18 @@ from scenarios.pages.model import Prose, Section, as_sentence, capital, section
 from scenarios.pages.tables import rows_table
 from scenarios.plots.formats import Drawn, Formats
 
-_RATES, _CONFUSION, _RELIABILITY, _COVERAGE = "verdicts", "confusion", "reliability", "effect_coverage"
+_RATES, _CONFUSION, _RELIABILITY, _COVERAGE = (
+    "verdicts",
+    "confusion",
+    "reliability",
+    "effect_coverage",
+)
 
 
 def drawn_scores(scores: Scores, name: str, folder: Path, formats: Formats) -> tuple[Drawn, ...]:
-    """The figures of a campaign, drawn into a folder and for its page; none without a format. ``name`` : of the campaign."""
+    """The figures of a campaign, drawn into a folder and for its page; none without a format.
+    ``name`` : of the campaign.
+    """
     if not formats or not scores.flights:
         return ()
     from exam.scores.figures import scores_figures
@@ -37,7 +44,9 @@ def drawn_scores(scores: Scores, name: str, folder: Path, formats: Formats) -> t
 
 
 def scores_sections(scores: Scores, drawn: Sequence[Drawn] = ()) -> tuple[Section, ...]:
-    """Verdicts, names, their probabilities and the coverage of parameters, each with its figure if that is ``drawn``."""
+    """Verdicts, names, their probabilities and the coverage of parameters, each with its figure if
+    that is ``drawn``.
+    """
 
     def shown(stem: str) -> list[Drawn]:
         return [each for each in drawn if each.stem == stem]
@@ -51,7 +60,11 @@ def scores_sections(scores: Scores, drawn: Sequence[Drawn] = ()) -> tuple[Sectio
             rows_table("Rates of each verdict", RATES, rate_rows(scores)),
             Prose(as_sentence(clean)) if clean else None,
         ),
-        *section("What is named", *figures(shown(_CONFUSION)), rows_table(capital(CONCLUDED), CONFUSED, confusion_rows(scores))),
+        *section(
+            "What is named",
+            *figures(shown(_CONFUSION)),
+            rows_table(capital(CONCLUDED), CONFUSED, confusion_rows(scores)),
+        ),
         *section(
             "How reliable the probabilities of names are",
             *figures(shown(_RELIABILITY)),
@@ -61,7 +74,13 @@ def scores_sections(scores: Scores, drawn: Sequence[Drawn] = ()) -> tuple[Sectio
         *section(
             "How often sigmas of effects hold",
             *figures(shown(_COVERAGE)),
-            rows_table("Parameters of effects within so many sigmas of the truth", COVERED, covered_rows(scores)),
-            Prose(as_sentence(PARAMETERS), "note") if any(flight.errors for flight in scores.flights) else None,
+            rows_table(
+                "Parameters of effects within so many sigmas of the truth",
+                COVERED,
+                covered_rows(scores),
+            ),
+            Prose(as_sentence(PARAMETERS), "note")
+            if any(flight.errors for flight in scores.flights)
+            else None,
         ),
     )

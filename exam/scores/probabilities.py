@@ -17,10 +17,11 @@ TAILS = (0.025, 0.975)
 
 @dataclass(frozen=True)
 class Brier:
-    """Brier score of the names that are given: the mean square of probability minus one where the name is right, zero where it is not.
+    """Brier score of the names that are given: the mean square of probability minus one where the
+    name is right, zero where it is not.
 
-    ``count`` names in all; ``interval`` at 95 %, flights resampled whole; ``constant`` : the score of giving each name the share of them that is
-    right, which says nothing of the single name.
+    ``count`` names in all; ``interval`` at 95 %, flights resampled whole; ``constant`` : the score
+    of giving each name the share of them that is right, which says nothing of the single name.
     """
 
     count: int
@@ -30,13 +31,25 @@ class Brier:
 
 
 def reliability_of(flights: Sequence[ScoredFlight]) -> tuple[Bin, ...]:
-    """How often names are right by the probability that was given, alternatives among them; those less likely than ``EDGES[0]`` are left out."""
-    return binned([(each.probability, each.right) for flight in flights for each in flight.stated if each.probability > EDGES[0]])
+    """How often names are right by the probability that was given, alternatives among them; those
+    less likely than ``EDGES[0]`` are left out.
+    """
+    return binned(
+        [
+            (each.probability, each.right)
+            for flight in flights
+            for each in flight.stated
+            if each.probability > EDGES[0]
+        ]
+    )
 
 
 def brier(flights: Sequence[ScoredFlight]) -> Brier | None:
     """The score of the names that are given, one a claim; None where there is none."""
-    given = [[(each.probability, each.right) for each in flight.stated if each.first] for flight in flights]
+    given = [
+        [(each.probability, each.right) for each in flight.stated if each.first]
+        for flight in flights
+    ]
     given = [each for each in given if each]
     if not given:
         return None
@@ -46,4 +59,9 @@ def brier(flights: Sequence[ScoredFlight]) -> Brier | None:
     rng = np.random.default_rng(SEED)
     rows = rng.integers(len(given), size=(DRAWS, len(given)))
     low, high = np.quantile(squares[rows].sum(axis=1) / counts[rows].sum(axis=1), TAILS)
-    return Brier(int(counts.sum()), float(squares.sum() / counts.sum()), (float(low), float(high)), right * (1.0 - right))
+    return Brier(
+        int(counts.sum()),
+        float(squares.sum() / counts.sum()),
+        (float(low), float(high)),
+        right * (1.0 - right),
+    )

@@ -1,4 +1,6 @@
-"""How often each verdict is given, what is named in place of what, and how often a name is false where nothing is hidden."""
+"""How often each verdict is given, what is named in place of what, and how often a name is false
+where nothing is hidden.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +24,18 @@ def hidden_label(flight: ScoredFlight) -> str:
 
 def standings(flights: Sequence[ScoredFlight]) -> dict[Standing, Share]:
     """The share of each outcome against the truth, with its exact interval."""
-    return {standing: share_of_flights(flight.standing is standing for flight in flights) for standing in Standing}
+    return {
+        standing: share_of_flights(flight.standing is standing for flight in flights)
+        for standing in Standing
+    }
 
 
 def outcomes(flights: Sequence[ScoredFlight]) -> dict[Outcome, Share]:
     """The share of each outcome, with its exact interval."""
-    return {outcome: share_of_flights(flight.outcome is outcome for flight in flights) for outcome in Outcome}
+    return {
+        outcome: share_of_flights(flight.outcome is outcome for flight in flights)
+        for outcome in Outcome
+    }
 
 
 def right_share(flights: Sequence[ScoredFlight]) -> Share:
@@ -44,7 +52,8 @@ def false_share(flights: Sequence[ScoredFlight]) -> Share:
 class Scores:
     """Flights of a campaign with the label of each, under which they are counted together.
 
-    ``by_kind`` : conclusions are told by kinds of effects, for campaigns in which very many effects are hidden.
+    ``by_kind`` : conclusions are told by kinds of effects, for campaigns in which very many effects
+    are hidden.
     """
 
     flights: Sequence[ScoredFlight]
@@ -68,7 +77,10 @@ class Scores:
     def confusion(self) -> Mapping[str, Mapping[str, int]]:
         """Label -> what was concluded -> in how many flights; the commonest first."""
         said = said_by_kind if self.by_kind else said_in_full
-        return {label: dict(Counter(map(said, group)).most_common()) for label, group in self.groups.items()}
+        return {
+            label: dict(Counter(map(said, group)).most_common())
+            for label, group in self.groups.items()
+        }
 
 
 def said_in_full(flight: ScoredFlight) -> str:
@@ -77,15 +89,23 @@ def said_in_full(flight: ScoredFlight) -> str:
 
 
 def said_by_kind(flight: ScoredFlight) -> str:
-    """The same by the kind of effect: that which was hidden only where it is right, and no more where there are several claims."""
+    """The same by the kind of effect: that which was hidden only where it is right, and no more
+    where there are several claims.
+    """
     if len(flight.given) > 1:
         return "several names"
     if not flight.given:
         return NO_NAME[flight.outcome]
     kind = kind_of(flight.given[0])
-    return f"{kind} elsewhere" if not flight.right and any(kind_of(name) == kind for name in flight.hidden) else kind
+    return (
+        f"{kind} elsewhere"
+        if not flight.right and any(kind_of(name) == kind for name in flight.hidden)
+        else kind
+    )
 
 
 def kind_of(name: str) -> str:
-    """An effect's name without its channel, input or number: ``"sensor-lag"`` of ``"sensor-lag:q"``."""
+    """An effect's name without its channel, input or number: ``"sensor-lag"`` of
+    ``"sensor-lag:q"``.
+    """
     return name.partition(":")[0].partition("#")[0]

@@ -1,4 +1,6 @@
-"""One flight whose truth is known, marked: what was hidden, what the loop concluded, which names it gave and how sure it was."""
+"""One flight whose truth is known, marked: what was hidden, what the loop concluded, which names it
+gave and how sure it was.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ class Outcome(Enum):
 
 
 class Standing(Enum):
-    """An outcome held against the truth, the best first; ``NOTHING`` is right where nothing is hidden."""
+    """An outcome held against the truth, the best first; ``NOTHING`` is right where nothing is
+    hidden.
+    """
 
     RIGHT = "named right"
     AMONG = "ambiguous, the right name among them"
@@ -36,7 +40,9 @@ class Standing(Enum):
 
 @dataclass(frozen=True)
 class Stated:
-    """A name with the probability that the loop gave it: ``first`` of its claim or an alternative, and whether it is ``right``."""
+    """A name with the probability that the loop gave it: ``first`` of its claim or an alternative,
+    and whether it is ``right``.
+    """
 
     name: str
     probability: float
@@ -50,11 +56,12 @@ class ScoredFlight:
 
     Attributes
     ----------
-    hidden : names of what was hidden, of effects of the library and others. given : names of the claims.
-    right : every hidden effect is named, by a claim or among its alternatives, and nothing else; nothing is claimed where nothing is hidden.
-    false : claims behind which nothing true stands. stated : every name that has a probability.
-    errors : of the parameters of effects that are named right, in reported sigmas, by ``EFFECT.PARAMETER``.
-    held_out_before, held_out_after : root mean square error on the held-out record over the noise, all channels.
+    hidden : names of what was hidden, of effects of the library and others. given : names of the
+    claims. right : every hidden effect is named, by a claim or among its alternatives, and nothing
+    else; nothing is claimed where nothing is hidden. false : claims behind which nothing true
+    stands. stated : every name that has a probability. errors : of the parameters of effects that
+    are named right, in reported sigmas, by ``EFFECT.PARAMETER``. held_out_before, held_out_after :
+    root mean square error on the held-out record over the noise, all channels.
     """
 
     hidden: tuple[str, ...]
@@ -99,7 +106,9 @@ def plain_name(name: str) -> str:
 
 
 def stated_by(claims: Sequence[Claim], right: Collection[str]) -> tuple[Stated, ...]:
-    """All names of some claims that have a probability; ``right`` are the names that count as right."""
+    """All names of some claims that have a probability; ``right`` are the names that count as
+    right.
+    """
     return tuple(
         Stated(name, p, name == claim.name, plain_name(name) in right)
         for claim in claims
@@ -108,8 +117,12 @@ def stated_by(claims: Sequence[Claim], right: Collection[str]) -> tuple[Stated, 
     )
 
 
-def parameter_errors(claims: Sequence[Claim], truth: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
-    """Errors of effects' parameters in reported sigmas, ``EFFECT.PARAMETER``; ``truth`` has true local values by name of an effect."""
+def parameter_errors(
+    claims: Sequence[Claim], truth: Mapping[str, Mapping[str, float]]
+) -> dict[str, float]:
+    """Errors of effects' parameters in reported sigmas, ``EFFECT.PARAMETER``; ``truth`` has true
+    local values by name of an effect.
+    """
     return {
         f"{claim.name}.{local}": float((found.value - truth[claim.name][local]) / found.std)
         for claim in claims
@@ -119,11 +132,19 @@ def parameter_errors(claims: Sequence[Claim], truth: Mapping[str, Mapping[str, f
 
 
 def is_curve(name: str) -> bool:
-    """Whether an effect of the library is a curve, whose coefficients hang on the range that a search saw: no truth is comparable with them."""
+    """Whether an effect of the library is a curve, whose coefficients hang on the range that a
+    search saw: no truth is comparable with them.
+    """
     return any(isinstance(effect, Curve) for effect in library() if effect.name == name)
 
 
 def over_noise(figures: ErrorFigures, noise: Mapping[str, float]) -> float:
-    """Root mean square of a simulation error over the noise of its channels: one where only noise is left."""
-    squares = [(rmse / noise[name]) ** 2 for name, rmse in figures.rmse.items() if noise.get(name, 0.0) > 0.0]
+    """Root mean square of a simulation error over the noise of its channels: one where only noise
+    is left.
+    """
+    squares = [
+        (rmse / noise[name]) ** 2
+        for name, rmse in figures.rmse.items()
+        if noise.get(name, 0.0) > 0.0
+    ]
     return math.sqrt(sum(squares) / len(squares)) if squares else math.nan

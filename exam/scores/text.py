@@ -20,17 +20,28 @@ from exam.scores.tables import (
 )
 from scenarios.terminal.tables import WIDTH, columns_of, table_lines, wrapped
 
-RIGHT = "rates of each verdict; right: what is hidden is named, or among the names of an ambiguous verdict, and nothing that does not act"
+RIGHT = (
+    "rates of each verdict; right: what is hidden is named, or among the names of an ambiguous "
+    "verdict, and nothing that does not act"
+)
 CONCLUDED = "what was concluded in place of what was hidden"
 NAMES = "names by the probability that they were given, alternatives among them"
-PARAMETERS = "parameters of effects that are named right, within so many reported sigmas of the truth; 68, 95 and 99.7 % where sigmas are right"
+PARAMETERS = (
+    "parameters of effects that are named right, within so many reported sigmas of the truth; 68, "
+    "95 and 99.7 % where sigmas are right"
+)
 
 
 def scores_blocks(scores: Scores, width: int = WIDTH) -> list[list[str]]:
     """Blocks of lines; those in which there is nothing are left out."""
     blocks = [
         table_lines(columns_of(RATES, rate_rows(scores)), title=RIGHT, width=width),
-        table_lines(columns_of(CONFUSED, confusion_rows(scores), left=2), title=CONCLUDED, width=width, keys=2),
+        table_lines(
+            columns_of(CONFUSED, confusion_rows(scores), left=2),
+            title=CONCLUDED,
+            width=width,
+            keys=2,
+        ),
         wrapped(clean_sentence(scores.flights), width),
         table_lines(columns_of(SAID, said_rows(scores.flights)), title=NAMES, width=width),
         wrapped(brier_sentence(scores.flights), width),
@@ -44,4 +55,7 @@ def clean_sentence(flights: Sequence[ScoredFlight]) -> str:
     share = false_share([each for each in flights if not each.hidden])
     if not share.of:
         return ""
-    return f"false names on the {share.of} flights with nothing hidden: {share.count}, {percent(share)[0]} (95 % interval {percent(share)[1]})"
+    return (
+        f"false names on the {share.of} flights with nothing hidden: {share.count}, "
+        f"{percent(share)[0]} (95 % interval {percent(share)[1]})"
+    )

@@ -1,1 +1,3 @@
-"""Flights that look measured: filtered, coloured, scattered, drifting; on top one dominant effect, two, or none."""
+"""Flights that look measured: filtered, coloured, scattered, drifting; on top one dominant effect,
+two, or none.
+"""

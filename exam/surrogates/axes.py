@@ -1,4 +1,6 @@
-"""What differs between surrogate flights of the two axes: the model that the loop is told, channels, inputs, and the names in its vehicle file."""
+"""What differs between surrogate flights of the two axes: the model that the loop is told,
+channels, inputs, and the names in its vehicle file.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +18,9 @@ class Axis:
 
     Attributes
     ----------
-    model : that the loop is told. inputs : that move and are recorded. measured : outputs of every record; optional : further ones.
-    constants : of the vehicle file. scattered : constants that differ from record to record, with the level of `Causes` that says how far.
+    model : that the loop is told. inputs : that move and are recorded. measured : outputs of every
+    record; optional : further ones. constants : of the vehicle file. scattered : constants that
+    differ from record to record, with the level of `Causes` that says how far.
     """
 
     model: str
@@ -44,6 +47,11 @@ AXES: Mapping[str, Axis] = {
         tuple(signal.name for signal in Lateral().outputs),
         (),
         tuple(LATERAL_CONSTANTS),
-        {"mass": "mass_scatter", "roll_inertia": "inertia_scatter", "yaw_inertia": "inertia_scatter", **_AIR},
+        {
+            "mass": "mass_scatter",
+            "roll_inertia": "inertia_scatter",
+            "yaw_inertia": "inertia_scatter",
+            **_AIR,
+        },
     ),
 }

@@ -1,4 +1,6 @@
-"""Many flights of one surrogate flight: how often what dominates is named, how often something false is, and whether intervals hold."""
+"""Many flights of one surrogate flight: how often what dominates is named, how often something
+false is, and whether intervals hold.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,15 @@ import numpy as np
 
 from exam.repeated import LoopFlights
 from exam.scores.rates import Scores, hidden_label
-from exam.scores.scored_flight import ScoredFlight, claims_of, outcome_of, over_noise, parameter_errors, plain_name, stated_by
+from exam.scores.scored_flight import (
+    ScoredFlight,
+    claims_of,
+    outcome_of,
+    over_noise,
+    parameter_errors,
+    plain_name,
+    stated_by,
+)
 from exam.scoring import Share, same_fault, share_of_flights, share_within_flights
 from exam.surrogates.declaration import Surrogate
 from exam.surrogates.pseudo_true import PseudoTrue, has_limit, pseudo_true
@@ -27,11 +37,13 @@ SPREAD = 1_000_003  # between the seeds of flights and those of their pseudo-tru
 
 @dataclass(frozen=True)
 class Judged:
-    """One flight: what was hidden and how it was named, what was claimed falsely, whether the held-out error grew by more than its scatter.
+    """One flight: what was hidden and how it was named, what was claimed falsely, whether the
+    held-out error grew by more than its scatter.
 
-    ``claimed`` : claims and hints (these in parentheses) with their alternatives. ``errors`` by derivative: estimate minus pseudo-true over
-    the reported sigma; ``bias``: pseudo-true minus nominal, a share of it; both empty where pseudo-true values were not asked for or could
-    not be fitted.
+    ``claimed`` : claims and hints (these in parentheses) with their alternatives. ``errors`` by
+    derivative: estimate minus pseudo-true over the reported sigma; ``bias``: pseudo-true minus
+    nominal, a share of it; both empty where pseudo-true values were not asked for or could not be
+    fitted.
     """
 
     seed: int
@@ -46,27 +58,53 @@ class Judged:
     marked: ScoredFlight | None = None
 
 
-def judge_flight(surrogate: Surrogate, seed: int, progress: Progress = lambda stage, share: None) -> Judged:
-    """Fly and diagnose one flight, and hold it against the truth and, with ``draws`` above zero, against pseudo-true values."""
+def judge_flight(
+    surrogate: Surrogate, seed: int, progress: Progress = lambda stage, share: None
+) -> Judged:
+    """Fly and diagnose one flight, and hold it against the truth and, with ``draws`` above zero,
+    against pseudo-true values.
+    """
     study = run_surrogate(surrogate, seed, progress)
     limit = reference(study) if surrogate.draws else None
     found = claimed_model(study)
-    errors = {name: (found[name].value - limit.values[name]) / found[name].std for name in found} if limit else {}
+    errors = (
+        {name: (found[name].value - limit.values[name]) / found[name].std for name in found}
+        if limit
+        else {}
+    )
     bias = {row.name: limit.bias(row.name) for row in study.derivatives} if limit else {}
     d = study.tracing.diagnosis
     said = tuple(map(_said, d.effects))
-    return Judged(seed, d.verdict.value, said, study.named, study.false, study.small, worsened(study), errors, bias, scored_flight_of(study))
+    return Judged(
+        seed,
+        d.verdict.value,
+        said,
+        study.named,
+        study.false,
+        study.small,
+        worsened(study),
+        errors,
+        bias,
+        scored_flight_of(study),
+    )
 
 
 def scored_flight_of(study: SurrogateStudy) -> ScoredFlight:
-    """The same flight for the statistics that all campaigns of the loop have in common; a small cause that acts is no false name.
+    """The same flight for the statistics that all campaigns of the loop have in common; a small
+    cause that acts is no false name.
 
     It is right where what dominates is named and nothing claimed that does not act.
     """
     d, claims = study.tracing.diagnosis, claims_of(study.tracing.diagnosis)
     right = frozenset().union(*(same_fault(name) for name, _ in study.named))
-    acting = {name for claim in claims for name in claim.probability if acts(name, study.surrogate.causes)}
-    truth = {each.name: each.values for each in study.flight.drawn.hidden if not isinstance(each.effect, Curve)}
+    acting = {
+        name for claim in claims for name in claim.probability if acts(name, study.surrogate.causes)
+    }
+    truth = {
+        each.name: each.values
+        for each in study.flight.drawn.hidden
+        if not isinstance(each.effect, Curve)
+    }
     missed = any(how is Naming.MISSED for _, how in study.named)
     noise = study.surrogate.causes.noise_std
     return ScoredFlight(
@@ -89,26 +127,43 @@ def _said(claim: Claim) -> str:
 
 
 def claimed_model(study: SurrogateStudy) -> dict[str, Quantity]:
-    """Derivatives of the declared model with what was claimed: those before where nothing was, since hints are no claims."""
+    """Derivatives of the declared model with what was claimed: those before where nothing was,
+    since hints are no claims.
+    """
     claimed = any(claim.claimed for claim in study.tracing.diagnosis.effects)
     return {row.name: row.after if claimed else row.before for row in study.derivatives}
 
 
 def reference(study: SurrogateStudy) -> PseudoTrue | None:
-    """Pseudo-true values of the declared model with what was claimed; None where it cannot be fitted, to one flight or to many (``has_limit``)."""
-    claims = {c.name: {k: q.value for k, q in c.parameters.items()} for c in study.tracing.diagnosis.effects if c.claimed}
+    """Pseudo-true values of the declared model with what was claimed; None where it cannot be
+    fitted, to one flight or to many (``has_limit``).
+    """
+    claims = {
+        c.name: {k: q.value for k, q in c.parameters.items()}
+        for c in study.tracing.diagnosis.effects
+        if c.claimed
+    }
     rng = np.random.default_rng((SPREAD, study.seed))
     try:
         if not has_limit(study.flight.drawn, claims):
             return None
         found = {name: quantity.value for name, quantity in claimed_model(study).items()}
-        return pseudo_true(study.flight.drawn, claims, study.surrogate.draws, rng, len(study.tracing.records), found)
+        return pseudo_true(
+            study.flight.drawn,
+            claims,
+            study.surrogate.draws,
+            rng,
+            len(study.tracing.records),
+            found,
+        )
     except (FlightidError, np.linalg.LinAlgError):
         return None
 
 
 def worsened(study: SurrogateStudy) -> bool:
-    """Whether the held-out error, all channels at their own scale, is larger after than before by more than two sigmas of its blocks."""
+    """Whether the held-out error, all channels at their own scale, is larger after than before by
+    more than two sigmas of its blocks.
+    """
     changes: list[float] = []
     for p in study.tracing.diagnosis.predictions:
         z, valid = p.record.output_array(p.channels)
@@ -116,7 +171,9 @@ def worsened(study: SurrogateStudy) -> bool:
         scale = np.mean(before**2, axis=1, keepdims=True) + 1e-300
         change = np.mean((after**2 - before**2) / scale, axis=0)
         size = max(1, round(BLOCK / float(np.median(np.diff(p.record.time)))))
-        changes += [float(np.mean(change[at : at + size])) for at in range(0, len(change) - size + 1, size)]
+        changes += [
+            float(np.mean(change[at : at + size])) for at in range(0, len(change) - size + 1, size)
+        ]
     return bool(np.mean(changes) > SIGMAS * np.std(changes, ddof=1) / np.sqrt(len(changes)))
 
 
@@ -128,7 +185,9 @@ def scores_of(judged: Sequence[Judged]) -> Scores:
 
 def surrogate_flights(surrogate: Surrogate) -> LoopFlights:
     """Flights of a surrogate flight, each diagnosed and judged."""
-    return LoopFlights(surrogate.name, partial(_judge, surrogate), Judged, {"surrogate": plain(surrogate)})
+    return LoopFlights(
+        surrogate.name, partial(_judge, surrogate), Judged, {"surrogate": plain(surrogate)}
+    )
 
 
 def _judge(surrogate: Surrogate, number: int, seed: int) -> Judged:
@@ -138,30 +197,42 @@ def _judge(surrogate: Surrogate, number: int, seed: int) -> Judged:
 def shares(judged: Sequence[Judged]) -> dict[str, Share]:
     """The shares that a campaign is for, by their names in ``campaign.json``."""
     return {
-        "named": share_within_flights([how is not Naming.MISSED for _, how in flight.named] for flight in judged),
-        "named_alone": share_within_flights([how is Naming.ALONE for _, how in flight.named] for flight in judged),
+        "named": share_within_flights(
+            [how is not Naming.MISSED for _, how in flight.named] for flight in judged
+        ),
+        "named_alone": share_within_flights(
+            [how is Naming.ALONE for _, how in flight.named] for flight in judged
+        ),
         "false_claims": share_of_flights(bool(flight.false) for flight in judged),
         "small_claims": share_of_flights(bool(flight.small) for flight in judged),
         "held_out_worse": share_of_flights(flight.worse for flight in judged),
-        "within_two_sigma": share_within_flights([abs(value) < SIGMAS for value in flight.errors.values()] for flight in judged),
+        "within_two_sigma": share_within_flights(
+            [abs(value) < SIGMAS for value in flight.errors.values()] for flight in judged
+        ),
     }
 
 
 def by_effect(judged: Sequence[Judged]) -> dict[str, tuple[int, int, int]]:
     """Hidden effect -> flights, named alone, named in a group."""
     rows: dict[str, tuple[int, int, int]] = {}
-    for name, how in sorted((pair for flight in judged for pair in flight.named), key=lambda pair: pair[0]):
+    for name, how in sorted(
+        (pair for flight in judged for pair in flight.named), key=lambda pair: pair[0]
+    ):
         count, alone, grouped = rows.get(name, (0, 0, 0))
         rows[name] = (count + 1, alone + (how is Naming.ALONE), grouped + (how is Naming.IN_GROUP))
     return rows
 
 
 def by_derivative(judged: Sequence[Judged]) -> dict[str, tuple[Share, float, float]]:
-    """Derivative -> within two sigmas of the pseudo-true value; of its bias against the nominal one the median and the median size."""
+    """Derivative -> within two sigmas of the pseudo-true value; of its bias against the nominal one
+    the median and the median size.
+    """
     names = list(dict.fromkeys(name for flight in judged for name in flight.errors))
     out = {}
     for name in names:
         bias = np.array([flight.bias[name] for flight in judged if name in flight.bias])
-        inside = share_of_flights(abs(flight.errors[name]) < SIGMAS for flight in judged if name in flight.errors)
+        inside = share_of_flights(
+            abs(flight.errors[name]) < SIGMAS for flight in judged if name in flight.errors
+        )
         out[name] = (inside, float(np.median(bias)), float(np.median(np.abs(bias))))
     return out

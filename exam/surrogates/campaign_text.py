@@ -25,8 +25,18 @@ from scenarios.terminal.tables import WIDTH, columns_of, table_lines
 
 SHARES = ("share", "count", "percent", "95 % interval")
 EFFECTS = ("hidden effect", "flights", "named alone", "in a group")
-DERIVATIVES = ("derivative", "count", "percent", "95 % interval", "bias, median", "its size, median")
-TITLE = "within two sigmas of the pseudo-true value; apart from it the bias of that value against the nominal derivative"
+DERIVATIVES = (
+    "derivative",
+    "count",
+    "percent",
+    "95 % interval",
+    "bias, median",
+    "its size, median",
+)
+TITLE = (
+    "within two sigmas of the pseudo-true value; apart from it the bias of that value against the "
+    "nominal derivative"
+)
 _LABELS = {
     "named": "hidden effects named, alone or in a group",
     "named_alone": "hidden effects named alone",
@@ -37,8 +47,16 @@ _LABELS = {
 }
 
 
-def campaign_text(surrogate: Surrogate, judged: Sequence[Judged], seeds: str, width: int = WIDTH, details: str = BELOW) -> str:
-    """A summary, shares with intervals, effect by effect, derivative by derivative; ``seeds`` in words."""
+def campaign_text(
+    surrogate: Surrogate,
+    judged: Sequence[Judged],
+    seeds: str,
+    width: int = WIDTH,
+    details: str = BELOW,
+) -> str:
+    """A summary, shares with intervals, effect by effect, derivative by derivative; ``seeds`` in
+    words.
+    """
     rows = share_rows(judged)
     summary = Summary(
         f"{surrogate.name}: {surrogate.title}; {len(judged)} flights, {seeds}",
@@ -60,7 +78,10 @@ def campaign_text(surrogate: Surrogate, judged: Sequence[Judged], seeds: str, wi
 
 def verdict_counts(judged: Sequence[Judged]) -> str:
     """How often each verdict was given."""
-    verdicts = {flight.verdict: sum(other.verdict == flight.verdict for other in judged) for flight in judged}
+    verdicts = {
+        flight.verdict: sum(other.verdict == flight.verdict for other in judged)
+        for flight in judged
+    }
     return ", ".join(f"{count} {name}" for name, count in verdicts.items())
 
 
@@ -71,41 +92,84 @@ def share_rows(judged: Sequence[Judged]) -> list[tuple[str, ...]]:
 
 def false_lines(judged: Sequence[Judged]) -> list[str]:
     """Every claim of what is not there."""
-    return [f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there" for flight in judged if flight.false]
+    return [
+        f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there"
+        for flight in judged
+        if flight.false
+    ]
 
 
 def effect_rows(judged: Sequence[Judged]) -> list[tuple[str, ...]]:
     """Cells below ``EFFECTS``."""
-    return [(name, *(str(number) for number in counts)) for name, counts in by_effect(judged).items()]
+    return [
+        (name, *(str(number) for number in counts)) for name, counts in by_effect(judged).items()
+    ]
 
 
 def derivative_rows(judged: Sequence[Judged]) -> list[tuple[str, ...]]:
     """Cells below ``DERIVATIVES``."""
     found = by_derivative(judged).items()
-    return [(name, *_share(inside), f"{100.0 * middle:+.1f} %", f"{100.0 * size:.1f} %") for name, (inside, middle, size) in found]
+    return [
+        (name, *_share(inside), f"{100.0 * middle:+.1f} %", f"{100.0 * size:.1f} %")
+        for name, (inside, middle, size) in found
+    ]
 
 
-def write_campaign(surrogate: Surrogate, done: Flown, out: str | Path, paged: Callable[[Sequence[Drawn]], Page], figures: Formats = USUAL) -> Path:
-    """Write ``flights.csv``, one row a flight, figures, the page that ``paged`` makes with them, and ``campaign.json`` (last)."""
+def write_campaign(
+    surrogate: Surrogate,
+    done: Flown,
+    out: str | Path,
+    paged: Callable[[Sequence[Drawn]], Page],
+    figures: Formats = USUAL,
+) -> Path:
+    """Write ``flights.csv``, one row a flight, figures, the page that ``paged`` makes with them,
+    and ``campaign.json`` (last).
+    """
     judged: Sequence[Judged] = done.found
     scores = scores_of(judged)
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["seed", "verdict", "hidden", "named", "said", "false_claims", "small_claims", "worse"])
+        writer.writerow(
+            ["seed", "verdict", "hidden", "named", "said", "false_claims", "small_claims", "worse"]
+        )
         for flight in judged:
-            lists = ([name for name, _ in flight.named], [each.name.lower() for _, each in flight.named], flight.claimed, flight.false, flight.small)
-            writer.writerow([flight.seed, flight.verdict, *(" + ".join(names) for names in lists), int(flight.worse)])
+            lists = (
+                [name for name, _ in flight.named],
+                [each.name.lower() for _, each in flight.named],
+                flight.claimed,
+                flight.false,
+                flight.small,
+            )
+            writer.writerow(
+                [
+                    flight.seed,
+                    flight.verdict,
+                    *(" + ".join(names) for names in lists),
+                    int(flight.worse),
+                ]
+            )
         (scratch / "flights.csv").write_text(text.getvalue(), encoding="utf-8", newline="\n")
-        found = {key: {"count": share.count, "of": share.of, "interval": list(share.interval)} for key, share in shares(judged).items()}
+        found = {
+            key: {"count": share.count, "of": share.of, "interval": list(share.interval)}
+            for key, share in shares(judged).items()
+        }
         content = {
             "schema": "flightid/campaign/1",
             "scenario": surrogate.name,
             **done.content,
             "shares": found,
-            "effects": {name: {"flights": n, "alone": alone, "group": grouped} for name, (n, alone, grouped) in by_effect(judged).items()},
+            "effects": {
+                name: {"flights": n, "alone": alone, "group": grouped}
+                for name, (n, alone, grouped) in by_effect(judged).items()
+            },
             "derivatives": {
-                name: {"within_two_sigma": inside.count, "of": inside.of, "bias": bounded(middle), "bias_size": bounded(size)}
+                name: {
+                    "within_two_sigma": inside.count,
+                    "of": inside.of,
+                    "bias": bounded(middle),
+                    "bias_size": bounded(size),
+                }
                 for name, (inside, middle, size) in by_derivative(judged).items()
             },
             "marks": scores_content(scores),
@@ -118,4 +182,8 @@ def write_campaign(surrogate: Surrogate, done: Flown, out: str | Path, paged: Ca
 
 def _share(share: Share) -> tuple[str, str, str]:
     low, high = share.interval
-    return f"{share.count} of {share.of}", f"{100.0 * share.count / share.of:.1f} %", f"{100.0 * low:.1f} to {100.0 * high:.1f} %"
+    return (
+        f"{share.count} of {share.of}",
+        f"{100.0 * share.count / share.of:.1f} %",
+        f"{100.0 * low:.1f} to {100.0 * high:.1f} %",
+    )

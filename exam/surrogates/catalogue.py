@@ -1,4 +1,6 @@
-"""The surrogate flights that are declared here by name, and a user's own by the path of its file."""
+"""The surrogate flights that are declared here by name, and a user's own by the path of its
+file.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ def load_surrogate(name: str, changes: Sequence[str] = ()) -> Surrogate:
     """
     if not name.endswith(".toml") and name not in surrogate_names():
         remedy = closest(name, surrogate_names())
-        raise DeclarationError(f"there is no surrogate flight {name!r}", where="exam", remedy=remedy)
+        raise DeclarationError(
+            f"there is no surrogate flight {name!r}", where="exam", remedy=remedy
+        )
     file = name if name.endswith(".toml") else str(CATALOG / f"{name}.toml")
     document, short, where = load_document(file, changes)
     return surrogate_of(document, short, where if file == name else f"{name}.toml")

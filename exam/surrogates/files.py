@@ -17,22 +17,45 @@ from scenarios.trials.planted.report import write_trial
 
 
 def write_surrogate(study: SurrogateStudy, folder: str | Path, *, figures: Formats = USUAL) -> Path:
-    """Write records, vehicle file, diagnosis, truth and ``comparison.json`` (last); returns the folder."""
+    """Write records, vehicle file, diagnosis, truth and ``comparison.json`` (last); returns the
+    folder.
+    """
     given, dressed = partial(write_flight, study.flight), partial(scored_page, study)
-    return write_trial(study.tracing, given, truth_content(study.flight), comparison(study), folder, figures=figures, dressed=dressed)
+    return write_trial(
+        study.tracing,
+        given,
+        truth_content(study.flight),
+        comparison(study),
+        folder,
+        figures=figures,
+        dressed=dressed,
+    )
 
 
 def truth_content(flight: Flight) -> dict[str, Any]:
-    """Nominal derivatives, what dominates, levels of the small causes, and what was true of each record alone."""
+    """Nominal derivatives, what dominates, levels of the small causes, and what was true of each
+    record alone.
+    """
     drawn = flight.drawn
     return {
         "schema": "flightid/truth/1",
         "vehicle": drawn.vehicle,
-        "parameters": {name: {"value": drawn.declared.parameters[name].value, "unit": drawn.declared.parameters[name].unit} for name in drawn.starts},
+        "parameters": {
+            name: {
+                "value": drawn.declared.parameters[name].value,
+                "unit": drawn.declared.parameters[name].unit,
+            }
+            for name in drawn.starts
+        },
         "effects": [item.name for item in drawn.hidden],
         "hidden": {item.name: dict(item.values) for item in drawn.hidden},
-        "hidden_records": {item.name: [number + 1 for number in item.records] for item in drawn.hidden},
-        "records": {flown.record.name: {"maneuver": kind, **flown.constants} for flown, kind in zip(flight.flown, drawn.kinds, strict=True)},
+        "hidden_records": {
+            item.name: [number + 1 for number in item.records] for item in drawn.hidden
+        },
+        "records": {
+            flown.record.name: {"maneuver": kind, **flown.constants}
+            for flown, kind in zip(flight.flown, drawn.kinds, strict=True)
+        },
         "filters": dict(drawn.corners),
         "causes": asdict(drawn.surrogate.causes),
         "distance": "effect missing" if drawn.hidden else "small causes missing",
@@ -41,7 +64,9 @@ def truth_content(flight: Flight) -> dict[str, Any]:
 
 
 def comparison(study: SurrogateStudy) -> dict[str, Any]:
-    """Content of ``comparison.json``; ``true`` are the nominal derivatives, which small causes move, too."""
+    """Content of ``comparison.json``; ``true`` are the nominal derivatives, which small causes
+    move, too.
+    """
     d = study.tracing.diagnosis
     rows = study.derivatives
 
@@ -53,8 +78,15 @@ def comparison(study: SurrogateStudy) -> dict[str, Any]:
         "scenario": study.surrogate.name,
         "title": study.surrogate.title,
         "seed": study.seed,
-        "parameters": {row.name: entry(row.nominal, row.after.value, row.after.std, row.after.unit) for row in rows},
-        "fixed": {item.name: {"value": item.value, "unit": item.unit} for item in study.tracing.model.parameters if not item.free},
+        "parameters": {
+            row.name: entry(row.nominal, row.after.value, row.after.std, row.after.unit)
+            for row in rows
+        },
+        "fixed": {
+            item.name: {"value": item.value, "unit": item.unit}
+            for item in study.tracing.model.parameters
+            if not item.free
+        },
         "derived": {},
         "outcome": d.verdict.value,
         "outcome_sentence": d.verdict.sentence,
@@ -64,7 +96,12 @@ def comparison(study: SurrogateStudy) -> dict[str, Any]:
         "held_out_ratio": study.held_out_ratio,
         "residual_tests": [],
         "methods": {
-            "declared-model": {"parameters": {row.name: entry(row.nominal, row.before.value, row.before.std, row.before.unit) for row in rows}}
+            "declared-model": {
+                "parameters": {
+                    row.name: entry(row.nominal, row.before.value, row.before.std, row.before.unit)
+                    for row in rows
+                }
+            }
         },
         "versions": versions(),
     }

@@ -1,4 +1,6 @@
-"""Plain fits of a surrogate flight's declared model: for the size of what is hidden, for what the small causes leave, for pseudo-true values."""
+"""Plain fits of a surrogate flight's declared model: for the size of what is hidden, for what the
+small causes leave, for pseudo-true values.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +19,19 @@ from sim.errors import ModelError
 from sim.record import Record
 
 
-def declared_model(declared: Model, starts: Mapping[str, float], effects: Sequence[tuple[Effect, Mapping[str, float]]] = ()) -> Model:
-    """What the loop is told, with biases, and with effects that start at the values beside them; all of these free that their effect leaves free."""
+def declared_model(
+    declared: Model,
+    starts: Mapping[str, float],
+    effects: Sequence[tuple[Effect, Mapping[str, float]]] = (),
+) -> Model:
+    """What the loop is told, with biases, and with effects that start at the values beside them;
+    all of these free that their effect leaves free.
+    """
     model = declared.with_values(starts).with_biases(measured_by(declared))
     for effect, values in effects:
-        model = model.with_effects(effect).with_values({full_name(effect, local): value for local, value in values.items()})
+        model = model.with_effects(effect).with_values(
+            {full_name(effect, local): value for local, value in values.items()}
+        )
     return model
 
 
@@ -30,13 +40,23 @@ def measured_by(model: Model) -> tuple[str, ...]:
     return tuple(signal.name for signal in model.equations.outputs)
 
 
-def fitted(records: Sequence[Record], model: Model, *, coloured: bool = False, step: float = 0.01) -> Fit:
+def fitted(
+    records: Sequence[Record], model: Model, *, coloured: bool = False, step: float = 0.01
+) -> Fit:
     """Output error over whole records together; ModelError where no finite cost is found."""
     names = measured_by(model)
-    layout = lay_out([record.only(names) for record in records], compile_model(model, names), FitSettings(max_step=step, coloured=coloured))
+    layout = lay_out(
+        [record.only(names) for record in records],
+        compile_model(model, names),
+        FitSettings(max_step=step, coloured=coloured),
+    )
     fit = fit_whole_records(FitProblem(layout))
     if fit is None:
-        raise ModelError("the declared model has no finite cost on these records", where=records[0].name, remedy="check the declared levels")
+        raise ModelError(
+            "the declared model has no finite cost on these records",
+            where=records[0].name,
+            remedy="check the declared levels",
+        )
     return fit
 
 
@@ -51,19 +71,27 @@ def misfit(records: Sequence[Record], model: Model) -> np.ndarray:
     return np.sqrt(np.mean(residuals**2, axis=1))
 
 
-def left_over(records: Sequence[Record], model: Model, noise: Mapping[str, float]) -> dict[str, np.ndarray]:
+def left_over(
+    records: Sequence[Record], model: Model, noise: Mapping[str, float]
+) -> dict[str, np.ndarray]:
     """What each record by itself leaves unexplained, by channel.
 
-    ``correlation``: that of residuals one sample apart; ``excess``: root mean square over the sensor noise (only where there is one);
-    ``inflation``: by derivative, scatter from record to record over the median sigma of white residuals.
+    ``correlation``: that of residuals one sample apart; ``excess``: root mean square over the
+    sensor noise (only where there is one); ``inflation``: by derivative, scatter from record to
+    record over the median sigma of white residuals.
     """
     fits = [fitted([record], model) for record in records]
     estimates = [estimated(fit) for fit in fits]
     residuals = [fit.residuals[0] for fit in fits]
-    sigma, spread = np.median([e.std for e in estimates], axis=0), np.std([e.values for e in estimates], axis=0, ddof=1)
+    sigma, spread = (
+        np.median([e.std for e in estimates], axis=0),
+        np.std([e.values for e in estimates], axis=0, ddof=1),
+    )
     levels = np.array([noise.get(name, np.inf) for name in measured_by(model)])
     return {
-        "correlation": np.median([[np.corrcoef(row[:-1], row[1:])[0, 1] for row in r] for r in residuals], axis=0),
+        "correlation": np.median(
+            [[np.corrcoef(row[:-1], row[1:])[0, 1] for row in r] for r in residuals], axis=0
+        ),
         "excess": np.median([np.std(r, axis=1) for r in residuals], axis=0) / levels,
         "inflation": spread / sigma,
     }

@@ -1,8 +1,10 @@
-"""Output error over very many records together: what they share by Gauss-Newton, what belongs to one record eliminated there.
+"""Output error over very many records together: what they share by Gauss-Newton, what belongs to
+one record eliminated there.
 
-The cost is that of `ident.whole_record.gauss_newton`, 0.5 sum_i N_i ln(SS_i/N_i) over the outputs i, SS_i the squares of all residuals.
-Of a record only J_i'J_i, J_i'r_i and r_i'r_i are kept, so that memory does not grow with sensitivities, and the linearised problem is minimised to
-its end, noise variances included, before records are simulated again.
+The cost is that of `ident.whole_record.gauss_newton`, 0.5 sum_i N_i ln(SS_i/N_i) over the outputs
+i, SS_i the squares of all residuals. Of a record only J_i'J_i, J_i'r_i and r_i'r_i are kept, so
+that memory does not grow with sensitivities, and the linearised problem is minimised to its end,
+noise variances included, before records are simulated again.
 """
 
 from __future__ import annotations
@@ -25,13 +27,17 @@ SETTLED = 0.1  # of a white sigma, which small causes exceed several times
 SHARE = 0.03  # of a standard error
 ROUNDED = 1e-10  # share of a value
 CALM = 1e-9  # share of a variance
-KINK = 2.0  # log likelihood that is promised where a step is refused, below which nothing more is looked for: two white sigmas
+# log likelihood that is promised where a step is refused, below which nothing more is looked for:
+# two white sigmas
+KINK = 2.0
 LITTLE = 1e-2  # damping that shortens no step
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Unknowns: ``shared (n,)``, ``own (R, k)`` by record; ``states (nx, K + 1)`` a record from which it is simulated."""
+    """Unknowns: ``shared (n,)``, ``own (R, k)`` by record; ``states (nx, K + 1)`` a record from
+    which it is simulated.
+    """
 
     shared: np.ndarray
     own: np.ndarray
@@ -40,9 +46,11 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """What records say of a quadratic cost about a point, by output: ``J'J (R, m, c, c)``, ``J'r (R, m, c)``, ``r'r (R, m)``, samples ``(R, m)``.
+    """What records say of a quadratic cost about a point, by output: ``J'J (R, m, c, c)``, ``J'r
+    (R, m, c)``, ``r'r (R, m)``, samples ``(R, m)``.
 
-    ``c`` counts the shared unknowns, then the record's own. ``smallest (m,)``: variance of what is exact to rounding.
+    ``c`` counts the shared unknowns, then the record's own. ``smallest (m,)``: variance of what is
+    exact to rounding.
     """
 
     information: np.ndarray
@@ -65,15 +73,25 @@ class Sums:
         return np.maximum(squares, self.smallest * self.counts.sum(axis=0))
 
     def moved(self, step: np.ndarray) -> Sums:
-        """The same about the point that lies ``step (R, c)`` further, where the cost is quadratic."""
+        """The same about the point that lies ``step (R, c)`` further, where the cost is
+        quadratic.
+        """
         pressed = np.einsum("rmij,rj->rmi", self.information, step)
         squares = self.squares - np.einsum("rmi,ri->rm", 2.0 * self.slope - pressed, step)
-        return Sums(self.information, self.slope - pressed, np.maximum(squares, 0.0), self.counts, self.smallest)
+        return Sums(
+            self.information,
+            self.slope - pressed,
+            np.maximum(squares, 0.0),
+            self.counts,
+            self.smallest,
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A finished fit: ``names`` of the shared unknowns, the point, their ``covariance (n, n)`` by `sandwich`, and whether it settled."""
+    """A finished fit: ``names`` of the shared unknowns, the point, their ``covariance (n, n)`` by
+    `sandwich`, and whether it settled.
+    """
 
     names: tuple[str, ...]
     point: Point
@@ -81,14 +99,23 @@ class Joint:
     settled: bool
 
 
-def fit_together(draws: Sequence[Sequence[Record]], system: System, start: Point | None = None, *, step: float = 0.01) -> Joint:
-    """Fit the shared parameters of a System to all records of all draws; biases and initial states are each record's own.
+def fit_together(
+    draws: Sequence[Sequence[Record]],
+    system: System,
+    start: Point | None = None,
+    *,
+    step: float = 0.01,
+) -> Joint:
+    """Fit the shared parameters of a System to all records of all draws; biases and initial states
+    are each record's own.
 
-    ``start`` : None begins at the System's values and each record's first samples; ``step`` : of the integration, s.
+    ``start`` : None begins at the System's values and each record's first samples; ``step`` : of
+    the integration, s.
 
     Raises
     ------
-    ModelError : no finite cost at the start. numpy.linalg.LinAlgError : what a record has for itself is not determined.
+    ModelError : no finite cost at the start. numpy.linalg.LinAlgError : what a record has for
+    itself is not determined.
     """
     settings = FitSettings(max_step=step)
     layout = lay_out(draws[0], system, settings)
@@ -98,7 +125,11 @@ def fit_together(draws: Sequence[Sequence[Record]], system: System, start: Point
     start = Point(np.clip(start.shared, low, high), start.own, start.states)
     found = _summed(draws, system, settings, start)
     if found is None:
-        raise ModelError("the declared model has no finite cost on these records", where=draws[0][0].name, remedy="check the declared levels")
+        raise ModelError(
+            "the declared model has no finite cost on these records",
+            where=draws[0][0].name,
+            remedy="check the declared levels",
+        )
     (point, sums), damping, n = found, 0.0, len(layout.shared)
     of_draw = np.repeat(np.arange(len(draws)), [len(draw) for draw in draws])
     for _ in range(PASSES):
@@ -107,7 +138,9 @@ def fit_together(draws: Sequence[Sequence[Record]], system: System, start: Point
         after = sums.moved(move)
         covariance = sandwich(after, n, of_draw)
         errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        least = np.maximum(np.maximum(SETTLED * sigma, SHARE * errors), ROUNDED * np.abs(point.shared))
+        least = np.maximum(
+            np.maximum(SETTLED * sigma, SHARE * errors), ROUNDED * np.abs(point.shared)
+        )
         # A step below what could be told is taken without another simulation.
         if damping < LITTLE and np.all(np.abs(move[0, :n]) < least):
             return Joint(layout.shared, moved, covariance, True)
@@ -122,8 +155,12 @@ def fit_together(draws: Sequence[Sequence[Record]], system: System, start: Point
     return Joint(layout.shared, point, sandwich(sums, n, of_draw), False)
 
 
-def minimised(sums: Sums, shared: np.ndarray, low: np.ndarray, high: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray]:
-    """Step ``(R, c)`` to the least cost of the quadratic problem within the bounds of the shared, and their white sigmas ``(n,)``."""
+def minimised(
+    sums: Sums, shared: np.ndarray, low: np.ndarray, high: np.ndarray, damping: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Step ``(R, c)`` to the least cost of the quadratic problem within the bounds of the shared,
+    and their white sigmas ``(n,)``.
+    """
     n, weight = len(shared), sums.weight
     for _ in range(REWEIGHED):
         information, gradient, back, rest = eliminated(sums, weight, n, damping)
@@ -134,16 +171,24 @@ def minimised(sums: Sums, shared: np.ndarray, low: np.ndarray, high: np.ndarray,
         if np.all(np.abs(weight - before) < CALM * before):
             break
     sigma, at = np.zeros(n), np.flatnonzero(model.moving)
-    sigma[at] = model.scale[at] * np.sqrt(np.maximum(np.diag(np.linalg.inv(model.information[np.ix_(at, at)])), 0.0))
+    sigma[at] = model.scale[at] * np.sqrt(
+        np.maximum(np.diag(np.linalg.inv(model.information[np.ix_(at, at)])), 0.0)
+    )
     return move, sigma
 
 
-def eliminated(sums: Sums, weight: np.ndarray, n: int, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Information ``(n, n)`` and gradient ``(n,)`` of the shared unknowns with each record's own at their best.
+def eliminated(
+    sums: Sums, weight: np.ndarray, n: int, damping: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Information ``(n, n)`` and gradient ``(n,)`` of the shared unknowns with each record's own at
+    their best.
 
     Also, by record, how these follow: ``own step = rest (R, k) - back (R, k, n) @ shared step``.
     """
-    W, g = np.einsum("m,rmij->rij", weight, sums.information), np.einsum("m,rmi->ri", weight, sums.slope)
+    W, g = (
+        np.einsum("m,rmij->rij", weight, sums.information),
+        np.einsum("m,rmi->ri", weight, sums.slope),
+    )
     mine = W[:, n:, n:].copy()
     k = np.arange(mine.shape[1])
     mine[:, k, k] = np.where(mine[:, k, k] > 0, (1.0 + damping) * mine[:, k, k], 1.0)
@@ -155,10 +200,12 @@ def eliminated(sums: Sums, weight: np.ndarray, n: int, damping: float = 0.0) -> 
 
 
 def sandwich(sums: Sums, n: int, draw: np.ndarray) -> np.ndarray:
-    """Covariance ``(n, n)`` of the shared unknowns at the optimum, from the scatter of scores from draw to draw.
+    """Covariance ``(n, n)`` of the shared unknowns at the optimum, from the scatter of scores from
+    draw to draw.
 
-    Each output's variance is an estimate, too, and what a draw changes in it counts; White, Econometrica 50 (1982), for the
-    cost with own unknowns and variances at their best. ``draw (R,)`` numbers each record's draw from 0.
+    Each output's variance is an estimate, too, and what a draw changes in it counts; White,
+    Econometrica 50 (1982), for the cost with own unknowns and variances at their best. ``draw
+    (R,)`` numbers each record's draw from 0.
     """
     weight, counts = sums.weight, sums.counts.sum(axis=0)
     information, _, back, _ = eliminated(sums, weight, n)
@@ -166,19 +213,35 @@ def sandwich(sums: Sums, n: int, draw: np.ndarray) -> np.ndarray:
     last = int(draw.max()) + 1
     by_draw = np.array([slopes[draw == d].sum(axis=0) for d in range(last)])
     total = by_draw.sum(axis=0)
-    excess = np.array([(sums.squares[draw == d] - sums.counts[draw == d] / weight).sum(axis=0) for d in range(last)]) / counts
-    scores = np.einsum("m,dmn->dn", weight, by_draw) - np.einsum("mn,dm->dn", total, weight**2 * excess)
+    excess = (
+        np.array(
+            [
+                (sums.squares[draw == d] - sums.counts[draw == d] / weight).sum(axis=0)
+                for d in range(last)
+            ]
+        )
+        / counts
+    )
+    scores = np.einsum("m,dmn->dn", weight, by_draw) - np.einsum(
+        "mn,dm->dn", total, weight**2 * excess
+    )
     scores = scores - scores.mean(axis=0)
     curvature = information - 2.0 * np.einsum("m,mi,mj->ij", weight**2 / counts, total, total)
     at = np.flatnonzero(np.diag(information) > 0)
     covariance = np.zeros((n, n))
     inverse = np.linalg.inv(curvature[np.ix_(at, at)])
-    covariance[np.ix_(at, at)] = inverse @ (scores[:, at].T @ scores[:, at]) @ inverse * last / max(1, last - 1)
+    covariance[np.ix_(at, at)] = (
+        inverse @ (scores[:, at].T @ scores[:, at]) @ inverse * last / max(1, last - 1)
+    )
     return covariance
 
 
-def _summed(draws: Sequence[Sequence[Record]], system: System, settings: FitSettings, point: Point) -> tuple[Point, Sums] | None:
-    """Simulate and sum up draw by draw, whose sensitivities are then let go; None where a cost is not finite."""
+def _summed(
+    draws: Sequence[Sequence[Record]], system: System, settings: FitSettings, point: Point
+) -> tuple[Point, Sums] | None:
+    """Simulate and sum up draw by draw, whose sensitivities are then let go; None where a cost is
+    not finite.
+    """
     information, slope, squares, counts, states, smallest, first = [], [], [], [], [], [], 0
     for records in draws:
         layout, last = lay_out(records, system, settings), first + len(records)
@@ -187,7 +250,10 @@ def _summed(draws: Sequence[Sequence[Record]], system: System, settings: FitSett
         if fit is None:
             return None
         for problem, line in zip(layout.problems, fit.lines, strict=True):
-            residual, J = np.where(problem.valid, problem.z - line.y, 0.0), np.where(problem.valid[:, :, None], line.jacobian, 0.0)
+            residual, J = (
+                np.where(problem.valid, problem.z - line.y, 0.0),
+                np.where(problem.valid[:, :, None], line.jacobian, 0.0),
+            )
             turned = np.swapaxes(J, 1, 2)
             information.append(turned @ J)
             slope.append((turned @ residual[:, :, None])[:, :, 0])
@@ -196,18 +262,33 @@ def _summed(draws: Sequence[Sequence[Record]], system: System, settings: FitSett
             states.append(line.states)
         smallest.append(layout.smallest)
         first = last
-    sums = Sums(np.array(information), np.array(slope), np.array(squares), np.array(counts), np.max(smallest, axis=0))
+    sums = Sums(
+        np.array(information),
+        np.array(slope),
+        np.array(squares),
+        np.array(counts),
+        np.max(smallest, axis=0),
+    )
     return Point(point.shared, point.own, tuple(states)), sums
 
 
 def _at_rest(layouts: Sequence[FitLayout]) -> Point:
-    """A start for records that begin at rest: what a channel first shows is its bias, and its state begins at none."""
+    """A start for records that begin at rest: what a channel first shows is its bias, and its state
+    begins at none.
+    """
     own, states = [], []
     for layout in layouts:
         for problem, guess in zip(layout.problems, layout.guesses(layout.start), strict=True):
             shown = zip(layout.system.output_names, problem.z, problem.valid, strict=True)
             biases = {name: float(z[valid][0]) for name, z, valid in shown if valid.any()}
-            own.append([*(biases.get(name.removeprefix("bias_"), 0.0) for name in layout.local), *np.zeros(len(layout.starts))])
-            states.append(guess - np.array([[biases.get(name, 0.0)] for name in layout.system.state_names]))
+            own.append(
+                [
+                    *(biases.get(name.removeprefix("bias_"), 0.0) for name in layout.local),
+                    *np.zeros(len(layout.starts)),
+                ]
+            )
+            states.append(
+                guess - np.array([[biases.get(name, 0.0)] for name in layout.system.state_names])
+            )
     n = len(layouts[0].shared)
     return Point(layouts[0].start[:n], np.array(own), tuple(states))

@@ -1,4 +1,6 @@
-"""Pseudo-true values: what a model tends to on flights of one kind when no sensor noise is left, with all the small causes that it lacks."""
+"""Pseudo-true values: what a model tends to on flights of one kind when no sensor noise is left,
+with all the small causes that it lacks.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +24,16 @@ SPEED = ("airspeed", "dynamic_pressure")
 FEW = 2  # draws that a fit to many begins with
 FOLD = 10  # as many again in the next one
 
-# Of random forcing, isolated samples and what belongs to one record, nothing carries over to other flights.
+# Of random forcing, isolated samples and what belongs to one record, nothing carries over to other
+# flights.
 _OF_ONE_RECORD = (Regularity.PROCESS_NOISE, Regularity.OUTLIER)
 
 
 @dataclass(frozen=True)
 class PseudoTrue:
-    """Values by parameter name (SI), with standard errors for the number of draws, and the nominal derivatives."""
+    """Values by parameter name (SI), with standard errors for the number of draws, and the nominal
+    derivatives.
+    """
 
     values: Mapping[str, float]
     std: Mapping[str, float]
@@ -49,21 +54,29 @@ def pseudo_true(
 ) -> PseudoTrue:
     """The declared model with effects, fitted to many flights of the same plan together.
 
-    Each draw has its own gusts, thrust, masses, trims and noise of the surfaces' records, and no sensor noise. Parameters are shared by
-    all records of all draws, biases and initial states are each record's own; standard errors are those of the scores' scatter over draws.
+    Each draw has its own gusts, thrust, masses, trims and noise of the surfaces' records, and no
+    sensor noise. Parameters are shared by all records of all draws, biases and initial states are
+    each record's own; standard errors are those of the scores' scatter over draws.
 
     Parameters
     ----------
-    effects : what the model has beyond the derivatives, by name with local values to start from (empty for the hidden ones, which start
-        from the truth). Effects that random forcing, isolated samples or one record make are left out.
+    effects : what the model has beyond the derivatives, by name with local values to start from
+    (empty for the hidden ones, which start
+        from the truth). Effects that random forcing, isolated samples or one record make are left
+        out.
     draws : at least two. count : how many of the plan's records are fitted, all when None.
     starts : derivatives to start from, nominal where it has none: the nearer, the sooner done.
 
     Raises
     ------
-    ModelError : no finite cost, or a fit that does not settle. numpy.linalg.LinAlgError : an unknown that nothing determines.
+    ModelError : no finite cost, or a fit that does not settle. numpy.linalg.LinAlgError : an
+    unknown that nothing determines.
     """
-    added = [item for item in (_effect(drawn, name, values) for name, values in effects.items()) if item is not None]
+    added = [
+        item
+        for item in (_effect(drawn, name, values) for name, values in effects.items())
+        if item is not None
+    ]
     nominal = {name: drawn.declared.parameters[name].value for name in drawn.starts}
     begun = {name: (starts or {}).get(name, value) for name, value in nominal.items()}
     model = declared_model(drawn.declared, begun, added)
@@ -79,14 +92,19 @@ def pseudo_true(
         many = min(FOLD * many, len(records))
         joint = fit_together(records[:many], system, _carried(joint.point, many, len(records[0])))
     if not joint.settled:
-        raise ModelError("the fit to all draws does not settle", where=", ".join(effects) or "no effect", remedy="start from other values")
+        raise ModelError(
+            "the fit to all draws does not settle",
+            where=", ".join(effects) or "no effect",
+            remedy="start from other values",
+        )
     std = np.sqrt(np.diag(joint.covariance))
     values = dict(zip(joint.names, joint.point.shared.tolist(), strict=True))
     return PseudoTrue(values, dict(zip(joint.names, std.tolist(), strict=True)), nominal)
 
 
 def has_limit(drawn: Drawn, claimed: Iterable[str]) -> bool:
-    """Whether what was claimed can be fitted to many flights: not where random forcing or what belongs to one record was fitted, too.
+    """Whether what was claimed can be fitted to many flights: not where random forcing or what
+    belongs to one record was fitted, too.
 
     Without it the same derivatives tend to other values. Isolated samples only set samples aside.
     """
@@ -100,16 +118,29 @@ def has_limit(drawn: Drawn, claimed: Iterable[str]) -> bool:
 
 
 def _carried(point: Point, draws: int, records: int) -> Point:
-    """A start for many draws: in each the biases, initial states and trajectories of the first one's ``records``, whose maneuvers they share."""
-    return Point(point.shared, np.tile(point.own[:records], (draws, 1)), point.states[:records] * draws)
+    """A start for many draws: in each the biases, initial states and trajectories of the first
+    one's ``records``, whose maneuvers they share.
+    """
+    return Point(
+        point.shared, np.tile(point.own[:records], (draws, 1)), point.states[:records] * draws
+    )
 
 
-def _effect(drawn: Drawn, name: str, values: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]] | None:
+def _effect(
+    drawn: Drawn, name: str, values: Mapping[str, float]
+) -> tuple[Effect, Mapping[str, float]] | None:
     for dominant in drawn.hidden:
         if dominant.name == name:
-            return (dominant.effect, dominant.values) if len(dominant.records) == len(drawn.maneuvers) and name != "speed-variation" else None
+            return (
+                (dominant.effect, dominant.values)
+                if len(dominant.records) == len(drawn.maneuvers) and name != "speed-variation"
+                else None
+            )
     effect = find_effect(name, drawn.declared.equations)
-    if effect.regularity in _OF_ONE_RECORD or (isinstance(effect, Traceable) and effect.traits.per_record):
+    if effect.regularity in _OF_ONE_RECORD or (
+        isinstance(effect, Traceable) and effect.traits.per_record
+    ):
         return None
-    # Curves are declared over the range that a search saw; elsewhere their shapes are others, and start from none.
+    # Curves are declared over the range that a search saw; elsewhere their shapes are others, and
+    # start from none.
     return effect, (dict(effect.absent) if isinstance(effect, Curve) else values)

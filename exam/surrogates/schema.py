@@ -1,4 +1,6 @@
-"""The schema of surrogate flight scenarios (pydantic), and the way from a checked file to a Surrogate; imported only when one is read."""
+"""The schema of surrogate flight scenarios (pydantic), and the way from a checked file to a
+Surrogate; imported only when one is read.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,15 @@ from pydantic import BaseModel, Field
 
 from exam.aircraft import AIRCRAFT
 from exam.surrogates.axes import AXES
-from exam.surrogates.declaration import LATERAL, LONGITUDINAL, Causes, FlightLine, Hidden, Span, Surrogate
+from exam.surrogates.declaration import (
+    LATERAL,
+    LONGITUDINAL,
+    Causes,
+    FlightLine,
+    Hidden,
+    Span,
+    Surrogate,
+)
 from exam.surrogates.flights.dominant import OF_AXIS
 from exam.surrogates.flights.lateral.maneuvers import PAIRS
 from exam.surrogates.flights.maneuvers import KINDS as MANEUVERS
@@ -24,7 +34,10 @@ from sim.errors import DeclarationError
 Name = Annotated[str, Field(min_length=1)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Pair = Annotated[list[Quantity], Field(min_length=2, max_length=2)]
-VEHICLES = {LONGITUDINAL: (*AIRCRAFT, "bomber_rigid"), LATERAL: ("navion_lateral", "dc8_lateral", "boeing747_lateral")}
+VEHICLES = {
+    LONGITUDINAL: (*AIRCRAFT, "bomber_rigid"),
+    LATERAL: ("navion_lateral", "dc8_lateral", "boeing747_lateral"),
+}
 FLOWN = {LONGITUDINAL: tuple(MANEUVERS), LATERAL: tuple(PAIRS)}
 FEWEST, MOST = 2, 12
 
@@ -111,7 +124,8 @@ CAUSE_UNITS = {
     "noise_time": "s",
 }
 HERTZ = {"hz": "1/s"}
-OF_LONGITUDINAL = ("trim_alpha", "total", "optional", "once", "level")  # keys of a flight that say nothing of the lateral axis
+# keys of a flight that say nothing of the lateral axis
+OF_LONGITUDINAL = ("trim_alpha", "total", "optional", "once", "level")
 
 
 def surrogate_of(document: Mapping[str, Any], name: str, where: str) -> Surrogate:
@@ -144,19 +158,30 @@ def _flight(flight: _Flight, place: str) -> FlightLine:
     _known(flight.unrecorded, AXES[flight.axis].optional, "further channel", f"{place}.unrecorded")
     for key in OF_LONGITUDINAL if flight.axis == LATERAL else ():
         if getattr(flight, key) != _Flight.model_fields[key].default:
-            raise DeclarationError("this is for the longitudinal axis", where=f"{place}.{key}", remedy="leave it out")
+            raise DeclarationError(
+                "this is for the longitudinal axis", where=f"{place}.{key}", remedy="leave it out"
+            )
     fewest, most = flight.records
     if not FEWEST <= fewest <= most <= MOST:
-        raise DeclarationError(f"{fewest} to {most} records", where=f"{place}.records", remedy=f"give fewest and most, from {FEWEST} to {MOST}")
+        raise DeclarationError(
+            f"{fewest} to {most} records",
+            where=f"{place}.records",
+            remedy=f"give fewest and most, from {FEWEST} to {MOST}",
+        )
     duration = positive(si(flight.duration, "s", f"{place}.duration"), f"{place}.duration")
     if duration < 8.0:
-        raise DeclarationError(f"{duration:g} s hold no maneuver", where=f"{place}.duration", remedy="give 8 s or more")
+        raise DeclarationError(
+            f"{duration:g} s hold no maneuver", where=f"{place}.duration", remedy="give 8 s or more"
+        )
     return FlightLine(
         tuple(flight.vehicles),
         flight.variation,
         (fewest, most),
         duration,
-        tuple(positive(si(rate, "1/s", f"{place}.rates", HERTZ), f"{place}.rates") for rate in flight.rates),
+        tuple(
+            positive(si(rate, "1/s", f"{place}.rates", HERTZ), f"{place}.rates")
+            for rate in flight.rates
+        ),
         tuple(flight.maneuvers),
         _span(flight.amplitude, "rad", f"{place}.amplitude"),
         positive(si(flight.step, "s", f"{place}.step"), f"{place}.step"),
@@ -172,33 +197,60 @@ def _flight(flight: _Flight, place: str) -> FlightLine:
 
 
 def _causes(causes: _Causes, axis: str, place: str) -> Causes:
-    _known(list(causes.noise_std), (*AXES[axis].measured, *AXES[axis].optional), "channel", f"{place}.noise_std")
+    _known(
+        list(causes.noise_std),
+        (*AXES[axis].measured, *AXES[axis].optional),
+        "channel",
+        f"{place}.noise_std",
+    )
     levels = causes.model_dump(exclude={"noise_std"})
     for name, unit in CAUSE_UNITS.items():
         levels[name] = si(levels[name], unit, f"{place}.{name}", HERTZ)
         if name in ("turbulence_length", "downwash_lag", "noise_time"):
             positive(levels[name], f"{place}.{name}")
         elif not 0.0 <= levels[name] < float("inf"):
-            raise DeclarationError(f"{levels[name]:g} is no level", where=f"{place}.{name}", remedy="give zero or a positive number")
-    noise = {name: si(value, CHANNEL_UNITS[name], f"{place}.noise_std.{name}") for name, value in causes.noise_std.items()}
-    return Causes(**levels, noise_std={name: positive(value, f"{place}.noise_std.{name}") for name, value in noise.items()})
+            raise DeclarationError(
+                f"{levels[name]:g} is no level",
+                where=f"{place}.{name}",
+                remedy="give zero or a positive number",
+            )
+    noise = {
+        name: si(value, CHANNEL_UNITS[name], f"{place}.noise_std.{name}")
+        for name, value in causes.noise_std.items()
+    }
+    return Causes(
+        **levels,
+        noise_std={
+            name: positive(value, f"{place}.noise_std.{name}") for name, value in noise.items()
+        },
+    )
 
 
 def _hidden(hidden: _Hidden, axis: str, place: str) -> Hidden:
     _known(hidden.names, tuple(OF_AXIS[axis]), "effect that can be hidden here", f"{place}.names")
     if hidden.count > len(hidden.names):
         what = f"{hidden.count} of {len(hidden.names)} names"
-        raise DeclarationError(what, where=f"{place}.count", remedy="name as many effects as are hidden, or more")
+        raise DeclarationError(
+            what, where=f"{place}.count", remedy="name as many effects as are hidden, or more"
+        )
     _known(list(hidden.sizes), tuple(SIZES), "effect of declared size", f"{place}.sizes")
     _known(list(hidden.sizes), tuple(hidden.names), "name hidden here", f"{place}.sizes")
-    sizes = {name: _size(name, pair, f"{place}.sizes.{name}") for name, pair in hidden.sizes.items()}
-    return Hidden(hidden.count, tuple(hidden.names), _shares(hidden.reduction, f"{place}.reduction"), sizes)
+    sizes = {
+        name: _size(name, pair, f"{place}.sizes.{name}") for name, pair in hidden.sizes.items()
+    }
+    return Hidden(
+        hidden.count, tuple(hidden.names), _shares(hidden.reduction, f"{place}.reduction"), sizes
+    )
 
 
 def _size(name: str, pair: Sequence[Quantity], where: str) -> Span:
     low, high = _span(pair, SIZES[name].unit, where)
     if high > SIZES[name].most:
-        raise DeclarationError(f"{high:g} is too large", where=where, remedy=f"give {SIZES[name].most:g} {SIZES[name].unit} or less")
+        raise DeclarationError(
+            f"{high:g} is too large",
+            where=where,
+            remedy=f"give {SIZES[name].most:g} {SIZES[name].unit} or less",
+        )
     return positive(low, where), high
 
 
@@ -208,17 +260,23 @@ def _span(pair: Sequence[Quantity], unit: str, where: str) -> Span:
 
 def _shares(pair: Sequence[float], where: str) -> Span:
     if not all(0.0 <= value < 1.0 for value in pair):
-        raise DeclarationError(f"{list(pair)} are no shares", where=where, remedy="give two numbers from 0 to below 1")
+        raise DeclarationError(
+            f"{list(pair)} are no shares", where=where, remedy="give two numbers from 0 to below 1"
+        )
     return _ordered(pair[0], pair[1], where)
 
 
 def _ordered(low: float, high: float, where: str) -> Span:
     if not low <= high:
-        raise DeclarationError(f"{low:g} to {high:g}", where=where, remedy="give the lower one first")
+        raise DeclarationError(
+            f"{low:g} to {high:g}", where=where, remedy="give the lower one first"
+        )
     return low, high
 
 
 def _known(names: Sequence[str], known: tuple[str, ...], what: str, where: str) -> None:
     for name in names:
         if name not in known:
-            raise DeclarationError(f"there is no {what} {name!r}", where=where, remedy=closest(name, known))
+            raise DeclarationError(
+                f"there is no {what} {name!r}", where=where, remedy=closest(name, known)
+            )

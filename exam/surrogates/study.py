@@ -1,4 +1,6 @@
-"""Runs a surrogate flight: fly, hand the files to the loop, and say what the truth says of its verdict."""
+"""Runs a surrogate flight: fly, hand the files to the loop, and say what the truth says of its
+verdict.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,8 @@ class SurrogateStudy:
 
     Attributes
     ----------
-    named : by hidden effect, in order. false : claims that nothing true stands behind. small : claims of a small cause that does act,
+    named : by hidden effect, in order. false : claims that nothing true stands behind. small :
+    claims of a small cause that does act,
         yet not as what dominates.
     held_out_ratio : error after over before by channel on data that were not fitted.
     """
@@ -60,7 +63,9 @@ class SurrogateStudy:
     held_out_ratio: dict[str, float]
 
 
-def run_surrogate(surrogate: Surrogate, seed: int | None = None, progress: Progress = lambda stage, share: None) -> SurrogateStudy:
+def run_surrogate(
+    surrogate: Surrogate, seed: int | None = None, progress: Progress = lambda stage, share: None
+) -> SurrogateStudy:
     """Fly, diagnose on the files alone, score.
 
     Raises
@@ -76,9 +81,16 @@ def run_surrogate(surrogate: Surrogate, seed: int | None = None, progress: Progr
     return scored(surrogate, chosen, flight, tracing)
 
 
-def diagnosed(records: Sequence[Path], vehicle: Path, model: str, progress: Progress = lambda stage, share: None) -> Tracing:
+def diagnosed(
+    records: Sequence[Path],
+    vehicle: Path,
+    model: str,
+    progress: Progress = lambda stage, share: None,
+) -> Tracing:
     """The loop on all records of a flight: the last one predicted, the others fitted together."""
-    return diagnose_files(Request(tuple(records[:-1]), model, vehicle, tuple(records[-1:])), progress)
+    return diagnose_files(
+        Request(tuple(records[:-1]), model, vehicle, tuple(records[-1:])), progress
+    )
 
 
 def scored(surrogate: Surrogate, seed: int, flight: Flight, tracing: Tracing) -> SurrogateStudy:
@@ -87,7 +99,11 @@ def scored(surrogate: Surrogate, seed: int, flight: Flight, tracing: Tracing) ->
     claims = [claim for claim in d.effects if claim.claimed]
     hidden = [dominant.name for dominant in flight.drawn.hidden]
     named = tuple((name, naming(name, claims)) for name in hidden)
-    extra = [claim.name for claim in claims if not any(naming(name, [claim]) is not Naming.MISSED for name in hidden)]
+    extra = [
+        claim.name
+        for claim in claims
+        if not any(naming(name, [claim]) is not Naming.MISSED for name in hidden)
+    ]
     small = tuple(name for name in extra if acts(name, surrogate.causes))
     moved = tuple(
         Moved(name, flight.drawn.declared.parameters[name].value, d.before[name], d.after[name])
@@ -95,8 +111,22 @@ def scored(surrogate: Surrogate, seed: int, flight: Flight, tracing: Tracing) ->
         if name in d.before and name in d.after
     )
     before, after = d.error_before.rmse, d.error_after.rmse
-    ratio = {name: after[name] / before[name] for name in after if before.get(name, 0.0) > 0 and math.isfinite(after[name])}
-    return SurrogateStudy(surrogate, seed, flight, tracing, named, tuple(name for name in extra if name not in small), small, moved, ratio)
+    ratio = {
+        name: after[name] / before[name]
+        for name in after
+        if before.get(name, 0.0) > 0 and math.isfinite(after[name])
+    }
+    return SurrogateStudy(
+        surrogate,
+        seed,
+        flight,
+        tracing,
+        named,
+        tuple(name for name in extra if name not in small),
+        small,
+        moved,
+        ratio,
+    )
 
 
 def naming(hidden: str, claims: Sequence[Claim]) -> Naming:
@@ -104,7 +134,11 @@ def naming(hidden: str, claims: Sequence[Claim]) -> Naming:
     right = same_fault(hidden)
     if any(claim.name in right for claim in claims):
         return Naming.ALONE
-    return Naming.IN_GROUP if any(right & set(claim.alternatives) for claim in claims) else Naming.MISSED
+    return (
+        Naming.IN_GROUP
+        if any(right & set(claim.alternatives) for claim in claims)
+        else Naming.MISSED
+    )
 
 
 def acts(name: str, causes: Causes) -> bool:

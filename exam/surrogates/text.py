@@ -20,13 +20,24 @@ DERIVATIVES = ("derivative", "nominal", "before", "after", "before, %", "after, 
 
 
 def surrogate_text(study: SurrogateStudy, width: int = WIDTH, details: str = BELOW) -> str:
-    """A summary, before and after as `flightid diagnose` shows them, then what was true and what the verdict is worth."""
+    """A summary, before and after as `flightid diagnose` shows them, then what was true and what
+    the verdict is worth.
+    """
     blocks = [
         summary_lines(surrogate_summary(study, details), width),
-        [f"{study.surrogate.name}: {study.surrogate.title}", *flight_lines(study.flight), f"seed {study.seed}"],
+        [
+            f"{study.surrogate.name}: {study.surrogate.title}",
+            *flight_lines(study.flight),
+            f"seed {study.seed}",
+        ],
         details_text(study.tracing, width).rstrip().split("\n"),
-        table_lines(against_nominal(study), title="derivatives against the nominal ones", width=width),
-        [f"truth: {hidden_text(study.flight.drawn)}", f"verdict: {study.tracing.diagnosis.verdict.value}; {score_text(study)}"],
+        table_lines(
+            against_nominal(study), title="derivatives against the nominal ones", width=width
+        ),
+        [
+            f"truth: {hidden_text(study.flight.drawn)}",
+            f"verdict: {study.tracing.diagnosis.verdict.value}; {score_text(study)}",
+        ],
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
@@ -35,20 +46,34 @@ def surrogate_summary(study: SurrogateStudy, details: str = BELOW) -> Summary:
     """The diagnosis, and what the truth says of it."""
     told = diagnosis_summary(study.tracing, details)
     return replace(
-        told, study=f"{study.surrogate.name}: {study.surrogate.title}; {told.study}", outcome=f"{told.outcome}; truth: {score_text(study)}"
+        told,
+        study=f"{study.surrogate.name}: {study.surrogate.title}; {told.study}",
+        outcome=f"{told.outcome}; truth: {score_text(study)}",
     )
 
 
 def flight_lines(flight: Flight) -> list[str]:
     """What flew, how it was recorded, and what a fit of each record leaves."""
     drawn = flight.drawn
-    rest = left_over(flight.records, declared_model(drawn.declared, drawn.starts), drawn.surrogate.causes.noise_std)
-    correlation = ", ".join(f"{name} {value:.2f}" for name, value in zip(drawn.axis.measured, rest["correlation"], strict=True))
-    excess = ", ".join(f"{name} {value:.1f}" for name, value in zip(drawn.axis.measured, rest["excess"], strict=True))
+    rest = left_over(
+        flight.records,
+        declared_model(drawn.declared, drawn.starts),
+        drawn.surrogate.causes.noise_std,
+    )
+    correlation = ", ".join(
+        f"{name} {value:.2f}"
+        for name, value in zip(drawn.axis.measured, rest["correlation"], strict=True)
+    )
+    excess = ", ".join(
+        f"{name} {value:.1f}"
+        for name, value in zip(drawn.axis.measured, rest["excess"], strict=True)
+    )
     return [
         *flown_lines(flight),
-        f"the declared model fitted to each record leaves residuals of lag-one correlation {correlation}; over the sensor noise {excess}",
-        f"derivatives scatter from record to record {float(np.median(rest['inflation'])):.1f} times as far as sigmas of white residuals say",
+        "the declared model fitted to each record leaves residuals of lag-one correlation "
+        f"{correlation}; over the sensor noise {excess}",
+        f"derivatives scatter from record to record {float(np.median(rest['inflation'])):.1f} "
+        "times as far as sigmas of white residuals say",
     ]
 
 
@@ -56,14 +81,19 @@ def flown_lines(flight: Flight) -> list[str]:
     """What flew, and how it was recorded."""
     drawn = flight.drawn
     return [
-        f"{drawn.vehicle}, {len(flight.records)} records of {drawn.surrogate.flight.duration:g} s at {drawn.rate:g} Hz: {', '.join(drawn.kinds)}",
+        f"{drawn.vehicle}, {len(flight.records)} records of {drawn.surrogate.flight.duration:g} s "
+        f"at {drawn.rate:g} Hz: {', '.join(drawn.kinds)}",
         f"channels {', '.join(drawn.channels)}",
     ]
 
 
 def hidden_text(drawn: Drawn) -> str:
     """What dominates, with its parameters."""
-    return "hidden was " + " and ".join(_dominant(item, len(drawn.maneuvers)) for item in drawn.hidden) if drawn.hidden else "nothing dominates"
+    return (
+        "hidden was " + " and ".join(_dominant(item, len(drawn.maneuvers)) for item in drawn.hidden)
+        if drawn.hidden
+        else "nothing dominates"
+    )
 
 
 def score_text(study: SurrogateStudy) -> str:
@@ -76,13 +106,22 @@ def score_text(study: SurrogateStudy) -> str:
 
 def _dominant(item: Dominant, records: int) -> str:
     units = {parameter.name: parameter.unit for parameter in item.effect.parameters}
-    values = ", ".join(f"{name} {quantity_text(value, units.get(name, ''), name)}" for name, value in item.values.items())
-    where = "" if len(item.records) == records else f" in record {', '.join(str(number + 1) for number in item.records)}"
+    values = ", ".join(
+        f"{name} {quantity_text(value, units.get(name, ''), name)}"
+        for name, value in item.values.items()
+    )
+    where = (
+        ""
+        if len(item.records) == records
+        else f" in record {', '.join(str(number + 1) for number in item.records)}"
+    )
     return f"{item.name} ({values}){where}"
 
 
 def against_nominal(study: SurrogateStudy) -> list[TableColumn]:
-    """The derivatives before and after; of the declared model alone where no effect stands beside it."""
+    """The derivatives before and after; of the declared model alone where no effect stands beside
+    it.
+    """
     columns = columns_of(DERIVATIVES, _rows(study))
     if not nothing_stands(study.tracing.diagnosis):
         return columns

@@ -31,7 +31,9 @@ _LAGS = 50
 
 
 def figure_input_spectrum(time: np.ndarray, values: np.ndarray, mode: float, told: str) -> Figure:
-    """An input over time ``(N,)`` in rad, shown in degrees, and the size of its spectrum; a line marks the ``mode`` (rad/s), named ``told``."""
+    """An input over time ``(N,)`` in rad, shown in degrees, and the size of its spectrum; a line
+    marks the ``mode`` (rad/s), named ``told``.
+    """
     sheet = make_sheet([1.7], (1.0, 1.0), share_x=False, column_gap=0.8)
     left, right = sheet.panels
     shown = display_unit("rad")
@@ -50,24 +52,47 @@ def figure_input_spectrum(time: np.ndarray, values: np.ndarray, mode: float, tol
 
 
 def figure_residual(
-    time: np.ndarray, residual: Mapping[str, np.ndarray], units: Mapping[str, str], noise: Mapping[str, float], marks: Sequence[float] = ()
+    time: np.ndarray,
+    residual: Mapping[str, np.ndarray],
+    units: Mapping[str, str],
+    noise: Mapping[str, float],
+    marks: Sequence[float] = (),
 ) -> Figure:
-    """Residual of each output ``(N,)`` over time with two standard deviations of its noise; beside it the power spectrum over that of the noise,
-    ``marks`` (rad/s) drawn in, and the autocorrelation with the band that holds 95 % of those of white noise."""
-    sheet = make_sheet([1.35] * len(residual), (1.35, 1.0, 0.8), share_x=True, row_gap=0.35, column_gap=0.72)
+    """Residual of each output ``(N,)`` over time with two standard deviations of its noise; beside
+    it the power spectrum over that of the noise, ``marks`` (rad/s) drawn in, and the
+    autocorrelation with the band that holds 95 % of those of white noise."""
+    sheet = make_sheet(
+        [1.35] * len(residual), (1.35, 1.0, 0.8), share_x=True, row_gap=0.35, column_gap=0.72
+    )
     for row, (name, values) in zip(sheet.axes, residual.items(), strict=True):
         unit = display_unit(units[name])
         row[0].plot(time, unit.factor * values, color=BLUE, linewidth=0.6)
-        row[0].axhspan(-2 * unit.factor * noise[name], 2 * unit.factor * noise[name], color=SKY, alpha=0.3, linewidth=0, label="±2σ of the noise")
+        row[0].axhspan(
+            -2 * unit.factor * noise[name],
+            2 * unit.factor * noise[name],
+            color=SKY,
+            alpha=0.3,
+            linewidth=0,
+            label="±2σ of the noise",
+        )
         row[0].xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         y_label(row[0], f"{symbol(name)} ({unit.text})")
         _draw_power(row[1], time, values, noise[name], marks)
         rho = autocorrelation(values, _LAGS)
         row[2].vlines(np.arange(1, _LAGS + 1), 0.0, rho, color=BLUE, linewidth=1.0)
-        row[2].axhspan(-1.96 / np.sqrt(len(values)), 1.96 / np.sqrt(len(values)), color=GREY, alpha=0.3, linewidth=0, label="95 % of white noise")
+        row[2].axhspan(
+            -1.96 / np.sqrt(len(values)),
+            1.96 / np.sqrt(len(values)),
+            color=GREY,
+            alpha=0.3,
+            linewidth=0,
+            label="95 % of white noise",
+        )
         row[2].axhline(0.0, **ZERO)
         row[2].set_ylim(min(-0.3, 1.1 * rho.min()), max(0.3, 1.1 * rho.max()))
-    for panel, text in zip(sheet.axes[0], ("residual", "power / noise", "autocorrelation"), strict=True):
+    for panel, text in zip(
+        sheet.axes[0], ("residual", "power / noise", "autocorrelation"), strict=True
+    ):
         caption(panel, text)
     time_axis(sheet.axes[-1][0])
     sheet.axes[-1][1].set_xlabel("rad/s", fontsize=LABEL_SIZE)
@@ -75,14 +100,22 @@ def figure_residual(
     return finish(sheet, head=0.25)
 
 
-def _draw_power(panel, time: np.ndarray, values: np.ndarray, noise: float, marks: Sequence[float]) -> None:  # type: ignore[no-untyped-def]
+def _draw_power(
+    panel, time: np.ndarray, values: np.ndarray, noise: float, marks: Sequence[float]
+) -> None:  # type: ignore[no-untyped-def]
     from scenarios.plots.tracing import spectrum
 
     hertz, power = spectrum(values, float(time[1] - time[0]), len(values))
     panel.axhline(1.0, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)))
     panel.plot(2.0 * np.pi * hertz, power / noise**2, color=BLUE, linewidth=1.0)
     for number, mark in enumerate(marks):
-        panel.axvline(mark, color=VERMILION, linewidth=1.0, linestyle=":", label="" if number else "elastic modes")
+        panel.axvline(
+            mark,
+            color=VERMILION,
+            linewidth=1.0,
+            linestyle=":",
+            label="" if number else "elastic modes",
+        )
     panel.set_xscale("log")
     panel.set_yscale("log")
     for axis in (panel.xaxis, panel.yaxis):
@@ -99,21 +132,39 @@ def autocorrelation(values: np.ndarray, lags: int) -> np.ndarray:
 
 
 def figure_scatter(errors: Mapping[str, np.ndarray]) -> Figure:
-    """Errors of many runs in their reported sigmas ``(N,)`` by parameter, as histograms over the standard normal density."""
+    """Errors of many runs in their reported sigmas ``(N,)`` by parameter, as histograms over the
+    standard normal density.
+    """
     columns = min(3, len(errors))
-    sheet = make_sheet([1.2] * -(-len(errors) // columns), (1.0,) * columns, count=len(errors), row_gap=0.6, column_gap=0.4, left=0.45, share_x=False)
+    sheet = make_sheet(
+        [1.2] * -(-len(errors) // columns),
+        (1.0,) * columns,
+        count=len(errors),
+        row_gap=0.6,
+        column_gap=0.4,
+        left=0.45,
+        share_x=False,
+    )
     for panel, (name, values) in zip(sheet.panels, errors.items(), strict=True):
         reach = max(4.0, min(30.0, 1.1 * float(np.max(np.abs(values)))))
         grid = np.linspace(-reach, reach, 301)
         panel.hist(values, bins=31, range=(-reach, reach), density=True, color=SKY, label="runs")
-        panel.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2.0 * np.pi), color=GREEN, linewidth=1.2, label="honest sigma")
+        panel.plot(
+            grid,
+            np.exp(-0.5 * grid**2) / np.sqrt(2.0 * np.pi),
+            color=GREEN,
+            linewidth=1.2,
+            label="honest sigma",
+        )
         panel.set_yticks([])
         caption(panel, symbol(name))
     return finish(sheet, head=0.25)
 
 
 def figure_bode(omega: np.ndarray, responses: Mapping[str, np.ndarray], unit: str) -> Figure:
-    """Size in dB (of ``unit``) and phase in degrees of complex responses ``(n,)`` over frequency (rad/s)."""
+    """Size in dB (of ``unit``) and phase in degrees of complex responses ``(n,)`` over frequency
+    (rad/s).
+    """
     sheet = make_sheet([1.5, 1.5], row_gap=0.25)
     for number, (label, response) in enumerate(responses.items()):
         style = method_style(number)

@@ -94,9 +94,11 @@ def _(command, controls, lab, mo, page, seed):
     mo.vstack(
         [
             mo.md(
-                f"**One fall:** β = {_row.estimate / _unit:.2f} ± {_row.std / _unit:.2f} lb/ft², truth {_row.true / _unit:.0f}: **{_off:+.1f} "
+                f"**One fall:** β = {_row.estimate / _unit:.2f} ± {_row.std / _unit:.2f} lb/ft², "
+                f"truth {_row.true / _unit:.0f}: **{_off:+.1f} "
                 "sigmas off**. "
-                f"The filter has halved its sigma at {lab.awakening(study)[0]:.1f} s, {lab.awakening(study)[1] / 1000:.1f} km up."
+                f"The filter has halved its sigma at {lab.awakening(study)[0]:.1f} s, "
+                f"{lab.awakening(study)[1] / 1000:.1f} km up."
             ),
             page.command_line(command("run", lab.SCENARIO, asked, "--seed", str(seed.value))),
         ]
@@ -107,7 +109,10 @@ def _(command, controls, lab, mo, page, seed):
 @app.cell
 def _(figure_ballistic_coefficient, lab, page, study):
     page.picture(
-        figure_ballistic_coefficient({"Kalman filter, last pass": lab.history_of(study)}, study.truth.parameters["beta"].value),
+        figure_ballistic_coefficient(
+            {"Kalman filter, last pass": lab.history_of(study)},
+            study.truth.parameters["beta"].value,
+        ),
         "estimate of beta over time with its band of two standard deviations, and its error",
     )
     return
@@ -118,7 +123,9 @@ def _(figure_trajectory, lab, mo, page, study):
     mo.accordion(
         {
             "The fall itself: altitude and velocity": page.picture(
-                figure_trajectory(study.record, {"Kalman filter": lab.history_of(study)}, study.truth),
+                figure_trajectory(
+                    study.record, {"Kalman filter": lab.history_of(study)}, study.truth
+                ),
                 "altitude and velocity over time with the errors of the filter",
             )
         }
@@ -144,12 +151,22 @@ def _(asked, command, lab, mo, page, runs):
                 ["of all falls", "found", "if the sigma were honest"],
                 [
                     ["mean error, in reported sigmas", f"{_all.bias:+.1f}", "0"],
-                    ["scatter, in reported sigmas", f"{many.spreads[0].scatter / many.spreads[0].reported:.1f}", "1"],
-                    ["2-sigma intervals that hold the truth", f"{100 * _all.within_two:.0f} %", "95 %"],
+                    [
+                        "scatter, in reported sigmas",
+                        f"{many.spreads[0].scatter / many.spreads[0].reported:.1f}",
+                        "1",
+                    ],
+                    [
+                        "2-sigma intervals that hold the truth",
+                        f"{100 * _all.within_two:.0f} %",
+                        "95 %",
+                    ],
                     ["falls on which the filter broke down", f"{many.broken}", "0"],
                 ],
             ),
-            page.command_line(command("campaign", lab.SCENARIO, asked, "--runs", str(runs.value), "--seed", "1")),
+            page.command_line(
+                command("campaign", lab.SCENARIO, asked, "--runs", str(runs.value), "--seed", "1")
+            ),
         ]
     )
     return
@@ -160,33 +177,40 @@ def _(close, lab, page):
     _at = lab.numbers()
     questions = {
         "altitude": page.Question(
-            "With the sliders as they were (start 800 ± 300, one pass, 25 ft): how high is the body when the filter has halved its sigma of "
+            "With the sliders as they were (start 800 ± 300, one pass, 25 ft): how high is the "
+            "body when the filter has halved its sigma of "
             "β, in km?",
             page.number_field("km"),
             lambda value: close(value, _at["altitude then"], 0.05),
             "It stands under the sliders, and the band in the figure shows it.",
-            "Above that the air is too thin for drag to be felt through 25 ft of noise: a third of the record says nothing of β.",
+            "Above that the air is too thin for drag to be felt through 25 ft of noise: a third of "
+            "the record says nothing of β.",
         ),
         "honest": page.Question(
             "Same sliders, 200 falls: how many of 100 intervals of two sigmas hold the truth?",
             page.number_field("of 100"),
             lambda value: abs(value - _at["within 2 sigma"]) <= 3,
             "Read the table of the campaign.",
-            "An honest filter would have 95. One fall looked harmless; only repetition shows that the filter is far too sure.",
+            "An honest filter would have 95. One fall looked harmless; only repetition shows that "
+            "the filter is far too sure.",
         ),
         "noise": page.Question(
-            "Make the radar four times worse (100 ft). By what factor does the *reported* sigma of β grow?",
+            "Make the radar four times worse (100 ft). By what factor does the *reported* sigma of "
+            "β grow?",
             page.number_field("times"),
             lambda value: close(value, lab.numbers(noise=100.0)["sigma"] / _at["sigma"], 0.06),
             "Divide the sigma at 100 ft by the one at 25 ft.",
-            "Nearly as the noise does: the sigma is noise over sensitivity, and knows nothing of a wrong linearisation.",
+            "Nearly as the noise does: the sigma is noise over sensitivity, and knows nothing of a "
+            "wrong linearisation.",
         ),
         "cure": page.Question(
-            "Start 550 ± 110 instead. How many passes does the filter need until at least 90 of 100 intervals hold the truth?",
+            "Start 550 ± 110 instead. How many passes does the filter need until at least 90 of "
+            "100 intervals hold the truth?",
             page.number_field("passes"),
             lambda value: value == lab.passes_needed(550.0, 110.0),
             "Set the start first, then raise the passes one by one and watch the campaign.",
-            "The second pass linearises near the truth all along. The data are counted again 1/400 times only, for each pass starts with "
+            "The second pass linearises near the truth all along. The data are counted again 1/400 "
+            "times only, for each pass starts with "
             "twenty of the last one's sigmas.",
         ),
         "worse": page.Question(
@@ -194,7 +218,8 @@ def _(close, lab, page):
             page.choice(["a wide one: 800 ± 300", "a narrow one: 800 ± 30"]),
             lambda value: value == lab.worse_prior(),
             "Try both, and read the mean error of the campaign.",
-            "A prior of 30 says that 500 is ten sigmas away. The reported sigma hardly changes: nothing in it warns.",
+            "A prior of 30 says that 500 is ten sigmas away. The reported sigma hardly changes: "
+            "nothing in it warns.",
         ),
     }
     answers = page.fields(questions)

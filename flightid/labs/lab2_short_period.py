@@ -75,7 +75,9 @@ def _(lab, mo, page):
             "kind": mo.ui.dropdown(["3-2-1-1", "doublet"], value="3-2-1-1", label="maneuver"),
             "amplitude": page.slider(1, 8, 0.5, 6, "amplitude, deg"),
             "unit": page.slider(0.1, 1.2, 0.1, 0.5, "unit, s"),
-            "rate": mo.ui.dropdown({"100": 100, "50": 50, "25": 25, "20": 20}, value="100", label="samples a second"),
+            "rate": mo.ui.dropdown(
+                {"100": 100, "50": 50, "25": 25, "20": 20}, value="100", label="samples a second"
+            ),
             "outputs": mo.ui.dropdown(list(lab.OUTPUTS), value="alpha and q", label="outputs used"),
         }
     )
@@ -95,21 +97,46 @@ def _(command, controls, lab, mo, page, seed, sigmas_off):
     study = lab.study(asked, seed.value)
     _derived = study.main.derived
     _rows = [
-        [row.name, f"{row.true:.4g}", f"{row.estimate:.4g}", f"{row.std:.2g}", f"{100 * row.std / abs(row.true):.2f} %", f"{sigmas_off(row):+.1f}"]
+        [
+            row.name,
+            f"{row.true:.4g}",
+            f"{row.estimate:.4g}",
+            f"{row.std:.2g}",
+            f"{100 * row.std / abs(row.true):.2f} %",
+            f"{sigmas_off(row):+.1f}",
+        ]
         for row in study.main.rows
     ]
-    _failed = [f"{test.channel or 'all'}: {test.sentence}" for test in study.main.tests if not test.passed]
+    _failed = [
+        f"{test.channel or 'all'}: {test.sentence}" for test in study.main.tests if not test.passed
+    ]
     mo.vstack(
         [
-            page.table(["derivative, 1/rad", "true", "estimate", "sigma", "sigma, % of true", "error, sigmas"], _rows),
+            page.table(
+                [
+                    "derivative, 1/rad",
+                    "true",
+                    "estimate",
+                    "sigma",
+                    "sigma, % of true",
+                    "error, sigmas",
+                ],
+                _rows,
+            ),
             mo.md(
-                f"Natural frequency **{_derived['natural_frequency'][0]:.4f} ± {_derived['natural_frequency'][1]:.4f} rad/s**, damping ratio "
-                f"**{_derived['damping_ratio'][0]:.4f} ± {_derived['damping_ratio'][1]:.4f}**; largest angle of attack "
+                f"Natural frequency **{_derived['natural_frequency'][0]:.4f} ± "
+                f"{_derived['natural_frequency'][1]:.4f} rad/s**, damping ratio "
+                f"**{_derived['damping_ratio'][0]:.4f} ± {_derived['damping_ratio'][1]:.4f}**; "
+                "largest angle of attack "
                 f"{lab.largest_alpha(study):.1f} deg from trim."
             ),
-            mo.callout(mo.md("The residual is not the noise alone. " + "; ".join(_failed)), kind="danger")
+            mo.callout(
+                mo.md("The residual is not the noise alone. " + "; ".join(_failed)), kind="danger"
+            )
             if _failed
-            else mo.callout(mo.md("The residual is what the noise alone would give."), kind="neutral"),
+            else mo.callout(
+                mo.md("The residual is what the noise alone would give."), kind="neutral"
+            ),
             page.command_line(command("run", lab.SCENARIO, asked, "--seed", str(seed.value))),
         ]
     )
@@ -119,7 +146,12 @@ def _(command, controls, lab, mo, page, seed, sigmas_off):
 @app.cell
 def _(figure_input_spectrum, page, study):
     page.picture(
-        figure_input_spectrum(study.record.time, study.record["elevator"].values, study.main.derived["natural_frequency"][0], "short period"),
+        figure_input_spectrum(
+            study.record.time,
+            study.record["elevator"].values,
+            study.main.derived["natural_frequency"][0],
+            "short period",
+        ),
         "the elevator over time, and its spectrum with the frequency of the short period marked",
     )
     return
@@ -127,7 +159,13 @@ def _(figure_input_spectrum, page, study):
 
 @app.cell
 def _(figure_record, mo, page, study):
-    mo.accordion({"The record": page.picture(figure_record(study.record), "elevator, angle of attack and pitch rate over time")})
+    mo.accordion(
+        {
+            "The record": page.picture(
+                figure_record(study.record), "elevator, angle of attack and pitch rate over time"
+            )
+        }
+    )
     return
 
 
@@ -135,11 +173,15 @@ def _(figure_record, mo, page, study):
 def _(close, lab, page):
     questions = {
         "amplitude": page.Question(
-            "Halve the amplitude (3 deg in place of 6). How many such flights together would give the sigmas of the one at 6 deg?",
+            "Halve the amplitude (3 deg in place of 6). How many such flights together would give "
+            "the sigmas of the one at 6 deg?",
             page.number_field("flights"),
-            lambda value: value == round(lab.sigma_ratio(lab.changes(), lab.changes(amplitude=3.0)) ** 2),
+            lambda value: (
+                value == round(lab.sigma_ratio(lab.changes(), lab.changes(amplitude=3.0)) ** 2)
+            ),
             "Every sigma doubles. With n equal flights it falls by the root of n.",
-            "Sigma goes with noise over amplitude, and with one over the root of the number of samples.",
+            "Sigma goes with noise over amplitude, and with one over the root of the number of "
+            "samples.",
         ),
         "doublet": page.Question(
             """The spectrum of a doublet of unit T peaks where ωT = 2.33. Which T puts the peak at this aircraft's short period, in s? (Then try the
@@ -151,34 +193,44 @@ def _(close, lab, page):
             "Power where the aircraft answers is power that tells something.",
         ),
         "limit": page.Question(
-            "A 3-2-1-1 of 6 deg, but the flight-test card allows at most 10 deg of angle of attack from trim. What is the longest unit on "
+            "A 3-2-1-1 of 6 deg, but the flight-test card allows at most 10 deg of angle of attack "
+            "from trim. What is the longest unit on "
             "the slider that keeps it?",
             page.number_field("s"),
             lambda value: close(value, lab.longest_unit(10.0), 1e-6),
             "The largest angle of attack stands under the table.",
-            "Longer units have smaller sigmas, and drive the aircraft to where the linear model no longer holds. Amplitude and unit are "
+            "Longer units have smaller sigmas, and drive the aircraft to where the linear model no "
+            "longer holds. Amplitude and unit are "
             "bought with alpha.",
         ),
         "alone": page.Question(
-            "3-2-1-1, 6 deg, 0.5 s, 100 Hz, but α alone. Which numbers are still known to better than 0.2 %?",
-            page.choice(["C_Lα and C_mq", "natural frequency and damping ratio", "C_Lq alone", "none"]),
+            "3-2-1-1, 6 deg, 0.5 s, 100 Hz, but α alone. Which numbers are still known to better "
+            "than 0.2 %?",
+            page.choice(
+                ["C_Lα and C_mq", "natural frequency and damping ratio", "C_Lq alone", "none"]
+            ),
             lambda value: value == "natural frequency and damping ratio",
             "Look at the sigmas in per cent, and at the line below the table.",
-            "One output shows the swing, and the swing shows two numbers: the sum of two dampings, not its parts. C_Lα and C_mq stay near "
+            "One output shows the swing, and the swing shows two numbers: the sum of two dampings, "
+            "not its parts. C_Lα and C_mq stay near "
             "their priors.",
         ),
         "rate": page.Question(
-            "Both outputs again, 25 samples a second: C_mα is 18 sigmas off. At 20 a second all is well. What is wrong at 25?",
+            "Both outputs again, 25 samples a second: C_mα is 18 sigmas off. At 20 a second all is "
+            "well. What is wrong at 25?",
             page.choice(
                 [
                     "25 Hz is too slow for a short period of 2 rad/s",
-                    "every second switch of the elevator falls between two samples, so that the recorded input is late",
+                    "every second switch of the elevator falls between two samples, so that the "
+                    "recorded input is late",
                     "fewer samples make larger sigmas",
                 ]
             ),
             lambda value: value is not None and value.startswith("every second switch"),
-            "The elevator switches at multiples of 0.5 s. Which of these are multiples of 0.04 s, and which of 0.05 s?",
-            "By 0.02 s. The sigma does not notice, the test of the residual does. Which of your sensors is late by 20 ms?",
+            "The elevator switches at multiples of 0.5 s. Which of these are multiples of 0.04 s, "
+            "and which of 0.05 s?",
+            "By 0.02 s. The sigma does not notice, the test of the residual does. Which of your "
+            "sensors is late by 20 ms?",
         ),
     }
     answers = page.fields(questions)

@@ -14,7 +14,18 @@ def _():
     from flightid.labs.workings.trying import close, command, residuals, sigmas_off
     from scenarios.plots.comparison import EquivalentRow, figure_equivalents
 
-    return EquivalentRow, close, command, figure_equivalents, figure_residual, lab, mo, page, residuals, sigmas_off
+    return (
+        EquivalentRow,
+        close,
+        command,
+        figure_equivalents,
+        figure_residual,
+        lab,
+        mo,
+        page,
+        residuals,
+        sigmas_off,
+    )
 
 
 @app.cell
@@ -71,7 +82,11 @@ def _(lab, mo, page):
         {
             "factor": page.slider(0.5, 4, 0.1, 1, "stiffness: factor of all modal frequencies"),
             "density": mo.ui.slider(
-                steps=list(lab.DENSITIES), value=0.0, label="process noise on pitch rate, (deg/s)²/s", show_value=True, debounce=True
+                steps=list(lab.DENSITIES),
+                value=0.0,
+                label="process noise on pitch rate, (deg/s)²/s",
+                show_value=True,
+                debounce=True,
             ),
             "unit": page.slider(0.2, 1.0, 0.1, 0.5, "unit of the 3-2-1-1, s"),
         }
@@ -82,7 +97,14 @@ def _(lab, mo, page):
 @app.cell
 def _(controls, mo, page):
     mo.vstack(
-        [mo.md("## Try it"), page.sliders(controls), mo.md("Factor 1 is the moderately flexible bomber AC1 of the paper, 0.5 its soft sister AC2.")]
+        [
+            mo.md("## Try it"),
+            page.sliders(controls),
+            mo.md(
+                "Factor 1 is the moderately flexible bomber AC1 of the paper, 0.5 its soft sister "
+                "AC2."
+            ),
+        ]
     )
     return
 
@@ -103,14 +125,27 @@ def _(command, controls, lab, mo, page, sigmas_off):
         ]
         for row in study.main.rows
     ]
-    _tests = "; ".join(f"{test.channel or 'all'} ({test.name}): {'passed' if test.passed else '**failed**'}" for test in study.main.tests)
+    _tests = "; ".join(
+        f"{test.channel or 'all'} ({test.name}): {'passed' if test.passed else '**failed**'}"
+        for test in study.main.tests
+    )
     mo.vstack(
         [
             page.table(
-                ["derivative, 1/rad", "rigid", "condensed", "estimate", "sigma", "estimate against rigid", "against condensed, sigmas"], _rows
+                [
+                    "derivative, 1/rad",
+                    "rigid",
+                    "condensed",
+                    "estimate",
+                    "sigma",
+                    "estimate against rigid",
+                    "against condensed, sigmas",
+                ],
+                _rows,
             ),
             mo.md(
-                f"Short period {study.main.derived['natural_frequency'][0]:.3f} rad/s, elastic modes from "
+                f"Short period {study.main.derived['natural_frequency'][0]:.3f} rad/s, elastic "
+                "modes from "
                 f"{lab.marks(controls.value['factor'])[0]:.2f} rad/s. "
                 f"Tests of the innovations: {_tests}."
             ),
@@ -130,15 +165,27 @@ def _(controls, figure_residual, lab, page, residuals, study):
             study.truth.noise_std,
             lab.marks(controls.value["factor"]),
         ),
-        "innovations of angle of attack and pitch rate over time, their power spectra with the elastic modes marked, and their autocorrelation",
+        "innovations of angle of attack and pitch rate over time, their power spectra with the "
+        "elastic modes marked, and their autocorrelation",
     )
     return
 
 
 @app.cell
 def _(EquivalentRow, figure_equivalents, mo, page, study):
-    _rows = [EquivalentRow("this structure", row.name, row.unit, row.true, row.condensed, row.estimate, row.std) for row in study.main.rows]
-    mo.accordion({"Rigid, condensed, estimated: the picture": page.picture(figure_equivalents(_rows), "rigid, condensed and estimated derivatives")})
+    _rows = [
+        EquivalentRow(
+            "this structure", row.name, row.unit, row.true, row.condensed, row.estimate, row.std
+        )
+        for row in study.main.rows
+    ]
+    mo.accordion(
+        {
+            "Rigid, condensed, estimated: the picture": page.picture(
+                figure_equivalents(_rows), "rigid, condensed and estimated derivatives"
+            )
+        }
+    )
     return
 
 
@@ -146,14 +193,17 @@ def _(EquivalentRow, figure_equivalents, mo, page, study):
 def _(close, lab, page):
     questions = {
         "nearer": page.Question(
-            "Factor 1, no process noise. Is the estimate of C_mα nearer to the rigid aircraft's value or to the condensed one?",
+            "Factor 1, no process noise. Is the estimate of C_mα nearer to the rigid aircraft's "
+            "value or to the condensed one?",
             page.choice(["rigid", "condensed"]),
             lambda value: value == lab.nearer(),
             "Compare the third column of numbers with the first two.",
-            "A rigid model absorbs what follows the loads at once. Nobody who flies this aircraft will ever measure the rigid value.",
+            "A rigid model absorbs what follows the loads at once. Nobody who flies this aircraft "
+            "will ever measure the rigid value.",
         ),
         "lost": page.Question(
-            "How much of the rigid aircraft's static stability (C_mα) has the structure taken away in the estimate, in per cent?",
+            "How much of the rigid aircraft's static stability (C_mα) has the structure taken away "
+            "in the estimate, in per cent?",
             page.number_field("%"),
             lambda value: close(value, lab.numbers()["Cm_alpha lost, %"], 0.05),
             "The column `estimate against rigid`, without its sign.",
@@ -164,27 +214,36 @@ def _(close, lab, page):
             page.choice(["CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"]),
             lambda value: value == lab.worst(),
             "The last column.",
-            "The lag of the structure looks like damping of the other sign. The error is 6 % of the value, and 23 of sigmas that know nothing of it.",
+            "The lag of the structure looks like damping of the other sign. The error is 6 % of "
+            "the value, and 23 of sigmas that know nothing of it.",
         ),
         "seen": page.Question(
-            "Go from stiff to soft: 4, 3, 2, 1.5, 1. At which of these does a test of the innovations fail for the first time?",
+            "Go from stiff to soft: 4, 3, 2, 1.5, 1. At which of these does a test of the "
+            "innovations fail for the first time?",
             page.number_field("factor"),
             lambda value: value == lab.first_seen(),
             "The tests stand under the table.",
-            "At 2 the estimates have begun to drift while every test passes: a bias within a few sigmas hides in the noise.",
+            "At 2 the estimates have begun to drift while every test passes: a bias within a few "
+            "sigmas hides in the noise.",
         ),
         "noise": page.Question(
-            "Back to factor 1. What is the least process noise on the slider with which all tests pass?",
+            "Back to factor 1. What is the least process noise on the slider with which all tests "
+            "pass?",
             page.number_field("(deg/s)²/s"),
             lambda value: value == lab.enough_noise(),
             "Move the second slider step by step.",
-            "All tests pass, and C_mq is still three sigmas off: the missing force follows the elevator. Too much noise fails the tests "
+            "All tests pass, and C_mq is still three sigmas off: the missing force follows the "
+            "elevator. Too much noise fails the tests "
             "again, on the other side.",
         ),
         "mends": page.Question(
             "What has the process noise mended?",
             page.choice(
-                ["the model", "the estimates, which are now the rigid aircraft's", "mostly the sigmas, which now admit what the model lacks"]
+                [
+                    "the model",
+                    "the estimates, which are now the rigid aircraft's",
+                    "mostly the sigmas, which now admit what the model lacks",
+                ]
             ),
             lambda value: value is not None and value.startswith("mostly the sigmas"),
             "Compare the sigma of C_mq without noise and with 0.3, and how far its estimate moved.",

@@ -71,7 +71,9 @@ def _(mo):
 def _(lab, mo, page):
     controls = mo.ui.dictionary(
         {
-            "airframe": mo.ui.dropdown(list(lab.AIRFRAMES), value="F, flight-like", label="airframe"),
+            "airframe": mo.ui.dropdown(
+                list(lab.AIRFRAMES), value="F, flight-like", label="airframe"
+            ),
             "amplitude": page.slider(0.25, 2, 0.25, 1, "stick amplitude, in"),
             "unit": page.slider(0.2, 1.0, 0.1, 0.5, "unit of the 3-2-1-1, s"),
             "dead_band": page.slider(0, 0.4, 0.05, 0.05, "dead band of the stick, in"),
@@ -94,29 +96,62 @@ def _(command, controls, lab, mo, page, seed):
     study = lab.study(asked, seed.value)
     _loop = study.of_loop
     _rows = [
-        [row.name, row.unit, f"{row.estimate:.4g}", f"{row.std:.2g}", f"{getattr(_loop, row.name):.4g}" if hasattr(_loop, row.name) else ""]
+        [
+            row.name,
+            row.unit,
+            f"{row.estimate:.4g}",
+            f"{row.std:.2g}",
+            f"{getattr(_loop, row.name):.4g}" if hasattr(_loop, row.name) else "",
+        ]
         for row in study.found.rows
         if not row.name.endswith("_0")
     ]
     _flight = study.flown.x29.airframe
-    _judged = "; ".join(f"{level.criterion.quantity.replace('_', ' ')} {level.quality.value:.3g}: Level {level.level}" for level in study.levels)
-    _tests = "; ".join(f"{test.channel or 'all'}: {'passed' if test.passed else '**failed**'}" for test in study.found.tests)
+    _judged = "; ".join(
+        f"{level.criterion.quantity.replace('_', ' ')} {level.quality.value:.3g}: Level "
+        f"{level.level}"
+        for level in study.levels
+    )
+    _tests = "; ".join(
+        f"{test.channel or 'all'}: {'passed' if test.passed else '**failed**'}"
+        for test in study.found.tests
+    )
     mo.vstack(
         [
             mo.md(
-                f"**Airframe without its control law:** M_α = {_flight.M_alpha:+.1f} 1/s², eigenvalues "
+                f"**Airframe without its control law:** M_α = {_flight.M_alpha:+.1f} 1/s², "
+                "eigenvalues "
                 f"{', '.join(f'{v:+.2f}' for v in lab.bare_airframe(study.flown))} 1/s: "
                 f"a disturbance doubles in **{lab.doubling_time(study.flown):.2f} s**."
             ),
-            page.table(["equivalent system", "unit", "from the record", "sigma", "from the loop's frequency response"], _rows),
+            page.table(
+                [
+                    "equivalent system",
+                    "unit",
+                    "from the record",
+                    "sigma",
+                    "from the loop's frequency response",
+                ],
+                _rows,
+            ),
             mo.md(
-                f"Natural frequency **{lab.quality(study, 'natural_frequency'):.2f} rad/s**, damping ratio "
+                f"Natural frequency **{lab.quality(study, 'natural_frequency'):.2f} rad/s**, "
+                "damping ratio "
                 f"**{lab.quality(study, 'damping_ratio'):.3f}**, delay and lag together "
-                f"**{1000 * lab.quality(study, 'total_delay'):.0f} ms**. Flying qualities, category {lab.CATEGORY}: {_judged}. Tests of the "
+                f"**{1000 * lab.quality(study, 'total_delay'):.0f} ms**. Flying qualities, "
+                f"category {lab.CATEGORY}: {_judged}. Tests of the "
                 f"residual: {_tests}."
             ),
             page.command_line(
-                command("simulate", lab.SCENARIO, asked, "--seed", str(seed.value), "--out", "flight.csv")
+                command(
+                    "simulate",
+                    lab.SCENARIO,
+                    asked,
+                    "--seed",
+                    str(seed.value),
+                    "--out",
+                    "flight.csv",
+                )
                 + "\nflightid identify flight.csv --model loes --vehicle augmented.toml"
             ),
             mo.accordion({"augmented.toml": mo.md(f"```toml\n{lab.vehicle_text(study.flown)}```")}),
@@ -133,9 +168,12 @@ def _(figure_fit, page, response_of, study):
             [response_of(study.found.estimate, "equivalent system")],
             None,
             "",
-            dict(zip(study.found.estimate.output_names, study.found.estimate.noise_std, strict=True)),
+            dict(
+                zip(study.found.estimate.output_names, study.found.estimate.noise_std, strict=True)
+            ),
         ),
-        "measured angle of attack, pitch rate and load factor, those of the equivalent system, and what is left",
+        "measured angle of attack, pitch rate and load factor, those of the equivalent system, and "
+        "what is left",
     )
     return
 
@@ -143,7 +181,11 @@ def _(figure_fit, page, response_of, study):
 @app.cell
 def _(figure_bode, lab, np, page, study):
     page.picture(
-        figure_bode(np.geomspace(0.3, 30.0, 200), lab.responses(study, np.geomspace(0.3, 30.0, 200)), "rad/s per inch"),
+        figure_bode(
+            np.geomspace(0.3, 30.0, 200),
+            lab.responses(study, np.geomspace(0.3, 30.0, 200)),
+            "rad/s per inch",
+        ),
         "frequency response of pitch rate to the stick: the whole loop and the equivalent system",
     )
     return
@@ -153,40 +195,56 @@ def _(figure_bode, lab, np, page, study):
 def _(close, lab, page):
     questions = {
         "doubles": page.Question(
-            "Airframe F. How long would it take to double a disturbance if the computer stopped, in ms?",
+            "Airframe F. How long would it take to double a disturbance if the computer stopped, "
+            "in ms?",
             page.number_field("ms"),
             lambda value: close(value, 1000 * lab.numbers()["doubles in"], 0.03),
             "It stands above the table, in seconds.",
-            "A third of a second: no pilot would catch it. And yet the record shows a stable aircraft.",
+            "A third of a second: no pilot would catch it. And yet the record shows a stable "
+            "aircraft.",
         ),
         "sign": page.Question(
             "M_α of the airframe is positive. What is it in the equivalent system, in 1/s²?",
             page.number_field("1/s²"),
             lambda value: close(value, lab.numbers()["M_alpha"], 0.05),
             "The first column of numbers, with its sign.",
-            "Static stability made by software. A record of stick and response alone says nothing of the airframe: for that the surfaces "
+            "Static stability made by software. A record of stick and response alone says nothing "
+            "of the airframe: for that the surfaces "
             "must be recorded too.",
         ),
         "level": page.Question(
-            "Which Level does the equivalent *delay* (not lag and delay together) of airframe F allow by MIL-F-8785C?",
+            "Which Level does the equivalent *delay* (not lag and delay together) of airframe F "
+            "allow by MIL-F-8785C?",
             page.choice(["Level 1", "Level 2", "Level 3"]),
             lambda value: value == lab.level_of_delay(),
             "The bounds stand at the end of the theory.",
-            "Damping, frequency and CAP are all of Level 1. It is the delay that the pilot will write about.",
+            "Damping, frequency and CAP are all of Level 1. It is the delay that the pilot will "
+            "write about.",
         ),
         "trade": page.Question(
-            "Move the unit of the maneuver from 0.2 to 1.0 s. Which stays the most constant, in per cent?",
+            "Move the unit of the maneuver from 0.2 to 1.0 s. Which stays the most constant, in "
+            "per cent?",
             page.choice(["inv_tau", "M_q", "delay and lag together", "M_alpha"]),
             lambda value: value == lab.most_constant(),
             "Write the four numbers down at 0.2, 0.5 and 1.0 s.",
-            "The record shows the sum well and its parts poorly. So it is with M_α, M_q, and the lag: read equivalents together, never one by one.",
+            "The record shows the sum well and its parts poorly. So it is with M_α, M_q, and the "
+            "lag: read equivalents together, never one by one.",
         ),
         "band": page.Question(
             "Stick 1 in. Set the dead band from 0 to 0.4 in. By how many per cent does M_δ fall?",
             page.number_field("%"),
-            lambda value: close(value, 100 * (1 - lab.numbers(dead_band=0.4)["M_delta"] / lab.numbers(dead_band=0.0)["M_delta"]), 0.05),
+            lambda value: close(
+                value,
+                100
+                * (
+                    1
+                    - lab.numbers(dead_band=0.4)["M_delta"] / lab.numbers(dead_band=0.0)["M_delta"]
+                ),
+                0.05,
+            ),
             "M_δ at 0.4 in over M_δ at 0, from 1.",
-            "As good as 0.4 of 1 inch: a square-edged input through a break-out looks like a smaller gain, and no test objects. Smooth stick "
+            "As good as 0.4 of 1 inch: a square-edged input through a break-out looks like a "
+            "smaller gain, and no test objects. Smooth stick "
             "inputs would show it.",
         ),
         "order": page.Question(
@@ -194,7 +252,8 @@ def _(close, lab, page):
             page.number_field("tests"),
             lambda value: value == lab.numbers(noise=False)["tests failed"],
             "The box `sensors are noisy`.",
-            "Eight numbers never were thirty states; the noise had hidden it. A model is good enough for a purpose and for a noise.",
+            "Eight numbers never were thirty states; the noise had hidden it. A model is good "
+            "enough for a purpose and for a noise.",
         ),
     }
     answers = page.fields(questions)

@@ -53,7 +53,13 @@ def _(lab, mo, page):
     An effect is claimed if the data force it: a gain in likelihood that noise would hardly give, and a better prediction. Where two effects explain
     the data equally well it says so.
     """),
-            mo.accordion({"Signatures: how each suspect shows": page.table(["suspect", "its signature"], _rows)}),
+            mo.accordion(
+                {
+                    "Signatures: how each suspect shows": page.table(
+                        ["suspect", "its signature"], _rows
+                    )
+                }
+            ),
         ]
     )
     return
@@ -61,7 +67,9 @@ def _(lab, mo, page):
 
 @app.cell
 def _(lab, mo):
-    seed = mo.ui.number(1, 9999, step=1, value=lab.FIRST_SEED, label="seed: each draws another secret")
+    seed = mo.ui.number(
+        1, 9999, step=1, value=lab.FIRST_SEED, label="seed: each draws another secret"
+    )
     get_locked, set_locked = mo.state(None)
     get_rounds, set_rounds = mo.state(())
     return get_locked, get_rounds, seed, set_locked, set_rounds
@@ -74,7 +82,10 @@ def _(figure_record, lab, mo, page, seed):
         [
             mo.md("## 1. The record"),
             seed,
-            page.picture(figure_record(flown.train), "elevator, angle of attack, pitch rate and load factor over time"),
+            page.picture(
+                figure_record(flown.train),
+                "elevator, angle of attack, pitch rate and load factor over time",
+            ),
         ]
     )
     return (flown,)
@@ -85,21 +96,38 @@ def _(figure_residual, flown, lab, mo, np, page, seed):
     _found = lab.fitted(seed.value)
     _residuals = lab.residuals(seed.value)
     _rows = [
-        [name, f"{np.sqrt(np.mean(values**2)) / flown.noise[name]:.2f}", f"{np.corrcoef(values[1:], values[:-1])[0, 1]:+.2f}"]
+        [
+            name,
+            f"{np.sqrt(np.mean(values**2)) / flown.noise[name]:.2f}",
+            f"{np.corrcoef(values[1:], values[:-1])[0, 1]:+.2f}",
+        ]
         for name, values in _residuals.items()
     ]
     mo.vstack(
         [
             mo.md("## 2. What the rigid model leaves of it"),
             page.picture(
-                figure_residual(flown.train.time, _residuals, {channel.name: channel.unit for channel in flown.train.outputs}, flown.noise),
-                "residuals of angle of attack, pitch rate and load factor over time, their power spectra and autocorrelations",
+                figure_residual(
+                    flown.train.time,
+                    _residuals,
+                    {channel.name: channel.unit for channel in flown.train.outputs},
+                    flown.noise,
+                ),
+                "residuals of angle of attack, pitch rate and load factor over time, their power "
+                "spectra and autocorrelations",
             ),
-            page.table(["channel", "rms residual / noise", "correlation with the sample before"], _rows),
+            page.table(
+                ["channel", "rms residual / noise", "correlation with the sample before"], _rows
+            ),
             mo.accordion(
                 {
-                    "The fit itself": page.picture(_found.plot.fit(), "measured and fitted outputs"),
-                    "Another record, predicted": page.picture(_found.plot.held_out(), "a record that was not fitted, measured and predicted"),
+                    "The fit itself": page.picture(
+                        _found.plot.fit(), "measured and fitted outputs"
+                    ),
+                    "Another record, predicted": page.picture(
+                        _found.plot.held_out(),
+                        "a record that was not fitted, measured and predicted",
+                    ),
                 }
             ),
         ]
@@ -130,7 +158,11 @@ def _(guess, mo, seed, set_locked, sure):
             guess,
             sure,
             show,
-            mo.md("*Choose first: the loop is shown to those who have said something.*" if guess.value is None else ""),
+            mo.md(
+                "*Choose first: the loop is shown to those who have said something.*"
+                if guess.value is None
+                else ""
+            ),
         ]
     )
     return
@@ -140,29 +172,53 @@ def _(guess, mo, seed, set_locked, sure):
 def _(flown, get_locked, lab, mo, page, seed):
     _locked = get_locked()
     mo.stop(_locked is None or _locked[0] != seed.value)
-    with mo.status.spinner(title="The loop tries every effect that it knows: some seconds, half a minute for some"):
+    with mo.status.spinner(
+        title="The loop tries every effect that it knows: some seconds, half a minute for some"
+    ):
         found = lab.diagnosed(seed.value)
     guessed, sureness = _locked[1:]
     _errors = [
-        [name, f"{found.error_before[name] / found.noise_floor[name]:.2f}", f"{found.error_after[name] / found.noise_floor[name]:.2f}"]
+        [
+            name,
+            f"{found.error_before[name] / found.noise_floor[name]:.2f}",
+            f"{found.error_after[name] / found.noise_floor[name]:.2f}",
+        ]
         for name in found.error_before
     ]
     _effects = [
         f"- **{page.plain(effect.name)}**: {page.plain(effect.sentence)}"
-        + (f" (these data fit as well: {page.plain(', '.join(effect.alternatives))})" if effect.alternatives else "")
+        + (
+            f" (these data fit as well: {page.plain(', '.join(effect.alternatives))})"
+            if effect.alternatives
+            else ""
+        )
         for effect in found.effects
     ]
     mo.vstack(
         [
             mo.md(f"## 4. What the loop says\n\nYou said: **{guessed}** ({sureness} % sure)."),
-            mo.callout(mo.md(f"**{found.verdict.upper()}.** {page.plain(found.headline)}\n\n" + "\n".join(_effects)), kind="info"),
-            page.picture(found.plot.evidence(), "gain in likelihood of the candidates of each round"),
+            mo.callout(
+                mo.md(
+                    f"**{found.verdict.upper()}.** {page.plain(found.headline)}\n\n"
+                    + "\n".join(_effects)
+                ),
+                kind="info",
+            ),
+            page.picture(
+                found.plot.evidence(), "gain in likelihood of the candidates of each round"
+            ),
             page.picture(found.plot.residuals(), "residuals before and after"),
             mo.md("Error on the record that was **not** fitted, over that of noise alone:"),
             page.table(["channel", "rigid model", "with what was found"], _errors),
-            page.command_line("flightid diagnose train.csv --model rigid --vehicle vehicle.toml --validate validate.csv --out study"),
+            page.command_line(
+                "flightid diagnose train.csv --model rigid --vehicle vehicle.toml --validate "
+                "validate.csv --out study"
+            ),
             mo.hstack(
-                [mo.download(flown.path(name).read_bytes(), filename=name, label=name) for name in ("train.csv", "validate.csv", "vehicle.toml")],
+                [
+                    mo.download(flown.path(name).read_bytes(), filename=name, label=name)
+                    for name in ("train.csv", "validate.csv", "vehicle.toml")
+                ],
                 justify="start",
                 wrap=True,
             ),
@@ -174,7 +230,9 @@ def _(flown, get_locked, lab, mo, page, seed):
 @app.cell
 def _(found, mo):
     _ = found
-    envelope = mo.ui.button(value=0, on_click=lambda presses: presses + 1, label="Open the envelope", kind="warn")
+    envelope = mo.ui.button(
+        value=0, on_click=lambda presses: presses + 1, label="Open the envelope", kind="warn"
+    )
     mo.vstack([mo.md("## 5. The truth"), envelope])
     return (envelope,)
 
@@ -185,13 +243,19 @@ def _(envelope, found, guessed, lab, mo, page, seed, set_rounds, sureness):
     _words, _values = lab.drawn(seed.value)
     # One round a seed: who opens it again has seen it.
     _round = (seed.value, guessed, sureness, guessed == _words, lab.found_by_loop(seed.value))
-    set_rounds(lambda rounds, new=_round: rounds if any(each[0] == new[0] for each in rounds) else (*rounds, new))
+    set_rounds(
+        lambda rounds, new=_round: (
+            rounds if any(each[0] == new[0] for each in rounds) else (*rounds, new)
+        )
+    )
     _claimed = {effect.name: effect for effect in found.effects}.get(lab.SUSPECTS[_words].name)
     _rows = [
         [
             name,
             f"{value:.4g}",
-            f"{_claimed[name].value:.4g} ± {_claimed[name].sigma:.2g}" if _claimed is not None and name in _claimed.parameters else "–",
+            f"{_claimed[name].value:.4g} ± {_claimed[name].sigma:.2g}"
+            if _claimed is not None and name in _claimed.parameters
+            else "–",
         ]
         for name, value in _values.items()
     ]
@@ -199,13 +263,17 @@ def _(envelope, found, guessed, lab, mo, page, seed, set_rounds, sureness):
         [
             mo.callout(
                 mo.md(
-                    f"Hidden was: **{_words}**. Your guess was **{'right' if guessed == _words else 'wrong'}**, "
+                    f"Hidden was: **{_words}**. Your guess was "
+                    f"**{'right' if guessed == _words else 'wrong'}**, "
                     f"the loop {'right' if lab.found_by_loop(seed.value) else 'not right'}."
                 ),
                 kind="success" if guessed == _words else "danger",
             ),
             page.table(["value, SI", "true", "found by the loop"], _rows) if _rows else mo.md(""),
-            mo.md(f"Its signature: {lab.SUSPECTS[_words].shows}. Go back to part 2: would you see it now?"),
+            mo.md(
+                f"Its signature: {lab.SUSPECTS[_words].shows}. Go back to part 2: would you see it "
+                "now?"
+            ),
         ]
     )
     return
@@ -215,15 +283,27 @@ def _(envelope, found, guessed, lab, mo, page, seed, set_rounds, sureness):
 def _(get_rounds, mo, page):
     _rounds = get_rounds()
     mo.stop(not _rounds)
-    _rows = [[str(each[0]), each[1], f"{each[2]} %", "yes" if each[3] else "no", "yes" if each[4] else "no"] for each in _rounds]
+    _rows = [
+        [
+            str(each[0]),
+            each[1],
+            f"{each[2]} %",
+            "yes" if each[3] else "no",
+            "yes" if each[4] else "no",
+        ]
+        for each in _rounds
+    ]
     _brier = sum((each[2] / 100 - each[3]) ** 2 for each in _rounds) / len(_rounds)
     mo.vstack(
         [
             mo.md("### Your rounds"),
-            page.table(["seed", "your guess", "sure", "you were right", "the loop was right"], _rows),
+            page.table(
+                ["seed", "your guess", "sure", "you were right", "the loop was right"], _rows
+            ),
             mo.md(
                 f"Brier score of your guesses, the mean of (sure − right)²: **{_brier:.2f}**. "
-                "Always saying 50 % gives 0.25; who is sure and right gets 0, who is sure and wrong gets 1."
+                "Always saying 50 % gives 0.25; who is sure and right gets 0, who is sure and "
+                "wrong gets 1."
             ),
         ]
     )

@@ -70,9 +70,23 @@ def _(lab, mo, page):
     controls = mo.ui.dictionary(
         {
             "believed": page.slider(0.5, 2.0, 0.25, 1.0, "sensor noise believed / true"),
-            "acting": mo.ui.slider(steps=list(lab.DENSITIES), value=0.0, label="process noise that acts, (deg/s)²/s", show_value=True, debounce=True),
-            "told": mo.ui.slider(steps=list(lab.DENSITIES), value=0.0, label="process noise that the filter is told", show_value=True, debounce=True),
-            "method": mo.ui.dropdown(list(lab.METHODS), value="extended Kalman filter", label="estimator"),
+            "acting": mo.ui.slider(
+                steps=list(lab.DENSITIES),
+                value=0.0,
+                label="process noise that acts, (deg/s)²/s",
+                show_value=True,
+                debounce=True,
+            ),
+            "told": mo.ui.slider(
+                steps=list(lab.DENSITIES),
+                value=0.0,
+                label="process noise that the filter is told",
+                show_value=True,
+                debounce=True,
+            ),
+            "method": mo.ui.dropdown(
+                list(lab.METHODS), value="extended Kalman filter", label="estimator"
+            ),
         }
     )
     runs = page.slider(20, 200, 10, 50, "runs")
@@ -87,7 +101,8 @@ def _(controls, mo, page, runs):
             page.sliders(controls),
             runs,
             mo.md(
-                "Where process noise acts every run is a flight of its own: fifty take a few seconds. "
+                "Where process noise acts every run is a flight of its own: fifty take a few "
+                "seconds. "
                 "(Output error knows no process noise, whatever the third slider says.)"
             ),
         ]
@@ -128,11 +143,14 @@ def _(command, controls, lab, mo, page, runs):
                 _rows,
             ),
             mo.md(
-                f"All six together: **{100 * many.pooled.within_two:.0f} %** of the 2-sigma intervals hold the truth (95 % interval "
+                f"All six together: **{100 * many.pooled.within_two:.0f} %** of the 2-sigma "
+                "intervals hold the truth (95 % interval "
                 f"{100 * _low:.0f} to {100 * _high:.0f} %; honest: 95 %); "
                 f"scatter over sigma **{many.pooled.scatter:.2f}**."
             ),
-            page.command_line(command("campaign", lab.SCENARIO, asked, "--runs", str(runs.value), "--seed", "1")),
+            page.command_line(
+                command("campaign", lab.SCENARIO, asked, "--runs", str(runs.value), "--seed", "1")
+            ),
         ]
     )
     return asked, many
@@ -140,7 +158,10 @@ def _(command, controls, lab, mo, page, runs):
 
 @app.cell
 def _(figure_scatter, lab, many, page):
-    page.picture(figure_scatter(lab.errors(many)), "histograms of the errors in reported sigmas beside the standard normal density")
+    page.picture(
+        figure_scatter(lab.errors(many)),
+        "histograms of the errors in reported sigmas beside the standard normal density",
+    )
     return
 
 
@@ -157,7 +178,8 @@ def _(asked, figure_residual, lab, mo, page, residuals):
                     {channel.name: channel.unit for channel in _study.record.outputs},
                     _study.truth.noise_std,
                 ),
-                "residual of angle of attack and pitch rate of one run, power spectra, autocorrelation",
+                "residual of angle of attack and pitch rate of one run, power spectra, "
+                "autocorrelation",
             ),
         ]
     )
@@ -168,41 +190,65 @@ def _(asked, figure_residual, lab, mo, page, residuals):
 def _(close, lab, page):
     questions = {
         "honest": page.Question(
-            "Everything as it was at first (50 runs). By how much does the reported sigma of C_mα differ from the Cramér-Rao bound, in per cent?",
+            "Everything as it was at first (50 runs). By how much does the reported sigma of C_mα "
+            "differ from the Cramér-Rao bound, in per cent?",
             page.number_field("%"),
-            lambda value: abs(abs(value) - abs(100 * (lab.numbers()["sigma over bound of Cm_alpha"] - 1))) <= 1.5,
+            lambda value: (
+                abs(abs(value) - abs(100 * (lab.numbers()["sigma over bound of Cm_alpha"] - 1)))
+                <= 1.5
+            ),
             "Divide the fourth column by the sixth.",
-            "By next to nothing: this estimator wastes nothing, and it is honest. (It is a shade below the bound because it also has a "
+            "By next to nothing: this estimator wastes nothing, and it is honest. (It is a shade "
+            "below the bound because it also has a "
             "prior, which the bound does not count.)",
         ),
         "sensors": page.Question(
             "Believe in sensors twice as good as they are (0.5). What happens?",
-            page.choice(["sigma and scatter both halve", "sigma halves, the scatter stays", "sigma stays, the scatter doubles"]),
+            page.choice(
+                [
+                    "sigma and scatter both halve",
+                    "sigma halves, the scatter stays",
+                    "sigma stays, the scatter doubles",
+                ]
+            ),
             lambda value: value == "sigma halves, the scatter stays",
             "Compare the columns `scatter` and `reported sigma` before and after.",
-            "Equal weights on all sensors, wrong by one factor, leave the estimate alone. Only the statement is wrong.",
+            "Equal weights on all sensors, wrong by one factor, leave the estimate alone. Only the "
+            "statement is wrong.",
         ),
         "unmodelled": page.Question(
-            "Back to 1. Let process noise of 0.1 act and tell the filter nothing. By what factor does C_mδe scatter more than its sigma says?",
+            "Back to 1. Let process noise of 0.1 act and tell the filter nothing. By what factor "
+            "does C_mδe scatter more than its sigma says?",
             page.number_field("times"),
             lambda value: close(value, lab.numbers(acting=0.1)["scatter over sigma of Cm_de"], 0.1),
             "The column `scatter / reported`.",
-            "Its autocorrelation shows why: the residual is coloured. Real records in calm air do this too, for every model lacks something.",
+            "Its autocorrelation shows why: the residual is coloured. Real records in calm air do "
+            "this too, for every model lacks something.",
         ),
         "corrected": page.Question(
-            "The same flight by output error, whose sigmas are corrected for the colour. How many per cent of the 2-sigma intervals hold the "
+            "The same flight by output error, whose sigmas are corrected for the colour. How many "
+            "per cent of the 2-sigma intervals hold the "
             "truth now?",
             page.number_field("%"),
-            lambda value: abs(value - lab.numbers(acting=0.1, method="output error")["within 2 sigma"]) <= 3,
+            lambda value: (
+                abs(value - lab.numbers(acting=0.1, method="output error")["within 2 sigma"]) <= 3
+            ),
             "The line under the table.",
-            "From 39 to 77: better by far, and still not 95. The correction knows the colour only as well as one residual of one maneuver "
+            "From 39 to 77: better by far, and still not 95. The correction knows the colour only "
+            "as well as one residual of one maneuver "
             "can show it.",
         ),
         "right": page.Question(
-            "Kalman filter again, 0.1 acts, and tell it 0.1. Sigmas are honest. By what factor has the *scatter* of C_Lq become smaller than "
+            "Kalman filter again, 0.1 acts, and tell it 0.1. Sigmas are honest. By what factor has "
+            "the *scatter* of C_Lq become smaller than "
             "when it was told nothing?",
             page.number_field("times"),
-            lambda value: close(value, lab.numbers(acting=0.1)["scatter of CL_q"] / lab.numbers(acting=0.1, told=0.1)["scatter of CL_q"], 0.1),
+            lambda value: close(
+                value,
+                lab.numbers(acting=0.1)["scatter of CL_q"]
+                / lab.numbers(acting=0.1, told=0.1)["scatter of CL_q"],
+                0.1,
+            ),
             "Divide the scatter at 0 told by the one at 0.1 told.",
             "The right weights do not only say how good the estimate is, they make it better.",
         ),
@@ -211,7 +257,8 @@ def _(close, lab, page):
             page.choice(
                 [
                     "yes, and it costs nothing",
-                    "it is safe but wasteful: sigmas are several times too large, and the intervals say little",
+                    "it is safe but wasteful: sigmas are several times too large, and the "
+                    "intervals say little",
                     "no, the estimates are biased",
                 ]
             ),

@@ -55,15 +55,27 @@ def _(mo):
 
 @app.cell
 def _(lab, mo):
-    source = mo.ui.radio(["the example", "my own files"], value="the example", label="Which records?", inline=True)
-    uploads = mo.ui.file(filetypes=[".csv"], multiple=True, kind="area", label="CSV files, one a maneuver; drop them here")
+    source = mo.ui.radio(
+        ["the example", "my own files"], value="the example", label="Which records?", inline=True
+    )
+    uploads = mo.ui.file(
+        filetypes=[".csv"],
+        multiple=True,
+        kind="area",
+        label="CSV files, one a maneuver; drop them here",
+    )
     model = mo.ui.dropdown(list(lab.VEHICLES), value="rigid", label="model")
     return model, source, uploads
 
 
 @app.cell
 def _(lab, mo, model, source):
-    vehicle = mo.ui.text_area(value=lab.vehicle_text(model.value), rows=16, full_width=True, label="vehicle file (TOML): put your numbers in")
+    vehicle = mo.ui.text_area(
+        value=lab.vehicle_text(model.value),
+        rows=16,
+        full_width=True,
+        label="vehicle file (TOML): put your numbers in",
+    )
     channels = mo.ui.text_area(
         value=lab.MAP if source.value == "the example" else "",
         rows=6,
@@ -85,7 +97,10 @@ def _(channels, lab, mo, model, source, uploads, vehicle):
             else mo.hstack(
                 [
                     mo.md("Two records, exported as flight-test systems do:"),
-                    *(mo.download(content, filename=name, label=name) for name, content in lab.example()),
+                    *(
+                        mo.download(content, filename=name, label=name)
+                        for name, content in lab.example()
+                    ),
                 ],
                 justify="start",
                 wrap=True,
@@ -100,7 +115,11 @@ def _(channels, lab, mo, model, source, uploads, vehicle):
 
 @app.cell
 def _(channels, lab, mo, page, source, uploads, vehicle):
-    _files = lab.example() if source.value == "the example" else tuple((each.name, each.contents) for each in uploads.value)
+    _files = (
+        lab.example()
+        if source.value == "the example"
+        else tuple((each.name, each.contents) for each in uploads.value)
+    )
     mo.stop(not _files, mo.callout(mo.md("No file yet."), kind="neutral"))
     given, _refused = lab.tried(lambda: lab.kept(_files, vehicle.value, channels.value))
     _records, _error = lab.tried(lambda: lab.read(given)) if given else (None, _refused)
@@ -108,8 +127,14 @@ def _(channels, lab, mo, page, source, uploads, vehicle):
     mo.vstack(
         [
             mo.md("## 2. What was read"),
-            page.table(["record", "channel", "unit", "samples", "least", "greatest"], lab.channel_rows(_records)),
-            mo.md("Columns that no channel needs are not looked at. A channel that you miss here has another header: put it into the map."),
+            page.table(
+                ["record", "channel", "unit", "samples", "least", "greatest"],
+                lab.channel_rows(_records),
+            ),
+            mo.md(
+                "Columns that no channel needs are not looked at. A channel that you miss here has "
+                "another header: put it into the map."
+            ),
         ]
     )
     return (given,)
@@ -123,8 +148,14 @@ def _(given, lab, mo, page):
             mo.md("## 3. The sensors, before any model"),
             mo.callout(mo.md(f"**Refused.** {page.plain(_error)}"), kind="danger")
             if _check is None
-            else mo.md("\n".join(f"- {page.plain(line)}" for line in (*_check.sentences, *_check.warnings)) or "The kinematics find nothing to say."),
-            page.picture(_check.plot.reconstruction(), "measured channels against those that the kinematics reconstruct")
+            else mo.md(
+                "\n".join(f"- {page.plain(line)}" for line in (*_check.sentences, *_check.warnings))
+                or "The kinematics find nothing to say."
+            ),
+            page.picture(
+                _check.plot.reconstruction(),
+                "measured channels against those that the kinematics reconstruct",
+            )
             if _check is not None and _check.details.result.reconstructions
             else mo.md(""),
             page.command_line(
@@ -148,11 +179,20 @@ def _(given, lab, mo, model, page):
             page.table(
                 ["parameter", "unit", "estimate", "sigma", "started at"],
                 [
-                    [p.name, p.unit, f"{p.value:.4g}", f"{p.sigma:.2g}", "" if p.start is None else f"{p.start:.4g}"]
+                    [
+                        p.name,
+                        p.unit,
+                        f"{p.value:.4g}",
+                        f"{p.sigma:.2g}",
+                        "" if p.start is None else f"{p.start:.4g}",
+                    ]
                     for p in _found.parameters.values()
                 ],
             ),
-            mo.md(f"Outcome: {_found.outcome}." + "".join(f"\n- {page.plain(line)}" for line in (*_found.warnings, *_found.notes))),
+            mo.md(
+                f"Outcome: {_found.outcome}."
+                + "".join(f"\n- {page.plain(line)}" for line in (*_found.warnings, *_found.notes))
+            ),
             page.picture(_found.plot.fit(), "measured and fitted outputs with what is left"),
         ]
     mo.vstack(
@@ -178,7 +218,10 @@ def _(given, mo):
     mo.vstack(
         [
             mo.md("## 5. Diagnosis"),
-            mo.md("The loop tries every effect that it knows. A short record takes some seconds, several long ones take minutes."),
+            mo.md(
+                "The loop tries every effect that it knows. A short record takes some seconds, "
+                "several long ones take minutes."
+            ),
             ask,
         ]
     )
@@ -191,14 +234,31 @@ def _(ask, given, lab, mo, model, page, partial):
     with mo.status.spinner(title="Tracing what the residual comes from"):
         _found, _error = lab.tried(lambda: lab.diagnosed(given, model.value))
     mo.stop(_found is None, mo.callout(mo.md(f"**Refused.** {page.plain(_error)}"), kind="danger"))
-    _effects = [f"- **{page.plain(effect.name)}**: {page.plain(effect.sentence)}" for effect in _found.effects]
+    _effects = [
+        f"- **{page.plain(effect.name)}**: {page.plain(effect.sentence)}"
+        for effect in _found.effects
+    ]
     mo.vstack(
         [
-            mo.callout(mo.md(f"**{_found.verdict.upper()}.** {page.plain(_found.headline)}\n\n" + "\n".join(_effects)), kind="info"),
-            page.picture(_found.plot.prediction(), "what was held out: measured and predicted, before and after"),
+            mo.callout(
+                mo.md(
+                    f"**{_found.verdict.upper()}.** {page.plain(_found.headline)}\n\n"
+                    + "\n".join(_effects)
+                ),
+                kind="info",
+            ),
+            page.picture(
+                _found.plot.prediction(),
+                "what was held out: measured and predicted, before and after",
+            ),
             page.picture(_found.plot.derivatives(), "parameters before and after"),
             mo.md("\n".join(f"- {page.plain(line)}" for line in (*_found.warnings, *_found.notes))),
-            mo.download(partial(lab.report, _found), filename="report.html", mimetype="text/html", label="Download the report"),
+            mo.download(
+                partial(lab.report, _found),
+                filename="report.html",
+                mimetype="text/html",
+                label="Download the report",
+            ),
             page.command_line(
                 "flightid diagnose "
                 + " ".join(path.name for path in given.records)

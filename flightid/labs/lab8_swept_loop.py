@@ -57,10 +57,28 @@ def _(mo):
 def _(lab, mo, page):
     controls = mo.ui.dictionary(
         {
-            "gain": mo.ui.slider(steps=list(lab.GAINS), value=0.22, label="gain of the law, command per rad/s", show_value=True, debounce=True),
-            "delay": mo.ui.slider(steps=list(lab.DELAYS), value=32.0, label="delay, ms", show_value=True, debounce=True),
+            "gain": mo.ui.slider(
+                steps=list(lab.GAINS),
+                value=0.22,
+                label="gain of the law, command per rad/s",
+                show_value=True,
+                debounce=True,
+            ),
+            "delay": mo.ui.slider(
+                steps=list(lab.DELAYS),
+                value=32.0,
+                label="delay, ms",
+                show_value=True,
+                debounce=True,
+            ),
             "amplitude": page.slider(0.1, 0.3, 0.05, 0.15, "amplitude of the sweep"),
-            "gyro": mo.ui.slider(steps=[0.5, 1.0, 5.0, 20.0], value=1.0, label="gyro noise, deg/s", show_value=True, debounce=True),
+            "gyro": mo.ui.slider(
+                steps=[0.5, 1.0, 5.0, 20.0],
+                value=1.0,
+                label="gyro noise, deg/s",
+                show_value=True,
+                debounce=True,
+            ),
         }
     )
     return (controls,)
@@ -68,7 +86,13 @@ def _(lab, mo, page):
 
 @app.cell
 def _(controls, mo, page):
-    mo.vstack([mo.md("## Try it"), page.sliders(controls), mo.md("Three flights of a minute are pooled; they take a second or two.")])
+    mo.vstack(
+        [
+            mo.md("## Try it"),
+            page.sliders(controls),
+            mo.md("Three flights of a minute are pooled; they take a second or two."),
+        ]
+    )
     return
 
 
@@ -97,7 +121,10 @@ def _(command, controls, lab, mo, page):
 
 @app.cell
 def _(figure_response, found, page):
-    page.picture(figure_response(found.response), "magnitude, phase and coherence of the roll rate over the command, with the fitted model")
+    page.picture(
+        figure_response(found.response),
+        "magnitude, phase and coherence of the roll rate over the command, with the fitted model",
+    )
     return
 
 
@@ -107,9 +134,16 @@ def _(asked, figure_margins, found, lab, mo, page):
     mo.vstack(
         [
             mo.md("**The broken loop, by the joint estimate.**"),
-            page.picture(figure_margins(found.loop), "gain, phase and distance from -1 of the broken loop with its margins, joint estimate"),
+            page.picture(
+                figure_margins(found.loop),
+                "gain, phase and distance from -1 of the broken loop with its margins, joint "
+                "estimate",
+            ),
             mo.md("**The same flights if the sweep had not been recorded.** The direct estimate:"),
-            page.picture(figure_margins(_direct), "gain, phase and distance from -1 of the broken loop by the direct estimate"),
+            page.picture(
+                figure_margins(_direct),
+                "gain, phase and distance from -1 of the broken loop by the direct estimate",
+            ),
         ]
     )
     return
@@ -126,32 +160,47 @@ def _(close, lab, page):
             "Its interval holds the true one: the loop was never opened, and no model was needed.",
         ),
         "delay": page.Question(
-            f"What is the longest delay of the slider with a true phase margin of {lab.ENOUGH:g} deg or more?",
+            f"What is the longest delay of the slider with a true phase margin of {lab.ENOUGH:g} "
+            "deg or more?",
             page.number_field("ms"),
             lambda value: close(value, lab.longest_delay(), 0.01),
             "Move the delay and read the column `true`.",
-            "Each millisecond costs the crossover frequency times 0.057 deg per rad/s. A delay margin says the same in one number.",
+            "Each millisecond costs the crossover frequency times 0.057 deg per rad/s. A delay "
+            "margin says the same in one number.",
         ),
         "gain": page.Question(
-            "Back to 32 ms. Double the gain of the law from 0.22 to 0.44. By how many dB does the gain margin fall?",
+            "Back to 32 ms. Double the gain of the law from 0.22 to 0.44. By how many dB does the "
+            "gain margin fall?",
             page.number_field("dB"),
             lambda value: value is not None and abs(value - 6.0) <= 0.5,
             "Compare `gain increase` before and after.",
-            "By 20 log 2 = 6 dB less what the integral does: the margin is counted in just that unit.",
+            "By 20 log 2 = 6 dB less what the integral does: the margin is counted in just that "
+            "unit.",
         ),
         "direct": page.Question(
-            "Gain 0.22 again, gyro noise of 20 deg/s. Where does the direct estimate of the broken loop go?",
-            page.choice(["towards 0", "towards -1, as if the loop were at its border", "nowhere: it only scatters more"]),
+            "Gain 0.22 again, gyro noise of 20 deg/s. Where does the direct estimate of the broken "
+            "loop go?",
+            page.choice(
+                [
+                    "towards 0",
+                    "towards -1, as if the loop were at its border",
+                    "nowhere: it only scatters more",
+                ]
+            ),
             lambda value: value is not None and value.startswith("towards -1"),
-            "Look at the distance from -1 in the last figure, and at the theory: what is f/e when there is no sweep?",
-            "Where noise is larger than the sweep, e = -f, whatever the law. The margins that it shows are those of the noise.",
+            "Look at the distance from -1 in the last figure, and at the theory: what is f/e when "
+            "there is no sweep?",
+            "Where noise is larger than the sweep, e = -f, whatever the law. The margins that it "
+            "shows are those of the noise.",
         ),
         "amplitude": page.Question(
-            "Gyro noise of 5 deg/s. Raise the amplitude of the sweep from 0.1 to 0.2. What does the sigma of the phase margin do?",
+            "Gyro noise of 5 deg/s. Raise the amplitude of the sweep from 0.1 to 0.2. What does "
+            "the sigma of the phase margin do?",
             page.choice(["it stays", "it halves about", "it doubles"]),
             lambda value: value == "it halves about",
             "Compare the sigmas of the phase margin in the table.",
-            "The random error goes with noise over signal. Twice the amplitude is worth four times the flight.",
+            "The random error goes with noise over signal. Twice the amplitude is worth four times "
+            "the flight.",
         ),
     }
     answers = page.fields(questions)

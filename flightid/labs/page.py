@@ -1,4 +1,6 @@
-"""What all labs show alike: pictures, command lines, tables, and questions that tell at once whether an answer holds."""
+"""What all labs show alike: pictures, command lines, tables, and questions that tell at once
+whether an answer holds.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from scenarios.plots.drawing import figure_png
 
 @dataclass(frozen=True)
 class Question:
-    """A question of a lab: ``field`` is the notebook element for the answer, ``right`` whether its value holds.
+    """A question of a lab: ``field`` is the notebook element for the answer, ``right`` whether its
+    value holds.
 
     ``hint`` is shown beside a wrong answer, ``reason`` beside a right one.
     """
@@ -32,12 +35,16 @@ def heading(number: int, title: str, aim: str) -> Any:
 
 
 def picture(figure: Figure, told: str) -> Any:
-    """A figure as an image that is never wider than the page; ``told`` says what it shows to those who do not see it."""
+    """A figure as an image that is never wider than the page; ``told`` says what it shows to those
+    who do not see it.
+    """
     return mo.image(figure_png(figure), alt=told, style={"width": "100%", "max-width": "770px"})
 
 
 def plain(text: str) -> str:
-    """A sentence of the library as Markdown shows it letter by letter: names such as ``sensor-lag:q`` hold no emoji."""
+    """A sentence of the library as Markdown shows it letter by letter: names such as
+    ``sensor-lag:q`` hold no emoji.
+    """
     return text.replace(":", "&#58;").replace("*", "\\*").replace("_", "\\_")
 
 
@@ -48,7 +55,11 @@ def command_line(line: str, what: str = "The same on the command line") -> Any:
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Any:
     """A table; numbers come as text, rounded as they are meant to be read."""
-    lines = [" | ".join(headings), " | ".join([":--", *["--:"] * (len(headings) - 1)]), *(" | ".join(row) for row in rows)]
+    lines = [
+        " | ".join(headings),
+        " | ".join([":--", *["--:"] * (len(headings) - 1)]),
+        *(" | ".join(row) for row in rows),
+    ]
     return mo.md("\n".join(f"| {line} |" for line in lines))
 
 
@@ -64,7 +75,9 @@ def number_field(unit: str) -> Any:
 
 def slider(start: float, stop: float, step: float, value: float, label: str) -> Any:
     """A slider that shows its value and computes when it is let go."""
-    return mo.ui.slider(start, stop, step=step, value=value, label=label, show_value=True, debounce=True)
+    return mo.ui.slider(
+        start, stop, step=step, value=value, label=label, show_value=True, debounce=True
+    )
 
 
 def choice(options: Sequence[str]) -> Any:

@@ -1,12 +1,15 @@
 """Banks of extended Kalman filters: one batched pass, one filter, and the iterated filter.
 
-A pass goes over its samples in stretches: by the table of its equations where they have one (`ident.banks.equation_kernels`), else step by
-step (`ident.banks.equation_kernels`). What broke down is looked for once a stretch.
+A pass goes over its samples in stretches: by the table of its equations where they have one
+(`ident.banks.equation_kernels`), else step by step (`ident.banks.equation_kernels`). What broke
+down is looked for once a stretch.
 
-The same filter as `ident.filters.ekf`, with runs on a batch axis (`ident.banks.bank`); it agrees with filterpy's to rounding.
+The same filter as `ident.filters.ekf`, with runs on a batch axis (`ident.banks.bank`); it agrees
+with filterpy's to rounding.
 
-The smoothed trajectory to linearise about comes from the modified Bryson-Frazier recursion, which inverts nothing but
-the innovations' covariance (Bierman, "Fixed Interval Smoothing with Discrete Measurements", Int. J. Control 18(1), 1973).
+The smoothed trajectory to linearise about comes from the modified Bryson-Frazier recursion, which
+inverts nothing but the innovations' covariance (Bierman, "Fixed Interval Smoothing with Discrete
+Measurements", Int. J. Control 18(1), 1973).
 """
 
 from __future__ import annotations
@@ -55,11 +58,13 @@ def run_pass(
     *,
     in_rows: bool = False,
 ) -> BankPass:
-    """Filter all runs once. A run that breaks down keeps the mean and covariance of its last sound sample.
+    """Filter all runs once. A run that breaks down keeps the mean and covariance of its last sound
+    sample.
 
-    ``about (n, N, B)`` is a trajectory to linearise about instead of the filter's own; ``trace`` is filled where given. ``in_rows`` asks
-    for `ident.banks.row_kernel` where the equations have a table: from a hundred runs on the faster way, and below the slower one, by
-    which no run's numbers depend on which others there are.
+    ``about (n, N, B)`` is a trajectory to linearise about instead of the filter's own; ``trace`` is
+    filled where given. ``in_rows`` asks for `ident.banks.row_kernel` where the equations have a
+    table: from a hundred runs on the faster way, and below the slower one, by which no run's
+    numbers depend on which others there are.
     """
     if in_rows and about is None and trace is None:
         plain = pass_side_by_side(problem, settings, runs, keep)
@@ -69,7 +74,13 @@ def run_pass(
     x, P = runs.start, np.array(np.broadcast_to(problem.covariance, (B, n, n)), order="C")
     last_x, last_P, sound = x, P, np.ones(B, dtype=bool)
     log_likelihood, nis = np.zeros(B), np.zeros((N, B))
-    history = BankHistory(np.zeros((m, N, B)), np.ones((m, N, B)), np.zeros((n, N, B)), np.zeros((n, N, B))) if keep else None
+    history = (
+        BankHistory(
+            np.zeros((m, N, B)), np.ones((m, N, B)), np.zeros((n, N, B)), np.zeros((n, N, B))
+        )
+        if keep
+        else None
+    )
     with np.errstate(all="ignore"):
         march = march_of_table(problem, settings, runs) or march_of_steps(problem, settings, runs)
         for first in range(0, N, _STRETCH):
@@ -81,16 +92,24 @@ def run_pass(
             log_likelihood = log_likelihood + np.where(good, gained, 0.0).sum(axis=0)
             nis[first:last] = np.where(good, squared, 0.0)
             if trace is not None:
-                trace.mean[first:last], trace.covariance[first:last] = done.mean.transpose(0, 2, 1), done.covariance
+                trace.mean[first:last], trace.covariance[first:last] = (
+                    done.mean.transpose(0, 2, 1),
+                    done.covariance,
+                )
             if history is not None:
                 _keep(history, slice(first, last), done, good, (last_x, last_P))
             last_x, last_P, sound = *_kept(done, good, last_x, last_P), good[-1]
-    # What rounding left unsymmetric in between is of its own order; the rows of the states are mirrored in every step.
-    return BankPass(last_x, 0.5 * (last_P + np.swapaxes(last_P, 1, 2)), log_likelihood, nis, sound, history)
+    # What rounding left unsymmetric in between is of its own order; the rows of the states are
+    # mirrored in every step.
+    return BankPass(
+        last_x, 0.5 * (last_P + np.swapaxes(last_P, 1, 2)), log_likelihood, nis, sound, history
+    )
 
 
 def worth(innovation: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Log-likelihood gained and normalised square, ``(K, B)`` each, of innovations ``(K, B, m, 1 + m)`` as in ``Stretch``; ``valid (m, K)``."""
+    """Log-likelihood gained and normalised square, ``(K, B)`` each, of innovations ``(K, B, m, 1 +
+    m)`` as in ``Stretch``; ``valid (m, K)``.
+    """
     rows = innovation.copy()
     variance = decorrelated(rows)
     squared = (rows[..., 0] ** 2 / variance).sum(axis=-1)
@@ -99,37 +118,71 @@ def worth(innovation: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def sound_so_far(done: PassStretch, squared: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Which runs hold numbers that serve up to each sample, finite and no negative variance: ``(K, B)``, from ``before (B,)``."""
+    """Which runs hold numbers that serve up to each sample, finite and no negative variance: ``(K,
+    B)``, from ``before (B,)``.
+    """
     variance = np.diagonal(done.covariance, axis1=2, axis2=3)
-    # What is not finite stays so: the last sample tells of all. Sums of squares are the cheapest bound, and a NaN fails the comparison.
+    # What is not finite stays so: the last sample tells of all. Sums of squares are the cheapest
+    # bound, and a NaN fails the comparison.
     ends = [each.ravel() for each in (done.mean[-1], done.covariance[-1], squared)]
-    if before.all() and sum(np.vdot(each, each) for each in ends) < LARGEST**2 and variance.min() >= 0.0:
+    if (
+        before.all()
+        and sum(np.vdot(each, each) for each in ends) < LARGEST**2
+        and variance.min() >= 0.0
+    ):
         return np.ones(squared.shape, dtype=bool)
-    good = np.all(np.abs(done.mean) < LARGEST, axis=2) & np.all(np.abs(done.covariance) < LARGEST, axis=(2, 3))
+    good = np.all(np.abs(done.mean) < LARGEST, axis=2) & np.all(
+        np.abs(done.covariance) < LARGEST, axis=(2, 3)
+    )
     good &= np.all(variance >= 0.0, axis=2) & (np.abs(squared) < LARGEST)
     return np.logical_and.accumulate(good, axis=0) & before
 
 
-def _kept(done: PassStretch, good: np.ndarray, x: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean ``(n, B)`` and covariance ``(B, n, n)`` of each run after its last sound sample; ``x`` and ``P`` are those before the stretch."""
+def _kept(
+    done: PassStretch, good: np.ndarray, x: np.ndarray, P: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean ``(n, B)`` and covariance ``(B, n, n)`` of each run after its last sound sample; ``x``
+    and ``P`` are those before the stretch.
+    """
     if good[-1].all():
         return done.mean[-1].T, done.covariance[-1]
     out_x, out_P, count = x.copy(), P.copy(), np.count_nonzero(good, axis=0)
     for run in np.flatnonzero(count):
-        out_x[:, run], out_P[run] = done.mean[count[run] - 1, run], done.covariance[count[run] - 1, run]
+        out_x[:, run], out_P[run] = (
+            done.mean[count[run] - 1, run],
+            done.covariance[count[run] - 1, run],
+        )
     return out_x, out_P
 
 
-def _keep(history: BankHistory, at: slice, done: PassStretch, good: np.ndarray, before: tuple[np.ndarray, np.ndarray]) -> None:
+def _keep(
+    history: BankHistory,
+    at: slice,
+    done: PassStretch,
+    good: np.ndarray,
+    before: tuple[np.ndarray, np.ndarray],
+) -> None:
     """Write a stretch into the history; runs that broke down stay where they were."""
     mean, variance = done.mean, np.diagonal(done.covariance, axis1=2, axis2=3)
     if not good.all():
         count = np.count_nonzero(good, axis=0)
-        row = np.minimum(np.arange(len(mean))[:, None], count - 1)  # the last sound sample so far, -1 where it lies before the stretch
-        mean = np.where((row >= 0)[:, :, None], np.take_along_axis(mean, np.maximum(row, 0)[:, :, None], axis=0), before[0].T)
+        # the last sound sample so far, -1 where it lies before the stretch
+        row = np.minimum(np.arange(len(mean))[:, None], count - 1)
+        mean = np.where(
+            (row >= 0)[:, :, None],
+            np.take_along_axis(mean, np.maximum(row, 0)[:, :, None], axis=0),
+            before[0].T,
+        )
         variance_before = np.diagonal(before[1], axis1=1, axis2=2)
-        variance = np.where((row >= 0)[:, :, None], np.take_along_axis(variance, np.maximum(row, 0)[:, :, None], axis=0), variance_before)
-    history.mean[:, at], history.std[:, at] = mean.transpose(2, 0, 1), np.sqrt(np.maximum(variance, 0.0)).transpose(2, 0, 1)
+        variance = np.where(
+            (row >= 0)[:, :, None],
+            np.take_along_axis(variance, np.maximum(row, 0)[:, :, None], axis=0),
+            variance_before,
+        )
+    history.mean[:, at], history.std[:, at] = (
+        mean.transpose(2, 0, 1),
+        np.sqrt(np.maximum(variance, 0.0)).transpose(2, 0, 1),
+    )
     y, S = done.innovation[..., 0], np.diagonal(done.innovation[..., 1:], axis1=2, axis2=3)
     history.innovation[:, at] = np.where(good[:, :, None], y, 0.0).transpose(2, 0, 1)
     history.innovation_std[:, at] = np.where(good[:, :, None], np.sqrt(S), 1.0).transpose(2, 0, 1)
@@ -147,11 +200,11 @@ class BankEstimate:
     names : states, then free parameters (n).
     mean : ``(n, B)``, covariance : ``(B, n, n)`` after the last sound sample.
     log_likelihood : ``(B,)``; minus infinity for a run that broke down.
-    nis : ``(N, B)`` normalised innovation squared at each sample, zero where nothing was measured or a run broke down.
-    sound : ``(B,)`` False where a run broke down.
-    iterations : ``(B,)`` passes over the data of each run.
-    innovation, innovation_std : ``(m, N, B)``, kept when asked for; zero and one where a sample is missing.
-    history, history_std : ``(n, N, B)`` means and standard deviations after each update, kept when asked for.
+    nis : ``(N, B)`` normalised innovation squared at each sample, zero where nothing was measured
+    or a run broke down. sound : ``(B,)`` False where a run broke down. iterations : ``(B,)`` passes
+    over the data of each run. innovation, innovation_std : ``(m, N, B)``, kept when asked for; zero
+    and one where a sample is missing. history, history_std : ``(n, N, B)`` means and standard
+    deviations after each update, kept when asked for.
     """
 
     names: tuple[str, ...]
@@ -189,17 +242,19 @@ def run_bank(
     ----------
     record : time, inputs, and the validity of the outputs, shared by all runs.
     system : compiled with ``online=True``.
-    settings : as for ``run_ekf``. With several passes each run stops by itself as ``run_ekf`` does: settled or
+    settings : as for ``run_ekf``. With several passes each run stops by itself as ``run_ekf`` does:
+    settled or
         broken down, it takes no further part, and the bank ends when no run is left.
     z : outputs of each run, ``(m, N, B)``; the record's own for all when None.
     held : values of held parameters by name, ``(B,)`` each, e.g. ``{"input-delay.delay": delays}``.
-    start : starting mean of states and free parameters, ``(n,)`` or ``(n, B)``; the System's when None.
-    covariance : at the start, ``(B, n, n)``, for a single pass; the System's priors for all when None.
-    keep : also return histories of means and innovations.
+    start : starting mean of states and free parameters, ``(n,)`` or ``(n, B)``; the System's when
+    None. covariance : at the start, ``(B, n, n)``, for a single pass; the System's priors for all
+    when None. keep : also return histories of means and innovations.
 
     Raises
     ------
-    ModelError : as for ``run_ekf``; a parameter given in ``held`` that is free; numbers of runs that differ; a covariance of each
+    ModelError : as for ``run_ekf``; a parameter given in ``held`` that is free; numbers of runs
+    that differ; a covariance of each
         run with several passes.
     """
     settings = settings or FilterSettings()
@@ -207,10 +262,15 @@ def run_bank(
     n_x, count = len(system.states), runs.start.shape[1]
     if covariance is not None:
         if settings.passes > 1 or covariance.shape != (count, *problem.covariance.shape):
-            raise ModelError("a covariance for each run is for one pass of as many runs", where="bank", remedy="call it once for each pass")
+            raise ModelError(
+                "a covariance for each run is for one pass of as many runs",
+                where="bank",
+                remedy="call it once for each pass",
+            )
         problem = replace(problem, covariance=covariance)
 
-    # Runs with data of their own are a campaign's: hundreds, each of which must not depend on the others.
+    # Runs with data of their own are a campaign's: hundreds, each of which must not depend on the
+    # others.
     filtered = partial(run_pass, problem, settings, in_rows=z is not None)
     result, iterations = filtered(runs, keep), np.ones(count, dtype=int)
     active = np.flatnonzero(result.sound)
@@ -219,19 +279,40 @@ def run_bank(
             break
         start_again = np.concatenate([runs.start[:n_x], result.mean[n_x:]])
         again = filtered(BankRuns(runs.p, runs.drive, runs.z, start_again).only(active), keep)
-        std = np.sqrt(np.maximum(np.diagonal(result.covariance[active], axis1=1, axis2=2).T[n_x:], np.finfo(float).tiny))
-        moved = np.max(np.abs(again.mean[n_x:] - result.mean[n_x:, active]) / std, axis=0, initial=0.0)
+        std = np.sqrt(
+            np.maximum(
+                np.diagonal(result.covariance[active], axis1=1, axis2=2).T[n_x:],
+                np.finfo(float).tiny,
+            )
+        )
+        moved = np.max(
+            np.abs(again.mean[n_x:] - result.mean[n_x:, active]) / std, axis=0, initial=0.0
+        )
         result, iterations[active] = _merged(result, again, active), done + 1
         active = active[again.sound & (moved >= SETTLED)]
     return bank_estimate(problem, result, iterations, sound=result.sound)
 
 
-def bank_estimate(problem: FilterProblem, result: BankPass, iterations: np.ndarray, *, sound: np.ndarray) -> BankEstimate:
+def bank_estimate(
+    problem: FilterProblem, result: BankPass, iterations: np.ndarray, *, sound: np.ndarray
+) -> BankEstimate:
     """A pass as an estimate; a run that is not ``sound`` has a likelihood of zero."""
     kept = result.history
     log_likelihood = np.where(sound, result.log_likelihood, -np.inf)
-    estimate = (problem.names, result.mean, result.covariance, log_likelihood, result.nis, sound, iterations)
-    return BankEstimate(*estimate) if kept is None else BankEstimate(*estimate, kept.innovation, kept.innovation_std, kept.mean, kept.std)
+    estimate = (
+        problem.names,
+        result.mean,
+        result.covariance,
+        log_likelihood,
+        result.nis,
+        sound,
+        iterations,
+    )
+    return (
+        BankEstimate(*estimate)
+        if kept is None
+        else BankEstimate(*estimate, kept.innovation, kept.innovation_std, kept.mean, kept.std)
+    )
 
 
 def bank_runs(
@@ -249,14 +330,29 @@ def bank_runs(
     p: list = list(problem.p)
     for name, values in (held or {}).items():
         if system.parameters[name].free:
-            raise ModelError("it is free", where=f"bank, {name}", remedy="hold it, or vary its start instead")
+            raise ModelError(
+                "it is free", where=f"bank, {name}", remedy="hold it, or vary its start instead"
+            )
         p[system.parameters.index(name)] = np.atleast_1d(np.asarray(values, dtype=float))
     drive = problem.drive
     if held:
-        drive = drive_from_record(system, p, record.input_array(system.input_names), record.time, record.hold, problem.grid)
+        drive = drive_from_record(
+            system,
+            p,
+            record.input_array(system.input_names),
+            record.time,
+            record.hold,
+            problem.grid,
+        )
     z_runs = problem.z[:, :, None] if z is None else np.asarray(z, dtype=float)
     first = np.asarray(problem.start if start is None else start, dtype=float).reshape(n, -1)
-    count = _number_of_runs({"z": z_runs.shape[2], "start": first.shape[1], **{name: np.size(values) for name, values in (held or {}).items()}})
+    count = _number_of_runs(
+        {
+            "z": z_runs.shape[2],
+            "start": first.shape[1],
+            **{name: np.size(values) for name, values in (held or {}).items()},
+        }
+    )
     return problem, BankRuns(p, drive, z_runs, np.array(np.broadcast_to(first, (n, count))))
 
 
@@ -264,7 +360,11 @@ def _number_of_runs(counts: Mapping[str, int]) -> int:
     several = {count for count in counts.values() if count > 1}
     if len(several) > 1:
         listed = ", ".join(f"{name} has {count}" for name, count in counts.items())
-        raise ModelError("the numbers of runs differ", where=f"bank: {listed}", remedy="give each the same number, or one for all")
+        raise ModelError(
+            "the numbers of runs differ",
+            where=f"bank: {listed}",
+            remedy="give each the same number, or one for all",
+        )
     return several.pop() if several else 1
 
 
@@ -278,7 +378,12 @@ def _merged(old: BankPass, new: BankPass, at: np.ndarray) -> BankPass:
 
     history = old.history
     if history is not None and new.history is not None:
-        history = BankHistory(*(put(getattr(history, field.name), getattr(new.history, field.name)) for field in fields(BankHistory)))
+        history = BankHistory(
+            *(
+                put(getattr(history, field.name), getattr(new.history, field.name))
+                for field in fields(BankHistory)
+            )
+        )
     return BankPass(
         put(old.mean, new.mean),
         put(old.covariance, new.covariance, leading=True),
@@ -292,10 +397,16 @@ def _merged(old: BankPass, new: BankPass, at: np.ndarray) -> BankPass:
 # ---- The own kernel for one filter with its whole history
 
 
-def filter_alone(record: Record, system: System, settings: FilterSettings | None = None, about: np.ndarray | None = None) -> Estimate:
+def filter_alone(
+    record: Record,
+    system: System,
+    settings: FilterSettings | None = None,
+    about: np.ndarray | None = None,
+) -> Estimate:
     """One pass of one filter by the own kernel, with everything a smoother or a report asks for.
 
-    ``about (n, N)`` is a trajectory at the samples to linearise about, instead of the filter's own estimate.
+    ``about (n, N)`` is a trajectory at the samples to linearise about, instead of the filter's own
+    estimate.
 
     Raises
     ------
@@ -305,8 +416,14 @@ def filter_alone(record: Record, system: System, settings: FilterSettings | None
     return filter_batched(filter_problem(record, system, settings.max_step), settings, about=about)
 
 
-def filter_batched(problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None, about: np.ndarray | None = None) -> Estimate:
-    """``filter_by_filterpy`` by the own kernel: by the table of the equations, else by a bank of one run. Arguments as there.
+def filter_batched(
+    problem: FilterProblem,
+    settings: FilterSettings,
+    start: np.ndarray | None = None,
+    about: np.ndarray | None = None,
+) -> Estimate:
+    """``filter_by_filterpy`` by the own kernel: by the table of the equations, else by a bank of
+    one run. Arguments as there.
 
     A filter that breaks down is left to ``filter_by_filterpy``, which says how.
     """
@@ -314,9 +431,16 @@ def filter_batched(problem: FilterProblem, settings: FilterSettings, start: np.n
     if by_table is not None:
         return by_table
     first = problem.start if start is None else start
-    runs = BankRuns(list(problem.p), problem.drive, problem.z[:, :, None], np.asarray(first, dtype=float).reshape(-1, 1).copy())
+    runs = BankRuns(
+        list(problem.p),
+        problem.drive,
+        problem.z[:, :, None],
+        np.asarray(first, dtype=float).reshape(-1, 1).copy(),
+    )
     system, trace = problem.system, empty_trace(problem, 1)
-    result = run_pass(problem, settings, runs, False, None if about is None else about[:, :, None], trace)
+    result = run_pass(
+        problem, settings, runs, False, None if about is None else about[:, :, None], trace
+    )
     if not result.sound[0]:
         return filter_by_filterpy(problem, settings, start, about)
     history, fitted = _history(problem, trace, about)
@@ -337,9 +461,18 @@ def filter_batched(problem: FilterProblem, settings: FilterSettings, start: np.n
     )
 
 
-def _history(problem: FilterProblem, trace: BankTrace, about: np.ndarray | None) -> tuple[FilterHistory, np.ndarray]:
-    """The history of a pass of one run, and the outputs ``(m, N)`` that the filter expected, also of channels without a sample."""
-    system, N, n, n_x = problem.system, len(problem.time), len(problem.names), len(problem.system.states)
+def _history(
+    problem: FilterProblem, trace: BankTrace, about: np.ndarray | None
+) -> tuple[FilterHistory, np.ndarray]:
+    """The history of a pass of one run, and the outputs ``(m, N)`` that the filter expected, also
+    of channels without a sample.
+    """
+    system, N, n, n_x = (
+        problem.system,
+        len(problem.time),
+        len(problem.names),
+        len(problem.system.states),
+    )
     mean, covariance = trace.mean[:, :, 0], trace.covariance[:, 0]
     HP, S, y = trace.HP[:, 0], trace.S[:, 0], trace.y[:, 0]
     # What the update took from the prediction, put back.
@@ -351,11 +484,15 @@ def _history(problem: FilterProblem, trace: BankTrace, about: np.ndarray | None)
     point = before.T if about is None else about
     inputs = [row[at] for row in problem.drive.begin]
     outputs, slopes = values_and_jacobians(
-        lambda a: system.h(problem.grid.edges[at], a[:n_x], inputs, with_free(problem.p, problem.free, a[n_x:])),
+        lambda a: system.h(
+            problem.grid.edges[at], a[:n_x], inputs, with_free(problem.p, problem.free, a[n_x:])
+        ),
         point,
         (1j * COMPLEX_STEP) * np.eye(n)[:, :, None],
     )
-    gained, squared = worth(np.concatenate([y[:, None, :, None], S[:, None]], axis=3), problem.valid)
+    gained, squared = worth(
+        np.concatenate([y[:, None, :, None], S[:, None]], axis=3), problem.valid
+    )
     history = FilterHistory(
         problem.time,
         problem.names,
@@ -397,9 +534,10 @@ def run_iterated_bank(
     Parameters
     ----------
     record, system, settings, held : as for ``run_bank``; ``settings.passes`` is not used.
-    about : ``(n, N, B)`` or ``(n, N, 1)``, a trajectory for the first pass, e.g. that of a run nearby; the filter's own when None.
-    tolerance : a run has settled when no parameter moves by more than this many sigmas.
-    iterations : limit of passes. A run that has not settled by then, or broke down, is not sound.
+    about : ``(n, N, B)`` or ``(n, N, 1)``, a trajectory for the first pass, e.g. that of a run
+    nearby; the filter's own when None. tolerance : a run has settled when no parameter moves by
+    more than this many sigmas. iterations : limit of passes. A run that has not settled by then, or
+    broke down, is not sound.
 
     Returns
     -------
@@ -424,20 +562,29 @@ def run_iterated_bank(
         # A run that broke down is linearised at the start; it only must not disturb the others.
         about[:, :, ~result.sound] = runs.start[:, None, ~result.sound]
         if before is not None:
-            std = np.sqrt(np.maximum(np.diagonal(result.covariance, axis1=1, axis2=2).T[n_x:], np.finfo(float).tiny))
-            settled = np.max(np.abs(result.mean[n_x:] - before) / std, axis=0, initial=0.0) < tolerance
+            std = np.sqrt(
+                np.maximum(
+                    np.diagonal(result.covariance, axis1=1, axis2=2).T[n_x:], np.finfo(float).tiny
+                )
+            )
+            settled = (
+                np.max(np.abs(result.mean[n_x:] - before) / std, axis=0, initial=0.0) < tolerance
+            )
             if np.all(settled | ~result.sound):
                 break
         if passes == iterations:
             break
         before = result.mean[n_x:]
-    return bank_estimate(problem, result, np.full(count, passes), sound=result.sound & settled), about
+    return bank_estimate(
+        problem, result, np.full(count, passes), sound=result.sound & settled
+    ), about
 
 
 def smoothed(trace: BankTrace) -> np.ndarray:
     """Means given all samples, ``(n, N, B)``, of the linear problem that a pass solved.
 
-    lambda[k] = l - H^T S^-1 (H P l + y) with l = Phi[k+1]^T lambda[k+1] and zero at the end; x_s = x - P_filtered l.
+    lambda[k] = l - H^T S^-1 (H P l + y) with l = Phi[k+1]^T lambda[k+1] and zero at the end; x_s =
+    x - P_filtered l.
     """
     N, n, B = trace.mean.shape
     n_x = trace.moved.shape[2]

@@ -1,14 +1,17 @@
 """Pure delays by a bank of filters, and the two engines of the extended Kalman filter.
 
-Both solve the same equations and agree to rounding (docs/decisions/0022-who-runs-the-bank.md says what each costs). A single record is
-filtered by filterpy unless the user asks otherwise; a bank of delays is filtered by the batched kernel, and ``against_filterpy`` compares its
-likeliest filter with filterpy's.
+Both solve the same equations and agree to rounding (docs/decisions/0022-who-runs-the-bank.md says
+what each costs). A single record is filtered by filterpy unless the user asks otherwise; a bank of
+delays is filtered by the batched kernel, and ``against_filterpy`` compares its likeliest filter
+with filterpy's.
 
-NASA TM-101722 ran nine filters from 0 to 200 ms and took the most likely one, having considered the likelihood-weighted sum.
-Both are given here as the plain filters find them, in one pass, and a delay between the grid points. That one asks more than
-the plain filter can give: its path from a start that is off leaves a mark on the parameters (delay, lag and short period
-trade against each other), so further banks are linearised about their own smoothed result (`ident.banks.bank`). They
-close in on the maximum until the log-likelihood falls like a parabola, whose vertex and curvature are delay and sigma.
+NASA TM-101722 ran nine filters from 0 to 200 ms and took the most likely one, having considered the
+likelihood-weighted sum. Both are given here as the plain filters find them, in one pass, and a
+delay between the grid points. That one asks more than the plain filter can give: its path from a
+start that is off leaves a mark on the parameters (delay, lag and short period trade against each
+other), so further banks are linearised about their own smoothed result (`ident.banks.bank`). They
+close in on the maximum until the log-likelihood falls like a parabola, whose vertex and curvature
+are delay and sigma.
 """
 
 from __future__ import annotations
@@ -18,7 +21,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.banks.bank import ITERATIONS, BankEstimate, filter_alone, filter_batched, run_bank, run_iterated_bank
+from ident.banks.bank import (
+    ITERATIONS,
+    BankEstimate,
+    filter_alone,
+    filter_batched,
+    run_bank,
+    run_iterated_bank,
+)
 from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import SETTLED, FilterSettings, OnePass, filter_by_filterpy, run_ekf
 from ident.filters.problem import filter_problem
@@ -39,9 +49,9 @@ class BankEngine:
     name : key in ``ENGINES``; the same in scenario files, on the command line and in study files.
     label : for people.
     run : a filter for each value of a held parameter, as ``run_bank``.
-    iterated : the same, each linearised anew about its own smoothed result, as ``run_iterated_bank``.
-    alone : one filter with its whole history, as ``filter_alone``.
-    one_pass : one pass over a prepared problem, as ``filter_by_filterpy``.
+    iterated : the same, each linearised anew about its own smoothed result, as
+    ``run_iterated_bank``. alone : one filter with its whole history, as ``filter_alone``. one_pass
+    : one pass over a prepared problem, as ``filter_by_filterpy``.
     """
 
     name: str
@@ -52,9 +62,19 @@ class BankEngine:
     one_pass: OnePass
 
 
-def run_one_by_one(record: Record, system: System, settings: FilterSettings | None = None, *, held: Mapping[str, np.ndarray]) -> BankEstimate:
-    """``run_bank`` for values ``held (B,)`` by name, by B calls of ``run_ekf`` with filterpy's passes. Raises as it does."""
-    estimates = [run_ekf(record, each, settings, by=filter_by_filterpy) for each in _systems(system, held)]
+def run_one_by_one(
+    record: Record,
+    system: System,
+    settings: FilterSettings | None = None,
+    *,
+    held: Mapping[str, np.ndarray],
+) -> BankEstimate:
+    """``run_bank`` for values ``held (B,)`` by name, by B calls of ``run_ekf`` with filterpy's
+    passes. Raises as it does.
+    """
+    estimates = [
+        run_ekf(record, each, settings, by=filter_by_filterpy) for each in _systems(system, held)
+    ]
     return _bank(estimates, np.array([each.outcome is Outcome.CONVERGED for each in estimates]))
 
 
@@ -68,40 +88,79 @@ def run_iterated_one_by_one(
     iterations: int = ITERATIONS,
     tolerance: float = SETTLED,
 ) -> tuple[BankEstimate, np.ndarray]:
-    """``run_iterated_bank`` with each pass of each filter by filterpy. Arguments, result ``(n, N, B)`` and errors as there."""
+    """``run_iterated_bank`` with each pass of each filter by filterpy. Arguments, result ``(n, N,
+    B)`` and errors as there.
+    """
     settings = settings or FilterSettings()
     problems = [filter_problem(record, each, settings.max_step) for each in _systems(system, held)]
     count, N = len(problems), len(record)
-    points: list[np.ndarray | None] = [None] * count if about is None else list(np.moveaxis(np.broadcast_to(about, (*about.shape[:2], count)), 2, 0))
+    points: list[np.ndarray | None] = (
+        [None] * count
+        if about is None
+        else list(np.moveaxis(np.broadcast_to(about, (*about.shape[:2], count)), 2, 0))
+    )
     before: np.ndarray | None = None
     settled, passes = np.zeros(count, dtype=bool), 0
     while True:
         passes += 1
-        found = [filter_by_filterpy(problem, settings, about=point) for problem, point in zip(problems, points, strict=True)]
+        found = [
+            filter_by_filterpy(problem, settings, about=point)
+            for problem, point in zip(problems, points, strict=True)
+        ]
         sound = np.array([each.outcome is Outcome.CONVERGED for each in found])
         # A filter that broke down is linearised at its start, as in the batched bank.
         points = [
-            smooth(each.history).mean if good and each.history is not None else np.repeat(problem.start[:, None], N, axis=1)
+            smooth(each.history).mean
+            if good and each.history is not None
+            else np.repeat(problem.start[:, None], N, axis=1)
             for problem, each, good in zip(problems, found, sound, strict=True)
         ]
-        values, std = np.stack([each.values for each in found], axis=1), np.stack([each.std for each in found], axis=1)
+        values, std = (
+            np.stack([each.values for each in found], axis=1),
+            np.stack([each.std for each in found], axis=1),
+        )
         if before is not None:
-            settled = np.max(np.abs(values - before) / np.maximum(std, np.finfo(float).tiny), axis=0, initial=0.0) < tolerance
+            settled = (
+                np.max(
+                    np.abs(values - before) / np.maximum(std, np.finfo(float).tiny),
+                    axis=0,
+                    initial=0.0,
+                )
+                < tolerance
+            )
         if (np.all(settled | ~sound) and before is not None) or passes == iterations:
             break
         before = values
     trajectories = [point for point in points if point is not None]
-    return replace(_bank(found, sound & settled), iterations=np.full(count, passes)), np.stack(trajectories, axis=2)
+    return replace(_bank(found, sound & settled), iterations=np.full(count, passes)), np.stack(
+        trajectories, axis=2
+    )
 
 
-def alone_by_filterpy(record: Record, system: System, settings: FilterSettings | None = None, about: np.ndarray | None = None) -> Estimate:
+def alone_by_filterpy(
+    record: Record,
+    system: System,
+    settings: FilterSettings | None = None,
+    about: np.ndarray | None = None,
+) -> Estimate:
     """``filter_alone`` by filterpy: one pass, linearised about ``about (n, N)`` where given."""
     settings = settings or FilterSettings()
-    return filter_by_filterpy(filter_problem(record, system, settings.max_step), settings, about=about)
+    return filter_by_filterpy(
+        filter_problem(record, system, settings.max_step), settings, about=about
+    )
 
 
-BATCHED = BankEngine("batched", "batched kernel", run_bank, run_iterated_bank, filter_alone, filter_batched)
-FILTERPY = BankEngine("filterpy", "filterpy ExtendedKalmanFilter", run_one_by_one, run_iterated_one_by_one, alone_by_filterpy, filter_by_filterpy)
+BATCHED = BankEngine(
+    "batched", "batched kernel", run_bank, run_iterated_bank, filter_alone, filter_batched
+)
+FILTERPY = BankEngine(
+    "filterpy",
+    "filterpy ExtendedKalmanFilter",
+    run_one_by_one,
+    run_iterated_one_by_one,
+    alone_by_filterpy,
+    filter_by_filterpy,
+)
 ENGINES: Mapping[str, BankEngine] = {each.name: each for each in (FILTERPY, BATCHED)}
 
 
@@ -112,8 +171,8 @@ class SecondPass:
     Attributes
     ----------
     held : value that the filter was held at, e.g. its delay in s.
-    mean, std : largest differences of states and parameters, and of their standard deviations, after the last sample; in sigmas.
-    log_likelihood : relative difference.
+    mean, std : largest differences of states and parameters, and of their standard deviations,
+    after the last sample; in sigmas. log_likelihood : relative difference.
     """
 
     held: float
@@ -128,14 +187,20 @@ class SecondPass:
 
 
 def against_filterpy(
-    record: Record, system: System, bank: BankEstimate, values: np.ndarray, name: str = "delay", settings: FilterSettings | None = None
+    record: Record,
+    system: System,
+    bank: BankEstimate,
+    values: np.ndarray,
+    name: str = "delay",
+    settings: FilterSettings | None = None,
 ) -> SecondPass | None:
     """Compare the likeliest filter of a plain batched bank with filterpy's.
 
     Parameters
     ----------
     record, system, settings : as the bank was run with.
-    bank, values : the bank, and the values ``(B,)`` at which its filters hold the parameter ``name``.
+    bank, values : the bank, and the values ``(B,)`` at which its filters hold the parameter
+    ``name``.
 
     Returns
     -------
@@ -152,8 +217,14 @@ def against_filterpy(
         sound=bank.sound[best : best + 1],
     )
     settings = replace(settings or FilterSettings(), passes=1)
-    found = agreement(own, run_one_by_one(record, system, settings, held={name: np.atleast_1d(values[best])}))
-    return SecondPass(float(values[best]), found.mean, found.std, found.log_likelihood) if found.sound else None
+    found = agreement(
+        own, run_one_by_one(record, system, settings, held={name: np.atleast_1d(values[best])})
+    )
+    return (
+        SecondPass(float(values[best]), found.mean, found.std, found.log_likelihood)
+        if found.sound
+        else None
+    )
 
 
 @dataclass(frozen=True)
@@ -162,8 +233,8 @@ class Agreement:
 
     Attributes
     ----------
-    mean : of states and parameters after the last sample, in sigmas. std : of their sigmas, relative.
-    log_likelihood : relative. sound : whether the same runs are.
+    mean : of states and parameters after the last sample, in sigmas. std : of their sigmas,
+    relative. log_likelihood : relative. sound : whether the same runs are.
     """
 
     mean: float
@@ -185,7 +256,11 @@ def agreement(one: BankEstimate, other: BankEstimate) -> Agreement:
     return Agreement(
         float(np.max(np.abs(other.mean[:, both] - one.mean[:, both]) / sigma, initial=0.0)),
         float(np.max(np.abs(other.std[:, both] / sigma - 1.0), initial=0.0)),
-        float(np.max(np.abs(other.log_likelihood[both] - likelihood) / np.abs(likelihood), initial=0.0)),
+        float(
+            np.max(
+                np.abs(other.log_likelihood[both] - likelihood) / np.abs(likelihood), initial=0.0
+            )
+        ),
         bool(np.array_equal(one.sound, other.sound)),
     )
 
@@ -193,11 +268,18 @@ def agreement(one: BankEstimate, other: BankEstimate) -> Agreement:
 def _systems(system: System, held: Mapping[str, np.ndarray]) -> list[System]:
     """The System once for each run, with its values held."""
     runs = zip(*(np.atleast_1d(values).tolist() for values in held.values()), strict=True)
-    return [replace(system, parameters=system.parameters.with_values(dict(zip(held, values, strict=True)))) for values in runs]
+    return [
+        replace(
+            system, parameters=system.parameters.with_values(dict(zip(held, values, strict=True)))
+        )
+        for values in runs
+    ]
 
 
 def _bank(estimates: list[Estimate], sound: np.ndarray) -> BankEstimate:
-    """Estimates of single filters as those of a bank; a run that is not ``sound`` has a likelihood of zero."""
+    """Estimates of single filters as those of a bank; a run that is not ``sound`` has a likelihood
+    of zero.
+    """
     histories = [each.history for each in estimates if each.history is not None]
     assert len(histories) == len(estimates)
     return BankEstimate(
@@ -214,13 +296,15 @@ def _bank(estimates: list[Estimate], sound: np.ndarray) -> BankEstimate:
 # ---- A pure delay found by a bank of filters
 
 DELAYS = tuple(0.025 * i for i in range(9))  # s
-_PARABOLA = 4.5  # a fall of the log-likelihood to a neighbour (three sigmas) up to which it counts as a parabola
+# a fall of the log-likelihood to a neighbour (three sigmas) up to which it counts as a parabola
+_PARABOLA = 4.5
 _FINEST = 1e-4  # s, closer together filters do not stand
 _POINTS, _BANKS = 7, 8
 _REACH = 6.0  # sigmas to either side of the vertex; seven filters then stand two apart
 _SETTLED = 0.1  # sigmas; the likelihood then lies within 0.005 of its final value
 WIDENINGS = 4
-FAR = 3.0  # sigmas of its prior that a parameter may end from its start before the two contradict each other
+# sigmas of its prior that a parameter may end from its start before the two contradict each other
+FAR = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,21 +313,23 @@ class DelayBank:
 
     Attributes
     ----------
-    delays, log_likelihood : ``(B,)`` of the declared grid, s; minus infinity for a filter that broke down.
-    weights : ``(B,)`` likelihoods normalised to a sum of one.
-    bank : the filters of the declared grid.
-    most_likely : the delay of the largest likelihood, s.
-    weighted_mean : the sum of all delays by their weights, s.
-    refined, refined_std : delay between the grid points with its standard deviation, s; the latter is that of white
+    delays, log_likelihood : ``(B,)`` of the declared grid, s; minus infinity for a filter that
+    broke down. weights : ``(B,)`` likelihoods normalised to a sum of one. bank : the filters of the
+    declared grid. most_likely : the delay of the largest likelihood, s. weighted_mean : the sum of
+    all delays by their weights, s. refined, refined_std : delay between the grid points with its
+    standard deviation, s; the latter is that of white
         innovations and knows nothing of a model that is wrong.
     at_edge : no maximum was found inside the grid; the refined delay has no sigma then.
-    estimate : the iterated filter at the refined delay, with its history. Where refinement gave a sigma, the delay is the last
-        name and the covariance holds what its uncertainty adds to the others; else the delay is not among the names. Its message
-        tells of contradicted priors.
-    contradicted : parameters whose estimate lies more than ``FAR`` sigmas of the prior from the start, with these sigmas. The start
+    estimate : the iterated filter at the refined delay, with its history. Where refinement gave a
+    sigma, the delay is the last
+        name and the covariance holds what its uncertainty adds to the others; else the delay is not
+        among the names. Its message tells of contradicted priors.
+    contradicted : parameters whose estimate lies more than ``FAR`` sigmas of the prior from the
+    start, with these sigmas. The start
         holds them back: they hang on it.
     system : the one that gave ``estimate``, its priors as wide as they were made.
-    about : ``(n, N)`` the smoothed trajectory that the refined filters were linearised about; None where none was sound.
+    about : ``(n, N)`` the smoothed trajectory that the refined filters were linearised about; None
+    where none was sound.
     """
 
     delays: np.ndarray
@@ -276,62 +362,97 @@ def run_delay_bank(
     Parameters
     ----------
     record, settings : as for ``run_ekf``.
-    system : compiled with ``online=True``; its parameter ``name`` is held, and its value does not matter.
-    delays : at least three, increasing, s.
-    widenings : at most how often the refined bank goes on with priors made wide enough where the record contradicts them, so that the
-        result hangs on no start that is far off; each such prior's sigma becomes the distance from start to estimate. With 0 the declared
-        priors stand.
+    system : compiled with ``online=True``; its parameter ``name`` is held, and its value does not
+    matter. delays : at least three, increasing, s. widenings : at most how often the refined bank
+    goes on with priors made wide enough where the record contradicts them, so that the
+        result hangs on no start that is far off; each such prior's sigma becomes the distance from
+        start to estimate. With 0 the declared priors stand.
     engine : who runs the filters; the result is the same.
 
     Raises
     ------
-    ModelError : fewer than three delays, or not increasing; ``name`` is free or unknown; else as for ``run_ekf``.
+    ModelError : fewer than three delays, or not increasing; ``name`` is free or unknown; else as
+    for ``run_ekf``.
     """
     grid = np.asarray(delays, dtype=float)
     if grid.ndim != 1 or grid.size < 3 or np.any(np.diff(grid) <= 0):
-        raise ModelError("fewer than three delays, or not increasing", where="delay bank", remedy="give three or more in order, in s")
+        raise ModelError(
+            "fewer than three delays, or not increasing",
+            where="delay bank",
+            remedy="give three or more in order, in s",
+        )
     settings = settings or FilterSettings()
     bank = engine.run(record, system, settings, held={name: grid})
     weights, best = likelihood_weights(bank.log_likelihood), int(np.argmax(bank.log_likelihood))
     between = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)]))
-    found = _closing_in(engine, record, system, settings, name, grid, float(grid[best]), between, None)
+    found = _closing_in(
+        engine, record, system, settings, name, grid, float(grid[best]), between, None
+    )
     for _ in range(widenings):
         held_back = contradicted(system, found.parameters)
         if not held_back:
             break
         system = widened(system, held_back)
         half = 0.5 * (between[1] - between[0])
-        between = (max(found.delay - half, float(grid[0])), min(found.delay + half, float(grid[-1])))
-        found = _closing_in(engine, record, system, settings, name, grid, found.delay, between, found.about)
+        between = (
+            max(found.delay - half, float(grid[0])),
+            min(found.delay + half, float(grid[-1])),
+        )
+        found = _closing_in(
+            engine, record, system, settings, name, grid, found.delay, between, found.about
+        )
     held = replace(system, parameters=system.parameters.with_values({name: found.delay}))
-    estimate = engine.alone(record, held, settings, None if found.about is None else found.about[:, :, 0])
+    estimate = engine.alone(
+        record, held, settings, None if found.about is None else found.about[:, :, 0]
+    )
     held_back = contradicted(system, estimate.as_dict())
     if held_back and estimate.outcome is Outcome.CONVERGED:
         told = ", ".join(f"{each} by {abs(sigmas):.1f}" for each, sigmas in held_back)
-        estimate = replace(estimate, message=f"but far from the start, in sigmas of its prior: {told}; start again from this result")
+        estimate = replace(
+            estimate,
+            message=(
+                f"but far from the start, in sigmas of its prior: {told}; start again from this "
+                "result"
+            ),
+        )
     if found.std > 0 and estimate.outcome is Outcome.CONVERGED:
-        estimate = _with_delay(estimate, name, system.parameters[name].unit, found, len(system.states))
+        estimate = _with_delay(
+            estimate, name, system.parameters[name].unit, found, len(system.states)
+        )
     mean, nearest = float(weights @ grid), None if found.about is None else found.about[:, :, 0]
     judged = (grid, bank.log_likelihood, weights, bank, float(grid[best]), mean)
-    return DelayBank(*judged, found.delay, found.std, found.std == 0.0, estimate, held_back, system, nearest)
+    return DelayBank(
+        *judged, found.delay, found.std, found.std == 0.0, estimate, held_back, system, nearest
+    )
 
 
 def contradicted(system: System, values: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
-    """Free parameters whose values lie more than ``FAR`` of their prior's sigmas from where the System starts them, with these sigmas."""
+    """Free parameters whose values lie more than ``FAR`` of their prior's sigmas from where the
+    System starts them, with these sigmas.
+    """
     free = [system.parameters[name] for name in system.parameters.free_names if name in values]
-    far = [(item.name, (values[item.name] - item.value) / item.prior_std) for item in free if item.prior_std > 0]
+    far = [
+        (item.name, (values[item.name] - item.value) / item.prior_std)
+        for item in free
+        if item.prior_std > 0
+    ]
     return tuple((name, float(sigmas)) for name, sigmas in far if abs(sigmas) > FAR)
 
 
 def widened(system: System, held_back: Sequence[tuple[str, float]]) -> System:
     """The System with the prior of each of these as wide as its estimate is far."""
     return replace(
-        system, parameters=system.parameters.with_prior({name: abs(sigmas) * system.parameters[name].prior_std for name, sigmas in held_back})
+        system,
+        parameters=system.parameters.with_prior(
+            {name: abs(sigmas) * system.parameters[name].prior_std for name, sigmas in held_back}
+        ),
     )
 
 
 def likelihood_weights(log_likelihood: np.ndarray) -> np.ndarray:
-    """Likelihoods ``(..., B)`` normalised to a sum of one over the last axis, without overflow; equal where no filter is sound."""
+    """Likelihoods ``(..., B)`` normalised to a sum of one over the last axis, without overflow;
+    equal where no filter is sound.
+    """
     top = np.max(log_likelihood, axis=-1, keepdims=True)
     known = np.isfinite(top)
     weights = np.exp(np.where(known, log_likelihood - np.where(known, top, 0.0), 0.0))
@@ -349,8 +470,9 @@ def vertex(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """Refined delay, its sigma (zero when there is no maximum inside the grid), change of the mean ``(n,)`` per second of delay,
-    the smoothed trajectory ``(n, N, 1)`` of the nearest filter and the parameters at its end."""
+    """Refined delay, its sigma (zero when there is no maximum inside the grid), change of the mean
+    ``(n,)`` per second of delay, the smoothed trajectory ``(n, N, 1)`` of the nearest filter and
+    the parameters at its end."""
 
     delay: float
     std: float
@@ -370,23 +492,29 @@ def _closing_in(
     between: tuple[float, float],
     about: np.ndarray | None,
 ) -> _Found:
-    """Iterated banks ever closer around the maximum; a bank whose maximum lies at its end is moved there first.
+    """Iterated banks ever closer around the maximum; a bank whose maximum lies at its end is moved
+    there first.
 
-    Each bank is followed by a narrower one about its own vertex, in the curvature's sigmas. Only the bank that is close enough to
-    give the answer is iterated until it has settled: before that the likelihoods of neighbours differ by far more.
+    Each bank is followed by a narrower one about its own vertex, in the curvature's sigmas. Only
+    the bank that is close enough to give the answer is iterated until it has settled: before that
+    the likelihoods of neighbours differ by far more.
     """
     low, high = between
     nowhere = _Found(best, 0.0, np.zeros(0), about, {})
     for _ in range(_BANKS):
         fine = np.linspace(low, high, _POINTS)
-        bank, trajectories = engine.iterated(record, system, settings, held={name: fine}, about=about, tolerance=np.inf)
+        bank, trajectories = engine.iterated(
+            record, system, settings, held={name: fine}, about=about, tolerance=np.inf
+        )
         if not np.any(bank.sound):
             return nowhere
         top = int(np.argmax(bank.log_likelihood))
         about = trajectories[:, :, top : top + 1]
         nowhere = _Found(float(fine[top]), 0.0, np.zeros(0), about, _at_end(system, about))
         if top in (0, _POINTS - 1):
-            shift = (fine[top] - 0.5 * (low + high)) if top else -min(0.5 * (high - low), low - grid[0])
+            shift = (
+                (fine[top] - 0.5 * (low + high)) if top else -min(0.5 * (high - low), low - grid[0])
+            )
             shift = min(shift, grid[-1] - high)
             if shift == 0.0:
                 return nowhere
@@ -397,7 +525,12 @@ def _closing_in(
         fall = bank.log_likelihood[top] - bank.log_likelihood[near].min()
         if fall <= _PARABOLA or spacing <= _FINEST:
             bank, trajectories = engine.iterated(
-                record, system, settings, held={name: fine[near]}, about=trajectories[:, :, near], tolerance=_SETTLED
+                record,
+                system,
+                settings,
+                held={name: fine[near]},
+                about=trajectories[:, :, near],
+                tolerance=_SETTLED,
             )
             delay, curvature = vertex(fine[near], bank.log_likelihood)
             if curvature > 0 and np.all(bank.sound) and abs(delay - fine[top]) <= spacing:
@@ -409,17 +542,27 @@ def _closing_in(
                 continue
             return nowhere
         delay, curvature = vertex(fine[near], bank.log_likelihood[near])
-        half = max(min(_REACH * curvature**-0.5, spacing), 3.0 * _FINEST) if curvature > 0 else spacing
+        half = (
+            max(min(_REACH * curvature**-0.5, spacing), 3.0 * _FINEST) if curvature > 0 else spacing
+        )
         low, high = delay - half, delay + half
     return nowhere
 
 
 def _at_end(system: System, trajectory: np.ndarray) -> Mapping[str, float]:
-    return dict(zip(system.parameters.free_names, trajectory[len(system.states) :, -1, 0].tolist(), strict=True))
+    return dict(
+        zip(
+            system.parameters.free_names,
+            trajectory[len(system.states) :, -1, 0].tolist(),
+            strict=True,
+        )
+    )
 
 
 def _with_delay(estimate: Estimate, name: str, unit: str, found: _Found, n_x: int) -> Estimate:
-    """The estimate with the delay as its last parameter, its uncertainty carried over to the others."""
+    """The estimate with the delay as its last parameter, its uncertainty carried over to the
+    others.
+    """
     n = len(estimate.names)
     covariance = np.zeros((n + 1, n + 1))
     covariance[:n, :n] = estimate.covariance

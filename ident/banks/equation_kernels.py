@@ -1,8 +1,10 @@
 """Kernels of a bank of filters: inputs and outputs of a pass, any equations, bilinear equations.
 
-Values and Jacobians of all runs come from one matrix product (`ident.bilinear_table`); a Runge-Kutta step of equations that are affine in
-the states, under an input that is held, is four terms of a Taylor series, whose first two give the fundamental matrix of three terms
-as well; and every product lands in room that is made once a stretch, for at this size a call costs more than its arithmetic.
+Values and Jacobians of all runs come from one matrix product (`ident.bilinear_table`); a
+Runge-Kutta step of equations that are affine in the states, under an input that is held, is four
+terms of a Taylor series, whose first two give the fundamental matrix of three terms as well; and
+every product lands in room that is made once a stretch, for at this size a call costs more than its
+arithmetic.
 """
 
 from __future__ import annotations
@@ -27,8 +29,8 @@ from sim.propagation import Drive, rk4_step
 
 @dataclass(frozen=True, eq=False)
 class BankRuns:
-    """What differs between B runs: all parameters ``p`` (entries floats or ``(B,)``), the drive, outputs ``z (m, N, B)`` or
-    ``(m, N, 1)``, starting means ``start (n, B)``."""
+    """What differs between B runs: all parameters ``p`` (entries floats or ``(B,)``), the drive,
+    outputs ``z (m, N, B)`` or ``(m, N, 1)``, starting means ``start (n, B)``."""
 
     p: list[Any]
     drive: Drive
@@ -52,9 +54,9 @@ class BankRuns:
 
 @dataclass(frozen=True, eq=False)
 class BankHistory:
-    """Sample by sample, each ``(rows, N, B)``: innovations with their standard deviations, means and standard deviations
-    after each update. From the sample on where a run broke down its mean stays; an innovation that is missing is
-    zero with standard deviation one."""
+    """Sample by sample, each ``(rows, N, B)``: innovations with their standard deviations, means
+    and standard deviations after each update. From the sample on where a run broke down its mean
+    stays; an innovation that is missing is zero with standard deviation one."""
 
     innovation: np.ndarray
     innovation_std: np.ndarray
@@ -64,8 +66,8 @@ class BankHistory:
 
 @dataclass(frozen=True, eq=False)
 class BankPass:
-    """Result of one pass: mean ``(n, B)``, covariance ``(B, n, n)``, log-likelihood ``(B,)`` and nis ``(N, B)`` of the sound
-    samples, ``sound (B,)``, the history when asked for."""
+    """Result of one pass: mean ``(n, B)``, covariance ``(B, n, n)``, log-likelihood ``(B,)`` and
+    nis ``(N, B)`` of the sound samples, ``sound (B,)``, the history when asked for."""
 
     mean: np.ndarray
     covariance: np.ndarray
@@ -77,9 +79,10 @@ class BankPass:
 
 @dataclass(frozen=True, eq=False)
 class BankTrace:
-    """What a smoother needs of one pass over N samples: after each update ``mean (N, n, B)`` and ``covariance (N, B, n, n)``; the
-    state rows ``moved (N, B, n_x, n)`` of the transition from the sample before, less the identity; of the update ``H`` and
-    ``HP (N, B, m, n)``, ``S (N, B, m, m)`` and ``y (N, B, m)``, zero, and one in S, for a missing channel."""
+    """What a smoother needs of one pass over N samples: after each update ``mean (N, n, B)`` and
+    ``covariance (N, B, n, n)``; the state rows ``moved (N, B, n_x, n)`` of the transition from the
+    sample before, less the identity; of the update ``H`` and ``HP (N, B, m, n)``, ``S (N, B, m,
+    m)`` and ``y (N, B, m)``, zero, and one in S, for a missing channel."""
 
     mean: np.ndarray
     covariance: np.ndarray
@@ -95,12 +98,21 @@ def empty_trace(problem: FilterProblem, B: int) -> BankTrace:
     n, n_x, (m, N) = len(problem.names), len(problem.system.states), problem.valid.shape
     rows, whole = (N, B, m, n), np.zeros((N, B, n, n))
     S = np.array(np.broadcast_to(np.eye(m), (N, B, m, m)))
-    return BankTrace(np.zeros((N, n, B)), whole, np.zeros((N, B, n_x, n)), np.zeros(rows), np.zeros(rows), S, np.zeros((N, B, m)))
+    return BankTrace(
+        np.zeros((N, n, B)),
+        whole,
+        np.zeros((N, B, n_x, n)),
+        np.zeros(rows),
+        np.zeros(rows),
+        S,
+        np.zeros((N, B, m)),
+    )
 
 
 class PassStretch(NamedTuple):
-    """K samples of a pass: after each update ``mean (K, B, n)`` and ``covariance (K, B, n, n)``, and of the update itself
-    ``innovation (K, B, m, 1 + m)``, y and S side by side; a channel that is missing has zero in y and S, and one on the diagonal."""
+    """K samples of a pass: after each update ``mean (K, B, n)`` and ``covariance (K, B, n, n)``,
+    and of the update itself ``innovation (K, B, m, 1 + m)``, y and S side by side; a channel that
+    is missing has zero in y and S, and one on the diagonal."""
 
     mean: np.ndarray
     covariance: np.ndarray
@@ -108,20 +120,32 @@ class PassStretch(NamedTuple):
 
 
 class March(Protocol):
-    """Filters the samples ``first`` to before ``last`` from means ``x (n, B)`` and covariances ``P (B, n, n)`` after the sample before.
+    """Filters the samples ``first`` to before ``last`` from means ``x (n, B)`` and covariances ``P
+    (B, n, n)`` after the sample before.
 
-    ``about (n, N, B)`` is a trajectory to linearise about instead of the filter's own; ``trace`` is filled where given.
-    What breaks down goes on with numbers that are not finite, or variances that are negative.
+    ``about (n, N, B)`` is a trajectory to linearise about instead of the filter's own; ``trace`` is
+    filled where given. What breaks down goes on with numbers that are not finite, or variances that
+    are negative.
     """
 
-    def __call__(self, first: int, last: int, x: np.ndarray, P: np.ndarray, about: np.ndarray | None, trace: BankTrace | None) -> PassStretch: ...
+    def __call__(
+        self,
+        first: int,
+        last: int,
+        x: np.ndarray,
+        P: np.ndarray,
+        about: np.ndarray | None,
+        trace: BankTrace | None,
+    ) -> PassStretch: ...
 
 
 # ---- A stretch of a pass for any equations
 
 
 def march_of_steps(problem: FilterProblem, settings: FilterSettings, runs: BankRuns) -> March:
-    """Prepare a pass; the prediction is `ident.filters.ekf`'s, the update takes all channels of a sample that are there at once."""
+    """Prepare a pass; the prediction is `ident.filters.ekf`'s, the update takes all channels of a
+    sample that are there at once.
+    """
     system, grid, (m, _) = problem.system, problem.grid, problem.valid.shape
     n, n_x = len(problem.names), len(system.states)
     transition = settings.transition.of_rows(n_x, problem.density)
@@ -129,17 +153,26 @@ def march_of_steps(problem: FilterProblem, settings: FilterSettings, runs: BankR
     nudge = (1j * COMPLEX_STEP) * np.eye(n)[:, :, None]
     samples, R = grid.sample.tolist(), np.diag(problem.variance)
 
-    def predict(s: int, x: np.ndarray, P: np.ndarray, point: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Means, covariances and transition rows over sub-step ``s``; a ``point`` to linearise at moves along in place."""
+    def predict(
+        s: int, x: np.ndarray, P: np.ndarray, point: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Means, covariances and transition rows over sub-step ``s``; a ``point`` to linearise at
+        moves along in place.
+        """
         stages: Any = tuple([row[s] for row in stage] for stage in runs.drive.stages)
         t, dt = float(grid.edges[s]), float(grid.steps[s])
         at = x if point is None else point
-        values, F = values_and_jacobians(lambda a: system.f(t, a[:n_x], stages[0], with_free(runs.p, problem.free, a[n_x:])), at, nudge)
+        values, F = values_and_jacobians(
+            lambda a: system.f(t, a[:n_x], stages[0], with_free(runs.p, problem.free, a[n_x:])),
+            at,
+            nudge,
+        )
         D, noise = transition(F, dt)
         start, parameters = [at[:n_x]], with_free(runs.p, problem.free, list(at[n_x:]))
 
         def rates(t: Any, x: Sequence[Any], u: Sequence[Any], p: Sequence[Any]) -> list[Any]:
-            # All states as one row. At the start of the step the Jacobian's call has the rates already.
+            # All states as one row. At the start of the step the Jacobian's call has the rates
+            # already.
             if x is start:
                 return [values]
             out = np.empty_like(values)
@@ -158,12 +191,16 @@ def march_of_steps(problem: FilterProblem, settings: FilterSettings, runs: BankR
             after[:n_x] += (D @ away.T[:, :, None])[:, :, 0].T
         return after, moved_covariance(P, D, noise, walk, dt), D
 
-    def update(k: int, x: np.ndarray, P: np.ndarray, point: np.ndarray | None, trace: BankTrace | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def update(
+        k: int, x: np.ndarray, P: np.ndarray, point: np.ndarray | None, trace: BankTrace | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Means and covariances after sample ``k``, and its innovations."""
         sample, B = problem.grid.sample[k], x.shape[1]
         t, u = float(grid.edges[sample]), [row[sample] for row in runs.drive.begin]
         at = x if point is None else point
-        predicted, H = values_and_jacobians(lambda a: system.h(t, a[:n_x], u, with_free(runs.p, problem.free, a[n_x:])), at, nudge)
+        predicted, H = values_and_jacobians(
+            lambda a: system.h(t, a[:n_x], u, with_free(runs.p, problem.free, a[n_x:])), at, nudge
+        )
         if point is not None:
             predicted = predicted + (H @ (x - point).T[:, :, None])[:, :, 0].T
         first = np.empty((B, m, n + 1 + m))
@@ -173,33 +210,57 @@ def march_of_steps(problem: FilterProblem, settings: FilterSettings, runs: BankR
         if missing.size:
             leave_out(first, missing)
         if trace is not None:
-            trace.H[k], trace.HP[k], trace.y[k], trace.S[k] = H, first[:, :, :n], first[:, :, n], first[:, :, n + 1 :]
+            trace.H[k], trace.HP[k], trace.y[k], trace.S[k] = (
+                H,
+                first[:, :, :n],
+                first[:, :, n],
+                first[:, :, n + 1 :],
+            )
             trace.H[k, :, missing] = 0.0
         innovation = first[:, :, n:].copy()
         variance = decorrelated(first)
         change = first[:, :, :n].transpose(0, 2, 1) @ (first[:, :, : n + 1] / variance[:, :, None])
         return x + change[:, :, n].T, P - change[:, :, :n], innovation
 
-    def march(first: int, last: int, x: np.ndarray, P: np.ndarray, about: np.ndarray | None, trace: BankTrace | None) -> PassStretch:
+    def march(
+        first: int,
+        last: int,
+        x: np.ndarray,
+        P: np.ndarray,
+        about: np.ndarray | None,
+        trace: BankTrace | None,
+    ) -> PassStretch:
         B, count = x.shape[1], last - first
-        out = PassStretch(np.empty((count, B, n)), np.empty((count, B, n, n)), np.empty((count, B, m, 1 + m)))
+        out = PassStretch(
+            np.empty((count, B, n)), np.empty((count, B, n, n)), np.empty((count, B, m, 1 + m))
+        )
         for k in range(first, last):
             point = None if about is None or not k else about[:, k - 1].copy()
             for s in range(samples[k - 1], samples[k]) if k else ():
                 x, P, D = predict(s, x, P, point)
                 if trace is not None:
-                    trace.moved[k] = D if s == samples[k - 1] else trace.moved[k] + D + D[:, :, :n_x] @ trace.moved[k]
-            x, P, out.innovation[k - first] = update(k, x, P, None if about is None else about[:, k], trace)
+                    trace.moved[k] = (
+                        D
+                        if s == samples[k - 1]
+                        else trace.moved[k] + D + D[:, :, :n_x] @ trace.moved[k]
+                    )
+            x, P, out.innovation[k - first] = update(
+                k, x, P, None if about is None else about[:, k], trace
+            )
             out.mean[k - first], out.covariance[k - first] = x.T, P
         return out
 
     return march
 
 
-def moved_covariance(P: np.ndarray, D: np.ndarray, noise: np.ndarray | None, walk: np.ndarray | None, dt: float) -> np.ndarray:
-    """Covariances ``P (B, n, n)`` moved by transitions whose first rows less the identity are ``D (B, n_x, n)``.
+def moved_covariance(
+    P: np.ndarray, D: np.ndarray, noise: np.ndarray | None, walk: np.ndarray | None, dt: float
+) -> np.ndarray:
+    """Covariances ``P (B, n, n)`` moved by transitions whose first rows less the identity are ``D
+    (B, n_x, n)``.
 
-    ``noise`` are the same rows of Q_k, its first n_x columns or all; ``walk`` the spectral densities of the entries below, random walks.
+    ``noise`` are the same rows of Q_k, its first n_x columns or all; ``walk`` the spectral
+    densities of the entries below, random walks.
     """
     n_x, n = D.shape[1], P.shape[1]
     rows = P[:, :n_x] + D @ P
@@ -218,7 +279,9 @@ def moved_covariance(P: np.ndarray, D: np.ndarray, noise: np.ndarray | None, wal
 
 
 def leave_out(rows: np.ndarray, missing: np.ndarray) -> None:
-    """Make the missing channels of ``[H P, y, S] (B, m, width)`` ones that say nothing: zeros, and one on the diagonal of S."""
+    """Make the missing channels of ``[H P, y, S] (B, m, width)`` ones that say nothing: zeros, and
+    one on the diagonal of S.
+    """
     m, width = rows.shape[1:]
     rows[:, missing] = 0.0
     rows[:, :, width - m + missing] = 0.0
@@ -226,9 +289,11 @@ def leave_out(rows: np.ndarray, missing: np.ndarray) -> None:
 
 
 def decorrelated(rows: np.ndarray) -> np.ndarray:
-    """Variances ``(..., m)`` of channels freed in place of what those before them tell, rows ``[..., y, S] (..., m, width)``: Gaussian elimination.
+    """Variances ``(..., m)`` of channels freed in place of what those before them tell, rows
+    ``[..., y, S] (..., m, width)``: Gaussian elimination.
 
-    What is left on the diagonal of S are the variances of independent scalars: the update for a joint S without its inverse.
+    What is left on the diagonal of S are the variances of independent scalars: the update for a
+    joint S without its inverse.
     """
     m, width = rows.shape[-2:]
     for i in range(m - 1):
@@ -238,8 +303,11 @@ def decorrelated(rows: np.ndarray) -> np.ndarray:
     return np.einsum("...ii->...i", rows[..., width - m :])
 
 
-def values_and_jacobians(function: Callable[[list[Any]], Sequence[Any]], x: np.ndarray, nudge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values ``(m, B)`` of a function at each run's ``x (n, B)`` and its Jacobians ``(B, m, n)``, all in one call.
+def values_and_jacobians(
+    function: Callable[[list[Any]], Sequence[Any]], x: np.ndarray, nudge: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values ``(m, B)`` of a function at each run's ``x (n, B)`` and its Jacobians ``(B, m, n)``,
+    all in one call.
 
     ``nudge (n, n, 1)`` is the complex step on the diagonal, one column of the Jacobian each.
     """
@@ -248,7 +316,9 @@ def values_and_jacobians(function: Callable[[list[Any]], Sequence[Any]], x: np.n
     found = np.empty((len(out), n, B), dtype=complex)
     for i, value in enumerate(out):
         found[i] = value
-    return found[:, 0].real.copy(), np.multiply(found.imag.transpose(2, 0, 1), 1.0 / COMPLEX_STEP, order="C")
+    return found[:, 0].real.copy(), np.multiply(
+        found.imag.transpose(2, 0, 1), 1.0 / COMPLEX_STEP, order="C"
+    )
 
 
 # ---- A stretch of a pass for bilinear equations under held inputs
@@ -258,8 +328,9 @@ _SERIES = Taylor(3)  # the fundamental matrix that is made here
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """The equations of a filter with ``n`` states and free parameters, ``f`` and ``h``; the states that noise drives and ``share``,
-    their densities with the weights of the series' terms; R ``(m, m)``."""
+    """The equations of a filter with ``n`` states and free parameters, ``f`` and ``h``; the states
+    that noise drives and ``share``, their densities with the weights of the series' terms; R ``(m,
+    m)``."""
 
     n: int
     n_x: int
@@ -271,9 +342,10 @@ class Tables:
 
 
 class Legs(NamedTuple):
-    """The way between K samples: which steps lead to each; of all steps their sizes ``dt`` (s) and inputs ``u (M, B, n_u)`` or
-    ``(M, 1, n_u)``; of the samples the inputs that act on the outputs, where they do, measurements ``z (K, B, m, 1)`` or
-    ``(K, 1, m, 1)``, and the missing channels of each."""
+    """The way between K samples: which steps lead to each; of all steps their sizes ``dt`` (s) and
+    inputs ``u (M, B, n_u)`` or ``(M, 1, n_u)``; of the samples the inputs that act on the outputs,
+    where they do, measurements ``z (K, B, m, 1)`` or ``(K, 1, m, 1)``, and the missing channels of
+    each."""
 
     steps: Sequence[Sequence[int]]
     dt: Sequence[float]
@@ -283,11 +355,15 @@ class Legs(NamedTuple):
     missing: Sequence[np.ndarray | None]
 
 
-def tables_of(system: System, p: Sequence[Any], density: np.ndarray, variance: np.ndarray) -> Tables | None:
-    """The tables of a System whose free parameters are states, at held values ``p``; None where its equations have none.
+def tables_of(
+    system: System, p: Sequence[Any], density: np.ndarray, variance: np.ndarray
+) -> Tables | None:
+    """The tables of a System whose free parameters are states, at held values ``p``; None where its
+    equations have none.
 
-    ``density (n,)`` as in ``FilterProblem``. None also for equations that ask for the time, for parameters that are random walks, and
-    for a held parameter of several values that acts anywhere but on the input path.
+    ``density (n,)`` as in ``FilterProblem``. None also for equations that ask for the time, for
+    parameters that are random walks, and for a held parameter of several values that acts anywhere
+    but on the input path.
     """
     n_x = len(system.states)
     if np.any(density[n_x:]):
@@ -296,34 +372,70 @@ def tables_of(system: System, p: Sequence[Any], density: np.ndarray, variance: n
     if found is None:
         return None
     driven, order = np.flatnonzero(density), np.arange(_SERIES.terms)
-    # With M_0 = I, Q_k = sum over i, j of M_i Q M_j^T dt / (i + j + 1), M_i the terms of the series.
+    # With M_0 = I, Q_k = sum over i, j of M_i Q M_j^T dt / (i + j + 1), M_i the terms of the
+    # series.
     share = np.kron(1.0 / (order[:, None] + order + 1.0), np.diag(density[driven]))
-    return Tables(found[0].n, n_x, *found, tuple(driven.tolist()), share, np.diag(np.asarray(variance, dtype=float)))
+    return Tables(
+        found[0].n,
+        n_x,
+        *found,
+        tuple(driven.tolist()),
+        share,
+        np.diag(np.asarray(variance, dtype=float)),
+    )
 
 
 def tables_for(problem: FilterProblem, settings: FilterSettings, runs: BankRuns) -> Tables | None:
-    """The tables of a pass, None where the equations, the integrator, the transition or the inputs have none."""
-    if settings.step is not rk4_step or settings.transition != _SERIES or not held_within_steps(runs.drive):
+    """The tables of a pass, None where the equations, the integrator, the transition or the inputs
+    have none.
+    """
+    if (
+        settings.step is not rk4_step
+        or settings.transition != _SERIES
+        or not held_within_steps(runs.drive)
+    ):
         return None
     return tables_of(problem.system, runs.p, problem.density, problem.variance)
 
 
-def march_of_table(problem: FilterProblem, settings: FilterSettings, runs: BankRuns) -> March | None:
-    """Prepare a pass; None where the equations, the integrator, the transition or the inputs ask for `ident.banks.equation_kernels`."""
+def march_of_table(
+    problem: FilterProblem, settings: FilterSettings, runs: BankRuns
+) -> March | None:
+    """Prepare a pass; None where the equations, the integrator, the transition or the inputs ask
+    for `ident.banks.equation_kernels`.
+    """
     tables = tables_for(problem, settings, runs)
     if tables is None:
         return None
     samples, dt = problem.grid.sample.tolist(), problem.grid.steps.tolist()
     steps = [range(0), *(range(first, last) for first, last in pairwise(samples))]
     u = _by_run(runs.drive.stages[0], len(dt))
-    feed = _by_run([row[problem.grid.sample] for row in runs.drive.begin], len(samples)) if tables.h.feeds_through else None
+    feed = (
+        _by_run([row[problem.grid.sample] for row in runs.drive.begin], len(samples))
+        if tables.h.feeds_through
+        else None
+    )
     z = runs.z.transpose(1, 2, 0)[:, :, :, None]
     missing = [None if column.all() else np.flatnonzero(~column) for column in problem.valid.T]
 
-    def march(first: int, last: int, x: np.ndarray, P: np.ndarray, about: np.ndarray | None, trace: BankTrace | None) -> PassStretch:
+    def march(
+        first: int,
+        last: int,
+        x: np.ndarray,
+        P: np.ndarray,
+        about: np.ndarray | None,
+        trace: BankTrace | None,
+    ) -> PassStretch:
         at = slice(first, last)
         legs = Legs(steps[at], dt, u, None if feed is None else feed[at], z[at], missing[at])
-        return along(tables, legs, x, P, None if about is None else (about, first), None if trace is None else (trace, first))
+        return along(
+            tables,
+            legs,
+            x,
+            P,
+            None if about is None else (about, first),
+            None if trace is None else (trace, first),
+        )
 
     return march
 
@@ -336,12 +448,21 @@ def along(
     about: tuple[np.ndarray, int] | None = None,
     trace: tuple[BankTrace, int] | None = None,
 ) -> PassStretch:
-    """Filter K samples from ``mean (n, B)`` and ``covariance (B, n, n)``; ``about`` and ``trace`` with the position of the first sample in them."""
+    """Filter K samples from ``mean (n, B)`` and ``covariance (B, n, n)``; ``about`` and ``trace``
+    with the position of the first sample in them.
+    """
     n, n_x, m, B, K = tables.n, tables.n_x, len(tables.R), mean.shape[1], len(legs.steps)
     out = PassStretch(np.empty((K, B, n)), np.empty((K, B, n, n)), np.empty((K, B, m, 1 + m)))
-    # w = (1, states, parameters, inputs) at the point of linearisation, which is the mean x unless there is one to go about.
+    # w = (1, states, parameters, inputs) at the point of linearisation, which is the mean x unless
+    # there is one to go about.
     w = np.ones((B, len(tables.f.table)))
-    w_dt, point, w_states, w_inputs, w_column = np.empty_like(w), w[:, 1 : 1 + n], w[:, 1 : 1 + n_x], w[:, 1 + n :], w[:, :, None]
+    w_dt, point, w_states, w_inputs, w_column = (
+        np.empty_like(w),
+        w[:, 1 : 1 + n],
+        w[:, 1 : 1 + n_x],
+        w[:, 1 + n :],
+        w[:, :, None],
+    )
     x = point if about is None else np.array(mean.T)
     x_states = x[:, :n_x]
     point[:] = mean.T
@@ -349,29 +470,83 @@ def along(
     P = np.array(covariance)
     P_states, P_mirror = P[:, :n_x], P[:, n_x:, :n_x]
 
-    # Of the step: first = [F, f, ...] dt, second = F first dt / 2, L = [D, D's column of values, C] with D = Phi - I in its first n
-    # columns and C the terms that noise enters by; moved = [(I + D) P, 0, C W], and Phi P Phi^T + Q_k = moved + moved L^T.
+    # Of the step: first = [F, f, ...] dt, second = F first dt / 2, L = [D, D's column of values, C]
+    # with D = Phi - I in its first n columns and C the terms that noise enters by; moved = [(I + D)
+    # P, 0, C W], and Phi P Phi^T + Q_k = moved + moved L^T.
     width, terms = n + len(w[0]), _SERIES.terms * len(tables.driven)
     first_flat, second = np.empty((B, n_x * width)), np.empty((B, n_x, n + 1))
     first = first_flat.reshape(B, n_x, width)
-    first_halves, first_value, first_used, F_states = first[:, :, n:], first[:, :, n : n + 1], first[:, :, : n + 1], first[:, :, :n_x]
-    second_value, value, third, fourth = second[:, :, n:], np.empty((B, n_x, 1)), np.empty((B, n_x, 1)), np.empty((B, n_x, 1))
-    L, moved, own = np.zeros((B, n_x, n + 1 + terms)), np.zeros((B, n_x, n + 1 + terms)), np.empty((B, n_x, n_x))
-    L_used, D, L_value, C, L_turned = L[:, :, : n + 1], L[:, :, :n], L[:, :, n], L[:, :, n + 1 :], L.transpose(0, 2, 1)
-    moved_P, moved_C, moved_own, moved_mirror = moved[:, :, :n], moved[:, :, n + 1 :], moved[:, :, :n_x], moved[:, :, n_x:n].transpose(0, 2, 1)
+    first_halves, first_value, first_used, F_states = (
+        first[:, :, n:],
+        first[:, :, n : n + 1],
+        first[:, :, : n + 1],
+        first[:, :, :n_x],
+    )
+    second_value, value, third, fourth = (
+        second[:, :, n:],
+        np.empty((B, n_x, 1)),
+        np.empty((B, n_x, 1)),
+        np.empty((B, n_x, 1)),
+    )
+    L, moved, own = (
+        np.zeros((B, n_x, n + 1 + terms)),
+        np.zeros((B, n_x, n + 1 + terms)),
+        np.empty((B, n_x, n_x)),
+    )
+    L_used, D, L_value, C, L_turned = (
+        L[:, :, : n + 1],
+        L[:, :, :n],
+        L[:, :, n],
+        L[:, :, n + 1 :],
+        L.transpose(0, 2, 1),
+    )
+    moved_P, moved_C, moved_own, moved_mirror = (
+        moved[:, :, :n],
+        moved[:, :, n + 1 :],
+        moved[:, :, :n_x],
+        moved[:, :, n_x:n].transpose(0, 2, 1),
+    )
     C[:, :, : len(tables.driven)] = np.eye(n_x)[:, list(tables.driven)]
-    by_noise = [(C[:, :, j + len(tables.driven)], first[:, :, i]) for j, i in enumerate(tables.driven)]
-    by_noise += [(C[:, :, j + 2 * len(tables.driven)], second[:, :, i]) for j, i in enumerate(tables.driven)]
+    by_noise = [
+        (C[:, :, j + len(tables.driven)], first[:, :, i]) for j, i in enumerate(tables.driven)
+    ]
+    by_noise += [
+        (C[:, :, j + 2 * len(tables.driven)], second[:, :, i]) for j, i in enumerate(tables.driven)
+    ]
     W = np.empty_like(tables.share)
 
     # Of the update: rows = [H P, y, S], freed of each other in place.
-    h_flat, rows, gain, change = np.empty((B, m * width)), np.empty((B, m, n + 1 + m)), np.empty((B, m, n + 1)), np.empty((B, n, n + 1))
+    h_flat, rows, gain, change = (
+        np.empty((B, m * width)),
+        np.empty((B, m, n + 1 + m)),
+        np.empty((B, m, n + 1)),
+        np.empty((B, n, n + 1)),
+    )
     h_all = h_flat.reshape(B, m, width)
-    H, H_turned, h_halves, expected = h_all[:, :, :n], h_all[:, :, :n].transpose(0, 2, 1), h_all[:, :, n:], np.empty((B, m, 1))
-    HP, HP_turned, y, S, used = rows[:, :, :n], rows[:, :, :n].transpose(0, 2, 1), rows[:, :, n : n + 1], rows[:, :, n + 1 :], rows[:, :, : n + 1]
+    H, H_turned, h_halves, expected = (
+        h_all[:, :, :n],
+        h_all[:, :, :n].transpose(0, 2, 1),
+        h_all[:, :, n:],
+        np.empty((B, m, 1)),
+    )
+    HP, HP_turned, y, S, used = (
+        rows[:, :, :n],
+        rows[:, :, :n].transpose(0, 2, 1),
+        rows[:, :, n : n + 1],
+        rows[:, :, n + 1 :],
+        rows[:, :, : n + 1],
+    )
     y_S, variance = rows[:, :, n:], rows.reshape(B, -1)[:, n + 1 :: n + 2 + m][:, :, None]
     change_P, change_x = change[:, :, :n], change[:, :, n]
-    eliminated = [(rows[:, i + 1 :], rows[:, i + 1 :, n + 1 + i, None], rows[:, i, n + 1 + i, None, None], rows[:, i : i + 1]) for i in range(m - 1)]
+    eliminated = [
+        (
+            rows[:, i + 1 :],
+            rows[:, i + 1 :, n + 1 + i, None],
+            rows[:, i, n + 1 + i, None, None],
+            rows[:, i : i + 1],
+        )
+        for i in range(m - 1)
+    ]
     ratios = [np.empty((B, m - 1 - i, 1)) for i in range(m - 1)]
     products = [np.empty((B, m - 1 - i, n + 1 + m)) for i in range(m - 1)]
 
@@ -438,7 +613,9 @@ def along(
             kept.H[at], kept.HP[at], kept.y[at], kept.S[at] = H, HP, y[:, :, 0], S
             if missing is not None:
                 kept.H[at, :, missing] = 0.0
-        for (below, column, pivot, row), ratio, product in zip(eliminated, ratios, products, strict=True):
+        for (below, column, pivot, row), ratio, product in zip(
+            eliminated, ratios, products, strict=True
+        ):
             np.divide(column, pivot, out=ratio)
             np.multiply(ratio, row, out=product)
             np.subtract(below, product, out=below)
@@ -451,6 +628,8 @@ def along(
 
 
 def _by_run(rows: Sequence[np.ndarray], count: int) -> np.ndarray:
-    """Rows ``(count,)`` or ``(count, B)`` side by side, ``(count, B, rows)`` or ``(count, 1, rows)``."""
+    """Rows ``(count,)`` or ``(count, B)`` side by side, ``(count, B, rows)`` or ``(count, 1,
+    rows)``.
+    """
     parts = np.broadcast_arrays(*(np.asarray(row).reshape(count, -1) for row in rows))
     return np.stack(parts, axis=2)

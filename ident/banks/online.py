@@ -1,16 +1,19 @@
 """The bank of delays on line, row by row, and its sensitivity to the start.
 
-The same filters as one pass of `ident.banks.bank.run_bank` with its usual settings, equal to rounding. What
-differs is where the input at the vehicle comes from: it is the mean of the delayed stick over each interval, from the recent rows
-alone. Rows that wait are filtered together, and what is rare is looked for afterwards: where a sample turns out to be a spike,
-the rows from there on are filtered again without it.
+The same filters as one pass of `ident.banks.bank.run_bank` with its usual settings, equal to
+rounding. What differs is where the input at the vehicle comes from: it is the mean of the delayed
+stick over each interval, from the recent rows alone. Rows that wait are filtered together, and what
+is rare is looked for afterwards: where a sample turns out to be a spike, the rows from there on are
+filtered again without it.
 
-An extended Kalman filter is linearised on its way, so that its covariance shrinks before its estimate is right, and where the way
-ends hangs on where it began. A linear filter forgets its start as its covariance says. Here the starts of the factors are moved
-by one sigma of their prior, up or down by the columns of a Hadamard matrix: each factor is moved in half of the starts one way
-and in half the other, free of the rest (Plackett and Burman, Biometrika 33(4), 1946), so that the mean square of the differences from
-the declared start is, to first order, the variance which a start drawn from that prior causes. By the law of total variance it adds to
-the filter's own. The median stands for the mean: a start from which the filter fails outright says nothing of the others.
+An extended Kalman filter is linearised on its way, so that its covariance shrinks before its
+estimate is right, and where the way ends hangs on where it began. A linear filter forgets its start
+as its covariance says. Here the starts of the factors are moved by one sigma of their prior, up or
+down by the columns of a Hadamard matrix: each factor is moved in half of the starts one way and in
+half the other, free of the rest (Plackett and Burman, Biometrika 33(4), 1946), so that the mean
+square of the differences from the declared start is, to first order, the variance which a start
+drawn from that prior causes. By the law of total variance it adds to the filter's own. The median
+stands for the mean: a start from which the filter fails outright says nothing of the others.
 """
 
 from __future__ import annotations
@@ -34,7 +37,9 @@ LONGEST_SPIKE = 3  # samples in a row of one channel; what lasts longer is the m
 
 
 class Rows(NamedTuple):
-    """Rows as they arrive: ``time (N,)`` s, increasing; ``inputs (n_u, N)`` finite; ``outputs (m, N)`` in the System's order, NaN where missing."""
+    """Rows as they arrive: ``time (N,)`` s, increasing; ``inputs (n_u, N)`` finite; ``outputs (m,
+    N)`` in the System's order, NaN where missing.
+    """
 
     time: np.ndarray
     inputs: np.ndarray
@@ -46,12 +51,12 @@ class BankState(NamedTuple):
 
     Attributes
     ----------
-    mean : ``(n, B)``, covariance : ``(B, n, n)``, log_likelihood : ``(B,)``, sound : ``(B,)`` as in ``BankEstimate``.
-    innovation : ``(m,)`` of the most likely filter in standard deviations, NaN where nothing was measured.
-    expected : ``(m,)`` what that filter expected of the row's samples, NaN where nothing was measured.
-    skipped : ``(m,)`` samples of this row that were taken for spikes; streak : ``(m,)`` how many in a row.
-    rows_seen : rows so far.
-    past_time, past_inputs : ``(w,)`` and ``(n_u, w)``, the last rows as far back as the longest delay reaches.
+    mean : ``(n, B)``, covariance : ``(B, n, n)``, log_likelihood : ``(B,)``, sound : ``(B,)`` as in
+    ``BankEstimate``. innovation : ``(m,)`` of the most likely filter in standard deviations, NaN
+    where nothing was measured. expected : ``(m,)`` what that filter expected of the row's samples,
+    NaN where nothing was measured. skipped : ``(m,)`` samples of this row that were taken for
+    spikes; streak : ``(m,)`` how many in a row. rows_seen : rows so far. past_time, past_inputs :
+    ``(w,)`` and ``(n_u, w)``, the last rows as far back as the longest delay reaches.
     """
 
     mean: np.ndarray
@@ -83,10 +88,12 @@ class BankState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class OnlineBank:
-    """What stays the same from row to row: the System with ``p`` (the delays in it), tables of its equations, and the start.
+    """What stays the same from row to row: the System with ``p`` (the delays in it), tables of its
+    equations, and the start.
 
-    ``names`` are the ``n`` states and free parameters, ``units`` those of the parameters; ``start`` is ``(n,)`` for all filters or ``(n, B)``;
-    ``gate`` is in standard deviations, ``interval`` in s; ``memory`` (s) is how far back the recent inputs are kept.
+    ``names`` are the ``n`` states and free parameters, ``units`` those of the parameters; ``start``
+    is ``(n,)`` for all filters or ``(n, B)``; ``gate`` is in standard deviations, ``interval`` in
+    s; ``memory`` (s) is how far back the recent inputs are kept.
     """
 
     system: System
@@ -107,22 +114,32 @@ class OnlineBank:
         return self.tables.R
 
 
-def online_bank(system: System, interval: float, delays: Sequence[float] = DELAYS, *, name: str = "delay", gate: float = np.inf) -> OnlineBank:
+def online_bank(
+    system: System,
+    interval: float,
+    delays: Sequence[float] = DELAYS,
+    *,
+    name: str = "delay",
+    gate: float = np.inf,
+) -> OnlineBank:
     """Prepare a bank.
 
     Parameters
     ----------
-    system : compiled with ``online=True``, every noise level declared; its parameter ``name`` is held.
-    interval : usual time between rows, s; what is longer is cut into parts of at most one and a half times that. A batch run takes the
+    system : compiled with ``online=True``, every noise level declared; its parameter ``name`` is
+    held. interval : usual time between rows, s; what is longer is cut into parts of at most one and
+    a half times that. A batch run takes the
         median of the whole record, and is equal where that leads to the same parts.
     delays : increasing, s.
-    gate : an innovation beyond so many standard deviations of the most likely filter is a spike, and the sample counts as missing for
-        all filters; after ``LONGEST_SPIKE`` in a row it is believed. The batch pass of the same rows has no gate: it
-        equals this one where those samples are missing.
+    gate : an innovation beyond so many standard deviations of the most likely filter is a spike,
+    and the sample counts as missing for
+        all filters; after ``LONGEST_SPIKE`` in a row it is believed. The batch pass of the same
+        rows has no gate: it equals this one where those samples are missing.
 
     Raises
     ------
-    ModelError : equations that are not bilinear or ask for the time, an input that acts on an output directly, an undeclared noise level or prior.
+    ModelError : equations that are not bilinear or ask for the time, an input that acts on an
+    output directly, an undeclared noise level or prior.
     """
     free_names = system.parameters.free_names
     if name in free_names:
@@ -131,39 +148,100 @@ def online_bank(system: System, interval: float, delays: Sequence[float] = DELAY
     density, variance = system.noise(held)
     for output, value in zip(system.output_names, variance, strict=True):
         if not (np.isfinite(value) and value > 0):
-            raise ModelError("its measurement noise is not declared", where=f"output {output}", remedy="give its standard deviation")
+            raise ModelError(
+                "its measurement noise is not declared",
+                where=f"output {output}",
+                remedy="give its standard deviation",
+            )
     for each in free_names:
         if system.declared_noise.process_density.get(each, 0.0):
-            raise ModelError("it is a random walk", where=f"on-line bank, {each}", remedy="use run_bank on the whole record")
-    tables = tables_of(system, held, np.array([*density, *[0.0] * len(free_names)]), np.array(variance, dtype=float))
+            raise ModelError(
+                "it is a random walk",
+                where=f"on-line bank, {each}",
+                remedy="use run_bank on the whole record",
+            )
+    tables = tables_of(
+        system,
+        held,
+        np.array([*density, *[0.0] * len(free_names)]),
+        np.array(variance, dtype=float),
+    )
     if tables is None:
-        raise ModelError("its equations are not sums of a parameter times a state", where="on-line bank", remedy="use run_bank on the whole record")
+        raise ModelError(
+            "its equations are not sums of a parameter times a state",
+            where="on-line bank",
+            remedy="use run_bank on the whole record",
+        )
     if tables.h.feeds_through:
-        raise ModelError("an input acts on an output directly", where="on-line bank", remedy="use run_bank on the whole record")
-    std = [prior_std(system, each, state=True) for each in system.state_names] + [prior_std(system, each, state=False) for each in free_names]
+        raise ModelError(
+            "an input acts on an output directly",
+            where="on-line bank",
+            remedy="use run_bank on the whole record",
+        )
+    std = [prior_std(system, each, state=True) for each in system.state_names] + [
+        prior_std(system, each, state=False) for each in free_names
+    ]
     grid = np.atleast_1d(np.asarray(delays, dtype=float))
     p: list[Any] = list(held)
     p[system.parameters.index(name)] = grid
     start = np.concatenate([system.initial.values(), system.parameters.values(free_names)])
     units = tuple(system.parameters[each].unit for each in free_names)
     names, memory = (*system.state_names, *free_names), float(grid.max())
-    return OnlineBank(system, names, units, grid, p, tables, start, np.diag(np.square(std)), gate, interval, memory)
+    return OnlineBank(
+        system,
+        names,
+        units,
+        grid,
+        p,
+        tables,
+        start,
+        np.diag(np.square(std)),
+        gate,
+        interval,
+        memory,
+    )
 
 
-def with_delays(bank: OnlineBank, delays: np.ndarray, start: np.ndarray | None = None) -> OnlineBank:
-    """The bank with other delays ``(B,)`` (s, in any order, a delay may stand several times), and starts ``(n,)`` or ``(n, B)`` where given."""
+def with_delays(
+    bank: OnlineBank, delays: np.ndarray, start: np.ndarray | None = None
+) -> OnlineBank:
+    """The bank with other delays ``(B,)`` (s, in any order, a delay may stand several times), and
+    starts ``(n,)`` or ``(n, B)`` where given.
+    """
     # The delays are the only held value that is an array.
     p = [delays if np.ndim(value) else value for value in bank.p]
-    return replace(bank, delays=delays, p=p, start=bank.start if start is None else start, memory=max(bank.memory, float(delays.max())))
+    return replace(
+        bank,
+        delays=delays,
+        p=p,
+        start=bank.start if start is None else start,
+        memory=max(bank.memory, float(delays.max())),
+    )
 
 
 def begin(bank: OnlineBank, rows: Rows) -> BankState:
     """The state after the first row, the only one in ``rows``."""
     B, m, n_u = len(bank.delays), len(bank.R), len(bank.system.inputs)
-    x = np.array(np.broadcast_to(bank.start if bank.start.ndim == 2 else bank.start[:, None], (len(bank.names), B)))
+    x = np.array(
+        np.broadcast_to(
+            bank.start if bank.start.ndim == 2 else bank.start[:, None], (len(bank.names), B)
+        )
+    )
     P = np.array(np.broadcast_to(bank.covariance, (B, *bank.covariance.shape)), order="C")
     silent, none = np.full(m, np.nan), np.zeros(m, dtype=bool)
-    before = BankState(x, P, np.zeros(B), np.ones(B, dtype=bool), silent, silent, none, np.zeros(m, dtype=int), 0, rows.time[:0], rows.inputs[:, :0])
+    before = BankState(
+        x,
+        P,
+        np.zeros(B),
+        np.ones(B, dtype=bool),
+        silent,
+        silent,
+        none,
+        np.zeros(m, dtype=int),
+        0,
+        rows.time[:0],
+        rows.inputs[:, :0],
+    )
     way = _Way(rows.time, rows.inputs, [range(0)], [], np.zeros((0, B, n_u)), [0], [0])
     return _through(bank, before, way, rows.outputs)[0]
 
@@ -177,20 +255,26 @@ def advance(bank: OnlineBank, state: BankState, rows: Rows) -> list[BankState]:
     held = np.concatenate([state.past_inputs[:, -1:], rows.inputs], axis=1)
     time = np.concatenate([state.past_time, nodes])
     inputs = np.concatenate([state.past_inputs, held[:, row]], axis=1)
-    means = [np.asarray(each).reshape(len(time) - 1, -1) for each in bank.system.input_path(bank.p, list(inputs[:, :-1]), time)]
+    means = [
+        np.asarray(each).reshape(len(time) - 1, -1)
+        for each in bank.system.input_path(bank.p, list(inputs[:, :-1]), time)
+    ]
     u = np.stack(np.broadcast_arrays(*means), axis=2)[known - 1 :]
     last = np.flatnonzero(np.diff(row, prepend=0)) + 1
     steps = [range(a, b) for a, b in zip([0, *last[:-1].tolist()], last.tolist(), strict=True)]
     # The node at which the longest delay ends: older ones are forgotten.
     at = known + last - 1
     oldest = np.maximum(np.searchsorted(time, time[at] - bank.memory, side="right") - 1, 0)
-    way = _Way(time, inputs, steps, np.diff(time)[known - 1 :].tolist(), u, oldest.tolist(), at.tolist())
+    way = _Way(
+        time, inputs, steps, np.diff(time)[known - 1 :].tolist(), u, oldest.tolist(), at.tolist()
+    )
     return _through(bank, state, way, rows.outputs)
 
 
 class _Way(NamedTuple):
-    """Nodes to go through: all times and inputs, the past's among them; the steps between nodes that lead to each row, their sizes (s)
-    and inputs at the vehicle ``(M, B, n_u)``; and for each row the oldest node that is still needed, and its own."""
+    """Nodes to go through: all times and inputs, the past's among them; the steps between nodes
+    that lead to each row, their sizes (s) and inputs at the vehicle ``(M, B, n_u)``; and for each
+    row the oldest node that is still needed, and its own."""
 
     time: np.ndarray
     inputs: np.ndarray
@@ -202,7 +286,9 @@ class _Way(NamedTuple):
 
 
 def _nodes(bank: OnlineBank, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Times at which the filters stop after ``time[0]``, as in ``sim.propagation.make_grid``, and the row whose input holds from each on."""
+    """Times at which the filters stop after ``time[0]``, as in ``sim.propagation.make_grid``, and
+    the row whose input holds from each on.
+    """
     gaps = np.diff(time)
     pieces = np.maximum(1, np.ceil(gaps / (1.5 * bank.interval) - 1e-9)).astype(int)
     if pieces.max() == 1:
@@ -210,7 +296,9 @@ def _nodes(bank: OnlineBank, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     before = np.repeat(np.arange(len(gaps)), pieces)
     within = np.arange(1, len(before) + 1) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     last = within == pieces[before]
-    return np.where(last, time[before + 1], time[before] + gaps[before] * (within / pieces[before])), np.where(last, before + 1, before)
+    return np.where(
+        last, time[before + 1], time[before] + gaps[before] * (within / pieces[before])
+    ), np.where(last, before + 1, before)
 
 
 def _through(bank: OnlineBank, state: BankState, way: _Way, outputs: np.ndarray) -> list[BankState]:
@@ -225,7 +313,8 @@ def _through(bank: OnlineBank, state: BankState, way: _Way, outputs: np.ndarray)
             filtered, found = _filtered(bank, state, way, rows, z[:, rows], spikes)
             states += filtered
             first, state = first + len(filtered), filtered[-1] if filtered else state
-            # From a spike on in ever longer parts, so that many spikes do not cost the rest of the rows each time.
+            # From a spike on in ever longer parts, so that many spikes do not cost the rest of the
+            # rows each time.
             length = 1 if found is not None else 2 * length
             if found is not None:
                 z[found.skipped, first] = np.nan
@@ -234,7 +323,9 @@ def _through(bank: OnlineBank, state: BankState, way: _Way, outputs: np.ndarray)
 
 
 class _Assessed(NamedTuple):
-    """What was found of one row's samples before spikes were left out, ``(m,)`` each as in ``BankState``."""
+    """What was found of one row's samples before spikes were left out, ``(m,)`` each as in
+    ``BankState``.
+    """
 
     innovation: np.ndarray
     expected: np.ndarray
@@ -243,18 +334,34 @@ class _Assessed(NamedTuple):
 
 
 def _filtered(
-    bank: OnlineBank, before: BankState, way: _Way, rows: slice, z: np.ndarray, judged: _Assessed | None
+    bank: OnlineBank,
+    before: BankState,
+    way: _Way,
+    rows: slice,
+    z: np.ndarray,
+    judged: _Assessed | None,
 ) -> tuple[list[BankState], _Assessed | None]:
-    """The states after ``rows`` up to the first with a new spike, and what was found of that one. The first row is not judged again."""
+    """The states after ``rows`` up to the first with a new spike, and what was found of that one.
+    The first row is not judged again.
+    """
     valid = ~np.isnan(z)
     missing = [None if column.all() else np.flatnonzero(~column) for column in valid.T]
-    done = along(bank.tables, Legs(way.steps[rows], way.dt, way.u, None, z.T[:, None, :, None], missing), before.mean, before.covariance)
+    done = along(
+        bank.tables,
+        Legs(way.steps[rows], way.dt, way.u, None, z.T[:, None, :, None], missing),
+        before.mean,
+        before.covariance,
+    )
     gained, squared = worth(done.innovation, valid)
     good = sound_so_far(done, squared, before.sound)
-    total = np.where(good, before.log_likelihood + np.cumsum(np.where(good, gained, 0.0), axis=0), -np.inf)
+    total = np.where(
+        good, before.log_likelihood + np.cumsum(np.where(good, gained, 0.0), axis=0), -np.inf
+    )
     likely = np.concatenate([before.log_likelihood[None], total[:-1]]).argmax(axis=1)
     chosen = done.innovation[np.arange(len(likely)), likely]
-    sizes = np.where(valid.T, chosen[:, :, 0] / np.sqrt(np.diagonal(chosen[:, :, 1:], axis1=1, axis2=2)), np.nan)
+    sizes = np.where(
+        valid.T, chosen[:, :, 0] / np.sqrt(np.diagonal(chosen[:, :, 1:], axis1=1, axis2=2)), np.nan
+    )
     expected = np.where(valid.T, z.T - chosen[:, :, 0], np.nan)
     wild, none = np.abs(sizes) > bank.gate, np.zeros(len(z), dtype=bool)
     suspicious, streak = bool(wild.any() or before.streak.any()), before.streak
@@ -266,14 +373,34 @@ def _filtered(
         if k == 0 and judged is not None:
             found = judged
         elif suspicious and valid[:, k].any():
-            found = _Assessed(sizes[k], expected[k], wild[k] & (streak < LONGEST_SPIKE), np.where(wild[k], streak + 1, 0))
+            found = _Assessed(
+                sizes[k],
+                expected[k],
+                wild[k] & (streak < LONGEST_SPIKE),
+                np.where(wild[k], streak + 1, 0),
+            )
             if found.skipped.any():
                 return states, found
         streak = found.streak
         mean = done.mean[k].T if every else np.where(good[k], done.mean[k].T, mean)
-        covariance = done.covariance[k] if every else np.where(good[k][:, None, None], done.covariance[k], covariance)
+        covariance = (
+            done.covariance[k]
+            if every
+            else np.where(good[k][:, None, None], done.covariance[k], covariance)
+        )
         past = slice(way.oldest[row], way.at[row] + 1)
-        states.append(BankState(mean, covariance, total[k], good[k], *found, seen + k + 1, way.time[past], way.inputs[:, past]))
+        states.append(
+            BankState(
+                mean,
+                covariance,
+                total[k],
+                good[k],
+                *found,
+                seen + k + 1,
+                way.time[past],
+                way.inputs[:, past],
+            )
+        )
     return states, None
 
 
@@ -282,17 +409,26 @@ def bank_estimate(bank: OnlineBank, state: BankState) -> BankEstimate:
     P = 0.5 * (state.covariance + np.swapaxes(state.covariance, 1, 2))
     log_likelihood = np.where(state.sound, state.log_likelihood, -np.inf)
     B = len(bank.delays)
-    return BankEstimate(bank.names, state.mean, P, log_likelihood, np.zeros((0, B)), state.sound, np.ones(B, dtype=int))
+    return BankEstimate(
+        bank.names,
+        state.mean,
+        P,
+        log_likelihood,
+        np.zeros((0, B)),
+        state.sound,
+        np.ones(B, dtype=int),
+    )
 
 
 # ---- What an estimate on line owes to its start
 
-MEDIAN_SQUARE = 0.454936  # of a standard normal variable: the median of chi-square with one degree of freedom
+# of a standard normal variable: the median of chi-square with one degree of freedom
+MEDIAN_SQUARE = 0.454936
 
 
 class Ends(NamedTuple):
-    """Where K starts have come to after each of N rows: ``mean (N, K, n)`` and ``delay (N, K)`` (s) of the most likely filter of each;
-    ``sound (N, K)``."""
+    """Where K starts have come to after each of N rows: ``mean (N, K, n)`` and ``delay (N, K)`` (s)
+    of the most likely filter of each; ``sound (N, K)``."""
 
     mean: np.ndarray
     delay: np.ndarray
@@ -300,8 +436,9 @@ class Ends(NamedTuple):
 
 
 class Spread(NamedTuple):
-    """Of each of N rows: standard deviations ``std (N, n)`` that the start and the grid of delays add to those of the most likely filter, and
-    ``delay (N,)`` (s) to the delay's; infinite where half of the starts broke down. ``differences (N, K, n)`` from the declared start."""
+    """Of each of N rows: standard deviations ``std (N, n)`` that the start and the grid of delays
+    add to those of the most likely filter, and ``delay (N,)`` (s) to the delay's; infinite where
+    half of the starts broke down. ``differences (N, K, n)`` from the declared start."""
 
     std: np.ndarray
     delay: np.ndarray
@@ -309,13 +446,18 @@ class Spread(NamedTuple):
 
 
 def moved_starts(bank: OnlineBank, factors: Sequence[str]) -> np.ndarray:
-    """Starts ``(n, K)`` with the factors moved by one sigma of their prior; K is the smallest power of two above their number.
+    """Starts ``(n, K)`` with the factors moved by one sigma of their prior; K is the smallest power
+    of two above their number.
 
     Raises ModelError for a factor that the bank does not have.
     """
     missing = [name for name in factors if name not in bank.names]
     if missing:
-        raise ModelError("it is no state and no free parameter", where=f"other starts, {missing[0]}", remedy=f"name some of {', '.join(bank.names)}")
+        raise ModelError(
+            "it is no state and no free parameter",
+            where=f"other starts, {missing[0]}",
+            remedy=f"name some of {', '.join(bank.names)}",
+        )
     signs: np.ndarray = np.ones((1, 1))
     while signs.shape[1] <= len(factors):
         signs = np.kron([[1.0, 1.0], [1.0, -1.0]], signs)
@@ -326,15 +468,24 @@ def moved_starts(bank: OnlineBank, factors: Sequence[str]) -> np.ndarray:
 
 
 def bank_of_starts(bank: OnlineBank, starts: np.ndarray) -> OnlineBank:
-    """All delays of a bank from each start ``(n, K)``, start by start. It looks for no spikes: they are taken out by the bank beside it."""
+    """All delays of a bank from each start ``(n, K)``, start by start. It looks for no spikes: they
+    are taken out by the bank beside it.
+    """
     count = starts.shape[1]
-    return replace(with_delays(bank, np.tile(bank.delays, count), np.repeat(starts, len(bank.delays), axis=1)), gate=np.inf)
+    return replace(
+        with_delays(bank, np.tile(bank.delays, count), np.repeat(starts, len(bank.delays), axis=1)),
+        gate=np.inf,
+    )
 
 
 def ends_of(bank: OnlineBank, states: Sequence[BankState], delays: int) -> Ends:
-    """The most likely filter of each start in states of a ``bank_of_starts`` with so many delays a start."""
+    """The most likely filter of each start in states of a ``bank_of_starts`` with so many delays a
+    start.
+    """
     K, n = len(bank.delays) // delays, len(bank.names)
-    likely = np.array([np.where(state.sound, state.log_likelihood, -np.inf) for state in states]).reshape(-1, K, delays)
+    likely = np.array(
+        [np.where(state.sound, state.log_likelihood, -np.inf) for state in states]
+    ).reshape(-1, K, delays)
     best = likely.argmax(axis=2)
     means = np.array([state.mean for state in states]).reshape(-1, n, K, delays)
     mean = np.take_along_axis(means, best[:, None, :, None], axis=3)[:, :, :, 0].transpose(0, 2, 1)
@@ -342,12 +493,16 @@ def ends_of(bank: OnlineBank, states: Sequence[BankState], delays: int) -> Ends:
 
 
 def spread_of(bank: OnlineBank, states: Sequence[BankState], ends: Ends) -> Spread:
-    """How far the starts end from the declared one, whose bank has these ``states``, with what lies between the points of its grid of delays."""
+    """How far the starts end from the declared one, whose bank has these ``states``, with what lies
+    between the points of its grid of delays.
+    """
     likely = np.array([np.where(state.sound, state.log_likelihood, -np.inf) for state in states])
     best, each = likely.argmax(axis=1), np.arange(len(states))
     low, high = np.maximum(best - 1, 0), np.minimum(best + 1, len(bank.delays) - 1)
     means = np.array([state.mean for state in states])
-    slope = (means[each, :, high] - means[each, :, low]) / (bank.delays[high] - bank.delays[low])[:, None]
+    slope = (means[each, :, high] - means[each, :, low]) / (bank.delays[high] - bank.delays[low])[
+        :, None
+    ]
     # A delay is known to a step of the grid, within which any is as likely.
     step = float(np.diff(bank.delays).mean())
     differences = ends.mean - means[each, :, best][:, None]
@@ -360,7 +515,9 @@ def spread_of(bank: OnlineBank, states: Sequence[BankState], ends: Ends) -> Spre
 
 
 def spread_covariance(std: np.ndarray, differences: np.ndarray) -> np.ndarray:
-    """The covariance ``(n, n)`` with the deviations ``std (n,)`` and the correlations of the differences ``(K, n)`` of one row."""
+    """The covariance ``(n, n)`` with the deviations ``std (n,)`` and the correlations of the
+    differences ``(K, n)`` of one row.
+    """
     products = differences.T @ differences
     scale = np.sqrt(np.diagonal(products))
     share = np.divide(std, scale, out=np.zeros_like(std), where=scale > 0)
@@ -370,5 +527,7 @@ def spread_covariance(std: np.ndarray, differences: np.ndarray) -> np.ndarray:
 
 
 def _typical(differences: np.ndarray, sound: np.ndarray) -> np.ndarray:
-    """Variances by the median square over the starts, the second axis; a start that broke down is infinitely far."""
+    """Variances by the median square over the starts, the second axis; a start that broke down is
+    infinitely far.
+    """
     return np.median(np.where(sound, np.square(differences), np.inf), axis=1) / MEDIAN_SQUARE

@@ -1,8 +1,10 @@
-"""The bank of delays on line, linearised anew while rows arrive: its estimate is that of the whole record so far, as `run_delay_bank` refines it.
+"""The bank of delays on line, linearised anew while rows arrive: its estimate is that of the whole
+record so far, as `run_delay_bank` refines it.
 
-When the rows have told enough, the refinement runs over all of them, and filters at delays one sigma apart around its result, linearised
-about the smoothed trajectory, go on row by row from where it ends. They are near the answer by then, so that an extended Kalman
-filter is as good as the iterated one; it is linearised again when what is known has grown much or the estimate has moved.
+When the rows have told enough, the refinement runs over all of them, and filters at delays one
+sigma apart around its result, linearised about the smoothed trajectory, go on row by row from where
+it ends. They are near the answer by then, so that an extended Kalman filter is as good as the
+iterated one; it is linearised again when what is known has grown much or the estimate has moved.
 """
 
 from __future__ import annotations
@@ -20,13 +22,22 @@ from sim.declaration.model import System
 from sim.errors import FlightidError
 from sim.record import Record
 
-REACH = 4  # filters to either side, one sigma of the delay apart: their sum is a Gaussian's integral to 1e-4
-FEWEST = 5  # filters over delays that are hardly known: midpoints of so many cells have a uniform density's deviation to 2 %
-SHARPER = 0.5  # of the sigma when last linearised: a curvature that was of no account over that is of less over this
-MOVED = 1.0  # sigmas when last linearised: within one the quadratic term is a small part of the linear one
-COARSE = 0.5  # sigma of the delay over the step of the grid: below, a sum over the filters is no integral
+# filters to either side, one sigma of the delay apart: their sum is a Gaussian's integral to 1e-4
+REACH = 4
+# filters over delays that are hardly known: midpoints of so many cells have a uniform density's
+# deviation to 2 %
+FEWEST = 5
+# of the sigma when last linearised: a curvature that was of no account over that is of less over
+# this
+SHARPER = 0.5
+# sigmas when last linearised: within one the quadratic term is a small part of the linear one
+MOVED = 1.0
+# sigma of the delay over the step of the grid: below, a sum over the filters is no integral
+COARSE = 0.5
 EDGE = 0.01  # likelihood of the outermost filter: above, the grid stands aside
-WIDER = 1.25  # times the sigma that all rows give: rows that give no more hold nearly two thirds of the information
+# times the sigma that all rows give: rows that give no more hold nearly two thirds of the
+# information
+WIDER = 1.25
 CONTRADICTED = 2.0  # sigmas
 SETTLED = 0.1  # sigmas within which iterated filters count as settled
 ELSEWHERE = 0.5  # sigmas: filters that settle within a tenth of one answer are not this far apart
@@ -34,8 +45,9 @@ ELSEWHERE = 0.5  # sigmas: filters that settle within a tenth of one answer are 
 
 @dataclass(frozen=True, eq=False)
 class Relinearised:
-    """The ``bank`` at fine delays and its ``state``; ``rows`` it was last linearised over, with ``mean`` and ``std (n + 1,)`` then, the delay last;
-    ``apart (n,)`` how far iterated filters ended from it that were linearised elsewhere first, zero where they agree."""
+    """The ``bank`` at fine delays and its ``state``; ``rows`` it was last linearised over, with
+    ``mean`` and ``std (n + 1,)`` then, the delay last; ``apart (n,)`` how far iterated filters
+    ended from it that were linearised elsewhere first, zero where they agree."""
 
     bank: OnlineBank
     state: BankState
@@ -46,39 +58,78 @@ class Relinearised:
 
 
 def informative_enough(bank: OnlineBank, state: BankState, names: Sequence[str]) -> bool:
-    """Whether the most likely filter knows any of these parameters twice as well as before the first row."""
+    """Whether the most likely filter knows any of these parameters twice as well as before the
+    first row.
+    """
     at = [bank.names.index(name) for name in names]
-    return bool(np.any(state.std(state.best)[at] < SHARPER * np.sqrt(np.diagonal(bank.covariance)[at])))
+    return bool(
+        np.any(state.std(state.best)[at] < SHARPER * np.sqrt(np.diagonal(bank.covariance)[at]))
+    )
 
 
-def linearise(record: Record, system: System, plain: OnlineBank, state: BankState, elsewhere: np.ndarray, name: str = "delay") -> Relinearised | None:
-    """Refine over all rows and go on from there; None where the refinement finds no delay inside the grid, or does not settle.
+def linearise(
+    record: Record,
+    system: System,
+    plain: OnlineBank,
+    state: BankState,
+    elsewhere: np.ndarray,
+    name: str = "delay",
+) -> Relinearised | None:
+    """Refine over all rows and go on from there; None where the refinement finds no delay inside
+    the grid, or does not settle.
 
     Parameters
     ----------
     record : the rows so far, or as many of the last as shall count.
     system : for them, as for ``run_delay_bank``.
     plain, state : the bank on line after the last row; ``state`` knows the recent inputs.
-    elsewhere : means ``(n, K)`` whose parameters are taken as other points to linearise about first.
+    elsewhere : means ``(n, K)`` whose parameters are taken as other points to linearise about
+    first.
     """
     try:
         found = run_delay_bank(record, system, name=name)
     except FlightidError:
         return None
-    if not found.refined_std > 0 or found.estimate.outcome is not Outcome.CONVERGED or found.about is None:
+    if (
+        not found.refined_std > 0
+        or found.estimate.outcome is not Outcome.CONVERGED
+        or found.about is None
+    ):
         return None
-    fine = _fine(found.refined, found.refined_std, float(plain.delays.min()), float(plain.delays.max()))
-    runs, _ = run_iterated_bank(record, found.system, held={name: fine}, about=found.about[:, :, None], tolerance=SETTLED)
+    fine = _fine(
+        found.refined, found.refined_std, float(plain.delays.min()), float(plain.delays.max())
+    )
+    runs, _ = run_iterated_bank(
+        record, found.system, held={name: fine}, about=found.about[:, :, None], tolerance=SETTLED
+    )
     if np.count_nonzero(runs.sound) < 3:
         return None
     silent = np.full(len(plain.R), np.nan)
     none = np.zeros(len(plain.R), dtype=bool)
-    begun = (runs.mean, runs.covariance, runs.log_likelihood, runs.sound, silent, silent, none, none.astype(int))
+    begun = (
+        runs.mean,
+        runs.covariance,
+        runs.log_likelihood,
+        runs.sound,
+        silent,
+        silent,
+        none,
+        none.astype(int),
+    )
     after = BankState(*begun, state.rows_seen, state.past_time, state.past_inputs)
-    bank = replace(online_bank(found.system, plain.interval, fine.tolist(), name=name), memory=plain.memory)
+    bank = replace(
+        online_bank(found.system, plain.interval, fine.tolist(), name=name), memory=plain.memory
+    )
     mean, covariance = joint(bank, after)
     std = np.sqrt(np.diagonal(covariance))
-    return Relinearised(bank, after, state.rows_seen, mean, std, _apart(record, found.system, name, found.refined, found.about, elsewhere, std[:-1]))
+    return Relinearised(
+        bank,
+        after,
+        state.rows_seen,
+        mean,
+        std,
+        _apart(record, found.system, name, found.refined, found.about, elsewhere, std[:-1]),
+    )
 
 
 def along(current: Relinearised, rows: Rows) -> list[Relinearised]:
@@ -87,31 +138,46 @@ def along(current: Relinearised, rows: Rows) -> list[Relinearised]:
 
 
 def on_a_grid_that_fits(current: Relinearised) -> Relinearised:
-    """The same, its delays laid anew where they have become too far apart for a sum over them, or stand aside of the likely ones."""
+    """The same, its delays laid anew where they have become too far apart for a sum over them, or
+    stand aside of the likely ones.
+    """
     bank, state = current.bank, current.state
     mean, covariance = joint(bank, state)
     weights = likelihood_weights(np.where(state.sound, state.log_likelihood, -np.inf))
     step = float(np.diff(bank.delays).mean())
-    # Where there is no room for a further filter the Gaussian is cut off: laid anew, it would be cut again and become narrower without a row.
-    inside = (weights[0] < EDGE or bank.delays[0] < step) and (weights[-1] < EDGE or bank.delays[-1] > bank.memory - step)
+    # Where there is no room for a further filter the Gaussian is cut off: laid anew, it would be
+    # cut again and become narrower without a row.
+    inside = (weights[0] < EDGE or bank.delays[0] < step) and (
+        weights[-1] < EDGE or bank.delays[-1] > bank.memory - step
+    )
     dense = float(np.sqrt(covariance[-1, -1])) > COARSE * step
-    return current if not state.sound.any() or (inside and dense) else _laid_anew(current, mean, covariance)
+    return (
+        current
+        if not state.sound.any() or (inside and dense)
+        else _laid_anew(current, mean, covariance)
+    )
 
 
 def due(current: Relinearised, names: Sequence[str]) -> bool:
-    """Whether the filters should be linearised again: these parameters have become much sharper, or moved. Constant terms need not be among
-    them: they act alike wherever the filters are linearised."""
+    """Whether the filters should be linearised again: these parameters have become much sharper, or
+    moved. Constant terms need not be among them: they act alike wherever the filters are
+    linearised."""
     mean, covariance = joint(current.bank, current.state)
     at = [*(current.bank.names.index(name) for name in names), len(mean) - 1]
     std, before = np.sqrt(np.diagonal(covariance))[at], current.std[at]
-    return bool(np.any(std < SHARPER * before) or np.any(np.abs(mean - current.mean)[at] > MOVED * before))
+    return bool(
+        np.any(std < SHARPER * before) or np.any(np.abs(mean - current.mean)[at] > MOVED * before)
+    )
 
 
-def sharper_of(current: Relinearised | None, found: Relinearised | None, names: Sequence[str]) -> Relinearised | None:
+def sharper_of(
+    current: Relinearised | None, found: Relinearised | None, names: Sequence[str]
+) -> Relinearised | None:
     """Which of the two goes on, where ``found`` comes from the last rows alone.
 
-    It does if these parameters are hardly less sharp by it: then these rows hold what is known. Else the current one does, which was linearised
-    over other rows; where the two contradict each other by more than two of the new sigmas its deviations span both.
+    It does if these parameters are hardly less sharp by it: then these rows hold what is known.
+    Else the current one does, which was linearised over other rows; where the two contradict each
+    other by more than two of the new sigmas its deviations span both.
     """
     if found is None or current is None:
         return current if found is None else found
@@ -121,12 +187,16 @@ def sharper_of(current: Relinearised | None, found: Relinearised | None, names: 
     if np.all(found.std[at] <= WIDER * std[at]):
         return found
     off = np.abs(mean - found.mean)[:-1]
-    apart = np.where(off > CONTRADICTED * found.std[:-1], np.maximum(off, current.apart), current.apart)
+    apart = np.where(
+        off > CONTRADICTED * found.std[:-1], np.maximum(off, current.apart), current.apart
+    )
     return replace(current, rows=current.state.rows_seen, mean=mean, std=std, apart=apart)
 
 
 def joint(bank: OnlineBank, state: BankState) -> tuple[np.ndarray, np.ndarray]:
-    """Mean ``(n + 1,)`` and covariance of states, parameters and delay over all filters by their likelihood: within and between them."""
+    """Mean ``(n + 1,)`` and covariance of states, parameters and delay over all filters by their
+    likelihood: within and between them.
+    """
     weights = likelihood_weights(np.where(state.sound, state.log_likelihood, -np.inf))
     use = np.flatnonzero(state.sound & (weights > 1e-12))
     use = use if use.size else np.array([state.best])
@@ -144,7 +214,9 @@ def joint(bank: OnlineBank, state: BankState) -> tuple[np.ndarray, np.ndarray]:
 
 
 def joint_estimate(current: Relinearised, name: str = "delay", unit: str = "s") -> Estimate:
-    """The parameters with the delay as the last one; what other points of linearisation ended apart by stands in the sigmas."""
+    """The parameters with the delay as the last one; what other points of linearisation ended apart
+    by stands in the sigmas.
+    """
     bank, state = current.bank, current.state
     n_x = len(bank.system.states)
     mean, covariance = joint(bank, state)
@@ -153,11 +225,24 @@ def joint_estimate(current: Relinearised, name: str = "delay", unit: str = "s") 
     likely = float(state.log_likelihood[state.best])
     names, units = (*bank.names[n_x:], name), (*bank.units, unit)
     std = np.sqrt(np.diag(bank.R))
-    return Estimate("online", names, units, mean[n_x:], covariance[n_x:, n_x:], outcome, likely, bank.system.output_names, std, ())
+    return Estimate(
+        "online",
+        names,
+        units,
+        mean[n_x:],
+        covariance[n_x:, n_x:],
+        outcome,
+        likely,
+        bank.system.output_names,
+        std,
+        (),
+    )
 
 
 def _fine(delay: float, std: float, least: float, most: float) -> np.ndarray:
-    """Delays one sigma apart, or less, in the middle of even cells; together these reach as far as the Gaussian does between two bounds."""
+    """Delays one sigma apart, or less, in the middle of even cells; together these reach as far as
+    the Gaussian does between two bounds.
+    """
     low, high = (min(max(delay + side * (REACH + 0.5) * std, least), most) for side in (-1.0, 1.0))
     count = max(round((high - low) / std + 0.499), FEWEST)
     return low + (high - low) / count * (np.arange(count) + 0.5)
@@ -173,16 +258,33 @@ def _laid_anew(current: Relinearised, mean: np.ndarray, covariance: np.ndarray) 
     means = mean[:n, None] + slope[:, None] * (fine - mean[n])
     likely = float(state.log_likelihood[state.best]) - 0.5 * np.square(fine - mean[n]) / variance
     count = fine.size
-    new = state._replace(mean=means, covariance=np.repeat(within[None], count, axis=0), log_likelihood=likely, sound=np.ones(count, dtype=bool))
+    new = state._replace(
+        mean=means,
+        covariance=np.repeat(within[None], count, axis=0),
+        log_likelihood=likely,
+        sound=np.ones(count, dtype=bool),
+    )
     return replace(current, bank=with_delays(bank, fine), state=new)
 
 
-def _apart(record: Record, system: System, name: str, delay: float, about: np.ndarray, elsewhere: np.ndarray, std: np.ndarray) -> np.ndarray:
-    """How far from the rest of them iterated filters end that began about other parameters ``(n, K)``; zero where all end together."""
+def _apart(
+    record: Record,
+    system: System,
+    name: str,
+    delay: float,
+    about: np.ndarray,
+    elsewhere: np.ndarray,
+    std: np.ndarray,
+) -> np.ndarray:
+    """How far from the rest of them iterated filters end that began about other parameters ``(n,
+    K)``; zero where all end together.
+    """
     n_x, count = len(system.states), elsewhere.shape[1]
     points = np.repeat(about[:, :, None], 1 + count, axis=2)
     points[n_x:, :, 1:] = elsewhere[n_x:, None]
-    runs, _ = run_iterated_bank(record, system, held={name: np.full(1 + count, delay)}, about=points, tolerance=SETTLED)
+    runs, _ = run_iterated_bank(
+        record, system, held={name: np.full(1 + count, delay)}, about=points, tolerance=SETTLED
+    )
     others = runs.sound.copy()
     others[0] = False
     if not others.any():

@@ -1,11 +1,12 @@
 """Kernel of large campaigns: filters of bilinear equations, each number a row of runs.
 
-Every operation is one of NumPy's on whole rows, element by element, so that no run's numbers depend on which others there are, or on how
-many; entries of the table that are zero cost nothing. The same filters as `ident.banks.equation_kernels`, several times
-faster for hundreds of runs.
+Every operation is one of NumPy's on whole rows, element by element, so that no run's numbers depend
+on which others there are, or on how many; entries of the table that are zero cost nothing. The same
+filters as `ident.banks.equation_kernels`, several times faster for hundreds of runs.
 
-A pass goes over as many runs at once as stay in a processor's cache, and looks once a stretch of samples for what broke down; where
-something did, the stretch is gone over again sample by sample to find the last sound one.
+A pass goes over as many runs at once as stay in a processor's cache, and looks once a stretch of
+samples for what broke down; where something did, the stretch is gone over again sample by sample to
+find the last sound one.
 """
 
 from __future__ import annotations
@@ -27,8 +28,10 @@ from ident.filters.problem import FilterProblem
 
 
 class Seen(NamedTuple):
-    """What an update writes, a row of runs each: innovations ``y``, diagonal of their covariance ``S``, and, of channels freed of what those before
-    them tell, variances ``alone`` and squares over them ``squared``; ``(m, B)``, of a missing channel zeros, and ones in ``S`` and ``alone``."""
+    """What an update writes, a row of runs each: innovations ``y``, diagonal of their covariance
+    ``S``, and, of channels freed of what those before them tell, variances ``alone`` and squares
+    over them ``squared``; ``(m, B)``, of a missing channel zeros, and ones in ``S`` and
+    ``alone``."""
 
     y: np.ndarray
     S: np.ndarray
@@ -37,7 +40,9 @@ class Seen(NamedTuple):
 
 
 class Term(NamedTuple):
-    """A coefficient times one entry of (1, states, parameters, inputs), or times two, to be added to a row; ``second`` 0 for one."""
+    """A coefficient times one entry of (1, states, parameters, inputs), or times two, to be added
+    to a row; ``second`` 0 for one.
+    """
 
     row: int
     coefficient: float
@@ -46,10 +51,15 @@ class Term(NamedTuple):
 
 
 def slope_terms(table: Bilinear) -> list[Term]:
-    """The Jacobian by states and parameters, entry (i, j) in row ``i n + j``: one term of each entry first, then the others."""
+    """The Jacobian by states and parameters, entry (i, j) in row ``i n + j``: one term of each
+    entry first, then the others.
+    """
     n, width = table.n, len(table.table)
     slopes = table.table.reshape(width, -1, n + width)[:, :, :n].reshape(width, -1)
-    found = [[Term(row, float(slopes[a, row]), a, 0) for a in np.flatnonzero(slopes[:, row]).tolist()] for row in range(slopes.shape[1])]
+    found = [
+        [Term(row, float(slopes[a, row]), a, 0) for a in np.flatnonzero(slopes[:, row]).tolist()]
+        for row in range(slopes.shape[1])
+    ]
     return _in_layers(found)
 
 
@@ -59,7 +69,8 @@ def value_terms(table: Bilinear) -> list[Term]:
     halves = table.table.reshape(width, -1, n + width)[:, :, n:]
     found = []
     for row in range(halves.shape[1]):
-        # Of two entries the table holds half a coefficient twice; what is linear it holds once, at (0, b).
+        # Of two entries the table holds half a coefficient twice; what is linear it holds once, at
+        # (0, b).
         whole = np.triu(halves[:, row] + halves[:, row].T - np.diag(np.diag(halves[:, row])))
         pairs = zip(*(index.tolist() for index in np.nonzero(whole)), strict=True)
         found.append([Term(row, float(whole[a, b]), b, a) for a, b in pairs])
@@ -71,7 +82,9 @@ def _in_layers(found: list[list[Term]]) -> list[Term]:
 
 
 def summed(terms: Sequence[Term], w: np.ndarray, out: np.ndarray) -> Callable[[float], None]:
-    """A function that fills rows ``out (rows, B)`` with the sums of their terms at ``w``, times a factor; rows without a term are zeroed once."""
+    """A function that fills rows ``out (rows, B)`` with the sums of their terms at ``w``, times a
+    factor; rows without a term are zeroed once.
+    """
     out[:] = 0.0
     begun: set[int] = set()
     other, multiply, add = np.empty_like(w[0]), np.multiply, np.add
@@ -80,7 +93,9 @@ def summed(terms: Sequence[Term], w: np.ndarray, out: np.ndarray) -> Callable[[f
         further = term.row in begun
         begun.add(term.row)
         second, row = w[term.second] if term.second else None, out[term.row]
-        plan.append((term.coefficient, w[term.first], second, row, other if further else row, further))
+        plan.append(
+            (term.coefficient, w[term.first], second, row, other if further else row, further)
+        )
 
     def fill(factor: float) -> None:
         for coefficient, first, second, row, room, further in plan:
@@ -94,21 +109,34 @@ def summed(terms: Sequence[Term], w: np.ndarray, out: np.ndarray) -> Callable[[f
 
 
 def predictor(tables: Tables, w: np.ndarray, P: np.ndarray) -> Callable[[float], None]:
-    """A function that moves states in ``w (len w, B)`` and covariances ``P (n, n, B)``, symmetric, over a step of so many seconds."""
+    """A function that moves states in ``w (len w, B)`` and covariances ``P (n, n, B)``, symmetric,
+    over a step of so many seconds.
+    """
     n, n_x, B = tables.n, tables.n_x, w.shape[1]
     F, D, DP, moved = (np.empty((n_x, n, B)) for _ in range(4))
     rest, f, change, t = (np.empty((n_x, B)) for _ in range(4))
     own, pair = np.empty((n_x, n_x, B)), np.empty((n_x, n_x, B))
-    # Rates are linear in the states: A times these, of which the Jacobian has A, and what is without states.
-    at_rest = [term for term in value_terms(tables.f) if not (0 < term.first <= n_x or 0 < term.second <= n_x)]
+    # Rates are linear in the states: A times these, of which the Jacobian has A, and what is
+    # without states.
+    at_rest = [
+        term
+        for term in value_terms(tables.f)
+        if not (0 < term.first <= n_x or 0 < term.second <= n_x)
+    ]
     slopes, values = summed(slope_terms(tables.f), w, F.reshape(-1, B)), summed(at_rest, w, rest)
     noise = _noise(tables, F, D) if tables.driven else None
     states, multiply, add = w[1 : 1 + n_x], np.multiply, np.add
-    columns, moving = [(F[:, k], change[k]) for k in range(n_x)], [(F[:, k], states[k]) for k in range(n_x)]
+    columns, moving = (
+        [(F[:, k], change[k]) for k in range(n_x)],
+        [(F[:, k], states[k]) for k in range(n_x)],
+    )
     halves = [(F[:, k, None], F[k]) for k in range(n_x)]
     # An entry that the rates do not know leaves its column of Phi that of the identity.
     known = sorted({term.row % n for term in slope_terms(tables.f)}) or [0]
-    parts, blocks = [(D[:, k, None], P[k]) for k in known], [(moved[:, None, k], D[None, :, k]) for k in known]
+    parts, blocks = (
+        [(D[:, k, None], P[k]) for k in known],
+        [(moved[:, None, k], D[None, :, k]) for k in known],
+    )
     P_states, P_mirror, mirror = P[:n_x], P[n_x:, :n_x], moved[:, n_x:].swapaxes(0, 1)
 
     def predict(dt: float) -> None:
@@ -142,7 +170,9 @@ def predictor(tables: Tables, w: np.ndarray, P: np.ndarray) -> Callable[[float],
     return predict
 
 
-def _product(parts: Sequence[tuple[np.ndarray, np.ndarray]], out: np.ndarray, room: np.ndarray) -> None:
+def _product(
+    parts: Sequence[tuple[np.ndarray, np.ndarray]], out: np.ndarray, room: np.ndarray
+) -> None:
     """The sum of products, always in the same order."""
     np.multiply(*parts[0], out)
     for one, other in parts[1:]:
@@ -151,7 +181,9 @@ def _product(parts: Sequence[tuple[np.ndarray, np.ndarray]], out: np.ndarray, ro
 
 
 def _noise(tables: Tables, F: np.ndarray, second: np.ndarray) -> Callable[[float], np.ndarray]:
-    """Q_k ``(n_x, n_x, B)`` from the terms of Phi, I, F and ``second`` = A F / 2 with the step in them, while they stand there."""
+    """Q_k ``(n_x, n_x, B)`` from the terms of Phi, I, F and ``second`` = A F / 2 with the step in
+    them, while they stand there.
+    """
     n_x, B, driven = len(F), F.shape[2], tables.driven
     terms = len(tables.share) // len(driven)
     C = np.zeros((len(tables.share), n_x, B))
@@ -174,14 +206,30 @@ def _noise(tables: Tables, F: np.ndarray, second: np.ndarray) -> Callable[[float
     return noise
 
 
-def updater(tables: Tables, w: np.ndarray, P: np.ndarray) -> Callable[[np.ndarray, np.ndarray | None, Seen], None]:
-    """A function that takes measurements ``(m, B)`` or ``(m, 1)`` with the positions that are missing, moves ``w`` and ``P``, and fills ``Seen``."""
+def updater(
+    tables: Tables, w: np.ndarray, P: np.ndarray
+) -> Callable[[np.ndarray, np.ndarray | None, Seen], None]:
+    """A function that takes measurements ``(m, B)`` or ``(m, 1)`` with the positions that are
+    missing, moves ``w`` and ``P``, and fills ``Seen``.
+    """
     n, m, B = tables.n, len(tables.R), w.shape[1]
-    H, expected, rows, room = np.empty((m, n, B)), np.empty((m, B)), np.empty((m, n + 1 + m, B)), np.empty((n + 1 + m, B))
-    slopes, values = summed(slope_terms(tables.h), w, H.reshape(-1, B)), summed(value_terms(tables.h), w, expected)
+    H, expected, rows, room = (
+        np.empty((m, n, B)),
+        np.empty((m, B)),
+        np.empty((m, n + 1 + m, B)),
+        np.empty((n + 1 + m, B)),
+    )
+    slopes, values = (
+        summed(slope_terms(tables.h), w, H.reshape(-1, B)),
+        summed(value_terms(tables.h), w, expected),
+    )
     varying = bool(np.any(tables.h.table[1:]))
     slopes(1.0)
-    present = [np.flatnonzero(np.any(tables.h.table.reshape(len(w), m, -1)[:, i, :n], axis=0)).tolist() or [0] for i in range(m)]
+    present = [
+        np.flatnonzero(np.any(tables.h.table.reshape(len(w), m, -1)[:, i, :n], axis=0)).tolist()
+        or [0]
+        for i in range(m)
+    ]
     HP, y, S, scaled = rows[:, :n], rows[:, n], rows[:, n + 1 :], np.empty((n + 1, B))
     by_state = [[(H[i, k], P[k]) for k in present[i]] for i in range(m)]
     squares = [[[(HP[i, k], H[j, k]) for k in present[j]] for j in range(m)] for i in range(m)]
@@ -235,7 +283,9 @@ _STRETCH = 32  # samples between two looks
 _AT_ONCE = 64_000  # numbers of all covariances of runs that are filtered together
 
 
-def pass_side_by_side(problem: FilterProblem, settings: FilterSettings, runs: BankRuns, keep: bool) -> BankPass | None:
+def pass_side_by_side(
+    problem: FilterProblem, settings: FilterSettings, runs: BankRuns, keep: bool
+) -> BankPass | None:
     """Filter all runs once, as ``run_pass``; None where the equations have no table."""
     tables = tables_for(problem, settings, runs)
     if tables is None:
@@ -248,29 +298,47 @@ def pass_side_by_side(problem: FilterProblem, settings: FilterSettings, runs: Ba
 
 
 class _Room(NamedTuple):
-    """What a stretch of K samples writes: means and variances ``(K, n, B)``, the updates' ``Seen`` of ``(K, m, B)``."""
+    """What a stretch of K samples writes: means and variances ``(K, n, B)``, the updates' ``Seen``
+    of ``(K, m, B)``.
+    """
 
     mean: np.ndarray
     variance: np.ndarray
     seen: Seen
 
 
-def _filtered(problem: FilterProblem, tables: Tables, runs: BankRuns, part: slice, keep: bool) -> BankPass:
+def _filtered(
+    problem: FilterProblem, tables: Tables, runs: BankRuns, part: slice, keep: bool
+) -> BankPass:
     x0 = runs.start[:, part]
     (n, B), (m, N) = x0.shape, problem.valid.shape
     w, P, go = _prepared(problem, tables, runs, part)
     point = w[1 : 1 + n]
     last_x, last_P, sound = point.copy(), P.copy(), np.ones(B, dtype=bool)
     log_likelihood, nis = np.zeros(B), np.zeros((N, B))
-    history = BankHistory(np.zeros((m, N, B)), np.ones((m, N, B)), np.zeros((n, N, B)), np.zeros((n, N, B))) if keep else None
-    room = _Room(np.empty((_STRETCH, n, B)), np.empty((_STRETCH, n, B)), Seen(*(np.empty((_STRETCH, m, B)) for _ in Seen._fields)))
+    history = (
+        BankHistory(
+            np.zeros((m, N, B)), np.ones((m, N, B)), np.zeros((n, N, B)), np.zeros((n, N, B))
+        )
+        if keep
+        else None
+    )
+    room = _Room(
+        np.empty((_STRETCH, n, B)),
+        np.empty((_STRETCH, n, B)),
+        Seen(*(np.empty((_STRETCH, m, B)) for _ in Seen._fields)),
+    )
     channels = np.count_nonzero(problem.valid, axis=0)
     for first in range(0, N, _STRETCH):
         last = min(first + _STRETCH, N)
         at, before = slice(first, last), (w.copy(), P.copy())
         go(first, last, room)
         squared = room.seen.squared[: last - first].sum(axis=1)
-        gained = -0.5 * (squared + np.log(room.seen.alone[: last - first]).sum(axis=1) + channels[at, None] * LOG_TWO_PI)
+        gained = -0.5 * (
+            squared
+            + np.log(room.seen.alone[: last - first]).sum(axis=1)
+            + channels[at, None] * LOG_TWO_PI
+        )
         good = _sound_so_far(room, squared, P, sound)
         for row in np.where(good, gained, 0.0):  # one after the other, whatever the number of runs
             log_likelihood += row
@@ -284,13 +352,17 @@ def _filtered(problem: FilterProblem, tables: Tables, runs: BankRuns, part: slic
         for k, serves in enumerate(good):
             go(first + k, first + k + 1, room)
             last_x[:, serves], last_P[:, :, serves] = point[:, serves], P[:, :, serves]
-    return BankPass(last_x, np.ascontiguousarray(last_P.transpose(2, 0, 1)), log_likelihood, nis, sound, history)
+    return BankPass(
+        last_x, np.ascontiguousarray(last_P.transpose(2, 0, 1)), log_likelihood, nis, sound, history
+    )
 
 
 def _prepared(
     problem: FilterProblem, tables: Tables, runs: BankRuns, part: slice
 ) -> tuple[np.ndarray, np.ndarray, Callable[[int, int, _Room], None]]:
-    """Entries ``w (len w, B)`` and covariances ``P (n, n, B)`` at the start, and a function that filters the samples from one to before another."""
+    """Entries ``w (len w, B)`` and covariances ``P (n, n, B)`` at the start, and a function that
+    filters the samples from one to before another.
+    """
     B, n, at = len(range(*part.indices(runs.start.shape[1]))), tables.n, problem.grid.sample
     w, P = np.zeros((len(tables.f.table), B)), np.empty((n, n, B))
     w[0], w[1 : 1 + n] = 1.0, runs.start[:, part]
@@ -300,8 +372,17 @@ def _prepared(
     steps = [range(0), *(range(a, b) for a, b in pairwise(at.tolist()))]
     u, dt = _mine(runs.drive.stages[0], part), problem.grid.steps.tolist()
     feed = _mine([row[at] for row in runs.drive.begin], part) if tables.h.feeds_through else None
-    z = np.where(problem.valid[:, :, None], runs.z if runs.z.shape[2] == 1 else runs.z[:, :, part], 0.0).transpose(1, 0, 2).copy()
-    missing = {k: np.flatnonzero(~problem.valid[:, k]) for k in np.flatnonzero(~problem.valid.all(axis=0)).tolist()}
+    z = (
+        np.where(
+            problem.valid[:, :, None], runs.z if runs.z.shape[2] == 1 else runs.z[:, :, part], 0.0
+        )
+        .transpose(1, 0, 2)
+        .copy()
+    )
+    missing = {
+        k: np.flatnonzero(~problem.valid[:, k])
+        for k in np.flatnonzero(~problem.valid.all(axis=0)).tolist()
+    }
     diagonal, point = P.reshape(n * n, B)[:: n + 1], w[1 : 1 + n]
 
     def go(first: int, last: int, room: _Room) -> None:
@@ -322,29 +403,53 @@ def _prepared(
 
 def _mine(rows: Sequence[np.ndarray], part: slice) -> list[np.ndarray]:
     """Rows ``(count,)`` or ``(count, B)``, of the latter the runs of a part."""
-    return [row if row.ndim == 1 or row.shape[1] == 1 else row[:, part] for row in map(np.asarray, rows)]
+    return [
+        row if row.ndim == 1 or row.shape[1] == 1 else row[:, part] for row in map(np.asarray, rows)
+    ]
 
 
-def _sound_so_far(room: _Room, squared: np.ndarray, P: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Which runs hold numbers that serve up to each sample, finite and no negative variance: ``(K, B)``."""
+def _sound_so_far(
+    room: _Room, squared: np.ndarray, P: np.ndarray, before: np.ndarray
+) -> np.ndarray:
+    """Which runs hold numbers that serve up to each sample, finite and no negative variance: ``(K,
+    B)``.
+    """
     mean, variance = room.mean[: len(squared)], room.variance[: len(squared)]
     # A NaN fails each comparison.
-    good = (np.abs(mean).max(axis=1) < LARGEST) & (variance.min(axis=1) >= 0.0) & (variance.max(axis=1) < LARGEST) & (squared < LARGEST)
+    good = (
+        (np.abs(mean).max(axis=1) < LARGEST)
+        & (variance.min(axis=1) >= 0.0)
+        & (variance.max(axis=1) < LARGEST)
+        & (squared < LARGEST)
+    )
     good[-1] &= np.abs(P).max(axis=(0, 1)) < LARGEST
     return np.logical_and.accumulate(good, axis=0) & before
 
 
-def _written(history: BankHistory, at: slice, room: _Room, good: np.ndarray, before: tuple[np.ndarray, np.ndarray]) -> None:
-    """Write a stretch into the history; runs that broke down stay where they were, ``before`` mean and variance ``(n, B)``."""
+def _written(
+    history: BankHistory,
+    at: slice,
+    room: _Room,
+    good: np.ndarray,
+    before: tuple[np.ndarray, np.ndarray],
+) -> None:
+    """Write a stretch into the history; runs that broke down stay where they were, ``before`` mean
+    and variance ``(n, B)``.
+    """
     K = len(good)
     mean, variance = room.mean[:K].copy(), room.variance[:K].copy()
     for run in np.flatnonzero(~good[-1]):
         count = np.count_nonzero(good[:, run])
         mean[count:, :, run] = mean[count - 1, :, run] if count else before[0][:, run]
         variance[count:, :, run] = variance[count - 1, :, run] if count else before[1][:, run]
-    history.mean[:, at], history.std[:, at] = mean.swapaxes(0, 1), np.sqrt(np.maximum(variance, 0.0)).swapaxes(0, 1)
+    history.mean[:, at], history.std[:, at] = (
+        mean.swapaxes(0, 1),
+        np.sqrt(np.maximum(variance, 0.0)).swapaxes(0, 1),
+    )
     history.innovation[:, at] = np.where(good[:, None], room.seen.y[:K], 0.0).swapaxes(0, 1)
-    history.innovation_std[:, at] = np.where(good[:, None], np.sqrt(room.seen.S[:K]), 1.0).swapaxes(0, 1)
+    history.innovation_std[:, at] = np.where(good[:, None], np.sqrt(room.seen.S[:K]), 1.0).swapaxes(
+        0, 1
+    )
 
 
 def _joined(parts: Sequence[BankPass]) -> BankPass:
@@ -357,7 +462,18 @@ def _joined(parts: Sequence[BankPass]) -> BankPass:
 
     histories = [part.history for part in parts if part.history is not None]
     history = (
-        BankHistory(*(np.concatenate([getattr(each, f.name) for each in histories], axis=2) for f in fields(BankHistory))) if histories else None
+        BankHistory(
+            *(
+                np.concatenate([getattr(each, f.name) for each in histories], axis=2)
+                for f in fields(BankHistory)
+            )
+        )
+        if histories
+        else None
     )
-    covariance, log_likelihood, sound = (together(name, 0) for name in ("covariance", "log_likelihood", "sound"))
-    return BankPass(together("mean", 1), covariance, log_likelihood, together("nis", 1), sound, history)
+    covariance, log_likelihood, sound = (
+        together(name, 0) for name in ("covariance", "log_likelihood", "sound")
+    )
+    return BankPass(
+        together("mean", 1), covariance, log_likelihood, together("nis", 1), sound, history
+    )

@@ -1,4 +1,6 @@
-"""Data compatibility of records: what the kinematics alone say of the sensors, without any aerodynamics."""
+"""Data compatibility of records: what the kinematics alone say of the sensors, without any
+aerodynamics.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,15 @@ import numpy as np
 from ident.compatibility.fault_sets import FaultSearch, clocks, reference_sentence, search
 from ident.compatibility.fitting import KinematicFit, cannot_tell, fit
 from ident.compatibility.kinematics import DRIFT, SensorFault, faults_of
-from ident.compatibility.signals import instruments_of, measured_channels, relations, shortened, signals_of, smoothed_walk, weigher
+from ident.compatibility.signals import (
+    instruments_of,
+    measured_channels,
+    relations,
+    shortened,
+    signals_of,
+    smoothed_walk,
+    weigher,
+)
 from ident.compatibility.six_degrees.check import channels_of, has_six_degrees
 from ident.compatibility.six_degrees.check import check as six_degrees
 from ident.compatibility.six_degrees.kinematics import LEVEL, misled_by_bank
@@ -41,18 +51,27 @@ SHORTEST = 20  # samples
 LATERAL_CONTROLS = ("aileron", "rudder")
 
 
-def compatibility(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool = True, six: bool | None = None) -> Compatibility:
+def compatibility(
+    records: Sequence[Record],
+    settings: CompatibilitySettings,
+    *,
+    each: bool = True,
+    six: bool | None = None,
+) -> Compatibility:
     """Flight-path reconstruction from records of one set of sensors.
 
-    Outputs (alpha, theta, airspeed) are integrated from measured inputs (q, nz or az, ax); what does not fit is laid to biases of each
-    record and to sensor faults that all records share, each estimated by output error and by a smoother. No vehicle is known.
-    Where the channels close a relation of sideslip, bank, heading or height, all six degrees of freedom are (``six_degrees``).
+    Outputs (alpha, theta, airspeed) are integrated from measured inputs (q, nz or az, ax); what
+    does not fit is laid to biases of each record and to sensor faults that all records share, each
+    estimated by output error and by a smoother. No vehicle is known. Where the channels close a
+    relation of sideslip, bank, heading or height, all six degrees of freedom are (``six_degrees``).
 
     Parameters
     ----------
-    records : channels of ``measured_channels``, or of ``six_degrees.channels``; those that all records have are used. settings : constants, limits.
-    each : whether several records are also checked each by itself, which costs as much again; ``single`` is empty where not.
-    six : whether the relations of six degrees of freedom are used; None takes them where one closes that longitudinal motion does not have.
+    records : channels of ``measured_channels``, or of ``six_degrees.channels``; those that all
+    records have are used. settings : constants, limits. each : whether several records are also
+    checked each by itself, which costs as much again; ``single`` is empty where not. six : whether
+    the relations of six degrees of freedom are used; None takes them where one closes that
+    longitudinal motion does not have.
 
     Raises
     ------
@@ -65,7 +84,9 @@ def compatibility(records: Sequence[Record], settings: CompatibilitySettings, *,
         shortened.cache_clear()
 
 
-def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool, six: bool | None) -> Compatibility:
+def _compatibility(
+    records: Sequence[Record], settings: CompatibilitySettings, *, each: bool, six: bool | None
+) -> Compatibility:
     for record in records:
         _refuse(record)
     if misled := misled_by_bank(records, settings.airspeed, settings.gravity):
@@ -73,44 +94,81 @@ def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *
     if has_six_degrees(records, settings) if six is None else six:
         return six_degrees(records, settings, each=each)
     records = [_longitudinal(record) for record in records]
-    channels = tuple(name for name in measured_channels(records[0]) if all(name in measured_channels(record) for record in records[1:]))
-    notes = [f"az serves as nz = -az/g0 ({record.name})" for record in records if "nz" in channels and "nz" not in record.output_names]
+    channels = tuple(
+        name
+        for name in measured_channels(records[0])
+        if all(name in measured_channels(record) for record in records[1:])
+    )
+    notes = [
+        f"az serves as nz = -az/g0 ({record.name})"
+        for record in records
+        if "nz" in channels and "nz" not in record.output_names
+    ]
     usable = channels
     if settings.airspeed is None and "airspeed" not in channels:
         usable = tuple(name for name in channels if name not in ("alpha", "nz"))
         notes.append(
-            "neither a recorded nor a given airspeed: the relation of alpha, q and nz cannot be used; record it, or name a vehicle file that has it"
+            "neither a recorded nor a given airspeed: the relation of alpha, q and nz cannot be "
+            "used; record it, or name a vehicle file that has it"
         )
     joined = relations(usable)
     notes += [LEVEL] if joined else []
     if not joined:
         empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
         return Compatibility(
-            channels, {}, empty, tuple(replace(empty, records=(r.name,)) for r in records), (), _closed_by(channels, joined), tuple(notes)
+            channels,
+            {},
+            empty,
+            tuple(replace(empty, records=(r.name,)) for r in records),
+            (),
+            _closed_by(channels, joined),
+            tuple(notes),
         )
-    signals = [signals_of(record, usable, settings.airspeed, settings.gravity, settings.vane_arm) for record in records]
+    signals = [
+        signals_of(record, usable, settings.airspeed, settings.gravity, settings.vane_arm)
+        for record in records
+    ]
     controls = [instruments_of(record) for record in records]
     if all(each.shape[1] for each in controls):
         signals = [replace(s, instruments=each) for s, each in zip(signals, controls, strict=True)]
     for s in signals:
-        notes += [f"{count} isolated wrong sample{'s' * (count > 1)} of {name} in {s.name} set aside" for name, count in s.spikes.items() if count]
+        notes += [
+            f"{count} isolated wrong sample{'s' * (count > 1)} of {name} in {s.name} set aside"
+            for name, count in s.spikes.items()
+            if count
+        ]
     used = tuple(name for name in usable if name in signals[0].channels)
     bases = [fit([s]) for s in signals]
     together = len(bases) > 1
     whole = fit(signals, begin=_together(bases)) if together else bases[0]
-    found = search(whole, faults_of(used, drifts=not together, chord=settings.chord), bases, settings)
+    found = search(
+        whole, faults_of(used, drifts=not together, chord=settings.chord), bases, settings
+    )
     joint = _result(found, bias_estimates(whole) if not together else ())
-    single = [_by_itself(base, found, settings, len(bases)) for base in bases if each] if together else [joint]
+    single = (
+        [_by_itself(base, found, settings, len(bases)) for base in bases if each]
+        if together
+        else [joint]
+    )
     if found.early is not None:
         ahead = -1000.0 * found.early
         notes.append(
-            f"nz recorded {ahead:.0f} ms before it happens would explain more than any sensor fault: something acts that the kinematics "
+            f"nz recorded {ahead:.0f} ms before it happens would explain more than any sensor "
+            "fault: something acts that the kinematics "
             "do not know, a gust on vane and load most likely, so that nothing more stands"
         )
     if counted := reference_sentence(found.found.faults, clocks(signals)):
         notes.append(counted)
     told = (*_closed_by(channels, joined), *cannot_tell(whole, found.found.noise, used))
-    return Compatibility(channels, joined, joint, tuple(single), _reconstructions(whole, found.found), told, tuple(notes))
+    return Compatibility(
+        channels,
+        joined,
+        joint,
+        tuple(single),
+        _reconstructions(whole, found.found),
+        told,
+        tuple(notes),
+    )
 
 
 def _nothing_observable(records: Sequence[Record], why: tuple[str, ...]) -> Compatibility:
@@ -122,22 +180,43 @@ def _nothing_observable(records: Sequence[Record], why: tuple[str, ...]) -> Comp
 
 def _result(found: FaultSearch, biases: tuple[SensorEstimate, ...]) -> CheckResult:
     noise = found.found.noise
-    levels = dict(zip((*noise.outputs, *noise.inputs), np.sqrt([*noise.white, *noise.density]).tolist(), strict=True))
+    levels = dict(
+        zip(
+            (*noise.outputs, *noise.inputs),
+            np.sqrt([*noise.white, *noise.density]).tolist(),
+            strict=True,
+        )
+    )
     names = tuple(s.name for s in found.found.signals)
-    return CheckResult(names, tuple(estimate_of(trial) for trial in found.trials), biases, found.findings, levels)
+    return CheckResult(
+        names, tuple(estimate_of(trial) for trial in found.trials), biases, found.findings, levels
+    )
 
 
-def _by_itself(base: KinematicFit, joint: FaultSearch, settings: CompatibilitySettings, count: int) -> CheckResult:
-    """One record of several: each fault beside the same others as in all, and drifts, which belong to one record, beside all that stands."""
+def _by_itself(
+    base: KinematicFit, joint: FaultSearch, settings: CompatibilitySettings, count: int
+) -> CheckResult:
+    """One record of several: each fault beside the same others as in all, and drifts, which belong
+    to one record, beside all that stands.
+    """
     current = with_more_faults(base, joint.found.faults, joint.found.sizes)
     by_fault: dict[SensorFault, Trial] = {}
-    for before, sizes in {trial.found.faults[:-1]: trial.found.sizes[:-1] for trial in joint.trials}.items():
+    for before, sizes in {
+        trial.found.faults[:-1]: trial.found.sizes[:-1] for trial in joint.trials
+    }.items():
         start = current if before == joint.found.faults else with_more_faults(base, before, sizes)
-        by_fault |= {trial.fault: trial for trial in tried(start, [t.fault for t in joint.trials if t.found.faults[:-1] == before])}
+        by_fault |= {
+            trial.fault: trial
+            for trial in tried(
+                start, [t.fault for t in joint.trials if t.found.faults[:-1] == before]
+            )
+        }
     trials = [by_fault[trial.fault] for trial in joint.trials]
     channels = list(dict.fromkeys(trial.fault.channel for trial in joint.trials))
     faults = [fault for fault in faults_of(channels, drifts=True) if fault.kind == DRIFT]
-    drifts = search(current, faults, [], replace(settings, false_alarm=settings.false_alarm / count, most=1))
+    drifts = search(
+        current, faults, [], replace(settings, false_alarm=settings.false_alarm / count, most=1)
+    )
     return _result(replace(drifts, trials=(*trials, *drifts.trials)), bias_estimates(current))
 
 
@@ -145,12 +224,18 @@ def _together(bases: Sequence[KinematicFit]) -> KinematicFit:
     """Fits of single records as the start of a fit of all."""
     white = np.exp(np.mean([np.log(base.noise.white) for base in bases], axis=0))
     density = np.exp(np.mean([np.log(base.noise.density) for base in bases], axis=0))
-    return replace(bases[0], own=tuple(base.own[0] for base in bases), noise=replace(bases[0].noise, white=white, density=density))
+    return replace(
+        bases[0],
+        own=tuple(base.own[0] for base in bases),
+        noise=replace(bases[0].noise, white=white, density=density),
+    )
 
 
 def _reconstructions(base: KinematicFit, final: KinematicFit) -> tuple[Reconstruction, ...]:
     out = []
-    for s, plain, y, residual in zip(final.signals, base.outputs, final.outputs, final.residuals, strict=True):
+    for s, plain, y, residual in zip(
+        final.signals, base.outputs, final.outputs, final.residuals, strict=True
+    ):
         smooth = y + smoothed_walk(s, final.noise, residual)
         rows = range(len(s.outputs))
         out.append(
@@ -174,8 +259,16 @@ def _closed_by(channels: Sequence[str], joined: dict[str, tuple[str, ...]]) -> t
     for name in channels:
         if name not in reached and not (name == "airspeed" and "alpha" in joined):
             missing = [other for other in _NEEDS[name] if other not in channels]
-            why = f"its relation needs {' and '.join(missing)} too" if missing else "its relation needs an airspeed"
-            lift = ": without the load the lift between alpha and q is unknown" if name == "alpha" and "nz" in missing and "q" in channels else ""
+            why = (
+                f"its relation needs {' and '.join(missing)} too"
+                if missing
+                else "its relation needs an airspeed"
+            )
+            lift = (
+                ": without the load the lift between alpha and q is unknown"
+                if name == "alpha" and "nz" in missing and "q" in channels
+                else ""
+            )
             out.append(f"{name}: nothing can be told, {why}{lift}")
     return tuple(out)
 
@@ -188,18 +281,26 @@ def _longitudinal(record: Record) -> Record:
 
 def _refuse(record: Record) -> None:
     if len(record) < SHORTEST:
-        raise RecordError(f"{len(record)} samples are too few to check", where=record.name, remedy=f"give at least {SHORTEST}")
+        raise RecordError(
+            f"{len(record)} samples are too few to check",
+            where=record.name,
+            remedy=f"give at least {SHORTEST}",
+        )
     for name in record.output_names:
         channel = record[name]
         wrong = np.flatnonzero(channel.valid & (np.abs(channel.values) > 1e6))
         if wrong.size:
             where = f"{record.name}, channel {name} at {record.time[wrong[0]]:g} s"
             raise RecordError(
-                f"{channel.values[wrong[0]]:g} is no measurement", where=where, remedy="leave the cell empty where the sample is missing"
+                f"{channel.values[wrong[0]]:g} is no measurement",
+                where=where,
+                remedy="leave the cell empty where the sample is missing",
             )
     if "airspeed" in record.output_names:
         channel = record["airspeed"]
         if np.any(channel.values[channel.valid] <= 0):
             raise RecordError(
-                "an airspeed that is not above zero", where=f"{record.name}, channel airspeed", remedy="cut the record there with --from and --to"
+                "an airspeed that is not above zero",
+                where=f"{record.name}, channel airspeed",
+                remedy="cut the record there with --from and --to",
             )

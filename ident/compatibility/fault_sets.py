@@ -14,21 +14,32 @@ import numpy as np
 from ident.compatibility.fitting import KinematicFit, fit, least_misfit, smoother_sigmas
 from ident.compatibility.kinematics import ARM, BOOM, DELAY, LAG, PACKAGE, SensorFault
 from ident.compatibility.signals import KinematicSignals, instrumented, weigher
-from ident.compatibility.trials import CompatibilitySettings, FaultQuantity, SensorFinding, Trial, one_step, replicates, tried
+from ident.compatibility.trials import (
+    CompatibilitySettings,
+    FaultQuantity,
+    SensorFinding,
+    Trial,
+    one_step,
+    replicates,
+    tried,
+)
 
 # ---- Sets of sensor faults fitted jointly
 
 _BREADTH = 5  # sets of one size that are kept, and faults that are tried beside each of them
 TIE = 0.5  # of log likelihood: what two fits of the same thing may differ by
 _WORTH = 2.5  # first-order gain from which a fault is fitted in full
-_TIMED = ("alpha", "q", "nz", "theta")  # what the relations tie within a fraction of a second; speed changes too slowly to be a clock
+# what the relations tie within a fraction of a second; speed changes too slowly to be a clock
+_TIMED = ("alpha", "q", "nz", "theta")
 
 
 @dataclass(frozen=True, eq=False)
 class FaultSet:
-    """A joint fit of some faults. ``widening`` of variances by the colour of what is left, the mean over its faults. ``sound``: each fault is
-    ``determined``, of a size worth having, within its bounds, and of a sign that can be. ``early``: its last is a load ahead of its time.
-    ``given``: how many faults of the fit, its first ones, are no choice of the set. ``surprise``: log likelihood lost by its sizes a priori.
+    """A joint fit of some faults. ``widening`` of variances by the colour of what is left, the mean
+    over its faults. ``sound``: each fault is ``determined``, of a size worth having, within its
+    bounds, and of a sign that can be. ``early``: its last is a load ahead of its time. ``given``:
+    how many faults of the fit, its first ones, are no choice of the set. ``surprise``: log
+    likelihood lost by its sizes a priori.
     """
 
     found: KinematicFit
@@ -45,10 +56,11 @@ class FaultSet:
 
 
 def charge_of(false_alarm: float, count: int) -> float:
-    """What a fault has to gain in log likelihood: ln of how many there are to choose from, and -ln of the share of false alarms.
+    """What a fault has to gain in log likelihood: ln of how many there are to choose from, and -ln
+    of the share of false alarms.
 
-    A gain has an exponential tail or a shorter one where the fault is absent, so that the best of ``count`` exceeds this in fewer than
-    ``false_alarm`` of clean sets of records.
+    A gain has an exponential tail or a shorter one where the fault is absent, so that the best of
+    ``count`` exceeds this in fewer than ``false_alarm`` of clean sets of records.
     """
     return math.log(max(count, 1)) - math.log(false_alarm)
 
@@ -61,11 +73,19 @@ def fault_set(found: KinematicFit, given: int = 0, *, early: bool = False) -> Fa
     sigmas = smoother_sigmas(found)
     widening = sigmas.widening[-k:]
     variances = np.diag(sigmas.covariance)[-k:] * widening
-    determined = all(0.0 < variance < fault.plausible**2 for fault, variance in zip(found.faults[given:], variances.tolist(), strict=True))
-    possible = all(_possible(fault, size) for fault, size in zip(found.faults[given:], found.sizes[given:].tolist(), strict=True))
+    determined = all(
+        0.0 < variance < fault.plausible**2
+        for fault, variance in zip(found.faults[given:], variances.tolist(), strict=True)
+    )
+    possible = all(
+        _possible(fault, size)
+        for fault, size in zip(found.faults[given:], found.sizes[given:].tolist(), strict=True)
+    )
     sized = zip(found.faults[given:], found.sizes[given:].tolist(), variances.tolist(), strict=True)
     surprise = float(sum(fault.surprise(size, variance) for fault, size, variance in sized))
-    return FaultSet(found, float(np.mean(widening)), determined and possible, determined, early, given, surprise)
+    return FaultSet(
+        found, float(np.mean(widening)), determined and possible, determined, early, given, surprise
+    )
 
 
 def _possible(fault: SensorFault, size: float) -> bool:
@@ -73,7 +93,9 @@ def _possible(fault: SensorFault, size: float) -> bool:
 
 
 def misfits(fits: Sequence[KinematicFit]) -> np.ndarray:
-    """Minus the log likelihood of each fit of the same records; with instruments the projected misfit, all under the noise of the best."""
+    """Minus the log likelihood of each fit of the same records; with instruments the projected
+    misfit, all under the noise of the best.
+    """
     if not instrumented(fits[0].signals):
         return np.array([each.cost for each in fits])
     noise = min(fits, key=lambda each: each.cost).noise
@@ -81,11 +103,18 @@ def misfits(fits: Sequence[KinematicFit]) -> np.ndarray:
     return np.array([least_misfit(each, whiteners) for each in fits])
 
 
-def grow(base: KinematicFit, singles: Sequence[KinematicFit], faults: Sequence[SensorFault], charge: float, most: int) -> list[FaultSet]:
-    """Sets of 0, 1, ... ``most`` faults, a few of each size, begun with the best of ``singles``: forward selection that keeps several ways open.
+def grow(
+    base: KinematicFit,
+    singles: Sequence[KinematicFit],
+    faults: Sequence[SensorFault],
+    charge: float,
+    most: int,
+) -> list[FaultSet]:
+    """Sets of 0, 1, ... ``most`` faults, a few of each size, begun with the best of ``singles``:
+    forward selection that keeps several ways open.
 
-    It ends where the best set of one more fault does not gain ``charge`` over the best without. Where no control is recorded, sets with a load
-    ahead of its time are among them, marked.
+    It ends where the best set of one more fault does not gain ``charge`` over the best without.
+    Where no control is recorded, sets with a load ahead of its time are among them, marked.
     """
     given = len(base.faults)
     out = [fault_set(base, given)]
@@ -111,12 +140,15 @@ def grow(base: KinematicFit, singles: Sequence[KinematicFit], faults: Sequence[S
 
 
 def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
-    """The set of greatest likelihood less ``charge`` for each of its faults; a load ahead of its time has to do better than what can be."""
+    """The set of greatest likelihood less ``charge`` for each of its faults; a load ahead of its
+    time has to do better than what can be.
+    """
     misfit = misfits([each.found for each in sets])
     widening = sets[int(np.argmin(misfit))].widening
     # Alpha and q late by as much are an early load, to rounding.
     score = [
-        value / widening + charge * len(each.faults) + TIE * each.early + each.surprise for each, value in zip(sets, misfit.tolist(), strict=True)
+        value / widening + charge * len(each.faults) + TIE * each.early + each.surprise
+        for each, value in zip(sets, misfit.tolist(), strict=True)
     ]
     return sets[int(np.argmin(score))]
 
@@ -124,7 +156,10 @@ def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
 def needed(base: KinematicFit, found: FaultSet, charge: float) -> FaultSet:
     """The set less every fault without which the others do nearly as well."""
     while len(found.faults) > 1:
-        less = [fit(base.signals, [other for other in found.found.faults if other is not fault], base) for fault in found.faults]
+        less = [
+            fit(base.signals, [other for other in found.found.faults if other is not fault], base)
+            for fault in found.faults
+        ]
         misfit = misfits([found.found, *less])
         losses = (misfit[1:] - misfit[0]) / found.widening
         least = int(np.argmin(losses))
@@ -148,40 +183,68 @@ def _kept(fits: Sequence[KinematicFit], given: int) -> list[FaultSet]:
     return out
 
 
-def _extended(found: KinematicFit, faults: Sequence[SensorFault], done: dict[frozenset[SensorFault], KinematicFit]) -> list[KinematicFit]:
+def _extended(
+    found: KinematicFit,
+    faults: Sequence[SensorFault],
+    done: dict[frozenset[SensorFault], KinematicFit],
+) -> list[KinematicFit]:
     """Fits of a set with one more fault each: those that promise most to first order."""
     timed = clocks(found.signals)
-    free = [fault for fault in faults if fault not in found.faults and leaves_a_reference((*found.faults, fault), timed)]
+    free = [
+        fault
+        for fault in faults
+        if fault not in found.faults and leaves_a_reference((*found.faults, fault), timed)
+    ]
     quick = sorted(zip(free, one_step(found, free), strict=True), key=lambda pair: pair[1].cost)
     worth = [fault for fault, first in quick[:_BREADTH] if found.cost - first.cost > _WORTH]
-    return [fit(found.signals, (*found.faults, fault), found) for fault in worth if frozenset((*found.faults, fault)) not in done]
+    return [
+        fit(found.signals, (*found.faults, fault), found)
+        for fault in worth
+        if frozenset((*found.faults, fault)) not in done
+    ]
 
 
 def _early(found: KinematicFit, faults: Sequence[SensorFault], given: int) -> list[FaultSet]:
     """A load recorded before it happens, beside a set; which no sensor does.
 
-    A gust moves the vane and the load at once, the path only later: the load then seems early, and alpha and q late.
+    A gust moves the vane and the load at once, the path only later: the load then seems early, and
+    alpha and q late.
     """
-    ahead = [fault for fault in faults if fault.channel == "nz" and fault.kind in (DELAY, LAG) and fault not in found.faults]
-    sets = [fault_set(fit(found.signals, (*found.faults, fault), found), given, early=True) for fault in ahead]
+    ahead = [
+        fault
+        for fault in faults
+        if fault.channel == "nz" and fault.kind in (DELAY, LAG) and fault not in found.faults
+    ]
+    sets = [
+        fault_set(fit(found.signals, (*found.faults, fault), found), given, early=True)
+        for fault in ahead
+    ]
     return [each for each in sets if each.determined and each.found.sizes[-1] < 0]
 
 
 def clocks(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
     """Channels of which one at least has to be on time.
 
-    Where no control is recorded the load is none of them: a gust moves it before the path, and alpha and q then seem late by as much.
+    Where no control is recorded the load is none of them: a gust moves it before the path, and
+    alpha and q then seem late by as much.
     """
-    return tuple(name for name in _TIMED if name in signals[0].channels and (name != "nz" or instrumented(signals)))
+    return tuple(
+        name
+        for name in _TIMED
+        if name in signals[0].channels and (name != "nz" or instrumented(signals))
+    )
 
 
 def late_channels(faults: Iterable[SensorFault]) -> set[str]:
     """Channels that these faults make late."""
-    return {fault.channel for fault in faults if fault.kind in (DELAY, LAG) and fault.channel in _TIMED}
+    return {
+        fault.channel for fault in faults if fault.kind in (DELAY, LAG) and fault.channel in _TIMED
+    }
 
 
 def leaves_a_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> bool:
-    """Whether one of the clocks ``timed`` is on time beside these faults: with all of them late, only differences of times are there to be fitted.
+    """Whether one of the clocks ``timed`` is on time beside these faults: with all of them late,
+    only differences of times are there to be fitted.
 
     Nothing is recorded before it happens, so that what remains is the channel that is least late.
     """
@@ -191,7 +254,9 @@ def leaves_a_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> b
 
 
 def reference_sentence(faults: Sequence[SensorFault], timed: Sequence[str]) -> str:
-    """Which of the clocks ``timed`` the times of these faults count from; nothing where no channel is late."""
+    """Which of the clocks ``timed`` the times of these faults count from; nothing where no channel
+    is late.
+    """
     late = late_channels(faults)
     on_time = [name for name in timed if name not in late]
     if not late or not on_time:
@@ -210,24 +275,37 @@ ALIKE = ((BOOM, PACKAGE), ("alpha", "nz", "az"), ("beta", "ny", "ay"))
 
 @dataclass(frozen=True, eq=False)
 class Slot:
-    """One place of a set: every fault tried in it beside the ``others``, the best first; ``losses (k,)`` of log likelihood against the best."""
+    """One place of a set: every fault tried in it beside the ``others``, the best first; ``losses
+    (k,)`` of log likelihood against the best.
+    """
 
     others: KinematicFit
     trials: tuple[Trial, ...]
     losses: np.ndarray
 
     def within(self, chance: float) -> list[Trial]:
-        """The best and those that are not told from it: sound faults that lose no more than ``chance``."""
+        """The best and those that are not told from it: sound faults that lose no more than
+        ``chance``.
+        """
         pairs = list(zip(self.trials, self.losses.tolist(), strict=True))
-        return [self.trials[0], *(t for t, lost in pairs[1:] if lost <= chance and t.told and (t.size > 0 or not t.fault.one_sided))]
+        return [
+            self.trials[0],
+            *(
+                t
+                for t, lost in pairs[1:]
+                if lost <= chance and t.told and (t.size > 0 or not t.fault.one_sided)
+            ),
+        ]
 
 
 def chance_of(false_alarm: float, count: int) -> float:
-    """Log likelihood by which the true one of ``count`` faults loses to another in no more than ``false_alarm`` of cases.
+    """Log likelihood by which the true one of ``count`` faults loses to another in no more than
+    ``false_alarm`` of cases.
 
-    Where one of two faults is true and the traces are a distance d apart, in standard deviations, the other's advantage is normal with mean
-    -d^2/2 and variance d^2. It exceeds x with the greatest chance at d = sqrt(2 x): the tail of the normal distribution beyond sqrt(2 x),
-    however alike the two are. So 2 x is the square of the quantile, shared among the rivals.
+    Where one of two faults is true and the traces are a distance d apart, in standard deviations,
+    the other's advantage is normal with mean -d^2/2 and variance d^2. It exceeds x with the
+    greatest chance at d = sqrt(2 x): the tail of the normal distribution beyond sqrt(2 x), however
+    alike the two are. So 2 x is the square of the quantile, shared among the rivals.
     """
     from scipy.special import ndtri
 
@@ -235,28 +313,52 @@ def chance_of(false_alarm: float, count: int) -> float:
 
 
 def probabilities(among: Sequence[tuple[SensorFault, FaultQuantity, float]]) -> dict[str, float]:
-    """Probability of each of some faults, one of which is there, by name: from its estimate and the log likelihood that is lost with it."""
-    scores = np.array([-lost - float(fault.surprise(size.value - fault.offset, size.std**2)) for fault, size, lost in among])
+    """Probability of each of some faults, one of which is there, by name: from its estimate and the
+    log likelihood that is lost with it.
+    """
+    scores = np.array(
+        [
+            -lost - float(fault.surprise(size.value - fault.offset, size.std**2))
+            for fault, size, lost in among
+        ]
+    )
     weights = np.exp(scores - np.max(scores))
-    return dict(zip((fault.name for fault, _, _ in among), (weights / np.sum(weights)).tolist(), strict=True))
+    return dict(
+        zip(
+            (fault.name for fault, _, _ in among), (weights / np.sum(weights)).tolist(), strict=True
+        )
+    )
 
 
-def slots_of(base: KinematicFit, found: FaultSet, faults: Sequence[SensorFault], singles: Sequence[Trial]) -> tuple[FaultSet, list[Slot]]:
-    """The places of a set, each with all faults in it; where another does better in one, it takes the place, and all is looked at again.
+def slots_of(
+    base: KinematicFit, found: FaultSet, faults: Sequence[SensorFault], singles: Sequence[Trial]
+) -> tuple[FaultSet, list[Slot]]:
+    """The places of a set, each with all faults in it; where another does better in one, it takes
+    the place, and all is looked at again.
 
     ``singles`` : every fault tried beside ``base`` alone.
     """
     for _ in range(3):
         slots = [_slot(base, found, fault, faults, singles) for fault in found.faults]
-        better = [(i, slot) for i, slot in enumerate(slots) if slot.trials[0].fault is not found.faults[i]]
+        better = [
+            (i, slot) for i, slot in enumerate(slots) if slot.trials[0].fault is not found.faults[i]
+        ]
         if not better:
             break
-        i, slot = max(better, key=lambda pair: pair[1].losses[[t.fault for t in pair[1].trials].index(found.faults[pair[0]])])
+        i, slot = max(
+            better,
+            key=lambda pair: pair[1].losses[
+                [t.fault for t in pair[1].trials].index(found.faults[pair[0]])
+            ],
+        )
         chosen = list(found.found.faults)
         chosen[found.given + i] = slot.trials[0].fault
         changed = fault_set(fit(base.signals, chosen, slot.trials[0].found), found.given)
         before, after = misfits([found.found, changed.found]).tolist()
-        before, after = before + found.widening * found.surprise, after + found.widening * changed.surprise
+        before, after = (
+            before + found.widening * found.surprise,
+            after + found.widening * changed.surprise,
+        )
         if not changed.sound or after > before + TIE:
             break
         found = changed
@@ -265,18 +367,36 @@ def slots_of(base: KinematicFit, found: FaultSet, faults: Sequence[SensorFault],
 
 def same_lateness(one: SensorFault, other: SensorFault) -> bool:
     """Whether both make the same channel late, in different ways."""
-    return one.channel == other.channel and {one.kind, other.kind} <= {DELAY, LAG, ARM} and not (one.rare or other.rare)
+    return (
+        one.channel == other.channel
+        and {one.kind, other.kind} <= {DELAY, LAG, ARM}
+        and not (one.rare or other.rare)
+    )
 
 
 def same_trace(one: SensorFault, other: SensorFault) -> bool:
-    """Whether two arms ahead leave the same trace, the one where the other is behind: of a vane, and of the accelerometer across its flow."""
+    """Whether two arms ahead leave the same trace, the one where the other is behind: of a vane,
+    and of the accelerometer across its flow.
+    """
     channels = {one.channel, other.channel}
-    return one.kind == other.kind == ARM and any(vane in channels and channels & {*loads} for vane, *loads in ALIKE)
+    return one.kind == other.kind == ARM and any(
+        vane in channels and channels & {*loads} for vane, *loads in ALIKE
+    )
 
 
-def _slot(base: KinematicFit, found: FaultSet, fault: SensorFault, faults: Sequence[SensorFault], singles: Sequence[Trial]) -> Slot:
+def _slot(
+    base: KinematicFit,
+    found: FaultSet,
+    fault: SensorFault,
+    faults: Sequence[SensorFault],
+    singles: Sequence[Trial],
+) -> Slot:
     rest = [other for other in found.found.faults if other is not fault]
-    free = [each for each in faults if each not in rest and leaves_a_reference((*rest, each), clocks(base.signals))]
+    free = [
+        each
+        for each in faults
+        if each not in rest and leaves_a_reference((*rest, each), clocks(base.signals))
+    ]
     if rest == list(base.faults):
         others, trials = base, [trial for trial in singles if trial.fault in free]
     else:
@@ -284,9 +404,15 @@ def _slot(base: KinematicFit, found: FaultSet, fault: SensorFault, faults: Seque
         trials = tried(others, free)
     misfit = misfits([others, found.found, *(t.found for t in trials)])
     # The fault that stands has been fitted as long as any: its fit in the set serves.
-    here = [misfit[1] if t.fault is fault else value for t, value in zip(trials, misfit[2:].tolist(), strict=True)]
+    here = [
+        misfit[1] if t.fault is fault else value
+        for t, value in zip(trials, misfit[2:].tolist(), strict=True)
+    ]
     here = [value + TIE * t.fault.rare for t, value in zip(trials, here, strict=True)]
-    usual = [value + found.widening * float(t.fault.surprise(t.size, t.variance)) for t, value in zip(trials, here, strict=True)]
+    usual = [
+        value + found.widening * float(t.fault.surprise(t.size, t.variance))
+        for t, value in zip(trials, here, strict=True)
+    ]
     sound = [t.told and (t.size > 0 or not t.fault.one_sided) for t in trials]
     order = sorted(range(len(trials)), key=lambda i: (not sound[i], usual[i]))
     gains = (misfit[0] - np.array(here)) / found.widening
@@ -296,9 +422,15 @@ def _slot(base: KinematicFit, found: FaultSet, fault: SensorFault, faults: Seque
 
 def _led_by(slot: Slot, fault: SensorFault) -> Slot:
     """The slot with a fault in front."""
-    at = [t.fault for t in slot.trials].index(fault) if fault in [t.fault for t in slot.trials] else 0
+    at = (
+        [t.fault for t in slot.trials].index(fault)
+        if fault in [t.fault for t in slot.trials]
+        else 0
+    )
     order = [at, *(i for i in range(len(slot.trials)) if i != at)]
-    return Slot(slot.others, tuple(slot.trials[i] for i in order), slot.losses[order] - slot.losses[at])
+    return Slot(
+        slot.others, tuple(slot.trials[i] for i in order), slot.losses[order] - slot.losses[at]
+    )
 
 
 # ---- Which sensor faults the kinematics demand
@@ -306,10 +438,11 @@ def _led_by(slot: Slot, fault: SensorFault) -> Slot:
 
 @dataclass(frozen=True, eq=False)
 class FaultSearch:
-    """Findings, the standing ones first; of every fault the trial that counts: of what stands and of its group that beside everything else that
-    stands, of what shares a sensor's lateness with it that in its place, of all others that beside everything that stands. ``found`` is the
-    joint fit of the best of each group. ``early``: s by which a load would be ahead of its time, which no sensor can show, where that explains
-    more than any fault: nothing further stands then.
+    """Findings, the standing ones first; of every fault the trial that counts: of what stands and
+    of its group that beside everything else that stands, of what shares a sensor's lateness with it
+    that in its place, of all others that beside everything that stands. ``found`` is the joint fit
+    of the best of each group. ``early``: s by which a load would be ahead of its time, which no
+    sensor can show, where that explains more than any fault: nothing further stands then.
     """
 
     findings: tuple[SensorFinding, ...]
@@ -318,20 +451,33 @@ class FaultSearch:
     early: float | None = None
 
 
-def search(base: KinematicFit, faults: Sequence[SensorFault], bases: Sequence[KinematicFit], settings: CompatibilitySettings) -> FaultSearch:
+def search(
+    base: KinematicFit,
+    faults: Sequence[SensorFault],
+    bases: Sequence[KinematicFit],
+    settings: CompatibilitySettings,
+) -> FaultSearch:
     """The set of faults that the records ask for, each with its group.
 
-    Forward selection that keeps several sets of each size; each fault has to bring what ``charge_of`` says, over the colour of what is left,
-    beside all the others, and the records by themselves have to agree on it. ``bases`` are the base fits of each record alone.
+    Forward selection that keeps several sets of each size; each fault has to bring what
+    ``charge_of`` says, over the colour of what is left, beside all the others, and the records by
+    themselves have to agree on it. ``bases`` are the base fits of each record alone.
     """
-    charge, chance = charge_of(settings.false_alarm, len(faults)), chance_of(settings.false_alarm, len(faults))
+    charge, chance = (
+        charge_of(settings.false_alarm, len(faults)),
+        chance_of(settings.false_alarm, len(faults)),
+    )
     singles = tried(base, faults)
     refused: dict[SensorFault, Trial] = {}
     while True:
         left = [fault for fault in faults if fault not in refused]
-        best, early = _selected(base, [t.found for t in singles if t.fault not in refused], left, charge, settings.most)
+        best, early = _selected(
+            base, [t.found for t in singles if t.fault not in refused], left, charge, settings.most
+        )
         best, slots = slots_of(base, best, left, singles)
-        failing = [slot.trials[0] for slot in slots if not replicates(bases, slot.others, slot.trials[0])]
+        failing = [
+            slot.trials[0] for slot in slots if not replicates(bases, slot.others, slot.trials[0])
+        ]
         if not failing:
             break
         refused |= {trial.fault: trial for trial in failing}
@@ -340,9 +486,15 @@ def search(base: KinematicFit, faults: Sequence[SensorFault], bases: Sequence[Ki
 
 
 def _selected(
-    base: KinematicFit, singles: Sequence[KinematicFit], faults: Sequence[SensorFault], charge: float, most: int
+    base: KinematicFit,
+    singles: Sequence[KinematicFit],
+    faults: Sequence[SensorFault],
+    charge: float,
+    most: int,
 ) -> tuple[FaultSet, float | None]:
-    """The best set, each of whose faults is needed; and by how much a load would be early where that belongs to what is best."""
+    """The best set, each of whose faults is needed; and by how much a load would be early where
+    that belongs to what is best.
+    """
     best = chosen(grow(base, singles, faults, charge, most), charge)
     early = float(best.found.sizes[-1]) if best.early else None
     if best.early:
@@ -366,27 +518,59 @@ def _searched(
 ) -> FaultSearch:
     lost, instead = _in_place(slots)
     # What would do in the place of two is told once: where it is the best, else in the first.
-    grouped = {t.fault: t for group in reversed(groups) for t in group} | {group[0].fault: group[0] for group in groups}
+    grouped = {t.fault: t for group in reversed(groups) for t in group} | {
+        group[0].fault: group[0] for group in groups
+    }
     stand, timed = current.faults, clocks(current.signals)
-    besides = [f for f in faults if f not in grouped and leaves_a_reference((*stand, f), timed) and not any(same_lateness(f, s) for s in stand)]
+    besides = [
+        f
+        for f in faults
+        if f not in grouped
+        and leaves_a_reference((*stand, f), timed)
+        and not any(same_lateness(f, s) for s in stand)
+    ]
     beside = {t.fault: t for t in (tried(current, besides) if stand else singles)}
-    trials = {fault: grouped.get(fault) or beside.get(fault) or instead.get(fault) or _alone(singles, fault) for fault in faults}
+    trials = {
+        fault: grouped.get(fault)
+        or beside.get(fault)
+        or instead.get(fault)
+        or _alone(singles, fault)
+        for fault in faults
+    }
     findings = []
     for group in groups:
         names = [trial.fault.name for trial in group]
         mine = [t for t in group if grouped[t.fault] is t]
-        sized = [(t.fault, FaultQuantity(t.size + t.fault.offset, math.sqrt(max(t.variance, 0.0))), lost.get(t.fault, 0.0)) for t in group]
+        sized = [
+            (
+                t.fault,
+                FaultQuantity(t.size + t.fault.offset, math.sqrt(max(t.variance, 0.0))),
+                lost.get(t.fault, 0.0),
+            )
+            for t in group
+        ]
         shares = probabilities(sized)
         for t in mine:
             others = tuple(name for name in names if name != t.fault.name)
-            findings.append(replace(_finding(t, others, lost.get(t.fault, 0.0), stands=True), probabilities=shares))
-    rest = sorted((trials[fault] for fault in faults if fault not in grouped), key=lambda trial: trial.p_value)
-    findings += [_finding(t, (), lost.get(t.fault), stands=False, replicates=t.fault not in refused) for t in rest]
+            findings.append(
+                replace(
+                    _finding(t, others, lost.get(t.fault, 0.0), stands=True), probabilities=shares
+                )
+            )
+    rest = sorted(
+        (trials[fault] for fault in faults if fault not in grouped), key=lambda trial: trial.p_value
+    )
+    findings += [
+        _finding(t, (), lost.get(t.fault), stands=False, replicates=t.fault not in refused)
+        for t in rest
+    ]
     return FaultSearch(tuple(findings), tuple(trials.values()), current, early)
 
 
 def _in_place(slots: Sequence[Slot]) -> tuple[dict[SensorFault, float], dict[SensorFault, Trial]]:
-    """Of each fault what it loses in the place of what stands, and its trial there, where it loses least."""
+    """Of each fault what it loses in the place of what stands, and its trial there, where it loses
+    least.
+    """
     lost: dict[SensorFault, float] = {}
     instead: dict[SensorFault, Trial] = {}
     for slot in slots:
@@ -400,7 +584,14 @@ def _alone(singles: Sequence[Trial], fault: SensorFault) -> Trial:
     return next(trial for trial in singles if trial.fault == fault)
 
 
-def _finding(trial: Trial, group: tuple[str, ...], lost: float | None, *, stands: bool, replicates: bool = True) -> SensorFinding:
+def _finding(
+    trial: Trial,
+    group: tuple[str, ...],
+    lost: float | None,
+    *,
+    stands: bool,
+    replicates: bool = True,
+) -> SensorFinding:
     fault = trial.fault
     return SensorFinding(
         fault.channel,

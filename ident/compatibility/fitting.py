@@ -1,4 +1,6 @@
-"""Fits of the kinematics, estimates of faults by both methods, and what the channels cannot determine."""
+"""Fits of the kinematics, estimates of faults by both methods, and what the channels cannot
+determine.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.compatibility.kinematics import BIAS, DELAY, DRIFT, LAG, SCALE, SensorFault, evaluate, faults_of, linearised, start_of, unknowns_of
+from ident.compatibility.kinematics import (
+    BIAS,
+    DELAY,
+    DRIFT,
+    LAG,
+    SCALE,
+    SensorFault,
+    evaluate,
+    faults_of,
+    linearised,
+    start_of,
+    unknowns_of,
+)
 from ident.compatibility.signals import (
     KinematicSignals,
     NoiseEvidence,
@@ -36,10 +50,10 @@ class KinematicFit:
 
     Attributes
     ----------
-    faults, sizes : what was fitted beside each record's own unknowns. own : values of these, one array a record.
-    noise : of the residual. cost : minus the log likelihood, priors included.
-    residuals : ``(m, N)`` a record, zero where a sample is missing. jacobians : ``(m, N, own + faults)`` a record, of the reconstruction.
-    outputs : ``(m, N)`` what the sensors should read.
+    faults, sizes : what was fitted beside each record's own unknowns. own : values of these, one
+    array a record. noise : of the residual. cost : minus the log likelihood, priors included.
+    residuals : ``(m, N)`` a record, zero where a sample is missing. jacobians : ``(m, N, own +
+    faults)`` a record, of the reconstruction. outputs : ``(m, N)`` what the sensors should read.
     """
 
     signals: tuple[KinematicSignals, ...]
@@ -60,12 +74,16 @@ def fit(
     first: np.ndarray | None = None,
     passes: int = 3,
 ) -> KinematicFit:
-    """Smoother fit: Gauss-Newton in the metric of the noise of outputs and inputs, its variances by likelihood in between.
+    """Smoother fit: Gauss-Newton in the metric of the noise of outputs and inputs, its variances by
+    likelihood in between.
 
     ``begin`` gives starts for all that it has; ``first`` those of the faults.
     """
     unknowns = [unknowns_of(s) for s in signals]
-    own = [np.array(begin.own[r]) if begin is not None else start_of(s, unknowns[r]) for r, s in enumerate(signals)]
+    own = [
+        np.array(begin.own[r]) if begin is not None else start_of(s, unknowns[r])
+        for r, s in enumerate(signals)
+    ]
     sizes = np.zeros(len(faults))
     if begin is not None:
         known = dict(zip(begin.faults, begin.sizes.tolist(), strict=True))
@@ -76,7 +94,9 @@ def fit(
     noise = begin.noise if begin is not None else begun
     largest = np.array([fault.largest for fault in faults])
     priors = [np.array([1.0 / item.prior**2 for item in u]) for u in unknowns]
-    lines = [linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)]
+    lines = [
+        linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)
+    ]
     cost = 0.0
     for turn in range(passes):
         whiteners = [weigher(s, noise) for s in signals]
@@ -88,25 +108,47 @@ def fit(
             here = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
             for share in (1.0, 0.5, 0.2, 0.05, 0.01):
                 moved = np.split(share * step, np.cumsum([len(o) for o in own]))
-                trial, size = [o + d for o, d in zip(own, moved, strict=False)], np.clip(sizes + moved[-1], -largest, largest)
-                shown = [evaluate(s, u, faults, o[None], size[None])[:, 0] for s, u, o in zip(signals, unknowns, trial, strict=True)]
+                trial, size = (
+                    [o + d for o, d in zip(own, moved, strict=False)],
+                    np.clip(sizes + moved[-1], -largest, largest),
+                )
+                shown = [
+                    evaluate(s, u, faults, o[None], size[None])[:, 0]
+                    for s, u, o in zip(signals, unknowns, trial, strict=True)
+                ]
                 if misfit(signals, priors, trial, shown, whiteners) < here:
                     break
             else:
                 break
             own, sizes = trial, size
-            lines = [linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)]
+            lines = [
+                linearised(s, u, faults, o, sizes)
+                for s, u, o in zip(signals, unknowns, own, strict=True)
+            ]
         before = noise.logs
         residuals = tuple(residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True))
-        columns = tuple(np.where(s.valid[:, :, None], slope[:, :, : len(o)], 0.0) for s, (_, slope), o in zip(signals, lines, own, strict=True))
+        columns = tuple(
+            np.where(s.valid[:, :, None], slope[:, :, : len(o)], 0.0)
+            for s, (_, slope), o in zip(signals, lines, own, strict=True)
+        )
         noise, cost = settled_noise(
-            NoiseEvidence(tuple(signals), residuals, columns, tuple(priors), begun), noise, 6 if begin is None and turn == 0 else 2
+            NoiseEvidence(tuple(signals), residuals, columns, tuple(priors), begun),
+            noise,
+            6 if begin is None and turn == 0 else 2,
         )
         if turn and np.all(np.abs(noise.logs - before) < 0.05):
             break
     cost += sum(0.5 * float(np.sum(prior * o**2)) for prior, o in zip(priors, own, strict=True))
     return KinematicFit(
-        tuple(signals), tuple(faults), sizes, tuple(own), noise, cost, residuals, tuple(slope for _, slope in lines), tuple(y for y, _ in lines)
+        tuple(signals),
+        tuple(faults),
+        sizes,
+        tuple(own),
+        noise,
+        cost,
+        residuals,
+        tuple(slope for _, slope in lines),
+        tuple(y for y, _ in lines),
     )
 
 
@@ -124,14 +166,18 @@ def misfit(
         # What runs away is no candidate, and its square no number.
         if not np.all(np.abs(residual) < 1e6):
             return float("inf")
-        total += 0.5 * float(np.sum(white(residual[:, :, None]) ** 2)) + 0.5 * float(np.sum(prior * o**2))
+        total += 0.5 * float(np.sum(white(residual[:, :, None]) ** 2)) + 0.5 * float(
+            np.sum(prior * o**2)
+        )
     return total
 
 
 def whitened(found: KinematicFit) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Residual ``(m, N)`` and jacobian ``(m, N, c)`` of each record as those of independent samples of variance one.
+    """Residual ``(m, N)`` and jacobian ``(m, N, c)`` of each record as those of independent samples
+    of variance one.
 
-    With instruments the jacobian is their part of it: its product with the residual is the gradient all the same.
+    With instruments the jacobian is their part of it: its product with the residual is the gradient
+    all the same.
     """
     out = []
     for s, residual, jacobian in zip(found.signals, found.residuals, found.jacobians, strict=True):
@@ -141,7 +187,8 @@ def whitened(found: KinematicFit) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def least_misfit(found: KinematicFit, whiteners: Sequence[Weigher]) -> float:
-    """Half the sum of squares that the unknowns of a fit leave under another noise, priors included; to first order.
+    """Half the sum of squares that the unknowns of a fit leave under another noise, priors
+    included; to first order.
 
     ``whiteners`` of that noise, one a record (``ident.compatibility.signals.weigher``).
     """
@@ -153,10 +200,14 @@ def least_misfit(found: KinematicFit, whiteners: Sequence[Weigher]) -> float:
 
 
 def positions(found: KinematicFit) -> list[np.ndarray]:
-    """For each record, where the columns of its jacobian stand in the vector of all unknowns: own ones first, then the faults."""
+    """For each record, where the columns of its jacobian stand in the vector of all unknowns: own
+    ones first, then the faults.
+    """
     total, out, at = sum(len(own) for own in found.own), [], 0
     for own in found.own:
-        out.append(np.concatenate([np.arange(at, at + len(own)), total + np.arange(len(found.faults))]))
+        out.append(
+            np.concatenate([np.arange(at, at + len(own)), total + np.arange(len(found.faults))])
+        )
         at += len(own)
     return out
 
@@ -174,12 +225,20 @@ def _normal(
     lines: Sequence[tuple[np.ndarray, np.ndarray]],
     whiteners: Sequence[Weigher],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Information ``(n, n)`` and gradient ``(n,)`` of the log likelihood, own unknowns of each record first."""
+    """Information ``(n, n)`` and gradient ``(n,)`` of the log likelihood, own unknowns of each
+    record first.
+    """
     total = sum(len(o) for o in own)
     faults = lines[0][1].shape[2] - len(own[0])
-    information, gradient, at = np.zeros((total + faults, total + faults)), np.zeros(total + faults), 0
+    information, gradient, at = (
+        np.zeros((total + faults, total + faults)),
+        np.zeros(total + faults),
+        0,
+    )
     for s, prior, o, (y, slope), white in zip(signals, priors, own, lines, whiteners, strict=True):
-        columns = np.concatenate([residual_of(s, y)[:, :, None], np.where(s.valid[:, :, None], slope, 0.0)], axis=2)
+        columns = np.concatenate(
+            [residual_of(s, y)[:, :, None], np.where(s.valid[:, :, None], slope, 0.0)], axis=2
+        )
         all_columns = white(columns).reshape(-1, columns.shape[2])
         product = all_columns.T @ all_columns
         where = np.concatenate([np.arange(at, at + len(o)), total + np.arange(faults)])
@@ -204,33 +263,48 @@ _PASSES = 4
 
 @dataclass(frozen=True, eq=False)
 class Sigmas:
-    """Of a smoother fit: covariance of all unknowns under its noise, and by how much the colour of what is left widens each variance."""
+    """Of a smoother fit: covariance of all unknowns under its noise, and by how much the colour of
+    what is left widens each variance.
+    """
 
     covariance: np.ndarray
     widening: np.ndarray
 
 
 def smoother_sigmas(found: KinematicFit) -> Sigmas:
-    """Covariance of a fit, corrected for innovations that are not white (``ident.statistics.residual_spectrum``)."""
+    """Covariance of a fit, corrected for innovations that are not white
+    (``ident.statistics.residual_spectrum``).
+    """
     white, at = whitened(found), positions(found)
     information = np.diag(prior_information(found))
     for (_, jacobian), where in zip(white, at, strict=True):
         J = jacobian.reshape(-1, jacobian.shape[2])
         information[np.ix_(where, where)] += J.T @ J
     inverse, _ = inverse_information(information, floor=OPEN)
-    parts = [(where, jacobian, e, s.valid) for (e, jacobian), where, s in zip(white, at, found.signals, strict=True)]
+    parts = [
+        (where, jacobian, e, s.valid)
+        for (e, jacobian), where, s in zip(white, at, found.signals, strict=True)
+    ]
     corrected = corrected_covariance(inverse, parts, np.ones(len(found.noise.outputs)))
     own, wide = np.diag(inverse), np.diag(corrected)
-    return Sigmas(inverse, np.maximum(np.divide(wide, own, out=np.ones_like(wide), where=own > 0), 1.0))
+    return Sigmas(
+        inverse, np.maximum(np.divide(wide, own, out=np.ones_like(wide), where=own > 0), 1.0)
+    )
 
 
 def output_error(found: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
-    """Values of all unknowns by output error, begun at a smoother fit, and their covariance with the inputs' noise accounted for.
+    """Values of all unknowns by output error, begun at a smoother fit, and their covariance with
+    the inputs' noise accounted for.
 
-    Residuals are weighed by their own mean square, as if they were white; the covariance is that which such weights give under the
-    noise of outputs and inputs of the smoother fit.
+    Residuals are weighed by their own mean square, as if they were white; the covariance is that
+    which such weights give under the noise of outputs and inputs of the smoother fit.
     """
-    own, sizes, at, prior = [o.copy() for o in found.own], found.sizes.copy(), positions(found), prior_information(found)
+    own, sizes, at, prior = (
+        [o.copy() for o in found.own],
+        found.sizes.copy(),
+        positions(found),
+        prior_information(found),
+    )
     unknowns = [unknowns_of(s) for s in found.signals]
     largest = np.array([fault.largest for fault in found.faults])
     total = len(prior) - len(sizes)
@@ -238,14 +312,24 @@ def output_error(found: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
     parts = [part_of_controls(s) for s in found.signals]
     for turn in range(_PASSES):
         if turn:
-            lines = [linearised(s, u, found.faults, o, sizes) for s, u, o in zip(found.signals, unknowns, own, strict=True)]
+            lines = [
+                linearised(s, u, found.faults, o, sizes)
+                for s, u, o in zip(found.signals, unknowns, own, strict=True)
+            ]
         measured = [np.array([s.channels[name] for name in s.outputs]) for s in found.signals]
-        residuals = [np.where(s.valid, z - y, 0.0) for s, z, (y, _) in zip(found.signals, measured, lines, strict=True)]
+        residuals = [
+            np.where(s.valid, z - y, 0.0)
+            for s, z, (y, _) in zip(found.signals, measured, lines, strict=True)
+        ]
         counts = np.sum([s.valid.sum(axis=1) for s in found.signals], axis=0)
-        variance = np.maximum(np.sum([(e**2).sum(axis=1) for e in residuals], axis=0) / np.maximum(counts, 1), 1e-30)
+        variance = np.maximum(
+            np.sum([(e**2).sum(axis=1) for e in residuals], axis=0) / np.maximum(counts, 1), 1e-30
+        )
         information, gradient = np.diag(prior), np.zeros(len(prior))
         columns = []
-        for s, part, e, (_, slope), where in zip(found.signals, parts, residuals, lines, at, strict=True):
+        for s, part, e, (_, slope), where in zip(
+            found.signals, parts, residuals, lines, at, strict=True
+        ):
             J = part(np.where(s.valid[:, :, None], slope, 0.0)) / variance[:, None, None]
             columns.append(J)
             information[np.ix_(where, where)] += np.einsum("mnc,mnd->cd", J, slope)
@@ -271,7 +355,9 @@ def output_error(found: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sandwich(inverse: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """inverse spread inverse' as a product of a matrix with its transpose: rounding makes no variance negative."""
+    """inverse spread inverse' as a product of a matrix with its transpose: rounding makes no
+    variance negative.
+    """
     scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
     values, vectors = np.linalg.eigh(spread / np.outer(scale, scale))
     half = inverse @ (scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
@@ -279,7 +365,9 @@ def _sandwich(inverse: np.ndarray, spread: np.ndarray) -> np.ndarray:
 
 
 def difference_in_sigmas(one: float, var_one: float, other: float, var_other: float) -> float:
-    """``one - other`` over its standard deviation where ``other`` is efficient: the variances subtract (Hausman, Econometrica 46(6), 1978)."""
+    """``one - other`` over its standard deviation where ``other`` is efficient: the variances
+    subtract (Hausman, Econometrica 46(6), 1978).
+    """
     # Where both are all but equal, what the linear theory leaves out is more than their difference.
     variance = max(var_one - var_other, 0.2 * max(var_one, var_other))
     return (one - other) / math.sqrt(variance) if variance > 0 else 0.0
@@ -293,36 +381,62 @@ _CLOSE = 0.95
 FAMILIES = ((DELAY,), (SCALE,), (BIAS, DRIFT))
 
 
-def cannot_tell(base: KinematicFit, noise: RelationNoise, channels: Sequence[str]) -> tuple[str, ...]:
-    """Sentences for records fitted without a fault. Sizes count in units of what is common in practice (``SensorFault.plausible``).
+def cannot_tell(
+    base: KinematicFit, noise: RelationNoise, channels: Sequence[str]
+) -> tuple[str, ...]:
+    """Sentences for records fitted without a fault. Sizes count in units of what is common in
+    practice (``SensorFault.plausible``).
 
-    A fault, or a combination of faults of one family (times, scales, biases and drifts), has no trace where its standard
-    deviation is above one such unit; two faults look alike where what they change has a projected cosine of 0.95.
+    A fault, or a combination of faults of one family (times, scales, biases and drifts), has no
+    trace where its standard deviation is above one such unit; two faults look alike where what they
+    change has a projected cosine of 0.95.
     """
     faults = faults_of(channels, drifts=True, biases=True)
     return unobservable_faults(fault_information(base, noise, faults), faults, channels)
 
 
-def unobservable_faults(information: np.ndarray, faults: Sequence[SensorFault], channels: Sequence[str]) -> tuple[str, ...]:
-    """What ``information (k, k)`` on ``faults`` of ``channels``, in units of their plausible sizes, leaves open, in sentences."""
+def unobservable_faults(
+    information: np.ndarray, faults: Sequence[SensorFault], channels: Sequence[str]
+) -> tuple[str, ...]:
+    """What ``information (k, k)`` on ``faults`` of ``channels``, in units of their plausible sizes,
+    leaves open, in sentences.
+    """
     silent = np.diag(information) < 1.0
     out = []
     for channel in channels:
-        kinds = [fault.kind for fault, lost in zip(faults, silent, strict=True) if fault.channel == channel and lost]
+        kinds = [
+            fault.kind
+            for fault, lost in zip(faults, silent, strict=True)
+            if fault.channel == channel and lost
+        ]
         if kinds:
-            out.append(f"{channel}: {_listed(kinds)} leave{'s' if len(kinds) == 1 else ''} no trace")
+            out.append(
+                f"{channel}: {_listed(kinds)} leave{'s' if len(kinds) == 1 else ''} no trace"
+            )
     seen = np.flatnonzero(~silent)
     for family in FAMILIES:
         members = [i for i in seen.tolist() if faults[i].kind in family]
         if len(members) > 1:
             named = [faults[i] for i in members]
             values, vectors = np.linalg.eigh(information[np.ix_(members, members)])
-            out += [_combination_sentence(row, named) for row in _simple_rows(vectors[:, values < 1.0].T, named)]
-    return (*dict.fromkeys(out), *(f"{_listed([f.name for f in group])} look alike" for group in _alike(information, faults, seen.tolist())))
+            out += [
+                _combination_sentence(row, named)
+                for row in _simple_rows(vectors[:, values < 1.0].T, named)
+            ]
+    return (
+        *dict.fromkeys(out),
+        *(
+            f"{_listed([f.name for f in group])} look alike"
+            for group in _alike(information, faults, seen.tolist())
+        ),
+    )
 
 
-def fault_information(base: KinematicFit, noise: RelationNoise, faults: Sequence[SensorFault]) -> np.ndarray:
-    """Information on the faults, each in units of its plausible size, when starts, gravity's turn and jumps are free: ``(k, k)``.
+def fault_information(
+    base: KinematicFit, noise: RelationNoise, faults: Sequence[SensorFault]
+) -> np.ndarray:
+    """Information on the faults, each in units of its plausible size, when starts, gravity's turn
+    and jumps are free: ``(k, k)``.
 
     A lag's trace is that of its plausible size: at zero it is a delay's.
     """
@@ -339,8 +453,12 @@ def fault_information(base: KinematicFit, noise: RelationNoise, faults: Sequence
             if fault.kind == LAG:
                 late = sizes.copy()
                 late[j] = fault.plausible
-                columns[:, :, len(free) + j] = evaluate(s, unknowns, faults, own[None], late[None])[:, 0] - y
-        white = weigher(s, noise)(np.where(s.valid[:, :, None], columns, 0.0)).reshape(-1, columns.shape[2])
+                columns[:, :, len(free) + j] = (
+                    evaluate(s, unknowns, faults, own[None], late[None])[:, 0] - y
+                )
+        white = weigher(s, noise)(np.where(s.valid[:, :, None], columns, 0.0)).reshape(
+            -1, columns.shape[2]
+        )
         whole = white.T @ white
         for i, place in enumerate(free):
             whole[i, i] += 1.0 / unknowns[place].prior ** 2
@@ -370,8 +488,12 @@ def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndar
     return out
 
 
-def _alike(information: np.ndarray, faults: Sequence[SensorFault], seen: Sequence[int]) -> list[list[SensorFault]]:
-    """Groups of faults of which each looks like each other one; biases and drifts are told by their combinations."""
+def _alike(
+    information: np.ndarray, faults: Sequence[SensorFault], seen: Sequence[int]
+) -> list[list[SensorFault]]:
+    """Groups of faults of which each looks like each other one; biases and drifts are told by their
+    combinations.
+    """
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     left, out = [i for i in seen if faults[i].kind not in (BIAS, DRIFT)], []
     while left:
@@ -389,7 +511,9 @@ def _combination_sentence(row: np.ndarray, named: Sequence[SensorFault]) -> str:
     members = [(named[i], row[i]) for i in np.argsort(-np.abs(row)) if abs(row[i]) >= _MEMBER]
     kinds = {fault.kind for fault, _ in members}
     lateness = all(fault.kind in (DELAY, LAG) for fault, _ in members)
-    channels = sorted({fault.channel for fault, _ in members}, key=[fault.channel for fault in named].index)
+    channels = sorted(
+        {fault.channel for fault, _ in members}, key=[fault.channel for fault in named].index
+    )
     same = all(part * members[0][1] > 0 for _, part in members)
     if lateness and same and len(channels) > 1:
         return f"a delay common to {_listed(channels)} leaves no trace: only relative timing shows"

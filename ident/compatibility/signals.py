@@ -1,11 +1,14 @@
 """Records made ready for the kinematics: bridged gaps, noise of each relation, instruments.
 
-Differences between neighbouring samples are correlated with their neighbours alone, so that the exact likelihood takes
-one banded Cholesky factorisation: what a Kalman filter with the inputs' noise as process noise gives, at once for all columns.
+Differences between neighbouring samples are correlated with their neighbours alone, so that the
+exact likelihood takes one banded Cholesky factorisation: what a Kalman filter with the inputs'
+noise as process noise gives, at once for all columns.
 
-A gust w stands in the vane's reading as w/V, and the load answers to it at once: what is left of the kinematics then goes with nz and with the
-rate of alpha, and a regression on these is biased. The controls know nothing of the gust. Filtered in any way they are instruments: regression
-after projection on them is unbiased, whatever the aircraft's response is (two-stage least squares; Sargan, Econometrica 26(3), 1958).
+A gust w stands in the vane's reading as w/V, and the load answers to it at once: what is left of
+the kinematics then goes with nz and with the rate of alpha, and a regression on these is biased.
+The controls know nothing of the gust. Filtered in any way they are instruments: regression after
+projection on them is unbiased, whatever the aircraft's response is (two-stage least squares;
+Sargan, Econometrica 26(3), 1958).
 """
 
 from __future__ import annotations
@@ -23,7 +26,8 @@ from sim.record import Hold, Record
 
 # ---- A record made ready for the kinematics
 
-EDGE = 0.1  # s at both ends of a record that no residual counts: a late channel has nothing to show there
+# s at both ends of a record that no residual counts: a late channel has nothing to show there
+EDGE = 0.1
 CHANNELS = ("alpha", "q", "nz", "az", "theta", "airspeed", "ax")
 SPIKE = 8.0  # robust sigmas
 LEAST_SPIKE = 0.03  # of a channel's range
@@ -35,13 +39,13 @@ class KinematicSignals:
 
     Attributes
     ----------
-    name : the record's. channels : those that a relation uses, ``(N,)`` each, gaps bridged by straight lines.
-    outputs : states whose measurement is compared with their reconstruction. valid : ``(m, N)`` samples that count.
-    speed : ``(N,)`` m/s, measured or the constant. gravity : m/s2.
-    vane_arm : m, known beforehand.
-    jumps : ``(N,)`` g, about how far nz may have jumped at the held inputs' switches, summed up; empty without a held input.
-    spikes : number of isolated wrong samples set aside, by channel.
-    instruments : ``(N, L)``, what the recorded controls have moved (``ident.compatibility.signals``); none where no control is recorded.
+    name : the record's. channels : those that a relation uses, ``(N,)`` each, gaps bridged by
+    straight lines. outputs : states whose measurement is compared with their reconstruction. valid
+    : ``(m, N)`` samples that count. speed : ``(N,)`` m/s, measured or the constant. gravity : m/s2.
+    vane_arm : m, known beforehand. jumps : ``(N,)`` g, about how far nz may have jumped at the held
+    inputs' switches, summed up; empty without a held input. spikes : number of isolated wrong
+    samples set aside, by channel. instruments : ``(N, L)``, what the recorded controls have moved
+    (``ident.compatibility.signals``); none where no control is recorded.
     """
 
     name: str
@@ -62,21 +66,29 @@ class KinematicSignals:
 
     @cached_property
     def instrument_differences(self) -> np.ndarray:
-        """``differences`` of the instruments, for each output by itself and where it is measured: ``(N m, m L)``, the same whatever the noise."""
+        """``differences`` of the instruments, for each output by itself and where it is measured:
+        ``(N m, m L)``, the same whatever the noise.
+        """
         return np.asfortranarray(differences(self.instruments_by_output))
 
     @property
     def instruments_by_output(self) -> np.ndarray:
-        """Columns ``(m, N, m L)``: the instruments of each output by itself, zero where it is not measured."""
+        """Columns ``(m, N, m L)``: the instruments of each output by itself, zero where it is not
+        measured.
+        """
         (m, n), count = self.valid.shape, self.instruments.shape[1]
         wide = np.zeros((m, n, m * count))
         for i in range(m):
-            wide[i, :, i * count : (i + 1) * count] = np.where(self.valid[i][:, None], self.instruments, 0.0)
+            wide[i, :, i * count : (i + 1) * count] = np.where(
+                self.valid[i][:, None], self.instruments, 0.0
+            )
         return wide
 
 
 def relations(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
-    """Output of each kinematic relation that these channels close, and the channels that it joins."""
+    """Output of each kinematic relation that these channels close, and the channels that it
+    joins.
+    """
     have, out = set(names), {}
     if {"alpha", "q", "nz"} <= have:
         out["alpha"] = ("alpha", "q", "nz", *(["theta"] if "theta" in have else []))
@@ -87,8 +99,16 @@ def relations(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     return out
 
 
-def signals_of(record: Record, channels: tuple[str, ...], airspeed: float | None, gravity: float, vane_arm: float = 0.0) -> KinematicSignals:
-    """Make a record ready; ``channels`` are those common to all records. az serves as nz = -az/g0 where there is no nz."""
+def signals_of(
+    record: Record,
+    channels: tuple[str, ...],
+    airspeed: float | None,
+    gravity: float,
+    vane_arm: float = 0.0,
+) -> KinematicSignals:
+    """Make a record ready; ``channels`` are those common to all records. az serves as nz = -az/g0
+    where there is no nz.
+    """
     raw, valid, spikes = {}, {}, {}
     for name in channels:
         values, there = _channel(record, name)
@@ -101,11 +121,19 @@ def signals_of(record: Record, channels: tuple[str, ...], airspeed: float | None
     used = {name for joined in found.values() for name in joined}
     edge = EDGE if record.time[-1] - record.time[0] > 50.0 * EDGE else 0.0
     inside = (record.time >= record.time[0] + edge) & (record.time <= record.time[-1] - edge)
-    speed = raw["airspeed"] if "airspeed" in raw else np.full(len(record), airspeed if airspeed is not None else np.inf)
+    speed = (
+        raw["airspeed"]
+        if "airspeed" in raw
+        else np.full(len(record), airspeed if airspeed is not None else np.inf)
+    )
     return KinematicSignals(
         record.name,
         record.time,
-        {name: raw[name] for name in channels if name in used or (name == "airspeed" and "alpha" in found)},
+        {
+            name: raw[name]
+            for name in channels
+            if name in used or (name == "airspeed" and "alpha" in found)
+        },
         tuple(found),
         np.array([valid[name] & inside for name in found]).reshape(len(found), len(record)),
         speed,
@@ -119,7 +147,11 @@ def signals_of(record: Record, channels: tuple[str, ...], airspeed: float | None
 def measured_channels(record: Record) -> tuple[str, ...]:
     """Channels of a record that the kinematics know, az under nz."""
     have = set(record.output_names)
-    names = [name for name in ("alpha", "q", "nz", "theta", "airspeed", "ax") if name in have or (name == "nz" and "az" in have)]
+    names = [
+        name
+        for name in ("alpha", "q", "nz", "theta", "airspeed", "ax")
+        if name in have or (name == "nz" and "az" in have)
+    ]
     return tuple(name for name in names if np.count_nonzero(_channel(record, name)[1]) > 1)
 
 
@@ -130,7 +162,9 @@ def _channel(record: Record, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def isolated(t: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """True at single samples that neither the line before, nor the line behind, nor the neighbours' mean explains: a corner is no spike."""
+    """True at single samples that neither the line before, nor the line behind, nor the neighbours'
+    mean explains: a corner is no spike.
+    """
     out = np.zeros(len(x), dtype=bool)
     if len(x) < 12:
         return out
@@ -140,7 +174,9 @@ def isolated(t: np.ndarray, x: np.ndarray) -> np.ndarray:
     away = np.full(len(x), np.inf)
     away[1:-1] = x[1:-1] - 0.5 * (x[2:] + x[:-2])
     least = np.min(np.abs([left, right, away]), axis=0)
-    large = least > max(SPIKE * robust_sigma(np.where(np.isfinite(away), away, 0.0)), LEAST_SPIKE * float(np.ptp(x)))
+    large = least > max(
+        SPIKE * robust_sigma(np.where(np.isfinite(away), away, 0.0)), LEAST_SPIKE * float(np.ptp(x))
+    )
     large[:2] = large[-2:] = False
     # A spike spoils what its neighbours are compared with; they are smaller.
     for i in np.flatnonzero(large):
@@ -150,7 +186,9 @@ def isolated(t: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _jumps(record: Record, raw: Mapping[str, np.ndarray]) -> np.ndarray:
-    """nz per unit of a held input by regression, times that input: where a load jumps between two samples no one sees when."""
+    """nz per unit of a held input by regression, times that input: where a load jumps between two
+    samples no one sees when.
+    """
     if record.hold is not Hold.PREVIOUS or not record.inputs:
         return np.zeros(0)
     u = np.array([channel.values - channel.values[0] for channel in record.inputs])
@@ -158,13 +196,19 @@ def _jumps(record: Record, raw: Mapping[str, np.ndarray]) -> np.ndarray:
     u = u[size > 0] / size[size > 0, None]
     if not len(u):
         return np.zeros(0)
-    columns = np.vstack([u, raw["alpha"] - raw["alpha"].mean(), raw["q"] - raw["q"].mean(), np.ones(len(record))]).T
-    sizes, *_ = np.linalg.lstsq(columns / np.maximum(np.abs(columns).max(axis=0), 1e-12), raw["nz"], rcond=None)
+    columns = np.vstack(
+        [u, raw["alpha"] - raw["alpha"].mean(), raw["q"] - raw["q"].mean(), np.ones(len(record))]
+    ).T
+    sizes, *_ = np.linalg.lstsq(
+        columns / np.maximum(np.abs(columns).max(axis=0), 1e-12), raw["nz"], rcond=None
+    )
     return np.asarray(sizes[: len(u)] @ u)
 
 
 def differences(columns: np.ndarray) -> np.ndarray:
-    """Differences of neighbouring samples of columns ``(m, N, c)``, the first sample itself; all outputs of a sample together: ``(N m, c)``."""
+    """Differences of neighbouring samples of columns ``(m, N, c)``, the first sample itself; all
+    outputs of a sample together: ``(N m, c)``.
+    """
     m, n, c = columns.shape
     flat = np.empty((n, m, c))
     flat[0] = columns[:, 0]
@@ -176,13 +220,21 @@ def differences(columns: np.ndarray) -> np.ndarray:
 
 _MISSING = 1e8  # times the noise variance: such a sample says nothing
 _INPUTS = {"alpha": ("q", "nz", "az"), "theta": ("q",), "airspeed": ("ax", "nx")} | {
-    **{"phi": ("p",), "psi": ("r",), "beta": ("r", "ny", "ay"), "height": ("theta",), "altitude": ("theta",)},
+    **{
+        "phi": ("p",),
+        "psi": ("r",),
+        "beta": ("r", "ny", "ay"),
+        "height": ("theta",),
+        "altitude": ("theta",),
+    },
 }
 
 
 @dataclass(frozen=True, eq=False)
 class RelationNoise:
-    """``white (m,)``: variance of each output's noise. ``inputs``: names, and ``density (n,)`` variance of each input's samples."""
+    """``white (m,)``: variance of each output's noise. ``inputs``: names, and ``density (n,)``
+    variance of each input's samples.
+    """
 
     outputs: tuple[str, ...]
     inputs: tuple[str, ...]
@@ -199,10 +251,16 @@ class RelationNoise:
 
 
 def walking_inputs(outputs: Sequence[str]) -> tuple[str, ...]:
-    """Inputs whose noise can be told apart: where alpha alone is integrated, q stands for nz too."""
+    """Inputs whose noise can be told apart: where alpha alone is integrated, q stands for nz
+    too.
+    """
     if tuple(outputs) == ("alpha",):
         return ("q",)
-    return tuple(dict.fromkeys(name for output in outputs for name in _INPUTS[output] if name in ("q", "nz", "ax")))
+    return tuple(
+        dict.fromkeys(
+            name for output in outputs for name in _INPUTS[output] if name in ("q", "nz", "ax")
+        )
+    )
 
 
 def inputs_of(output: str) -> tuple[str, ...]:
@@ -211,21 +269,30 @@ def inputs_of(output: str) -> tuple[str, ...]:
 
 
 def first_noise(all_signals: Sequence[KinematicSignals]) -> RelationNoise:
-    """A start from the roughness of the channels: third differences hold noise, and of a smooth motion next to nothing."""
+    """A start from the roughness of the channels: third differences hold noise, and of a smooth
+    motion next to nothing.
+    """
     outputs = all_signals[0].outputs
     inputs = walking_inputs(outputs)
     rough = {
-        name: float(np.mean([roughness(s.channels[name]) for s in all_signals])) for name in {*outputs, *inputs, *(["nz"] if "nz" in inputs else [])}
+        name: float(np.mean([roughness(s.channels[name]) for s in all_signals]))
+        for name in {*outputs, *inputs, *(["nz"] if "nz" in inputs else [])}
     }
-    return RelationNoise(outputs, inputs, np.array([rough[name] for name in outputs]), np.array([rough[name] for name in inputs]))
+    return RelationNoise(
+        outputs,
+        inputs,
+        np.array([rough[name] for name in outputs]),
+        np.array([rough[name] for name in inputs]),
+    )
 
 
 def resolution(x: np.ndarray) -> float:
-    """Variance of what a column cannot show: rounding to its least step, or to single precision, in which recorders store at best.
+    """Variance of what a column cannot show: rounding to its least step, or to single precision, in
+    which recorders store at best.
 
-    A value rounded to steps of d has an error of variance d^2/12. A single-precision number of size x has steps of 2^-23 x. The least
-    step of a column is its smallest third difference beyond that, of smooth or noisy samples far less than their noise: differences of
-    multiples are multiples.
+    A value rounded to steps of d has an error of variance d^2/12. A single-precision number of size
+    x has steps of 2^-23 x. The least step of a column is its smallest third difference beyond that,
+    of smooth or noisy samples far less than their noise: differences of multiples are multiples.
     """
     single = 2.0**-23 * float(np.max(np.abs(x), initial=0.0))
     third = np.abs(np.diff(x, 3))
@@ -235,7 +302,9 @@ def resolution(x: np.ndarray) -> float:
 
 def floors(all_signals: Sequence[KinematicSignals], names: Sequence[str]) -> np.ndarray:
     """The least variance that each of the channels can have, by the finest record."""
-    return np.array([max(min(resolution(s.channels[name]) for s in all_signals), 1e-20) for name in names])
+    return np.array(
+        [max(min(resolution(s.channels[name]) for s in all_signals), 1e-20) for name in names]
+    )
 
 
 def roughness(x: np.ndarray) -> float:
@@ -269,27 +338,36 @@ def _gain(s: KinematicSignals, output: str, name: str) -> float:
 
 @dataclass(frozen=True, eq=False)
 class RelationWhitener:
-    """Cholesky factor of the differences' covariance; ``log_determinant`` without what missing samples add."""
+    """Cholesky factor of the differences' covariance; ``log_determinant`` without what missing
+    samples add.
+    """
 
     band: np.ndarray
     log_determinant: float
 
     def __call__(self, columns: np.ndarray) -> np.ndarray:
-        """Columns ``(m, N, c)``, zero where a sample is missing, as those of independent samples of variance one: ``(m, N, c)``."""
+        """Columns ``(m, N, c)``, zero where a sample is missing, as those of independent samples of
+        variance one: ``(m, N, c)``.
+        """
         m, n, c = columns.shape
-        return np.ascontiguousarray(self.of_differences(differences(columns)).reshape(n, m, c).transpose(1, 0, 2))
+        return np.ascontiguousarray(
+            self.of_differences(differences(columns)).reshape(n, m, c).transpose(1, 0, 2)
+        )
 
     def of_differences(self, flat: np.ndarray) -> np.ndarray:
         """The same of ``differences`` of columns ``(N m, c)``, in their order."""
         from scipy.linalg.lapack import dtbtrs
 
-        if flat.shape[1] == 0:  # SciPy 1.17's dtbtrs writes beyond its memory for no right-hand side
+        # SciPy 1.17's dtbtrs writes beyond its memory for no right-hand side
+        if flat.shape[1] == 0:
             return np.empty(flat.shape)
         return np.asarray(dtbtrs(self.band, flat, uplo="L")[0])
 
 
 def whitener(s: KinematicSignals, noise: RelationNoise) -> RelationWhitener:
-    """The whitener of one record. Raises numpy.linalg.LinAlgError for variances that are no longer positive in rounding."""
+    """The whitener of one record. Raises numpy.linalg.LinAlgError for variances that are no longer
+    positive in rounding.
+    """
     from scipy.linalg.lapack import dpbtrf
 
     m, n = s.valid.shape
@@ -304,7 +382,8 @@ def whitener(s: KinematicSignals, noise: RelationNoise) -> RelationWhitener:
     band[0] += own.T
     band[0, 1:] += own.T[:-1]
     band[m, :-1] -= own.T[:-1]
-    # The diagonal at distance m runs from (k, i) to (k + 1, i); entries between belong to other channels and are zero.
+    # The diagonal at distance m runs from (k, i) to (k + 1, i); entries between belong to other
+    # channels and are zero.
     factor, fault = dpbtrf(band.reshape(2 * m, n * m)[: m + 1], lower=1)
     if fault:
         raise np.linalg.LinAlgError("the covariance is not positive definite")
@@ -314,8 +393,9 @@ def whitener(s: KinematicSignals, noise: RelationNoise) -> RelationWhitener:
 
 @dataclass(frozen=True, eq=False)
 class NoiseEvidence:
-    """What variances are estimated from: residuals ``(m, N)`` of each record and the sensitivities ``(m, N, n)`` to its own unknowns, whose
-    fit has taken some of the noise away; ``priors (n,)`` information on these."""
+    """What variances are estimated from: residuals ``(m, N)`` of each record and the sensitivities
+    ``(m, N, n)`` to its own unknowns, whose fit has taken some of the noise away; ``priors (n,)``
+    information on these."""
 
     signals: tuple[KinematicSignals, ...]
     residuals: tuple[np.ndarray, ...]
@@ -325,15 +405,20 @@ class NoiseEvidence:
 
     @cached_property
     def differences(self) -> tuple[np.ndarray, ...]:
-        """``differences`` of each record's residual and, after it, its sensitivities: the same whatever the noise."""
+        """``differences`` of each record's residual and, after it, its sensitivities: the same
+        whatever the noise.
+        """
         return tuple(
             np.asfortranarray(differences(np.concatenate([residual[:, :, None], columns], axis=2)))
             for residual, columns in zip(self.residuals, self.sensitivities, strict=True)
         )
 
 
-def settled_noise(evidence: NoiseEvidence, noise: RelationNoise, passes: int) -> tuple[RelationNoise, float]:
-    """Variances of greatest restricted likelihood, and minus its logarithm: Newton steps on their logarithms, one by one.
+def settled_noise(
+    evidence: NoiseEvidence, noise: RelationNoise, passes: int
+) -> tuple[RelationNoise, float]:
+    """Variances of greatest restricted likelihood, and minus its logarithm: Newton steps on their
+    logarithms, one by one.
 
     No variance falls below what the column resolves (``floors``).
     """
@@ -361,10 +446,11 @@ def settled_noise(evidence: NoiseEvidence, noise: RelationNoise, passes: int) ->
 
 
 def noise_cost(evidence: NoiseEvidence, noise: RelationNoise) -> float:
-    """Minus the log restricted likelihood (Patterson and Thompson, Biometrika 58(3), 1971), without constants; infinite where it fails.
+    """Minus the log restricted likelihood (Patterson and Thompson, Biometrika 58(3), 1971), without
+    constants; infinite where it fails.
 
-    The inputs' densities have a prior about the roughness of their channels: hardly less, for white noise shows there in full; far more
-    where a filter has taken the roughness away.
+    The inputs' densities have a prior about the roughness of their channels: hardly less, for white
+    noise shows there in full; far more where a filter has taken the roughness away.
     """
     total = 0.0
     for s, flat, prior in zip(evidence.signals, evidence.differences, evidence.priors, strict=True):
@@ -375,15 +461,21 @@ def noise_cost(evidence: NoiseEvidence, noise: RelationNoise) -> float:
             sign, determinant = np.linalg.slogdet(J.T @ J + np.diag(prior))
         except np.linalg.LinAlgError:
             return float("inf")
-        total += 0.5 * white.log_determinant + 0.5 * float(np.sum(e**2)) + (0.5 * float(determinant) if sign > 0 else 0.0)
+        total += (
+            0.5 * white.log_determinant
+            + 0.5 * float(np.sum(e**2))
+            + (0.5 * float(determinant) if sign > 0 else 0.0)
+        )
     away = np.log(noise.density / evidence.begun.density)
     return total + 0.5 * float(np.sum(np.where(away < 0, away / 0.5, away / 3.0) ** 2))
 
 
 def smoothed_walk(s: KinematicSignals, noise: RelationNoise, residual: np.ndarray) -> np.ndarray:
-    """The walk ``(m, N)`` that the inputs' noise has most likely made, given residuals ``(m, N)`` of the whole record.
+    """The walk ``(m, N)`` that the inputs' noise has most likely made, given residuals ``(m, N)``
+    of the whole record.
 
-    The fixed-interval smoother in one solve: the residual less the expected noise of the measurement, R S^-1 r.
+    The fixed-interval smoother in one solve: the residual less the expected noise of the
+    measurement, R S^-1 r.
     """
     from scipy.linalg.lapack import dpbtrs
 
@@ -407,12 +499,17 @@ Weigher = Callable[[np.ndarray], np.ndarray]
 
 
 def instruments_of(record: Record, every: int = 1) -> np.ndarray:
-    """Columns ``(N, L)``: means of each control over stretches of the past, its integrals, a parabola; without a control that moves none.
+    """Columns ``(N, L)``: means of each control over stretches of the past, its integrals, a
+    parabola; without a control that moves none.
 
     ``every``: of the times that bound the stretches, only every so many.
     """
     t = record.time - record.time[0]
-    moved = [channel.values - channel.values[0] for channel in record.inputs if np.ptp(channel.values) > 0]
+    moved = [
+        channel.values - channel.values[0]
+        for channel in record.inputs
+        if np.ptp(channel.values) > 0
+    ]
     if not moved:
         return np.empty((len(t), 0))
     back: tuple[float, ...] = _BACK[::every]
@@ -432,9 +529,12 @@ def instrumented(signals: Sequence[KinematicSignals]) -> bool:
     return all(s.instruments.shape[1] for s in signals)
 
 
-@lru_cache(maxsize=24)  # many faults are tried under one noise; the records of a check and a few noises stay
+# many faults are tried under one noise; the records of a check and a few noises stay
+@lru_cache(maxsize=24)
 def weigher(s: KinematicSignals, noise: RelationNoise) -> Weigher:
-    """Columns ``(m, N, c)``, zero where a sample is missing, as those of independent samples of variance one, with instruments only their part."""
+    """Columns ``(m, N, c)``, zero where a sample is missing, as those of independent samples of
+    variance one, with instruments only their part.
+    """
     white = whitener(s, noise)
     if not s.instruments.shape[1]:
         return white
@@ -446,7 +546,9 @@ def weigher(s: KinematicSignals, noise: RelationNoise) -> Weigher:
 
 @lru_cache(maxsize=24)
 def shortened(s: KinematicSignals, noise: RelationNoise) -> Callable[[np.ndarray], np.ndarray]:
-    """What ``weigher`` makes of columns ``(m, N, c)``, in fewer rows ``(K, c)`` of the same products."""
+    """What ``weigher`` makes of columns ``(m, N, c)``, in fewer rows ``(K, c)`` of the same
+    products.
+    """
     white = whitener(s, noise)
     if not s.instruments.shape[1]:
         return lambda columns: white.of_differences(differences(columns))
@@ -455,7 +557,9 @@ def shortened(s: KinematicSignals, noise: RelationNoise) -> Callable[[np.ndarray
 
 
 def part_of_controls(s: KinematicSignals) -> Weigher:
-    """Columns ``(m, N, c)`` to the part that the instruments explain, every sample alike; without instruments the columns themselves."""
+    """Columns ``(m, N, c)`` to the part that the instruments explain, every sample alike; without
+    instruments the columns themselves.
+    """
     if not s.instruments.shape[1]:
         return lambda columns: columns
     wide = s.instruments_by_output
@@ -464,7 +568,9 @@ def part_of_controls(s: KinematicSignals) -> Weigher:
 
 def _projection(basis: np.ndarray) -> Weigher:
     def part(columns: np.ndarray) -> np.ndarray:
-        return np.asarray((basis @ (basis.T @ columns.reshape(-1, columns.shape[2]))).reshape(columns.shape))
+        return np.asarray(
+            (basis @ (basis.T @ columns.reshape(-1, columns.shape[2]))).reshape(columns.shape)
+        )
 
     return part
 

@@ -31,10 +31,11 @@ from sim.maths import G0
 class CompatibilitySettings:
     """What a check needs beside the records.
 
-    ``airspeed`` (m/s) serves where none is recorded; None leaves the relation of alpha out there. ``gravity`` in m/s2; ``vane_arm`` (m)
-    that is known, a finding comes on top of it. ``chord`` (m) scales where sensors usually are; zero where it is not known.
-    ``false_alarm``: share of clean sets of records in which anything stands, over all faults together.
-    ``most``: faults that may stand together.
+    ``airspeed`` (m/s) serves where none is recorded; None leaves the relation of alpha out there.
+    ``gravity`` in m/s2; ``vane_arm`` (m) that is known, a finding comes on top of it. ``chord`` (m)
+    scales where sensors usually are; zero where it is not known. ``false_alarm``: share of clean
+    sets of records in which anything stands, over all faults together. ``most``: faults that may
+    stand together.
     """
 
     airspeed: float | None = None
@@ -57,9 +58,10 @@ class FaultQuantity:
 class SensorEstimate:
     """One fault alone, by both methods; the other sensors are taken as right.
 
-    ``difference``: output error less smoother, in standard deviations of that difference. ``told``: whether the records say
-    anything of it, its standard deviation below the size that is common in practice. ``gain`` of the log likelihood, over the colour of
-    what is left; ``p_value`` of that gain, one-sided where only one sign can be.
+    ``difference``: output error less smoother, in standard deviations of that difference. ``told``:
+    whether the records say anything of it, its standard deviation below the size that is common in
+    practice. ``gain`` of the log likelihood, over the colour of what is left; ``p_value`` of that
+    gain, one-sided where only one sign can be.
     """
 
     name: str
@@ -83,11 +85,13 @@ class SensorEstimate:
 class SensorFinding:
     """One fault tested against coloured residuals, beside the faults that stand.
 
-    ``kind``: scale, delay, lag, drift or arm; ``name`` the effect's name. ``value`` is the effect's own parameter: a scale is a factor.
-    ``gain`` of the log likelihood. ``stands``: the fault, or one of its ``group`` (names), is needed. ``replicates``: the records by
-    themselves agree; always so for one record. ``lost``: log likelihood lost with it in the place of the nearest that stands, zero for the
-    best of a group; None where nothing stands, or where it has been refused.
-    ``probabilities`` of the fault and its group by name: of their likelihoods and of how far sensors usually are from the centre of gravity.
+    ``kind``: scale, delay, lag, drift or arm; ``name`` the effect's name. ``value`` is the effect's
+    own parameter: a scale is a factor. ``gain`` of the log likelihood. ``stands``: the fault, or
+    one of its ``group`` (names), is needed. ``replicates``: the records by themselves agree; always
+    so for one record. ``lost``: log likelihood lost with it in the place of the nearest that
+    stands, zero for the best of a group; None where nothing stands, or where it has been refused.
+    ``probabilities`` of the fault and its group by name: of their likelihoods and of how far
+    sensors usually are from the centre of gravity.
     """
 
     channel: str
@@ -106,10 +110,12 @@ class SensorFinding:
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """One record: by output, what was measured, what the kinematics make of the other channels, and what is left. ``(N,)`` each, SI.
+    """One record: by output, what was measured, what the kinematics make of the other channels, and
+    what is left. ``(N,)`` each, SI.
 
-    ``recorded`` follows from the measured inputs as they are, ``integrated`` from them less the faults that stand, ``smoothed`` also from the
-    output; ``used`` is False where a sample is missing or set aside.
+    ``recorded`` follows from the measured inputs as they are, ``integrated`` from them less the
+    faults that stand, ``smoothed`` also from the output; ``used`` is False where a sample is
+    missing or set aside.
     """
 
     record: str
@@ -125,7 +131,8 @@ class Reconstruction:
 class CheckResult:
     """A check of one record, or of several together (``records``: their names).
 
-    ``biases``: of one record only. ``noise_std`` by channel, unit of the channel: of the outputs, and of the inputs as their integral shows it.
+    ``biases``: of one record only. ``noise_std`` by channel, unit of the channel: of the outputs,
+    and of the inputs as their integral shows it.
     """
 
     records: tuple[str, ...]
@@ -142,8 +149,9 @@ class Compatibility:
     Attributes
     ----------
     channels : all that were looked at. relations : by output, the channels that its relation joins.
-    joint : all records together, sensor faults in common; ``single``: each by itself, empty where that was not asked.
-    cannot_tell : sentences, from the information of the records. notes : what else there is to say.
+    joint : all records together, sensor faults in common; ``single``: each by itself, empty where
+    that was not asked. cannot_tell : sentences, from the information of the records. notes : what
+    else there is to say.
     """
 
     channels: tuple[str, ...]
@@ -169,7 +177,9 @@ _DEMANDED = 3.0  # standard deviations
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A fault fitted beside others: the fit, its variance (white noise and corrected), gain and p-value over the colour of what is left."""
+    """A fault fitted beside others: the fit, its variance (white noise and corrected), gain and
+    p-value over the colour of what is left.
+    """
 
     fault: SensorFault
     found: KinematicFit
@@ -185,12 +195,16 @@ class Trial:
 
 
 def tried(base: KinematicFit, faults: Sequence[SensorFault]) -> list[Trial]:
-    """Each fault beside those of ``base``: to first order, and fitted in full where it may come to matter."""
+    """Each fault beside those of ``base``: to first order, and fitted in full where it may come to
+    matter.
+    """
     out = []
     for fault, quick in zip(faults, one_step(base, faults), strict=True):
         first = _trial(base, fault, quick)
         worth = first.gain > _WORTH or abs(first.size) > 0.5 * fault.plausible
-        out.append(_trial(base, fault, fit(base.signals, (*base.faults, fault), base)) if worth else first)
+        out.append(
+            _trial(base, fault, fit(base.signals, (*base.faults, fault), base)) if worth else first
+        )
     return out
 
 
@@ -198,13 +212,22 @@ def _trial(base: KinematicFit, fault: SensorFault, found: KinematicFit) -> Trial
     sigmas = smoother_sigmas(found)
     white = float(sigmas.covariance[-1, -1])
     widening = float(sigmas.widening[-1])
-    # A likelihood counts what a gust explains too: with controls recorded only their part of the residual counts.
+    # A likelihood counts what a gust explains too: with controls recorded only their part of the
+    # residual counts.
     before, after = base.cost, found.cost
     if instrumented(base.signals):
         whiteners = [weigher(s, found.noise) for s in found.signals]
         before, after = least_misfit(base, whiteners), least_misfit(found, whiteners)
     gain = max(before - after, 0.0) / widening
-    return Trial(fault, found, float(found.sizes[-1]), white, white * widening, gain, p_value(gain, found.sizes[-1], fault))
+    return Trial(
+        fault,
+        found,
+        float(found.sizes[-1]),
+        white,
+        white * widening,
+        gain,
+        p_value(gain, found.sizes[-1], fault),
+    )
 
 
 def p_value(gain: float, size: float, fault: SensorFault) -> float:
@@ -212,7 +235,11 @@ def p_value(gain: float, size: float, fault: SensorFault) -> float:
     from scipy.special import chdtrc
 
     if fault.one_sided:
-        return 0.5 * float(chdtrc(1.0, 2.0 * gain)) if size > 0 else 1.0 - 0.5 * float(chdtrc(1.0, 2.0 * gain))
+        return (
+            0.5 * float(chdtrc(1.0, 2.0 * gain))
+            if size > 0
+            else 1.0 - 0.5 * float(chdtrc(1.0, 2.0 * gain))
+        )
     return float(chdtrc(1.0, 2.0 * gain))
 
 
@@ -265,19 +292,29 @@ def bias_estimates(base: KinematicFit) -> tuple[SensorEstimate, ...]:
     return tuple(out)
 
 
-def with_more_faults(base: KinematicFit, faults: Sequence[SensorFault], sizes: np.ndarray) -> KinematicFit:
+def with_more_faults(
+    base: KinematicFit, faults: Sequence[SensorFault], sizes: np.ndarray
+) -> KinematicFit:
     """The fit of one record with faults that stand in all."""
     return fit(base.signals, faults, base, sizes) if faults else base
 
 
 def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: Trial) -> bool:
-    """Whether the records by themselves agree on a fault, beside those that stand, and demand it together with the sign that it has in all."""
+    """Whether the records by themselves agree on a fault, beside those that stand, and demand it
+    together with the sign that it has in all.
+    """
     from scipy.special import chdtrc
 
     if len(bases) < 2:
         return True
-    alone = [tried(with_more_faults(base, current.faults, current.sizes), [trial.fault])[0] for base in bases]
-    v, w = np.array([t.size for t in alone if t.told]), np.array([1.0 / t.variance for t in alone if t.told])
+    alone = [
+        tried(with_more_faults(base, current.faults, current.sizes), [trial.fault])[0]
+        for base in bases
+    ]
+    v, w = (
+        np.array([t.size for t in alone if t.told]),
+        np.array([1.0 / t.variance for t in alone if t.told]),
+    )
     if len(v) < 2:
         return False
     mean = float(np.sum(w * v) / np.sum(w))
@@ -286,19 +323,34 @@ def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: Tria
 
 
 def one_step(base: KinematicFit, faults: Sequence[SensorFault]) -> list[KinematicFit]:
-    """For each fault the fit in which it is added to ``base``, to first order and with the noise of ``base``: one linear solve each."""
+    """For each fault the fit in which it is added to ``base``, to first order and with the noise of
+    ``base``: one linear solve each.
+    """
     white, at, slopes = whitened(base), positions(base), []
-    information, gradient = np.diag(prior_information(base)), np.zeros(sum(len(own) for own in base.own) + len(base.faults))
+    information, gradient = (
+        np.diag(prior_information(base)),
+        np.zeros(sum(len(own) for own in base.own) + len(base.faults)),
+    )
     for s, own, (e, jacobian), where in zip(base.signals, base.own, white, at, strict=True):
         J = jacobian.reshape(-1, jacobian.shape[2])
         information[np.ix_(where, where)] += J.T @ J
         gradient[where] += J.T @ e.ravel()
         sizes = np.append(base.sizes, np.zeros(len(faults)))
-        slopes.append(linearised(s, unknowns_of(s), (*base.faults, *faults), own, sizes)[1][:, :, len(own) + len(base.faults) :])
+        slopes.append(
+            linearised(s, unknowns_of(s), (*base.faults, *faults), own, sizes)[1][
+                :, :, len(own) + len(base.faults) :
+            ]
+        )
     total = sum(len(own) for own in base.own)
     gradient[:total] -= prior_information(base)[:total] * np.concatenate(base.own)
-    added = [weigher(s, base.noise)(np.where(s.valid[:, :, None], slope, 0.0)) for s, slope in zip(base.signals, slopes, strict=True)]
-    return [_with_step(base, fault, j, white, at, slopes, added, information, gradient) for j, fault in enumerate(faults)]
+    added = [
+        weigher(s, base.noise)(np.where(s.valid[:, :, None], slope, 0.0))
+        for s, slope in zip(base.signals, slopes, strict=True)
+    ]
+    return [
+        _with_step(base, fault, j, white, at, slopes, added, information, gradient)
+        for j, fault in enumerate(faults)
+    ]
 
 
 def _with_step(
@@ -334,4 +386,14 @@ def _with_step(
     total = sum(len(o) for o in own)
     sizes = np.append(base.sizes + step[total:n], step[n])
     cost = base.cost - 0.5 * max(float(right @ step), 0.0)
-    return KinematicFit(base.signals, (*base.faults, fault), sizes, tuple(own), base.noise, cost, tuple(residuals), tuple(jacobians), tuple(outputs))
+    return KinematicFit(
+        base.signals,
+        (*base.faults, fault),
+        sizes,
+        tuple(own),
+        base.noise,
+        cost,
+        tuple(residuals),
+        tuple(jacobians),
+        tuple(outputs),
+    )

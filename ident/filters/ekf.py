@@ -1,15 +1,16 @@
 """Extended Kalman filter for states and parameters, and its iterated form.
 
-Continuous dynamics, discrete measurements (eqs. 1-16 of the simulated-flight-data paper, eqs. 12-22 of
-NASA TM-101722): free parameters are states with zero rate; the mean is integrated, the covariance moves
-with a fundamental matrix whose F is held over a step, the update is Joseph's. Missing samples are left
-out channel by channel; sampling may be uneven. Prediction and update are filterpy's; the matrices come from the table of the
-equations (`ident.filters.one_record`) where they have one, else from complex steps.
+Continuous dynamics, discrete measurements (eqs. 1-16 of the simulated-flight-data paper, eqs. 12-22
+of NASA TM-101722): free parameters are states with zero rate; the mean is integrated, the
+covariance moves with a fundamental matrix whose F is held over a step, the update is Joseph's.
+Missing samples are left out channel by channel; sampling may be uneven. Prediction and update are
+filterpy's; the matrices come from the table of the equations (`ident.filters.one_record`) where
+they have one, else from complex steps.
 
-For the dynamics and noise declared this is the Gauss-Newton method for the most probable trajectory and
-parameters (Bell, "The Iterated Kalman Smoother as a Gauss-Newton Method", SIAM J. Optimization 4(3), 1994).
-A start that is far off no longer leaves its mark: the prior keeps its mean and weight, only the point of
-linearisation moves, so no datum counts twice.
+For the dynamics and noise declared this is the Gauss-Newton method for the most probable trajectory
+and parameters (Bell, "The Iterated Kalman Smoother as a Gauss-Newton Method", SIAM J. Optimization
+4(3), 1994). A start that is far off no longer leaves its mark: the prior keeps its mean and weight,
+only the point of linearisation moves, so no datum counts twice.
 """
 
 from __future__ import annotations
@@ -22,8 +23,23 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate, Outcome, quiet_numerics
-from ident.filters.one_record import Equations, Taylor, Transition, filter_one, log_gaussian, table_equations
-from ident.filters.problem import FilterProblem, HistoryKeeper, breakdown, empty_history, filter_problem, finished, with_free
+from ident.filters.one_record import (
+    Equations,
+    Taylor,
+    Transition,
+    filter_one,
+    log_gaussian,
+    table_equations,
+)
+from ident.filters.problem import (
+    FilterProblem,
+    HistoryKeeper,
+    breakdown,
+    empty_history,
+    filter_problem,
+    finished,
+    with_free,
+)
 from ident.filters.smoother import SmoothedHistory, smooth
 from sim.declaration.model import System
 from sim.maths import complex_step_jacobian, jacobian_in_one_call
@@ -44,11 +60,12 @@ class FilterSettings:
     Attributes
     ----------
     step : integrator of the mean (``euler_step`` or ``rk4_step``).
-    transition : fundamental matrix and process noise (``Taylor(2)``, ``Taylor(3)``, ``Exponential()``).
-    max_step : longest sub-step, s; F is formed anew in each. The sampling interval when infinite.
-    passes : at most how often the record is run through; each pass starts from the parameters that the one
-        before found, with the declared prior covariance, so that F is formed nearer to the truth. It stops
-        when nothing moves by more than a hundredth of a sigma. 1 is the plain filter.
+    transition : fundamental matrix and process noise (``Taylor(2)``, ``Taylor(3)``,
+    ``Exponential()``). max_step : longest sub-step, s; F is formed anew in each. The sampling
+    interval when infinite. passes : at most how often the record is run through; each pass starts
+    from the parameters that the one
+        before found, with the declared prior covariance, so that F is formed nearer to the truth.
+        It stops when nothing moves by more than a hundredth of a sigma. 1 is the plain filter.
     """
 
     step: Step = rk4_step
@@ -57,7 +74,13 @@ class FilterSettings:
     passes: int = 1
 
 
-def run_ekf(record: Record, system: System, settings: FilterSettings | None = None, *, by: OnePass | None = None) -> Estimate:
+def run_ekf(
+    record: Record,
+    system: System,
+    settings: FilterSettings | None = None,
+    *,
+    by: OnePass | None = None,
+) -> Estimate:
     """Estimate states and free parameters by an extended Kalman filter.
 
     Parameters
@@ -65,12 +88,13 @@ def run_ekf(record: Record, system: System, settings: FilterSettings | None = No
     record : measured data; outputs that the System does not know are ignored.
     system : compiled with ``online=True``; initial state, priors and noise from its declaration.
     settings : integration; RK4 mean and three Taylor terms when None.
-    by : what runs a pass; ``filter_by_filterpy`` when None. ``ident.banks.bank.filter_batched`` is the own kernel, equal to rounding.
+    by : what runs a pass; ``filter_by_filterpy`` when None. ``ident.banks.bank.filter_batched`` is
+    the own kernel, equal to rounding.
 
     Returns
     -------
-    Estimate, its outcome ``DIVERGED`` or ``INDEFINITE`` when the filter broke down; values and covariance are then
-    those of the last sound sample.
+    Estimate, its outcome ``DIVERGED`` or ``INDEFINITE`` when the filter broke down; values and
+    covariance are then those of the last sound sample.
 
     Raises
     ------
@@ -85,7 +109,10 @@ def run_ekf(record: Record, system: System, settings: FilterSettings | None = No
             break
         start = np.concatenate([problem.start[:n_x], estimate.values])
         again = one_pass(problem, settings, start)
-        moved = np.max(np.abs(again.values - estimate.values) / np.maximum(estimate.std, np.finfo(float).tiny), initial=0.0)
+        moved = np.max(
+            np.abs(again.values - estimate.values) / np.maximum(estimate.std, np.finfo(float).tiny),
+            initial=0.0,
+        )
         estimate = replace(again, iterations=done + 1)
         if moved < SETTLED:
             break
@@ -93,9 +120,13 @@ def run_ekf(record: Record, system: System, settings: FilterSettings | None = No
 
 
 def filter_by_table(
-    problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None, about: np.ndarray | None = None
+    problem: FilterProblem,
+    settings: FilterSettings,
+    start: np.ndarray | None = None,
+    about: np.ndarray | None = None,
 ) -> Estimate | None:
-    """One pass by the table of the equations, without filterpy; None where they have no table, or the filter broke down.
+    """One pass by the table of the equations, without filterpy; None where they have no table, or
+    the filter broke down.
 
     Arguments as for ``filter_by_filterpy``, which it equals to rounding.
     """
@@ -104,20 +135,27 @@ def filter_by_table(
         return None
     kept = empty_history(problem)
     with np.errstate(all="ignore"):
-        sound = filter_one(problem, equations, problem.start if start is None else start, about, kept)
+        sound = filter_one(
+            problem, equations, problem.start if start is None else start, about, kept
+        )
         return finished(problem, kept, "ekf") if sound else None
 
 
 def filter_by_filterpy(
-    problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None, about: np.ndarray | None = None
+    problem: FilterProblem,
+    settings: FilterSettings,
+    start: np.ndarray | None = None,
+    about: np.ndarray | None = None,
 ) -> Estimate:
-    """One pass over a prepared problem by filterpy's ``ExtendedKalmanFilter``: every ``predict`` and every ``update`` is filterpy's.
+    """One pass over a prepared problem by filterpy's ``ExtendedKalmanFilter``: every ``predict``
+    and every ``update`` is filterpy's.
 
     Parameters
     ----------
     problem, settings : record and System brought together, and how to integrate.
     start : ``(n,)`` mean before the first sample; the declared one when None.
-    about : ``(n, N)`` trajectory at the samples to linearise about, instead of the filter's own estimate.
+    about : ``(n, N)`` trajectory at the samples to linearise about, instead of the filter's own
+    estimate.
 
     Returns
     -------
@@ -127,14 +165,25 @@ def filter_by_filterpy(
 
 
 def filter_by_complex_step(
-    problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None, about: np.ndarray | None = None
+    problem: FilterProblem,
+    settings: FilterSettings,
+    start: np.ndarray | None = None,
+    about: np.ndarray | None = None,
 ) -> Estimate:
-    """``filter_by_filterpy`` with matrices from complex steps, also where the equations have a table: the reference for tables."""
+    """``filter_by_filterpy`` with matrices from complex steps, also where the equations have a
+    table: the reference for tables.
+    """
     return _filtered(problem, _by_complex_step(problem, settings), start, about)
 
 
-def _filtered(problem: FilterProblem, equations: _Linearised, start: np.ndarray | None, about: np.ndarray | None) -> Estimate:
-    from filterpy.kalman import ExtendedKalmanFilter  # its import loads scipy.stats: only filters pay for that
+def _filtered(
+    problem: FilterProblem,
+    equations: _Linearised,
+    start: np.ndarray | None,
+    about: np.ndarray | None,
+) -> Estimate:
+    # its import loads scipy.stats: only filters pay for that
+    from filterpy.kalman import ExtendedKalmanFilter
 
     n, m = len(problem.names), len(problem.variance)
     ekf = ExtendedKalmanFilter(dim_x=n, dim_z=m)
@@ -151,8 +200,11 @@ def _filtered(problem: FilterProblem, equations: _Linearised, start: np.ndarray 
                         _predict(ekf, equations, s, point)
                         Phi = ekf.F @ Phi
                 keeper.predicted(k, ekf.x[:, 0], ekf.P, Phi)
-                trouble = _update(ekf, problem, equations, k, keeper, None if about is None else about[:, k])
-            except (ArithmeticError, ValueError):  # what math and linear algebra raise where arrays would turn infinite
+                trouble = _update(
+                    ekf, problem, equations, k, keeper, None if about is None else about[:, k]
+                )
+            # what math and linear algebra raise where arrays would turn infinite
+            except (ArithmeticError, ValueError):
                 trouble = Outcome.DIVERGED
             if trouble is not None:
                 return keeper.estimate("ekf", trouble)
@@ -166,8 +218,9 @@ class _Linearised:
 
     Attributes
     ----------
-    move : from sub-step ``s`` and a point ``(n,)``: the states ``(n_x,)`` after it, the fundamental matrix and Q_k ``(n, n)``.
-    look : from sample ``k`` and a point ``(n,)``: outputs ``(m,)`` and their slopes ``(m, n)``.
+    move : from sub-step ``s`` and a point ``(n,)``: the states ``(n_x,)`` after it, the fundamental
+    matrix and Q_k ``(n, n)``. look : from sample ``k`` and a point ``(n,)``: outputs ``(m,)`` and
+    their slopes ``(m, n)``.
     """
 
     move: Callable[[int, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -177,7 +230,9 @@ class _Linearised:
 def _linearised(problem: FilterProblem, settings: FilterSettings) -> _Linearised:
     """By the table of the equations where they have one, else by complex steps."""
     equations = table_equations(problem, settings.step, settings.transition)
-    return _by_complex_step(problem, settings) if equations is None else _by_table(problem, equations)
+    return (
+        _by_complex_step(problem, settings) if equations is None else _by_table(problem, equations)
+    )
 
 
 def _by_table(problem: FilterProblem, equations: Equations) -> _Linearised:
@@ -200,7 +255,13 @@ def _by_table(problem: FilterProblem, equations: Equations) -> _Linearised:
 
 
 def _by_complex_step(problem: FilterProblem, settings: FilterSettings) -> _Linearised:
-    system, p, free, n, n_x = problem.system, problem.p, problem.free, len(problem.names), len(problem.system.states)
+    system, p, free, n, n_x = (
+        problem.system,
+        problem.p,
+        problem.free,
+        len(problem.names),
+        len(problem.system.states),
+    )
     grid = problem.grid
     times, steps, samples = grid.edges.tolist(), grid.steps.tolist(), grid.sample.tolist()
     begin, middle, end = ([row.tolist() for row in stage] for stage in problem.drive.stages)
@@ -209,7 +270,9 @@ def _by_complex_step(problem: FilterProblem, settings: FilterSettings) -> _Linea
     def move(s: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         point, t, dt, F = at.tolist(), times[s], steps[s], np.zeros((n, n))
         u = ([row[s] for row in begin], [row[s] for row in middle], [row[s] for row in end])
-        F[:n_x] = _jacobian(lambda a: system.f(t, a[:n_x], u[0], with_free(p, free, a[n_x:])), point)
+        F[:n_x] = _jacobian(
+            lambda a: system.f(t, a[:n_x], u[0], with_free(p, free, a[n_x:])), point
+        )
         Phi, noise = settings.transition(F, problem.density, dt)
         moved = settings.step(system.f, t, point[:n_x], u, with_free(p, free, point[n_x:]), dt)
         return np.array(moved, dtype=float), Phi, noise
@@ -226,7 +289,9 @@ def _by_complex_step(problem: FilterProblem, settings: FilterSettings) -> _Linea
 
 
 def _predict(ekf: Any, equations: _Linearised, s: int, point: np.ndarray | None) -> None:
-    """filterpy's prediction over one sub-step, the mean integrated in its ``predict_x``; ``point (n,)`` to linearise at moves along."""
+    """filterpy's prediction over one sub-step, the mean integrated in its ``predict_x``; ``point
+    (n,)`` to linearise at moves along.
+    """
     before = ekf.x[:, 0]
     moved, ekf.F, ekf.Q = equations.move(s, before if point is None else point)
     n_x = len(moved)
@@ -246,8 +311,17 @@ def _predict(ekf: Any, equations: _Linearised, s: int, point: np.ndarray | None)
     ekf.P = 0.5 * (ekf.P + ekf.P.T)
 
 
-def _update(ekf: Any, problem: FilterProblem, equations: _Linearised, k: int, keeper: HistoryKeeper, point: np.ndarray | None) -> Outcome | None:
-    """filterpy's update (Joseph's form) with the channels that have a sample; how it broke down, if it did."""
+def _update(
+    ekf: Any,
+    problem: FilterProblem,
+    equations: _Linearised,
+    k: int,
+    keeper: HistoryKeeper,
+    point: np.ndarray | None,
+) -> Outcome | None:
+    """filterpy's update (Joseph's form) with the channels that have a sample; how it broke down, if
+    it did.
+    """
     at = ekf.x[:, 0] if point is None else point
     expected, slopes = equations.look(k, at)
     rows = np.flatnonzero(problem.valid[:, k])
@@ -256,7 +330,12 @@ def _update(ekf: Any, problem: FilterProblem, equations: _Linearised, k: int, ke
     log_likelihood = nis = 0.0
     if rows.size:
         H, y = slopes[rows], expected[rows].reshape(-1, 1)
-        ekf.update(problem.z[rows, k].reshape(-1, 1), lambda x: H, lambda x: y, R=np.diag(problem.variance[rows]))
+        ekf.update(
+            problem.z[rows, k].reshape(-1, 1),
+            lambda x: H,
+            lambda x: y,
+            R=np.diag(problem.variance[rows]),
+        )
         ekf.P = 0.5 * (ekf.P + ekf.P.T)
         try:
             log_likelihood, nis = log_gaussian(ekf.y[:, 0], ekf.S)
@@ -271,7 +350,9 @@ def _update(ekf: Any, problem: FilterProblem, equations: _Linearised, k: int, ke
 
 
 def _jacobian(function: Callable[[list[Any]], Sequence[Any]], x: list[float]) -> np.ndarray:
-    return complex_step_jacobian(function, x) if len(x) < _FEW else jacobian_in_one_call(function, x)
+    return (
+        complex_step_jacobian(function, x) if len(x) < _FEW else jacobian_in_one_call(function, x)
+    )
 
 
 # ---- Iterated extended Kalman filter
@@ -286,19 +367,21 @@ def run_iterated_ekf(
     first: System | None = None,
     by: OnePass = filter_by_filterpy,
 ) -> Estimate:
-    """Estimate states and free parameters by a filter that is linearised anew about its own smoothed result.
+    """Estimate states and free parameters by a filter that is linearised anew about its own
+    smoothed result.
 
     Parameters
     ----------
     record, system, settings : as for ``run_ekf``; ``settings.passes`` is not used.
-    iterations : limit of passes; it stops when no parameter moves by more than a hundredth of its sigma.
-    first : the same system with another start and narrower priors, for the first pass alone: it gives the first point to linearise at.
-    by : what runs a pass, as for ``run_ekf``.
+    iterations : limit of passes; it stops when no parameter moves by more than a hundredth of its
+    sigma. first : the same system with another start and narrower priors, for the first pass alone:
+    it gives the first point to linearise at. by : what runs a pass, as for ``run_ekf``.
 
     Returns
     -------
-    Estimate after the last pass; its outcome is ``MAX_ITERATIONS`` when it had not settled. Where a pass broke down, the
-    estimate is that of the pass before it, with the outcome of the one that broke down.
+    Estimate after the last pass; its outcome is ``MAX_ITERATIONS`` when it had not settled. Where a
+    pass broke down, the estimate is that of the pass before it, with the outcome of the one that
+    broke down.
 
     Raises
     ------
@@ -306,21 +389,33 @@ def run_iterated_ekf(
     """
     settings = settings or FilterSettings()
     problem = filter_problem(record, system, settings.max_step)
-    begun = by(problem if first is None else filter_problem(record, first, settings.max_step), settings)
+    begun = by(
+        problem if first is None else filter_problem(record, first, settings.max_step), settings
+    )
     return settled(begun, lambda done: by(problem, settings, about=done.mean), iterations)
 
 
-def settled(estimate: Estimate, further: Callable[[SmoothedHistory], Estimate], iterations: int) -> Estimate:
-    """Passes about the smoothed result of the one before, until no parameter moves by more than a hundredth of its sigma."""
+def settled(
+    estimate: Estimate, further: Callable[[SmoothedHistory], Estimate], iterations: int
+) -> Estimate:
+    """Passes about the smoothed result of the one before, until no parameter moves by more than a
+    hundredth of its sigma.
+    """
     if estimate.outcome is not Outcome.CONVERGED:
         return estimate
     for done in range(2, iterations + 1):
         assert estimate.history is not None
         again = further(smooth(estimate.history))
         if again.outcome is not Outcome.CONVERGED:
-            said = f"pass {done} broke down {again.message}: values and sigmas are those of the pass before it, which had not settled"
+            said = (
+                f"pass {done} broke down {again.message}: values and sigmas are those of the pass "
+                "before it, which had not settled"
+            )
             return replace(estimate, outcome=again.outcome, message=said)
-        moved = np.max(np.abs(again.values - estimate.values) / np.maximum(estimate.std, np.finfo(float).tiny), initial=0.0)
+        moved = np.max(
+            np.abs(again.values - estimate.values) / np.maximum(estimate.std, np.finfo(float).tiny),
+            initial=0.0,
+        )
         estimate = replace(again, iterations=done)
         if moved < SETTLED:
             return estimate

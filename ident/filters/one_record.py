@@ -1,14 +1,16 @@
-"""One pass of the extended Kalman filter over one record, with transition matrices and process noise.
+"""One pass of the extended Kalman filter over one record, with transition matrices and process
+noise.
 
 Eq. 8 of the simulated-flight-data paper (Taylor series of exp(F T)) and its eq. 13,
 Q_k = integral over the step of Phi(tau) Q Phi(tau)^T, solved in closed form for each choice.
 
-The same filter as filterpy's in `ident.filters.ekf`, Joseph's update in two products: with G = [H, -I, y] and W of P and R side by side,
-H P and S come from G W, and P becomes B W B^T with B = [I - K H, K]. Every product lands in the history, and what broke
-down is looked for once, at the end.
+The same filter as filterpy's in `ident.filters.ekf`, Joseph's update in two products: with G = [H,
+-I, y] and W of P and R side by side, H P and S come from G W, and P becomes B W B^T with B = [I - K
+H, K]. Every product lands in the history, and what broke down is looked for once, at the end.
 
-At this size a call costs more than its arithmetic. All that is linear in w = (1, states, parameters, inputs) stands side by side in one
-table: the Jacobian, the halves of the values, the factors of the Runge-Kutta step and of the fundamental matrix.
+At this size a call costs more than its arithmetic. All that is linear in w = (1, states,
+parameters, inputs) stands side by side in one table: the Jacobian, the halves of the values, the
+factors of the Runge-Kutta step and of the fundamental matrix.
 """
 
 from __future__ import annotations
@@ -31,15 +33,19 @@ RowTransition = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray | Non
 
 
 class Transition(Protocol):
-    """Maps ``F (..., n, n)``, the diagonal of the spectral density ``(n,)`` and the step (s) to ``Phi``, ``Q_k``.
+    """Maps ``F (..., n, n)``, the diagonal of the spectral density ``(n,)`` and the step (s) to
+    ``Phi``, ``Q_k``.
 
-    ``of_rows`` serves batches in which F ``(..., r, n)`` stands for a matrix whose rows below the first r are zero: it prepares
-    what stays the same, and returns a function of F and the step that gives the first r rows of ``Phi - I`` and of ``Q_k``,
-    of the latter only the first r columns where those beyond are zero, None without noise. Below them Phi is the identity
-    and Q_k is diag(density) dt.
+    ``of_rows`` serves batches in which F ``(..., r, n)`` stands for a matrix whose rows below the
+    first r are zero: it prepares what stays the same, and returns a function of F and the step that
+    gives the first r rows of ``Phi - I`` and of ``Q_k``, of the latter only the first r columns
+    where those beyond are zero, None without noise. Below them Phi is the identity and Q_k is
+    diag(density) dt.
     """
 
-    def __call__(self, F: np.ndarray, density: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]: ...
+    def __call__(
+        self, F: np.ndarray, density: np.ndarray, dt: float
+    ) -> tuple[np.ndarray, np.ndarray]: ...
     def of_rows(self, r: int, density: np.ndarray) -> RowTransition: ...
 
 
@@ -49,7 +55,9 @@ class Taylor:
 
     terms: int = 2
 
-    def __call__(self, F: np.ndarray, density: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(
+        self, F: np.ndarray, density: np.ndarray, dt: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         powers = [np.broadcast_to(np.eye(F.shape[-1]), F.shape)]
         for k in range(1, self.terms):
             powers.append(powers[-1] @ F / k)
@@ -59,7 +67,9 @@ class Taylor:
             Q = np.diag(density)
             for i, left in enumerate(powers):
                 for j, right in enumerate(powers):
-                    noise = noise + left @ Q @ np.swapaxes(right, -1, -2) * (dt ** (i + j + 1) / (i + j + 1))
+                    noise = noise + left @ Q @ np.swapaxes(right, -1, -2) * (
+                        dt ** (i + j + 1) / (i + j + 1)
+                    )
         return np.asarray(Phi), noise
 
     def of_rows(self, r: int, density: np.ndarray) -> RowTransition:
@@ -76,10 +86,14 @@ class Taylor:
         return rows
 
 
-def noise_of_series(r: int, density: np.ndarray, terms: int) -> Callable[[list[np.ndarray], np.ndarray, float], np.ndarray | None]:
-    """Prepare the first r rows of Q_k for ``Phi = I + M_1 + ... `` of so many terms, M_k = F^k dt^k / k!, F zero below its first r rows.
+def noise_of_series(
+    r: int, density: np.ndarray, terms: int
+) -> Callable[[list[np.ndarray], np.ndarray, float], np.ndarray | None]:
+    """Prepare the first r rows of Q_k for ``Phi = I + M_1 + ... `` of so many terms, M_k = F^k dt^k
+    / k!, F zero below its first r rows.
 
-    The function takes the same rows of the M_k ``(..., r, n)``, an array of their shape and the step, and gives None where nothing drives.
+    The function takes the same rows of the M_k ``(..., r, n)``, an array of their shape and the
+    step, and gives None where nothing drives.
     """
     driven = np.flatnonzero(density)
     walking, width, walks = driven >= r, driven.size, bool(np.any(driven >= r))
@@ -110,9 +124,13 @@ def noise_of_series(r: int, density: np.ndarray, terms: int) -> Callable[[list[n
 
 @dataclass(frozen=True)
 class Exponential:
-    """Matrix exponential; the noise integral by Van Loan's block exponential (IEEE TAC 23(3), 1978)."""
+    """Matrix exponential; the noise integral by Van Loan's block exponential (IEEE TAC 23(3),
+    1978).
+    """
 
-    def __call__(self, F: np.ndarray, density: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(
+        self, F: np.ndarray, density: np.ndarray, dt: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         from scipy.linalg import expm
 
         n = F.shape[-1]
@@ -139,7 +157,8 @@ class Exponential:
 
 
 def log_gaussian(y: np.ndarray, S: np.ndarray) -> tuple[float, float]:
-    """Log density of an innovation ``y (m,)`` with covariance ``S (m, m)``, and its normalised square.
+    """Log density of an innovation ``y (m,)`` with covariance ``S (m, m)``, and its normalised
+    square.
 
     Raises
     ------
@@ -151,7 +170,9 @@ def log_gaussian(y: np.ndarray, S: np.ndarray) -> tuple[float, float]:
     if trouble:
         raise np.linalg.LinAlgError("the covariance of an innovation is not positive definite")
     squared = float(y @ weighed.ravel())
-    return -0.5 * (squared + len(y) * math.log(2.0 * math.pi)) - sum(map(math.log, root.diagonal().tolist())), squared
+    return -0.5 * (squared + len(y) * math.log(2.0 * math.pi)) - sum(
+        map(math.log, root.diagonal().tolist())
+    ), squared
 
 
 # ---- One pass of the extended Kalman filter over one record
@@ -159,16 +180,18 @@ def log_gaussian(y: np.ndarray, S: np.ndarray) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """The equations of one filter, evaluated at a point that they keep (n states and free parameters, n_x states, m outputs).
+    """The equations of one filter, evaluated at a point that they keep (n states and free
+    parameters, n_x states, m outputs).
 
     Attributes
     ----------
     point : ``(n,)`` where they are linearised.
-    move : over sub-step ``s``: moves the states of the point, writes the state rows ``(n_x, n)`` of the fundamental matrix into its second
+    move : over sub-step ``s``: moves the states of the point, writes the state rows ``(n_x, n)`` of
+    the fundamental matrix into its second
         argument and returns Q_k ``(n, n)``, None without process noise.
-    look : at sample ``k``: writes the outputs ``(m,)`` at the point into its second argument and, where ``varying``, their slopes into ``G``.
-    G : ``(m, n + m + 1)``, the slopes, minus the unit matrix, and room for a column.
-    varying : whether the slopes of the outputs change.
+    look : at sample ``k``: writes the outputs ``(m,)`` at the point into its second argument and,
+    where ``varying``, their slopes into ``G``. G : ``(m, n + m + 1)``, the slopes, minus the unit
+    matrix, and room for a column. varying : whether the slopes of the outputs change.
     """
 
     point: np.ndarray
@@ -178,14 +201,29 @@ class Equations:
     varying: bool
 
 
-def filter_one(problem: FilterProblem, equations: Equations, start: np.ndarray, about: np.ndarray | None, kept: Kept) -> bool:
-    """Filter a record from ``start (n,)``, linearised about the trajectory ``about (n, N)`` where given; fills ``kept``.
+def filter_one(
+    problem: FilterProblem,
+    equations: Equations,
+    start: np.ndarray,
+    about: np.ndarray | None,
+    kept: Kept,
+) -> bool:
+    """Filter a record from ``start (n,)``, linearised about the trajectory ``about (n, N)`` where
+    given; fills ``kept``.
 
-    False where an innovation's covariance is not positive definite. Other numbers may be infinite or NaN: the caller looks.
+    False where an innovation's covariance is not positive definite. Other numbers may be infinite
+    or NaN: the caller looks.
     """
     from scipy.linalg.lapack import dposv
 
-    point, look, G, varying, dot, subtract = equations.point, equations.look, equations.G, equations.varying, np.dot, np.subtract
+    point, look, G, varying, dot, subtract = (
+        equations.point,
+        equations.look,
+        equations.G,
+        equations.varying,
+        np.dot,
+        np.subtract,
+    )
     m, n = len(G), len(point)
     predict = _prediction(problem, equations, about, kept.transition)
     point[:] = start
@@ -194,14 +232,26 @@ def filter_one(problem: FilterProblem, equations: Equations, start: np.ndarray, 
     noise = np.arange(n, n + m)
     W[noise, noise] = problem.variance
     W_P, G_turned, H, y, GW = W[:n, :n], G.T, G[:, :n], G[:, -1], np.empty_like(G)
-    # Whole matrices spare BLAS copies of parts: of the product that K G is part of, the rows below the first n are not used.
-    GW_turned, product, BW, unit = GW.T, np.empty_like(W), np.empty((n, n + m + 1)), np.eye(n, n + m + 1)
+    # Whole matrices spare BLAS copies of parts: of the product that K G is part of, the rows below
+    # the first n are not used.
+    GW_turned, product, BW, unit = (
+        GW.T,
+        np.empty_like(W),
+        np.empty((n, n + m + 1)),
+        np.eye(n, n + m + 1),
+    )
     B = product[:n]
     B_turned, B_last = B.T, B[:, -1]
-    missing = {k: np.flatnonzero(~problem.valid[:, k]) for k in np.flatnonzero(~problem.valid.all(axis=0)).tolist()}
+    missing = {
+        k: np.flatnonzero(~problem.valid[:, k])
+        for k in np.flatnonzero(~problem.valid.all(axis=0)).tolist()
+    }
     z = np.where(problem.valid, problem.z, 0.0).T.copy()
     P = problem.covariance
-    before, after = zip(kept.predicted_mean, kept.predicted_covariance, strict=True), zip(kept.mean, kept.covariance, strict=True)
+    before, after = (
+        zip(kept.predicted_mean, kept.predicted_covariance, strict=True),
+        zip(kept.mean, kept.covariance, strict=True),
+    )
     samples = zip(before, after, kept.S, kept.outputs, z, strict=True)
     for k, ((x_before, P_before), (mean, P_after), S, expected, measured) in enumerate(samples):
         if k:
@@ -240,7 +290,9 @@ def filter_one(problem: FilterProblem, equations: Equations, start: np.ndarray, 
 
 
 def _left_out(gone: np.ndarray, G: np.ndarray, W: np.ndarray) -> np.ndarray:
-    """Make the channels ``gone`` ones that say nothing: no slopes, no innovation, one in S. Returns ``G`` as it was."""
+    """Make the channels ``gone`` ones that say nothing: no slopes, no innovation, one in S. Returns
+    ``G`` as it was.
+    """
     n, whole = len(W) - len(G) - 1, G.copy()
     G[gone, :n] = G[gone, -1] = 0.0
     W[n + gone, n + gone] = 1.0
@@ -250,17 +302,32 @@ def _left_out(gone: np.ndarray, G: np.ndarray, W: np.ndarray) -> np.ndarray:
 def _prediction(
     problem: FilterProblem, equations: Equations, about: np.ndarray | None, transition: np.ndarray
 ) -> Callable[[int, np.ndarray, np.ndarray, np.ndarray], None]:
-    """Moves the mean in place and the covariance into its place over the sub-steps to sample k, and fills their fundamental matrix."""
-    move, point, n, n_x, dot = equations.move, equations.point, len(problem.names), len(problem.system.states), np.dot
+    """Moves the mean in place and the covariance into its place over the sub-steps to sample k, and
+    fills their fundamental matrix.
+    """
+    move, point, n, n_x, dot = (
+        equations.move,
+        equations.point,
+        len(problem.names),
+        len(problem.system.states),
+        np.dot,
+    )
     ends, half, further = problem.grid.sample.tolist(), np.empty((n, n)), np.eye(n)
-    moving, whole, turned, rest = list(transition[:, :n_x]), list(transition), list(transition.transpose(0, 2, 1)), further[:n_x]
+    moving, whole, turned, rest = (
+        list(transition[:, :n_x]),
+        list(transition),
+        list(transition.transpose(0, 2, 1)),
+        further[:n_x],
+    )
 
     def predict(k: int, x: np.ndarray, P: np.ndarray, P_before: np.ndarray) -> None:
         if about is not None:
             point[:] = about[:, k - 1]
         first = ends[k - 1]
         for s in range(first, ends[k]):
-            rows, step, step_turned = (moving[k], whole[k], turned[k]) if s == first else (rest, further, further.T)
+            rows, step, step_turned = (
+                (moving[k], whole[k], turned[k]) if s == first else (rest, further, further.T)
+            )
             away = None if about is None else x - point
             noise = move(s, rows)
             if away is not None:
@@ -284,7 +351,9 @@ _TERMS = {Taylor(2): 2, Taylor(3): 3}
 
 
 def table_equations(problem: FilterProblem, step: Step, transition: Transition) -> Equations | None:
-    """None where the equations are not bilinear, an input changes within a step, or integrator or transition are none of those written here."""
+    """None where the equations are not bilinear, an input changes within a step, or integrator or
+    transition are none of those written here.
+    """
     if step not in _ORDERS or transition not in _TERMS or not held_within_steps(problem.drive):
         return None
     found = system_tables(problem.system, problem.p)
@@ -298,27 +367,48 @@ def table_equations(problem: FilterProblem, step: Step, transition: Transition) 
     return Equations(w[1 : 1 + f.n], move, look, G, varying)
 
 
-def _motion(f: Bilinear, w: np.ndarray, problem: FilterProblem, steps: int, terms: int) -> Callable[[int, np.ndarray], np.ndarray | None]:
-    """``Equations.move``: moves the states in ``w`` and fills the state rows of the fundamental matrix."""
+def _motion(
+    f: Bilinear, w: np.ndarray, problem: FilterProblem, steps: int, terms: int
+) -> Callable[[int, np.ndarray], np.ndarray | None]:
+    """``Equations.move``: moves the states in ``w`` and fills the state rows of the fundamental
+    matrix.
+    """
     width, n, n_x = len(w), f.n, len(problem.system.states)
     coefficients = f.table.reshape(width, n_x, n + width)
     slopes, halves, A = coefficients[:, :, :n], coefficients[:, :, n:], coefficients[:, :, :n_x]
     none, one = np.zeros((width, n_x, n_x)), np.zeros((width, n_x, n_x))
     one[0] = np.eye(n_x)
-    # Each block with what is to be multiplied by the step, and what is not. The last but one, times F above I, gives Phi.
+    # Each block with what is to be multiplied by the step, and what is not. The last but one, times
+    # F above I, gives Phi.
     half = (0.5 * A, one) if terms > 2 else (none, one)
-    blocks = [([[halves]], [[0.0 * halves]]), *_stages(A, none, one, steps), ([[half[0], none]], [[half[1], one]]), ([[slopes]], [[0.0 * slopes]])]
-    per_step, constant = (np.concatenate([np.block(pair[i]).reshape(width, -1) for pair in blocks], axis=1) for i in (0, 1))
+    blocks = [
+        ([[halves]], [[0.0 * halves]]),
+        *_stages(A, none, one, steps),
+        ([[half[0], none]], [[half[1], one]]),
+        ([[slopes]], [[0.0 * slopes]]),
+    ]
+    per_step, constant = (
+        np.concatenate([np.block(pair[i]).reshape(width, -1) for pair in blocks], axis=1)
+        for i in (0, 1)
+    )
     shapes = [np.block(pair[0]).shape[1:] for pair in blocks]
     ends = np.cumsum([0, *(rows * columns for rows, columns in shapes)]).tolist()
     room = np.concatenate([np.zeros(ends[-1]), np.eye(n_x, n).ravel()])
-    of_values, *stages, blend, F = (room[a:b].reshape(shape) for (a, b), shape in zip(pairwise(ends), shapes, strict=True))
+    of_values, *stages, blend, F = (
+        room[a:b].reshape(shape) for (a, b), shape in zip(pairwise(ends), shapes, strict=True)
+    )
     product, F_on_one = room[: ends[-1]], room[ends[-2] :].reshape(2 * n_x, n)
     states, table, sizes = w[1 : 1 + n_x], np.empty_like(constant), problem.grid.steps.tolist()
     values = np.zeros(n_x)
     way = [(stage, np.zeros(len(stage))) for stage in stages]
     change = way[-1][1] if way else values
-    feed, noise_of, prepared, dot, add = _feeding(w, f.n, problem.drive.stages[0]), _noise(problem, blend[:, :n_x], F, terms), 0.0, np.dot, np.add
+    feed, noise_of, prepared, dot, add = (
+        _feeding(w, f.n, problem.drive.stages[0]),
+        _noise(problem, blend[:, :n_x], F, terms),
+        0.0,
+        np.dot,
+        np.add,
+    )
 
     def move(s: int, rows: np.ndarray) -> np.ndarray | None:
         nonlocal prepared
@@ -341,16 +431,24 @@ def _motion(f: Bilinear, w: np.ndarray, problem: FilterProblem, steps: int, term
     return move
 
 
-def _stages(A: np.ndarray, none: np.ndarray, one: np.ndarray, steps: int) -> list[tuple[list[list[np.ndarray]], list[list[np.ndarray]]]]:
-    """Matrices that lead from f to (I + A/2 (I + A/3 (I + A/4))) f one after the other, f carried along in between; none for a single step."""
+def _stages(
+    A: np.ndarray, none: np.ndarray, one: np.ndarray, steps: int
+) -> list[tuple[list[list[np.ndarray]], list[list[np.ndarray]]]]:
+    """Matrices that lead from f to (I + A/2 (I + A/3 (I + A/4))) f one after the other, f carried
+    along in between; none for a single step.
+    """
     if steps == 1:
         return []
-    inner = [([[A / k, none], [none, none]], [[none, one], [none, one]]) for k in range(steps - 1, 2, -1)]
+    inner = [
+        ([[A / k, none], [none, none]], [[none, one], [none, one]]) for k in range(steps - 1, 2, -1)
+    ]
     return [([[A / steps], [none]], [[one], [one]]), *inner, ([[0.5 * A, none]], [[none, one]])]
 
 
 def _feeding(w: np.ndarray, n: int, rows: Sequence[np.ndarray]) -> Callable[[int], None]:
-    """Writes the inputs of a step into the end of ``w``, after one and ``n`` more; a single one, the usual case, as a number."""
+    """Writes the inputs of a step into the end of ``w``, after one and ``n`` more; a single one,
+    the usual case, as a number.
+    """
     inputs = w[1 + n :]
     if not len(inputs):
         return lambda s: None
@@ -369,8 +467,11 @@ def _feeding(w: np.ndarray, n: int, rows: Sequence[np.ndarray]) -> Callable[[int
     return several
 
 
-def _noise(problem: FilterProblem, half: np.ndarray, slopes: np.ndarray, terms: int) -> Noise | None:
-    """Q_k of the step that was made last, None where nothing drives: sum over i, j of M_i Q M_j^T dt / (i + j + 1), M_i the terms of Phi.
+def _noise(
+    problem: FilterProblem, half: np.ndarray, slopes: np.ndarray, terms: int
+) -> Noise | None:
+    """Q_k of the step that was made last, None where nothing drives: sum over i, j of M_i Q M_j^T
+    dt / (i + j + 1), M_i the terms of Phi.
 
     ``half (n_x, n_x)`` is I + A/2, ``slopes (n_x, n)`` F, both with the step in them.
     """
@@ -392,7 +493,9 @@ def _noise(problem: FilterProblem, half: np.ndarray, slopes: np.ndarray, terms: 
     return noise_of
 
 
-def _outputs(h: Bilinear, w: np.ndarray, problem: FilterProblem) -> tuple[Callable[[int, np.ndarray], None], np.ndarray, bool]:
+def _outputs(
+    h: Bilinear, w: np.ndarray, problem: FilterProblem
+) -> tuple[Callable[[int, np.ndarray], None], np.ndarray, bool]:
     """``look``, ``G`` and ``varying`` of ``Equations``."""
     width, n, m = len(w), h.n, len(problem.variance)
     coefficients = h.table.reshape(width, m, n + width)
@@ -403,7 +506,11 @@ def _outputs(h: Bilinear, w: np.ndarray, problem: FilterProblem) -> tuple[Callab
     product, cut = table[0].copy(), m * (n + m + 1)
     G, of_values = product[:cut].reshape(m, -1), product[cut:].reshape(m, width)
     varying, dot = bool(np.any(table[1:])), np.dot
-    feed = _feeding(w, n, [row[problem.grid.sample] for row in problem.drive.begin]) if h.feeds_through else None
+    feed = (
+        _feeding(w, n, [row[problem.grid.sample] for row in problem.drive.begin])
+        if h.feeds_through
+        else None
+    )
 
     def look(k: int, expected: np.ndarray) -> None:
         if feed is not None:

@@ -1,4 +1,6 @@
-"""What a filter starts from and what it keeps: data, grid, start and covariance; histories and the Estimate."""
+"""What a filter starts from and what it keeps: data, grid, start and covariance; histories and the
+Estimate.
+"""
 
 from __future__ import annotations
 
@@ -25,9 +27,9 @@ QUARTER = 0.25
 class FilterProblem:
     """A record and a System brought together; states first, then free parameters (``n`` in all).
 
-    ``z`` and ``valid`` are ``(m, N)``; ``start`` is ``(n,)``, ``covariance`` ``(n, n)``; ``density`` ``(n,)`` the spectral
-    density of each entry; ``variance`` ``(m,)`` of the measurement noise; ``p`` all parameters; ``free`` their
-    positions among ``p``.
+    ``z`` and ``valid`` are ``(m, N)``; ``start`` is ``(n,)``, ``covariance`` ``(n, n)``;
+    ``density`` ``(n,)`` the spectral density of each entry; ``variance`` ``(m,)`` of the
+    measurement noise; ``p`` all parameters; ``free`` their positions among ``p``.
     """
 
     system: System
@@ -55,13 +57,16 @@ def filter_problem(record: Record, system: System, max_step: float) -> FilterPro
 
     Raises
     ------
-    ModelError : no free parameter has data (no output in common), an unknown noise level, a free parameter or
+    ModelError : no free parameter has data (no output in common), an unknown noise level, a free
+    parameter or
         state without a prior standard deviation, an effect that cannot run on line.
     """
     present = [name for name in system.output_names if name in record.output_names]
     if not present:
         raise ModelError(
-            f"it has none of the outputs {', '.join(system.output_names)}", where=record.name, remedy="name the columns, or map them with --channels"
+            f"it has none of the outputs {', '.join(system.output_names)}",
+            where=record.name,
+            remedy="name the columns, or map them with --channels",
         )
     if system.sensor_stages:
         raise ModelError(
@@ -72,20 +77,30 @@ def filter_problem(record: Record, system: System, max_step: float) -> FilterPro
     z, valid = record.output_array(system.output_names)
     p = system.parameters.values().tolist()
     density_of_states, variance = system.noise(p)
-    variance = [v if name in present else 1.0 for v, name in zip(variance, system.output_names, strict=True)]
+    variance = [
+        v if name in present else 1.0 for v, name in zip(variance, system.output_names, strict=True)
+    ]
     for name, value in zip(system.output_names, variance, strict=True):
         if not (math.isfinite(value) and value > 0):
-            raise ModelError("its measurement noise is not declared", where=f"output {name}", remedy="give its standard deviation")
+            raise ModelError(
+                "its measurement noise is not declared",
+                where=f"output {name}",
+                remedy="give its standard deviation",
+            )
     free_names = system.parameters.free_names
     std: list[float] = [prior_std(system, name, state=True) for name in system.state_names] + [
         prior_std(system, name, state=False) for name in free_names
     ]
     random_walk = [system.declared_noise.process_density.get(name, 0.0) for name in free_names]
-    grid = make_grid(record.time, max_step if math.isfinite(max_step) else float(np.diff(record.time).max()))
+    grid = make_grid(
+        record.time, max_step if math.isfinite(max_step) else float(np.diff(record.time).max())
+    )
     return FilterProblem(
         system,
         grid,
-        drive_from_record(system, p, record.input_array(system.input_names), record.time, record.hold, grid),
+        drive_from_record(
+            system, p, record.input_array(system.input_names), record.time, record.hold, grid
+        ),
         record.time,
         z,
         valid,
@@ -108,24 +123,35 @@ def with_free(p: Sequence[float], free: Sequence[int], values: Sequence[object])
 
 
 def prior_std(system: System, name: str, *, state: bool) -> float:
-    """Prior standard deviation of a state or a free parameter, zero for a state that is held; ModelError where none is declared."""
+    """Prior standard deviation of a state or a free parameter, zero for a state that is held;
+    ModelError where none is declared.
+    """
     item = system.initial[name] if state else system.parameters[name]
     if state and not item.free:
         return 0.0
     if not math.isfinite(item.prior_std):
         kind = "initial state" if state else "parameter"
-        raise ModelError(f"{kind} without a prior standard deviation", where=name, remedy="a filter needs one; give it, or use output-error")
+        raise ModelError(
+            f"{kind} without a prior standard deviation",
+            where=name,
+            remedy="a filter needs one; give it, or use output-error",
+        )
     return item.prior_std
 
 
-def proportional_priors(parameters: ParameterSet, engineering: Mapping[str, float], share: float = QUARTER) -> ParameterSet:
-    """Free parameters with a prior standard deviation of ``share`` times the starting value, or the engineering value given.
+def proportional_priors(
+    parameters: ParameterSet, engineering: Mapping[str, float], share: float = QUARTER
+) -> ParameterSet:
+    """Free parameters with a prior standard deviation of ``share`` times the starting value, or the
+    engineering value given.
 
-    The rule of NASA TM-101722: P0 = (x0/4)^2, and for states that start at or near zero a bound by engineering judgement.
+    The rule of NASA TM-101722: P0 = (x0/4)^2, and for states that start at or near zero a bound by
+    engineering judgement.
 
     Parameters
     ----------
-    engineering : standard deviations by name; it overrides the share, and may name what is not free.
+    engineering : standard deviations by name; it overrides the share, and may name what is not
+    free.
 
     Raises
     ------
@@ -137,7 +163,11 @@ def proportional_priors(parameters: ParameterSet, engineering: Mapping[str, floa
             continue
         priors[item.name] = engineering.get(item.name, share * abs(item.value))
         if not priors[item.name] > 0:
-            raise ModelError("it starts at zero, and has no share", where=f"parameter {item.name}", remedy="give its standard deviation")
+            raise ModelError(
+                "it starts at zero, and has no share",
+                where=f"parameter {item.name}",
+                remedy="give its standard deviation",
+            )
     return parameters.with_prior(priors)
 
 
@@ -146,11 +176,17 @@ def proportional_priors(parameters: ParameterSet, engineering: Mapping[str, floa
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
 
 
-def breakdown(mean: np.ndarray, covariance: np.ndarray, *further: np.ndarray | float) -> Outcome | None:
-    """How a filter broke down, None for a sound mean ``(n,)``, covariance ``(n, n)`` and further numbers."""
+def breakdown(
+    mean: np.ndarray, covariance: np.ndarray, *further: np.ndarray | float
+) -> Outcome | None:
+    """How a filter broke down, None for a sound mean ``(n,)``, covariance ``(n, n)`` and further
+    numbers.
+    """
     numbers = (mean, covariance, *further)
     # Sums of squares are the cheaper bound, and a NaN fails either comparison.
-    if not sum(np.vdot(v, v) for v in numbers) < LARGEST and not all(np.abs(v).max(initial=0.0) < LARGEST for v in numbers):
+    if not sum(np.vdot(v, v) for v in numbers) < LARGEST and not all(
+        np.abs(v).max(initial=0.0) < LARGEST for v in numbers
+    ):
         return Outcome.DIVERGED
     return Outcome.INDEFINITE if covariance.diagonal().min() < 0.0 else None
 
@@ -158,8 +194,8 @@ def breakdown(mean: np.ndarray, covariance: np.ndarray, *further: np.ndarray | f
 class HistoryKeeper:
     """Collects predictions, innovations and updates of one pass; any filter can use it.
 
-    A filter that breaks down leaves the samples after the last sound one at that sample's values, so no
-    history holds anything but finite numbers.
+    A filter that breaks down leaves the samples after the last sound one at that sample's values,
+    so no history holds anything but finite numbers.
     """
 
     def __init__(self, problem: FilterProblem) -> None:
@@ -169,26 +205,52 @@ class HistoryKeeper:
         self._mean, self._covariance = np.zeros((n, N)), np.zeros((N, n, n))
         self._predicted_mean, self._predicted_covariance = np.zeros((n, N)), np.zeros((N, n, n))
         self._transition = np.zeros((N, n, n))
-        self._innovation, self._innovation_covariance = np.zeros((m, N)), np.tile(np.eye(m), (N, 1, 1))
+        self._innovation, self._innovation_covariance = (
+            np.zeros((m, N)),
+            np.tile(np.eye(m), (N, 1, 1)),
+        )
         self._sensitivity = np.zeros((N, m, n))
         self._valid = np.zeros((m, N), dtype=bool)
-        self._log_likelihood, self._nis, self._degrees = np.zeros(N), np.zeros(N), np.zeros(N, dtype=int)
+        self._log_likelihood, self._nis, self._degrees = (
+            np.zeros(N),
+            np.zeros(N),
+            np.zeros(N, dtype=int),
+        )
         self._outputs = np.zeros((m, N))
 
-    def predicted(self, k: int, mean: np.ndarray, covariance: np.ndarray, transition: np.ndarray) -> None:
+    def predicted(
+        self, k: int, mean: np.ndarray, covariance: np.ndarray, transition: np.ndarray
+    ) -> None:
         """Before the update at sample ``k``."""
-        self._predicted_mean[:, k], self._predicted_covariance[k], self._transition[k] = mean, covariance, transition
+        self._predicted_mean[:, k], self._predicted_covariance[k], self._transition[k] = (
+            mean,
+            covariance,
+            transition,
+        )
 
     def transition(self, k: int) -> np.ndarray:
         """The transition kept for sample ``k``."""
         return self._transition[k]
 
     def outputs(self, k: int, y: np.ndarray) -> None:
-        """All outputs ``(m,)`` that the filter expects at sample ``k``, also of channels without a sample."""
+        """All outputs ``(m,)`` that the filter expects at sample ``k``, also of channels without a
+        sample.
+        """
         self._outputs[:, k] = y
 
-    def innovation(self, k: int, rows: np.ndarray, y: np.ndarray, S: np.ndarray, H: np.ndarray, log_likelihood: float, nis: float) -> None:
-        """Innovation ``y`` of the channels ``rows``, its covariance ``S``, and the output sensitivity ``H`` that gave the gain."""
+    def innovation(
+        self,
+        k: int,
+        rows: np.ndarray,
+        y: np.ndarray,
+        S: np.ndarray,
+        H: np.ndarray,
+        log_likelihood: float,
+        nis: float,
+    ) -> None:
+        """Innovation ``y`` of the channels ``rows``, its covariance ``S``, and the output
+        sensitivity ``H`` that gave the gain.
+        """
         self._innovation[rows, k], self._valid[rows, k], self._sensitivity[k, rows] = y, True, H
         self._innovation_covariance[k][np.ix_(rows, rows)] = S
         self._log_likelihood[k], self._nis[k], self._degrees[k] = log_likelihood, nis, len(rows)
@@ -228,13 +290,21 @@ class HistoryKeeper:
             self._sensitivity,
             self._innovation_covariance,
         )
-        message = "" if outcome is Outcome.CONVERGED else f"at {problem.time[min(last + 1, N - 1)]:g} s"
-        return replace(_estimate(problem, method, outcome, final_mean, final_covariance, self._outputs, history), message=message)
+        message = (
+            "" if outcome is Outcome.CONVERGED else f"at {problem.time[min(last + 1, N - 1)]:g} s"
+        )
+        return replace(
+            _estimate(
+                problem, method, outcome, final_mean, final_covariance, self._outputs, history
+            ),
+            message=message,
+        )
 
 
 class Kept(NamedTuple):
-    """What a pass writes while it runs, the sample first: means ``(N, n)`` and covariances ``(N, n, n)`` before and after each update, the
-    transition to it, innovations ``(N, m)`` with ``S (N, m, m)``, sensitivities ``(N, m, n)`` and expected outputs ``(N, m)``."""
+    """What a pass writes while it runs, the sample first: means ``(N, n)`` and covariances ``(N, n,
+    n)`` before and after each update, the transition to it, innovations ``(N, m)`` with ``S (N, m,
+    m)``, sensitivities ``(N, m, n)`` and expected outputs ``(N, m)``."""
 
     mean: np.ndarray
     covariance: np.ndarray
@@ -252,14 +322,29 @@ def empty_history(problem: FilterProblem) -> Kept:
     n, (m, N) = len(problem.names), problem.valid.shape
     whole, mean, output = (N, n, n), (N, n), (N, m)
     transition = np.array(np.broadcast_to(np.eye(n), whole), order="C")
-    arrays = (np.empty(mean), np.empty(whole), np.empty(mean), np.empty(whole), transition, np.empty(output), np.empty((N, m, m)))
+    arrays = (
+        np.empty(mean),
+        np.empty(whole),
+        np.empty(mean),
+        np.empty(whole),
+        transition,
+        np.empty(output),
+        np.empty((N, m, m)),
+    )
     return Kept(*arrays, np.empty((N, m, n)), np.empty(output))
 
 
 def finished(problem: FilterProblem, kept: Kept, method: str) -> Estimate | None:
-    """The estimate of a pass that went through; None where a number is not finite, or a variance negative, by the rules of ``breakdown``."""
+    """The estimate of a pass that went through; None where a number is not finite, or a variance
+    negative, by the rules of ``breakdown``.
+    """
     variance = np.diagonal(kept.covariance, axis1=1, axis2=2)
-    if not all(each.max(initial=0.0) < LARGEST and each.min(initial=0.0) > -LARGEST for each in kept) or variance.min(initial=0.0) < 0.0:
+    if (
+        not all(
+            each.max(initial=0.0) < LARGEST and each.min(initial=0.0) > -LARGEST for each in kept
+        )
+        or variance.min(initial=0.0) < 0.0
+    ):
         return None
     try:
         root = np.linalg.cholesky(kept.S)
@@ -270,7 +355,9 @@ def finished(problem: FilterProblem, kept: Kept, method: str) -> Estimate | None
     if not np.all(nis < LARGEST):
         return None
     degrees = np.count_nonzero(problem.valid, axis=0)
-    log_likelihood = -0.5 * (nis + degrees * LOG_TWO_PI) - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+    log_likelihood = -0.5 * (nis + degrees * LOG_TWO_PI) - np.log(
+        np.diagonal(root, axis1=1, axis2=2)
+    ).sum(axis=1)
     for P in (kept.predicted_covariance, kept.covariance):
         np.add(P, P.transpose(0, 2, 1), out=P)
         np.multiply(P, 0.5, out=P)
@@ -292,11 +379,25 @@ def finished(problem: FilterProblem, kept: Kept, method: str) -> Estimate | None
         kept.sensitivity,
         kept.S,
     )
-    return _estimate(problem, method, Outcome.CONVERGED, kept.mean[-1], kept.covariance[-1], kept.outputs.T.copy(), history)
+    return _estimate(
+        problem,
+        method,
+        Outcome.CONVERGED,
+        kept.mean[-1],
+        kept.covariance[-1],
+        kept.outputs.T.copy(),
+        history,
+    )
 
 
 def _estimate(
-    problem: FilterProblem, method: str, outcome: Outcome, mean: np.ndarray, covariance: np.ndarray, fitted: np.ndarray, history: FilterHistory
+    problem: FilterProblem,
+    method: str,
+    outcome: Outcome,
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    fitted: np.ndarray,
+    history: FilterHistory,
 ) -> Estimate:
     n_x = len(problem.system.states)
     names = problem.names[n_x:]

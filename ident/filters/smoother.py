@@ -1,8 +1,9 @@
 """Fixed-interval smoother, and parameter covariance corrected for coloured innovations.
 
-The Rauch-Tung-Striebel smoother (AIAA Journal 3(8), 1965) in the form of Bryson and Frazier (Bierman, "Fixed Interval
-Smoothing with Discrete Measurements", Int. J. Control 18(1), 1973): the same numbers without inverting the predicted
-covariance, which is singular where a state is known exactly, and nearly so for parameters without process noise.
+The Rauch-Tung-Striebel smoother (AIAA Journal 3(8), 1965) in the form of Bryson and Frazier
+(Bierman, "Fixed Interval Smoothing with Discrete Measurements", Int. J. Control 18(1), 1973): the
+same numbers without inverting the predicted covariance, which is singular where a state is known
+exactly, and nearly so for parameters without process noise.
 
 A filter's covariance holds for white measurement noise. Coloured noise repeats itself from sample
 to sample, so that the record says less than the filter believes. The correction is that of
@@ -45,10 +46,11 @@ class SmoothedHistory:
 def smooth(history: FilterHistory) -> SmoothedHistory:
     """Run back over a filter's history, of an extended or an unscented filter.
 
-    With r and W zero after the last sample, back over sample k, K = P_pred H^T S^-1 (nothing where no sample was used):
-    r <- H^T S^-1 y + (I - K H)^T r,  W <- H^T S^-1 H + (I - K H)^T W (I - K H), then r <- G^T r, W <- G^T W G with the
-    history's ``transition``; at each sample x_s = x + P r, P_s = P - P W P. A smoothed variance never exceeds the
-    filter's. Should W leave the range of numbers, the samples before keep the filter's values.
+    With r and W zero after the last sample, back over sample k, K = P_pred H^T S^-1 (nothing where
+    no sample was used): r <- H^T S^-1 y + (I - K H)^T r, W <- H^T S^-1 H + (I - K H)^T W (I - K H),
+    then r <- G^T r, W <- G^T W G with the history's ``transition``; at each sample x_s = x + P r,
+    P_s = P - P W P. A smoothed variance never exceeds the filter's. Should W leave the range of
+    numbers, the samples before keep the filter's values.
     """
     N = len(history.time)
     mean, covariance = history.mean.copy(), history.covariance.copy()
@@ -56,7 +58,9 @@ def smooth(history: FilterHistory) -> SmoothedHistory:
         r, W = _backwards(history)
         x = mean[:, :-1] + (covariance[:-1] @ r[:, :, None])[:, :, 0].T
         reduced = covariance[:-1] - covariance[:-1] @ W @ covariance[:-1]
-        lost = np.flatnonzero(~(np.all(np.isfinite(x), axis=0) & np.all(np.isfinite(reduced), axis=(1, 2))))
+        lost = np.flatnonzero(
+            ~(np.all(np.isfinite(x), axis=0) & np.all(np.isfinite(reduced), axis=(1, 2)))
+        )
     held = slice(lost[-1] + 1 if lost.size else 0, N - 1)
     mean[:, held] = x[:, held]
     symmetric = 0.5 * (reduced[held] + reduced[held].transpose(0, 2, 1))
@@ -66,14 +70,20 @@ def smooth(history: FilterHistory) -> SmoothedHistory:
 
 
 def _backwards(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
-    """r and W at every sample but the last, ``(N - 1, n)`` and ``(N - 1, n, n)``: r <- c + M^T r, W <- D + M^T W M with what each sample brings."""
+    """r and W at every sample but the last, ``(N - 1, n)`` and ``(N - 1, n, n)``: r <- c + M^T r, W
+    <- D + M^T W M with what each sample brings.
+    """
     H, G, later = history.sensitivity[1:], history.transition[1:], slice(1, None)
     N, n = len(G), len(history.names)
     # A channel that is missing has zeros in H and one in S: it brings nothing.
     weighted = np.linalg.solve(history.innovation_covariance[later], H).transpose(0, 2, 1)
     M = G - (history.predicted_covariance[later] @ weighted) @ (H @ G)
     brought = G.transpose(0, 2, 1) @ weighted
-    c, D, M_turned = (brought @ history.innovation.T[later, :, None])[:, :, 0], brought @ (H @ G), M.transpose(0, 2, 1)
+    c, D, M_turned = (
+        (brought @ history.innovation.T[later, :, None])[:, :, 0],
+        brought @ (H @ G),
+        M.transpose(0, 2, 1),
+    )
     r, W = np.empty((N, n)), np.empty((N, n, n))
     if N:
         r[-1], W[-1] = c[-1], D[-1]
@@ -88,15 +98,20 @@ def _backwards(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _at_most(P: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """``P (N, n, n)`` with rows and columns scaled where a variance exceeds the limit ``(N, n)`` or is negative."""
+    """``P (N, n, n)`` with rows and columns scaled where a variance exceeds the limit ``(N, n)`` or
+    is negative.
+    """
     own = np.diagonal(P, axis1=1, axis2=2)
-    factor = np.sqrt(np.divide(np.minimum(own, variance), own, out=np.zeros_like(own), where=own > 0))
+    factor = np.sqrt(
+        np.divide(np.minimum(own, variance), own, out=np.zeros_like(own), where=own > 0)
+    )
     return np.asarray(P * (factor[:, :, None] * factor[:, None]))
 
 
 # ---- Parameter covariance of a filter, corrected for innovations that are not white
 
-_SIGNIFICANT = 4.0  # of the standard deviations 1/sqrt(N) that an autocorrelation of white noise has
+# of the standard deviations 1/sqrt(N) that an autocorrelation of white noise has
+_SIGNIFICANT = 4.0
 _ROUNDING = 1e-9  # of a covariance, below which a difference of two is no process noise
 
 
@@ -109,8 +124,9 @@ class ColouredInnovations:
     names : the ``s`` parameters that the filter estimates.
     covariance : ``(s, s)`` of the parameters, corrected.
     factor : ``(s,)`` corrected standard deviations over those of white noise; at least one.
-    lag_one : autocorrelation of the whitened residuals one sample apart, by output that was measured.
-    significant : whether the autocorrelation of some output is more than white noise shows.
+    lag_one : autocorrelation of the whitened residuals one sample apart, by output that was
+    measured. significant : whether the autocorrelation of some output is more than white noise
+    shows.
     """
 
     names: tuple[str, ...]
@@ -125,7 +141,8 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
 
     Parameters
     ----------
-    estimate : of an extended or unscented filter, with its history; its parameters are no random walks.
+    estimate : of an extended or unscented filter, with its history; its parameters are no random
+    walks.
 
     Returns
     -------
@@ -163,23 +180,43 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
     white = np.diagonal(inverse)[at] * scale**2
     if not (np.all(np.isfinite(covariance)) and np.all(white > 0.0)):
         return None
-    rows = [each for each in zip(estimate.output_names, residual, history.valid, strict=True) if each[2].any()]
+    rows = [
+        each
+        for each in zip(estimate.output_names, residual, history.valid, strict=True)
+        if each[2].any()
+    ]
     lag_one = {name: _lag_one(row, known) for name, row, known in rows}
-    significant = any(abs(lag_one[name]) > _SIGNIFICANT / np.sqrt(np.count_nonzero(known)) for name, _, known in rows)
-    return ColouredInnovations(names, covariance, np.sqrt(np.maximum(np.diagonal(covariance) / white, 1.0)), lag_one, significant)
+    significant = any(
+        abs(lag_one[name]) > _SIGNIFICANT / np.sqrt(np.count_nonzero(known))
+        for name, _, known in rows
+    )
+    return ColouredInnovations(
+        names,
+        covariance,
+        np.sqrt(np.maximum(np.diagonal(covariance) / white, 1.0)),
+        lag_one,
+        significant,
+    )
 
 
 def with_coloured_covariance(estimate: Estimate) -> Estimate:
-    """The estimate with its covariance corrected for coloured innovations; unchanged where there is no correction."""
+    """The estimate with its covariance corrected for coloured innovations; unchanged where there is
+    no correction.
+    """
     found = coloured_innovations(estimate)
-    return estimate if found is None or found.names != estimate.names else replace(estimate, covariance=found.covariance)
+    return (
+        estimate
+        if found is None or found.names != estimate.names
+        else replace(estimate, covariance=found.covariance)
+    )
 
 
 def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals ``(m, N)`` and their slopes ``(m, N, n)`` with the initial state and the parameters at their smoothed values, of unit variance.
+    """Residuals ``(m, N)`` and their slopes ``(m, N, n)`` with the initial state and the parameters
+    at their smoothed values, of unit variance.
 
-    The history is a linear filter: what it predicted, its matrices and its innovations give the same filter from another start, whose
-    covariance is that of the process noise alone.
+    The history is a linear filter: what it predicted, its matrices and its innovations give the
+    same filter from another start, whose covariance is that of the process noise alone.
     """
     H, Phi, n, N = history.sensitivity, history.transition, len(history.names), len(history.time)
     noise = _process_noise(history)
@@ -204,14 +241,22 @@ def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray,
 
 
 def _process_noise(history: FilterHistory) -> np.ndarray | None:
-    """Q_k ``(N, n, n)`` of each step, what a prediction added to the covariance; None where that is rounding alone."""
-    Phi, after, before = history.transition[1:], history.covariance[:-1], history.predicted_covariance[1:]
+    """Q_k ``(N, n, n)`` of each step, what a prediction added to the covariance; None where that is
+    rounding alone.
+    """
+    Phi, after, before = (
+        history.transition[1:],
+        history.covariance[:-1],
+        history.predicted_covariance[1:],
+    )
     added = before - Phi @ after @ Phi.transpose(0, 2, 1)
     scale = np.sqrt(np.maximum(np.diagonal(before, axis1=1, axis2=2), 0.0))
     added[np.abs(added) <= _ROUNDING * (scale[:, :, None] * scale[:, None])] = 0.0
     if not np.any(added):
         return None
-    return np.concatenate([np.zeros((1, *added.shape[1:])), 0.5 * (added + added.transpose(0, 2, 1))])
+    return np.concatenate(
+        [np.zeros((1, *added.shape[1:])), 0.5 * (added + added.transpose(0, 2, 1))]
+    )
 
 
 def _lag_one(row: np.ndarray, known: np.ndarray) -> float:

@@ -1,17 +1,20 @@
 """Unscented Kalman filter for states and parameters, and its iterated form.
 
-filterpy does the update and the weights; three things are put around it to make it robust. A square root that
-serves singular covariances (a state known exactly has no variance, and Cholesky's would fail) and is unique. All sigma
-points in one call of the System instead of one call each. Missing channels dropped row by row.
+filterpy does the update and the weights; three things are put around it to make it robust. A square
+root that serves singular covariances (a state known exactly has no variance, and Cholesky's would
+fail) and is unique. All sigma points in one call of the System instead of one call each. Missing
+channels dropped row by row.
 
-The points lie sqrt(n) sigmas out (alpha = 1, kappa = 0) and the central one weighs beta = 2 in the covariance,
-which holds part of the fourth moments of a Gaussian: with no negative weight the predicted covariance is
-semi-definite by construction, and nothing cancels (alpha = 0.001 loses six digits).
+The points lie sqrt(n) sigmas out (alpha = 1, kappa = 0) and the central one weighs beta = 2 in the
+covariance, which holds part of the fourth moments of a Gaussian: with no negative weight the
+predicted covariance is semi-definite by construction, and nothing cancels (alpha = 0.001 loses six
+digits).
 
-Posterior linearisation (Garcia-Fernandez, Svensson and Sarkka, "Iterated Posterior Linearization Smoother", IEEE Transactions on Automatic
-Control 62(4), 2017). The plain filter's points reach over the prior, as far as the product of a wide zero and a wide derivative bends, and what
-that bends away is never given back; these reach over what the whole record leaves open. The prior keeps its mean and weight, so no datum
-counts twice.
+Posterior linearisation (Garcia-Fernandez, Svensson and Sarkka, "Iterated Posterior Linearization
+Smoother", IEEE Transactions on Automatic Control 62(4), 2017). The plain filter's points reach over
+the prior, as far as the product of a wide zero and a wide derivative bends, and what that bends
+away is never given back; these reach over what the whole record leaves open. The prior keeps its
+mean and weight, so no datum counts twice.
 """
 
 from __future__ import annotations
@@ -42,14 +45,16 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
     Parameters
     ----------
     record, system : as for ``run_ekf``.
-    settings : ``step``, ``max_step`` and ``passes`` as for ``run_ekf``; ``transition`` serves the process noise only.
+    settings : ``step``, ``max_step`` and ``passes`` as for ``run_ekf``; ``transition`` serves the
+    process noise only.
 
     Returns
     -------
-    Estimate as ``run_ekf`` returns it. ``history.transition[k]`` is the statistical linearisation G of the interval: with
-    P the covariance after the update before and C the cross-covariance of that state with the predicted one,
-    C = P G^T in each sub-step; ``history.sensitivity`` H likewise from the cross-covariance with the outputs,
-    P H^T. With these the fixed-interval smoother serves both filters.
+    Estimate as ``run_ekf`` returns it. ``history.transition[k]`` is the statistical linearisation G
+    of the interval: with P the covariance after the update before and C the cross-covariance of
+    that state with the predicted one, C = P G^T in each sub-step; ``history.sensitivity`` H
+    likewise from the cross-covariance with the outputs, P H^T. With these the fixed-interval
+    smoother serves both filters.
 
     Raises
     ------
@@ -62,8 +67,13 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
     for done in range(1, settings.passes):
         if estimate.outcome is not Outcome.CONVERGED:
             break
-        again = filter_by_points(problem, settings, np.concatenate([problem.start[:n_x], estimate.values]))
-        moved = np.max(np.abs(again.values - estimate.values) / np.maximum(estimate.std, np.finfo(float).tiny), initial=0.0)
+        again = filter_by_points(
+            problem, settings, np.concatenate([problem.start[:n_x], estimate.values])
+        )
+        moved = np.max(
+            np.abs(again.values - estimate.values) / np.maximum(estimate.std, np.finfo(float).tiny),
+            initial=0.0,
+        )
         estimate = replace(again, iterations=done + 1)
         if moved < SETTLED:
             break
@@ -71,18 +81,20 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
 
 
 def square_root(P: np.ndarray) -> np.ndarray:
-    """``U (n, n)`` with ``U^T U = P`` for a symmetric semi-definite ``P``, zero columns for what has no variance.
+    """``U (n, n)`` with ``U^T U = P`` for a symmetric semi-definite ``P``, zero columns for what
+    has no variance.
 
-    U is the symmetric root of the correlation matrix times the standard deviations. There is one such root only, and it moves
-    little when P does; the axes of alike eigenvalues, as an uncorrelated P has them, are rounding's choice, and so would the points be.
+    U is the symmetric root of the correlation matrix times the standard deviations. There is one
+    such root only, and it moves little when P does; the axes of alike eigenvalues, as an
+    uncorrelated P has them, are rounding's choice, and so would the points be.
     """
     return roots(P)[0]
 
 
 def slopes(P: np.ndarray, half_differences: np.ndarray) -> np.ndarray:
-    """Statistical linearisation ``(rows, n)``: L with ``P L^T`` the cross-covariance, from half the differences of what the paired
-    points ``x +- U_i``, ``U = square_root(P)``, give, ``(n, rows)``. With the root instead of P half the digits of a nearly
-    singular P are kept."""
+    """Statistical linearisation ``(rows, n)``: L with ``P L^T`` the cross-covariance, from half the
+    differences of what the paired points ``x +- U_i``, ``U = square_root(P)``, give, ``(n, rows)``.
+    With the root instead of P half the digits of a nearly singular P are kept."""
     return (roots(P)[1] @ half_differences).T
 
 
@@ -90,25 +102,36 @@ def roots(P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """``square_root(P)`` and its inverse ``(n, n)``, the latter zero for what has no variance."""
     values, vectors, scale, inverse = _decomposed(P)
     reciprocal = np.divide(1.0, np.sqrt(values), out=np.zeros_like(values), where=values > 0)
-    return (vectors * np.sqrt(values)) @ vectors.T * scale, inverse[:, None] * ((vectors * reciprocal) @ vectors.T)
+    return (vectors * np.sqrt(values)) @ vectors.T * scale, inverse[:, None] * (
+        (vectors * reciprocal) @ vectors.T
+    )
 
 
 def _decomposed(P: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Eigenvalues (zero for rounding) and vectors of the correlation matrix, standard deviations and their inverses (zero for zero)."""
+    """Eigenvalues (zero for rounding) and vectors of the correlation matrix, standard deviations
+    and their inverses (zero for zero).
+    """
     scale = np.sqrt(np.maximum(np.diag(P), 0.0))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
     values, vectors = np.linalg.eigh(P * np.outer(inverse, inverse))
     return np.where(values > SMALLEST * values[-1], values, 0.0), vectors, scale, inverse
 
 
-def filter_by_points(problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None) -> Estimate:
+def filter_by_points(
+    problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None
+) -> Estimate:
     """One pass of the filter over a prepared problem, from ``start (n,)`` when given."""
     from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
     n, grid, drive = len(problem.names), problem.grid, problem.drive
     points = MerweScaledSigmaPoints(n, ALPHA, BETA, KAPPA, sqrt_method=square_root)
-    ukf = UnscentedKalmanFilter(dim_x=n, dim_z=len(problem.variance), dt=0.0, hx=None, fx=None, points=points)
-    ukf.x, ukf.P = (problem.start if start is None else start).astype(float), problem.covariance.copy()
+    ukf = UnscentedKalmanFilter(
+        dim_x=n, dim_z=len(problem.variance), dt=0.0, hx=None, fx=None, points=points
+    )
+    ukf.x, ukf.P = (
+        (problem.start if start is None else start).astype(float),
+        problem.covariance.copy(),
+    )
     keeper = HistoryKeeper(problem)
     with quiet_numerics():
         for k in range(len(problem.time)):
@@ -117,7 +140,17 @@ def filter_by_points(problem: FilterProblem, settings: FilterSettings, start: np
                 if k:
                     for s in range(grid.sample[k - 1], grid.sample[k]):
                         u = tuple([float(row[s]) for row in stage] for stage in drive.stages)
-                        G = _predict(ukf, problem, settings, float(grid.edges[s]), u, float(grid.steps[s])) @ G
+                        G = (
+                            _predict(
+                                ukf,
+                                problem,
+                                settings,
+                                float(grid.edges[s]),
+                                u,
+                                float(grid.steps[s]),
+                            )
+                            @ G
+                        )
                 keeper.predicted(k, ukf.x, ukf.P, G)
                 trouble = _update(ukf, problem, k, keeper)
             except (ArithmeticError, ValueError):
@@ -128,21 +161,30 @@ def filter_by_points(problem: FilterProblem, settings: FilterSettings, start: np
     return keeper.estimate("ukf", Outcome.CONVERGED)
 
 
-def _predict(ukf: Any, problem: FilterProblem, settings: FilterSettings, t: float, u: Any, dt: float) -> np.ndarray:
-    """Move the sigma points over one sub-step; returns the statistical linearisation of the step."""
+def _predict(
+    ukf: Any, problem: FilterProblem, settings: FilterSettings, t: float, u: Any, dt: float
+) -> np.ndarray:
+    """Move the sigma points over one sub-step; returns the statistical linearisation of the
+    step.
+    """
     from filterpy.kalman import unscented_transform
 
     system, n_x = problem.system, len(problem.system.states)
     before, mean, P = ukf.points_fn.sigma_points(ukf.x, ukf.P), ukf.x, ukf.P
     columns = list(before.T)
-    moved = settings.step(system.f, t, columns[:n_x], u, with_free(problem.p, problem.free, columns[n_x:]), dt)
+    moved = settings.step(
+        system.f, t, columns[:n_x], u, with_free(problem.p, problem.free, columns[n_x:]), dt
+    )
     after = before.copy()
     for i, row in enumerate(moved):
         after[:, i] = row
     noise = np.zeros_like(P)
     if np.any(problem.density):
         F = np.zeros_like(P)
-        F[:n_x] = complex_step_jacobian(lambda a: system.f(t, a[:n_x], u[0], with_free(problem.p, problem.free, a[n_x:])), mean.tolist())
+        F[:n_x] = complex_step_jacobian(
+            lambda a: system.f(t, a[:n_x], u[0], with_free(problem.p, problem.free, a[n_x:])),
+            mean.tolist(),
+        )
         noise = settings.transition(F, problem.density, dt)[1]
     ukf.x, ukf.P = unscented_transform(after, ukf.Wm, ukf.Wc, noise)
     ukf.P = 0.5 * (ukf.P + ukf.P.T)
@@ -155,7 +197,12 @@ def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> 
     ukf.sigmas_f = ukf.points_fn.sigma_points(ukf.x, ukf.P)
     columns = list(ukf.sigmas_f.T)
     u = [float(row[at]) for row in problem.drive.begin]
-    y = problem.system.h(float(problem.grid.edges[at]), columns[:n_x], u, with_free(problem.p, problem.free, columns[n_x:]))
+    y = problem.system.h(
+        float(problem.grid.edges[at]),
+        columns[:n_x],
+        u,
+        with_free(problem.p, problem.free, columns[n_x:]),
+    )
     outputs = np.array([np.broadcast_to(row, len(ukf.sigmas_f)) for row in y])
     expected = outputs @ ukf.Wm
     rows = np.flatnonzero(problem.valid[:, k])
@@ -178,32 +225,42 @@ def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> 
 
 
 def _half_differences(rows: np.ndarray) -> np.ndarray:
-    """Of the values ``(2n + 1, ...)`` at the sigma points, which lie one root of ``n P`` out in pairs, ``(n, ...)``."""
+    """Of the values ``(2n + 1, ...)`` at the sigma points, which lie one root of ``n P`` out in
+    pairs, ``(n, ...)``.
+    """
     n = len(rows) // 2
     return 0.5 * (rows[1 : n + 1] - rows[n + 1 :])
 
 
 # ---- Iterated unscented filter
 
-ROUNDING = float(np.sqrt(np.finfo(float).eps))  # half the digits: of a difference of covariances the rest may be rounding
+# half the digits: of a difference of covariances the rest may be rounding
+ROUNDING = float(np.sqrt(np.finfo(float).eps))
 CENTRE = 2.0  # weight of the central point in a covariance, beta of the scaled points
 
 
 def run_iterated_ukf(
-    record: Record, system: System, settings: FilterSettings | None = None, iterations: int = 15, first: System | None = None
+    record: Record,
+    system: System,
+    settings: FilterSettings | None = None,
+    iterations: int = 15,
+    first: System | None = None,
 ) -> Estimate:
-    """Estimate states and free parameters by an unscented filter that is linearised anew about its own smoothed result.
+    """Estimate states and free parameters by an unscented filter that is linearised anew about its
+    own smoothed result.
 
     Parameters
     ----------
     record, system, settings : as for ``run_ukf``; ``settings.passes`` is not used.
-    iterations : limit of passes; it stops when no parameter moves by more than a hundredth of its sigma.
-    first : the same system with narrower priors, for the first pass alone, whose points reach over the prior.
+    iterations : limit of passes; it stops when no parameter moves by more than a hundredth of its
+    sigma. first : the same system with narrower priors, for the first pass alone, whose points
+    reach over the prior.
 
     Returns
     -------
-    Estimate after the last pass; its outcome is ``MAX_ITERATIONS`` when it had not settled. Where a pass broke down, the
-    estimate is that of the pass before it, with the outcome of the one that broke down.
+    Estimate after the last pass; its outcome is ``MAX_ITERATIONS`` when it had not settled. Where a
+    pass broke down, the estimate is that of the pass before it, with the outcome of the one that
+    broke down.
 
     Raises
     ------
@@ -211,13 +268,17 @@ def run_iterated_ukf(
     """
     settings = settings or FilterSettings()
     problem = filter_problem(record, system, settings.max_step)
-    begun = filter_by_points(problem if first is None else filter_problem(record, first, settings.max_step), settings)
+    begun = filter_by_points(
+        problem if first is None else filter_problem(record, first, settings.max_step), settings
+    )
     return settled(begun, lambda done: _pass_about(problem, settings, done), iterations)
 
 
 @dataclass(frozen=True, eq=False)
 class _Cloud:
-    """Sigma points ``(2n + 1, n)`` of a mean and a covariance, the mean first, and what turns half differences of their images into slopes."""
+    """Sigma points ``(2n + 1, n)`` of a mean and a covariance, the mean first, and what turns half
+    differences of their images into slopes.
+    """
 
     points: np.ndarray
     back: np.ndarray
@@ -230,9 +291,9 @@ class _Cloud:
 def _cloud(about: SmoothedHistory, k: int, reach: np.ndarray) -> _Cloud:
     """Points about sample ``k`` of a smoothed result, out to its covariance.
 
-    Where the smoother's difference of covariances is rounding alone, ``reach (n,)`` are the standard
-    deviations and directions without variance get ``ROUNDING`` of one: without points that lie apart
-    no slope along them would be seen, and the record would say nothing of them.
+    Where the smoother's difference of covariances is rounding alone, ``reach (n,)`` are the
+    standard deviations and directions without variance get ``ROUNDING`` of one: without points that
+    lie apart no slope along them would be seen, and the record would say nothing of them.
     """
     mean, P = about.mean[:, k], about.covariance[k]
     std = np.sqrt(np.maximum(np.diagonal(P), 0.0))
@@ -244,7 +305,9 @@ def _cloud(about: SmoothedHistory, k: int, reach: np.ndarray) -> _Cloud:
     return _Cloud(np.concatenate([mean[None], mean + root, mean - root]), back)
 
 
-def _pass_about(problem: FilterProblem, settings: FilterSettings, about: SmoothedHistory) -> Estimate:
+def _pass_about(
+    problem: FilterProblem, settings: FilterSettings, about: SmoothedHistory
+) -> Estimate:
     """One pass of the Kalman filter of the functions linearised over ``about``."""
     keeper, grid = HistoryKeeper(problem), problem.grid
     x, P = problem.start.astype(float), problem.covariance.copy()
@@ -255,7 +318,9 @@ def _pass_about(problem: FilterProblem, settings: FilterSettings, about: Smoothe
             G = np.eye(len(x))
             try:
                 if k:
-                    moved, G, noise = _moved(problem, settings, cloud, grid.sample[k - 1], grid.sample[k])
+                    moved, G, noise = _moved(
+                        problem, settings, cloud, grid.sample[k - 1], grid.sample[k]
+                    )
                     x, P = moved + G @ (x - cloud.mean), _symmetric(G @ P @ G.T + noise)
                     cloud = _cloud(about, k, reach)
                 keeper.predicted(k, x, P, G)
@@ -268,18 +333,26 @@ def _pass_about(problem: FilterProblem, settings: FilterSettings, about: Smoothe
     return keeper.estimate("ukf", Outcome.CONVERGED)
 
 
-def _moved(problem: FilterProblem, settings: FilterSettings, cloud: _Cloud, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """From one sample to the next, the sub-steps ``first`` to ``last``: the mean's image, its slopes, and noise and curvature together."""
+def _moved(
+    problem: FilterProblem, settings: FilterSettings, cloud: _Cloud, first: int, last: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """From one sample to the next, the sub-steps ``first`` to ``last``: the mean's image, its
+    slopes, and noise and curvature together.
+    """
     system, n_x, points = problem.system, len(problem.system.states), cloud.points
     noise = np.zeros_like(cloud.back)
     for s in range(first, last):
         t, dt = float(problem.grid.edges[s]), float(problem.grid.steps[s])
         u: Any = tuple([float(row[s]) for row in stage] for stage in problem.drive.stages)
         if np.any(problem.density):
-            Phi, added = settings.transition(_slopes(problem, points[0], t, u[0]), problem.density, dt)
+            Phi, added = settings.transition(
+                _slopes(problem, points[0], t, u[0]), problem.density, dt
+            )
             noise = Phi @ noise @ Phi.T + added
         columns = list(points.T)
-        rows = settings.step(system.f, t, columns[:n_x], u, with_free(problem.p, problem.free, columns[n_x:]), dt)
+        rows = settings.step(
+            system.f, t, columns[:n_x], u, with_free(problem.p, problem.free, columns[n_x:]), dt
+        )
         points = np.array([*(np.broadcast_to(row, len(points)) for row in rows), *columns[n_x:]]).T
     moved, G, curved = _linearised(points, cloud)
     return moved, G, noise + curved
@@ -288,18 +361,35 @@ def _moved(problem: FilterProblem, settings: FilterSettings, cloud: _Cloud, firs
 def _slopes(problem: FilterProblem, at: np.ndarray, t: float, u: list[float]) -> np.ndarray:
     """F ``(n, n)`` at a point, for the process noise alone."""
     n_x, F = len(problem.system.states), np.zeros((len(at), len(at)))
-    F[:n_x] = complex_step_jacobian(lambda a: problem.system.f(t, a[:n_x], u, with_free(problem.p, problem.free, a[n_x:])), at.tolist())
+    F[:n_x] = complex_step_jacobian(
+        lambda a: problem.system.f(t, a[:n_x], u, with_free(problem.p, problem.free, a[n_x:])),
+        at.tolist(),
+    )
     return F
 
 
 def _updated(
-    problem: FilterProblem, keeper: HistoryKeeper, k: int, x: np.ndarray, P: np.ndarray, cloud: _Cloud
+    problem: FilterProblem,
+    keeper: HistoryKeeper,
+    k: int,
+    x: np.ndarray,
+    P: np.ndarray,
+    cloud: _Cloud,
 ) -> tuple[np.ndarray, np.ndarray, Outcome | None]:
-    """Mean and covariance with the channels that have a sample (Joseph's form), and how the update broke down, if it did."""
+    """Mean and covariance with the channels that have a sample (Joseph's form), and how the update
+    broke down, if it did.
+    """
     system, n_x, at = problem.system, len(problem.system.states), problem.grid.sample[k]
     columns, u = list(cloud.points.T), [float(row[at]) for row in problem.drive.begin]
-    y: Any = system.h(float(problem.grid.edges[at]), columns[:n_x], u, with_free(problem.p, problem.free, columns[n_x:]))
-    middle, slope, curved = _linearised(np.array([np.broadcast_to(row, len(cloud.points)) for row in y]).T, cloud)
+    y: Any = system.h(
+        float(problem.grid.edges[at]),
+        columns[:n_x],
+        u,
+        with_free(problem.p, problem.free, columns[n_x:]),
+    )
+    middle, slope, curved = _linearised(
+        np.array([np.broadcast_to(row, len(cloud.points)) for row in y]).T, cloud
+    )
     expected = middle + slope @ (x - cloud.mean)
     rows, log_likelihood, nis = np.flatnonzero(problem.valid[:, k]), 0.0, 0.0
     if rows.size:
@@ -321,7 +411,8 @@ def _updated(
 
 
 def _linearised(images: np.ndarray, cloud: _Cloud) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Statistical linear regression of the points' images ``(2n + 1, rows)``: mean, slopes, and the covariance of what is no straight line.
+    """Statistical linear regression of the points' images ``(2n + 1, rows)``: mean, slopes, and the
+    covariance of what is no straight line.
 
     With even and odd parts of each pair apart nothing cancels, and the covariance is semi-definite.
     """
@@ -330,7 +421,11 @@ def _linearised(images: np.ndarray, cloud: _Cloud) -> tuple[np.ndarray, np.ndarr
     even = 0.5 * (plus + minus)
     mean = even.mean(axis=0)
     off, bent = images[0] - mean, even - mean
-    return mean, (cloud.back @ (0.5 * (plus - minus))).T, CENTRE * np.outer(off, off) + bent.T @ bent / n
+    return (
+        mean,
+        (cloud.back @ (0.5 * (plus - minus))).T,
+        CENTRE * np.outer(off, off) + bent.T @ bent / n,
+    )
 
 
 def _symmetric(P: np.ndarray) -> np.ndarray:

@@ -1,9 +1,9 @@
 """Bandwidth and phase delay of an estimated attitude response, and dropback of a fitted one.
 
-Bandwidth and phase delay: MIL-STD-1797A, section 4.2.1.2; ADS-33E-PRF, section 3.3.2.1; Hoh, Mitchell
-and Hodgkinson, "Bandwidth: A Criterion for Highly Augmented Airplanes", AGARD-CP-333, 1982.
-Dropback: Gibson, "Piloted Handling Qualities Design Criteria for High Order Flight Control Systems",
-AGARD-CP-333, 1982.
+Bandwidth and phase delay: MIL-STD-1797A, section 4.2.1.2; ADS-33E-PRF, section 3.3.2.1; Hoh,
+Mitchell and Hodgkinson, "Bandwidth: A Criterion for Highly Augmented Airplanes", AGARD-CP-333,
+1982. Dropback: Gibson, "Piloted Handling Qualities Design Criteria for High Order Flight Control
+Systems", AGARD-CP-333, 1982.
 """
 
 from __future__ import annotations
@@ -108,7 +108,9 @@ def attitude_bandwidth(target: Target, *, rate: bool) -> Bandwidth:
         return Bandwidth(neutral, phase, gain, delay, tuple(notes))
     level, slope, spread = _line(curve, curve.gain, curve.gain_std, neutral.value)
     extra = math.hypot(spread, slope * neutral.std / neutral.value)
-    gain = _crossing(curve, curve.gain, curve.gain_std, level + GAIN_MARGIN, extra, before=neutral.value)
+    gain = _crossing(
+        curve, curve.gain, curve.gain_std, level + GAIN_MARGIN, extra, before=neutral.value
+    )
     if gain is None:
         notes.append(f"no gain bandwidth: the gain is nowhere 6 dB above that at -180 deg; {band}")
     if 2.0 * neutral.value > curve.omega[-1] * 1.001:
@@ -133,7 +135,9 @@ def dropback(function: FittedResponse) -> BandwidthQuantity | None:
     return _propagated(function, value)
 
 
-def _propagated(function: FittedResponse, value: Callable[[dict[str, float]], float]) -> BandwidthQuantity | None:
+def _propagated(
+    function: FittedResponse, value: Callable[[dict[str, float]], float]
+) -> BandwidthQuantity | None:
     p = dict(function.values)
     if not all(abs(p[name]) > 1e-9 for name in ("inv_T_theta2", "frequency")):
         return None
@@ -155,7 +159,9 @@ def attitude_curve(target: Target, *, rate: bool) -> AttitudeCurve:
     phase -= 180.0 * np.round((phase[0] - _NEAR) / 180.0)
     share = target.std / np.abs(target.response)
     gain = 20.0 * np.log10(np.abs(response))
-    return AttitudeCurve(omega, gain, phase, 20.0 / math.log(10.0) * share, np.degrees(share), target.length)
+    return AttitudeCurve(
+        omega, gain, phase, 20.0 / math.log(10.0) * share, np.degrees(share), target.length
+    )
 
 
 def _crossing(
@@ -185,7 +191,9 @@ def _crossing(
     return BandwidthQuantity(at, at * math.hypot(spread, extra) / abs(slope))
 
 
-def _line(curve: AttitudeCurve, values: np.ndarray, std: np.ndarray, at: float) -> tuple[float, float, float]:
+def _line(
+    curve: AttitudeCurve, values: np.ndarray, std: np.ndarray, at: float
+) -> tuple[float, float, float]:
     """Value, slope by ln(omega) and deviation of the value, of a parabola about ``at``."""
     found = parabola_at(curve, values, std, at)
     return found.value, found.slope, found.std
@@ -193,7 +201,9 @@ def _line(curve: AttitudeCurve, values: np.ndarray, std: np.ndarray, at: float) 
 
 @dataclass(frozen=True)
 class Parabola:
-    """Value, first and second derivative by ln(omega) of a curve at a frequency; ``std`` : of the value."""
+    """Value, first and second derivative by ln(omega) of a curve at a frequency; ``std`` : of the
+    value.
+    """
 
     value: float
     slope: float
@@ -204,7 +214,8 @@ class Parabola:
 def parabola_at(curve: Curve, values: np.ndarray, std: np.ndarray, at: float) -> Parabola:
     """The parabola through the points of a curve about ``at``, rad/s, in ln(omega).
 
-    ``values``, ``std`` : ``(F,)``, of the curve and its errors, which neighbours share as the windows do.
+    ``values``, ``std`` : ``(F,)``, of the curve and its errors, which neighbours share as the
+    windows do.
     """
     x = np.log(curve.omega / at)
     near = np.argsort(np.abs(x))[: max(_FEWEST, int(np.count_nonzero(np.abs(x) <= REACH)))]

@@ -1,4 +1,5 @@
-"""Flying qualities of fitted low-order forms: short period, CAP, roll mode, Dutch roll, with levels.
+"""Flying qualities of fitted low-order forms: short period, CAP, roll mode, Dutch roll, with
+levels.
 
 Of the form ``pitch`` at constant speed n/alpha = V / (g T_theta2) and CAP = omega^2 / (n/alpha)
 (MIL-STD-1797A, 4.2.1.2; Bihrle, AFFDL-TR-65-198, 1966). Limits of the levels:
@@ -31,7 +32,9 @@ UNITS = {
 Values = Mapping[str, float]
 
 
-def form_qualities(function: FittedResponse, airspeed: float | None = None, *, dutch_roll: bool = True) -> tuple[Quality, ...]:
+def form_qualities(
+    function: FittedResponse, airspeed: float | None = None, *, dutch_roll: bool = True
+) -> tuple[Quality, ...]:
     """Quantities of a fitted form with standard deviations by linearisation; none of plain orders.
 
     Parameters
@@ -47,20 +50,26 @@ def form_qualities(function: FittedResponse, airspeed: float | None = None, *, d
     return tuple(out)
 
 
-def form_levels(found: tuple[Quality, ...], aircraft_class: str, category: str) -> tuple[Level, ...]:
+def form_levels(
+    found: tuple[Quality, ...], aircraft_class: str, category: str
+) -> tuple[Level, ...]:
     """Quantities against the limits of a class of aircraft and a category of flight phase."""
     chosen = [each for each in criteria(aircraft_class) if each.category in (category, EVERY)]
     return levels(found, chosen)
 
 
-def _quantities(form: str, airspeed: float | None, *, dutch_roll: bool) -> dict[str, Callable[[Values], float]]:
+def _quantities(
+    form: str, airspeed: float | None, *, dutch_roll: bool
+) -> dict[str, Callable[[Values], float]]:
     delay: dict[str, Callable[[Values], float]] = {"total_delay": lambda p: p[DELAY]}
     dutch: dict[str, Callable[[Values], float]] = {
         "dutch_roll_frequency": lambda p: p["frequency"],
         "dutch_roll_damping": lambda p: p["damping"],
         "dutch_roll_damping_rate": lambda p: p["damping"] * p["frequency"],
     }
-    roll: dict[str, Callable[[Values], float]] = {"roll_time_constant": lambda p: 1.0 / p["inv_T_roll"]}
+    roll: dict[str, Callable[[Values], float]] = {
+        "roll_time_constant": lambda p: 1.0 / p["inv_T_roll"]
+    }
     if form == "pitch":
         out: dict[str, Callable[[Values], float]] = {
             "natural_frequency": lambda p: p["frequency"],
@@ -78,7 +87,9 @@ def _quantities(form: str, airspeed: float | None, *, dutch_roll: bool) -> dict[
     return {**dutch, **delay} if form == "dutch-roll" and dutch_roll else {}
 
 
-def _propagated(function: FittedResponse, value: Callable[[Values], float]) -> tuple[float, float] | None:
+def _propagated(
+    function: FittedResponse, value: Callable[[Values], float]
+) -> tuple[float, float] | None:
     """Value and standard deviation; None where it is not finite."""
     p = dict(function.values)
     slopes = []

@@ -1,12 +1,14 @@
 """Levels of flying qualities of estimated models, with their probabilities.
 
 With the states of the low-order equivalent system (L_alpha and so on, V the airspeed, g gravity):
-w^2 = L_alpha M_q - L_q M_alpha and 2 zeta w = -(L_alpha + M_q); steady state of a held stick at constant speed gives
-n/alpha = (V/g) (-L_alpha + L_delta M_alpha/M_delta) / (L_q - L_delta M_q/M_delta), which is -(V/g) L_alpha for L_delta = 0, L_q = 1;
-the control anticipation parameter is CAP = w^2 / (n/alpha) (Bihrle, AFFDL-TR-65-198, 1966).
+w^2 = L_alpha M_q - L_q M_alpha and 2 zeta w = -(L_alpha + M_q); steady state of a held stick at
+constant speed gives n/alpha = (V/g) (-L_alpha + L_delta M_alpha/M_delta) / (L_q - L_delta
+M_q/M_delta), which is -(V/g) L_alpha for L_delta = 0, L_q = 1; the control anticipation parameter
+is CAP = w^2 / (n/alpha) (Bihrle, AFFDL-TR-65-198, 1966).
 
-Draws of the modes' characteristics, Gaussian, are turned into damping, frequency and times one by one and held against all limits of a mode at
-once: what a level is worth is the share of the draws that reach it.
+Draws of the modes' characteristics, Gaussian, are turned into damping, frequency and times one by
+one and held against all limits of a mode at once: what a level is worth is the share of the draws
+that reach it.
 """
 
 from __future__ import annotations
@@ -56,10 +58,11 @@ class Quality:
 
 @dataclass(frozen=True)
 class Criterion:
-    """Ranges ``(low, high)`` of levels 1, 2 and 3 of a quantity for a flight-phase category, and where they stand.
+    """Ranges ``(low, high)`` of levels 1, 2 and 3 of a quantity for a flight-phase category, and
+    where they stand.
 
-    ``classes`` of aircraft that they hold for. ``raised_by``: of a Dutch roll, by how much the low ends rise with each (rad/s)^2 by which its squared
-    frequency times |phi/beta| exceeds 20.
+    ``classes`` of aircraft that they hold for. ``raised_by``: of a Dutch roll, by how much the low
+    ends rise with each (rad/s)^2 by which its squared frequency times |phi/beta| exceeds 20.
     """
 
     quantity: str
@@ -92,18 +95,23 @@ class Level:
         return self.best != self.worst
 
 
-def qualities(estimate: Estimate, airspeed: float, gravity: float, fixed: Mapping[str, float] | None = None) -> tuple[Quality, ...]:
-    """Natural frequency, damping, delays, n/alpha and CAP of an estimate that names the low-order equivalent system's parameters.
+def qualities(
+    estimate: Estimate, airspeed: float, gravity: float, fixed: Mapping[str, float] | None = None
+) -> tuple[Quality, ...]:
+    """Natural frequency, damping, delays, n/alpha and CAP of an estimate that names the low-order
+    equivalent system's parameters.
 
     Parameters
     ----------
     airspeed, gravity : m/s, m/s2.
-    fixed : values of the parameters that were not estimated, e.g. ``{"delay": 0.125}``; they carry no uncertainty.
+    fixed : values of the parameters that were not estimated, e.g. ``{"delay": 0.125}``; they carry
+    no uncertainty.
 
     Returns
     -------
-    ``delay`` is the pure delay, ``total_delay`` adds the lag's 1/inv_tau, which is its delay at low frequency. A quantity that does not
-    exist is left out: frequency, damping and CAP where the short period does not oscillate (w^2 <= 0), the lag's where inv_tau <= 0.
+    ``delay`` is the pure delay, ``total_delay`` adds the lag's 1/inv_tau, which is its delay at low
+    frequency. A quantity that does not exist is left out: frequency, damping and CAP where the
+    short period does not oscillate (w^2 <= 0), the lag's where inv_tau <= 0.
 
     Raises
     ------
@@ -112,29 +120,41 @@ def qualities(estimate: Estimate, airspeed: float, gravity: float, fixed: Mappin
     known = {**(fixed or {}), **estimate.as_dict()}
     for name in _NEEDED:
         if name not in known:
-            raise ModelError("it is neither estimated nor given", where=f"handling qualities, {name}", remedy="give its value under fixed")
+            raise ModelError(
+                "it is neither estimated nor given",
+                where=f"handling qualities, {name}",
+                remedy="give its value under fixed",
+            )
     centre = _evaluate(known, airspeed, gravity)
     gradients = {name: np.zeros(len(estimate.names)) for name in centre}
     for column, name in enumerate(estimate.names):
         if name in _NEEDED:
-            moved = _evaluate({**known, name: complex(known[name], COMPLEX_STEP)}, airspeed, gravity)
+            moved = _evaluate(
+                {**known, name: complex(known[name], COMPLEX_STEP)}, airspeed, gravity
+            )
             for quantity in centre:
                 gradients[quantity][column] = np.imag(moved[quantity]) / COMPLEX_STEP
     out = []
     for quantity, value in centre.items():
         variance = float(gradients[quantity] @ estimate.covariance @ gradients[quantity])
-        out.append(Quality(quantity, float(np.real(value)), max(variance, 0.0) ** 0.5, UNITS[quantity]))
+        out.append(
+            Quality(quantity, float(np.real(value)), max(variance, 0.0) ** 0.5, UNITS[quantity])
+        )
     return tuple(out)
 
 
 def criteria(aircraft_class: str = "IV") -> tuple[Criterion, ...]:
-    """The boundaries of the data file for a class of ``CLASSES``; a fighter's when none is named."""
+    """The boundaries of the data file for a class of ``CLASSES``; a fighter's when none is
+    named.
+    """
     return tuple(criterion for criterion in _every() if aircraft_class in criterion.classes)
 
 
 @cache
 def _every() -> tuple[Criterion, ...]:
-    entries = tomllib.loads((files("ident.flying_qualities") / "handling_qualities.toml").read_text(encoding="utf-8"))["criteria"]
+    entries = tomllib.loads(
+        (files("ident.flying_qualities") / "handling_qualities.toml").read_text(encoding="utf-8")
+    )["criteria"]
     return tuple(
         Criterion(
             e["quantity"],
@@ -148,7 +168,9 @@ def _every() -> tuple[Criterion, ...]:
     )
 
 
-def levels(found: Sequence[Quality], against: Sequence[Criterion] | None = None) -> tuple[Level, ...]:
+def levels(
+    found: Sequence[Quality], against: Sequence[Criterion] | None = None
+) -> tuple[Level, ...]:
     """Every quantity against every criterion for it, in the order of the criteria."""
     by_name = {quality.name: quality for quality in found}
     out = []
@@ -162,7 +184,11 @@ def levels(found: Sequence[Quality], against: Sequence[Criterion] | None = None)
         # Levels change at edges only: one point inside each piece, and the ends, see them all.
         inside = [0.5 * (a + b) for a, b in pairwise(spots)]
         reached = [level_of(value, criterion) for value in (low, *inside, high)]
-        out.append(Level(criterion, quality, level_of(quality.value, criterion), min(reached), max(reached)))
+        out.append(
+            Level(
+                criterion, quality, level_of(quality.value, criterion), min(reached), max(reached)
+            )
+        )
     return tuple(out)
 
 
@@ -177,11 +203,16 @@ def level_of(value: float, criterion: Criterion) -> int:
 def _evaluate(p: Mapping[str, Any], airspeed: float, gravity: float) -> dict[str, Any]:
     stiffness = p["L_alpha"] * p["M_q"] - p["L_q"] * p["M_alpha"]
     ratio = p["L_delta"] / p["M_delta"] if p["M_delta"] else 0.0
-    slope = airspeed / gravity * (ratio * p["M_alpha"] - p["L_alpha"]) / (p["L_q"] - ratio * p["M_q"])
+    slope = (
+        airspeed / gravity * (ratio * p["M_alpha"] - p["L_alpha"]) / (p["L_q"] - ratio * p["M_q"])
+    )
     out: dict[str, Any] = {}
     if np.real(stiffness) > 0:
         frequency = np.sqrt(stiffness)
-        out = {"natural_frequency": frequency, "damping_ratio": -(p["L_alpha"] + p["M_q"]) / (2.0 * frequency)}
+        out = {
+            "natural_frequency": frequency,
+            "damping_ratio": -(p["L_alpha"] + p["M_q"]) / (2.0 * frequency),
+        }
     out["delay"] = p["delay"]
     if np.real(p["inv_tau"]) > 0:
         out["total_delay"] = p["delay"] + 1.0 / p["inv_tau"]
@@ -194,13 +225,20 @@ def _evaluate(p: Mapping[str, Any], airspeed: float, gravity: float) -> dict[str
 # ---- Levels of flying qualities of a model's modes
 
 STANDARD = "MIL-F-8785C"
-DETERMINED = 0.95  # the probability from which a level is told without its neighbours: that of two sigmas
+# the probability from which a level is told without its neighbours: that of two sigmas
+DETERMINED = 0.95
 DRAWS = 20000  # the probability then has a standard error of 0.35 % at most
 WORST = 4  # none of the three levels is met
-STEADY_COUPLING = 20.0  # (rad/s)^2 of frequency^2 |phi/beta|, beyond which a Dutch roll is asked for more damping
+# (rad/s)^2 of frequency^2 |phi/beta|, beyond which a Dutch roll is asked for more damping
+STEADY_COUPLING = 20.0
 MODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        "short period": ("damping_ratio", "natural_frequency", "control_anticipation", "load_factor_slope"),
+        "short period": (
+            "damping_ratio",
+            "natural_frequency",
+            "control_anticipation",
+            "load_factor_slope",
+        ),
         "phugoid": ("phugoid_damping", "phugoid_time_to_double"),
         "Dutch roll": ("dutch_roll_damping", "dutch_roll_damping_rate", "dutch_roll_frequency"),
         "roll mode": ("roll_time_constant",),
@@ -213,7 +251,9 @@ MODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Flown:
-    """An aircraft's class and the category of its flight phase; ``assumed`` are those of the two that nobody declared."""
+    """An aircraft's class and the category of its flight phase; ``assumed`` are those of the two
+    that nobody declared.
+    """
 
     aircraft_class: str = "II-L"
     category: str = "B"
@@ -227,9 +267,9 @@ class ModeLevel:
     Attributes
     ----------
     mode : one of ``MODES``.
-    level : the most probable, ``WORST`` below level 3. probabilities : of levels 1, 2, 3 and of none of them.
-    decided_by : the quantity that keeps the estimate from the next better level, empty at level 1; ``value`` and ``limit`` are its own.
-    sources : paragraphs of the standard.
+    level : the most probable, ``WORST`` below level 3. probabilities : of levels 1, 2, 3 and of
+    none of them. decided_by : the quantity that keeps the estimate from the next better level,
+    empty at level 1; ``value`` and ``limit`` are its own. sources : paragraphs of the standard.
     """
 
     mode: str
@@ -252,21 +292,40 @@ class ModeLevel:
 
 
 def flown_as(aircraft_class: str | None, category: str | None) -> Flown:
-    """A declared class (II stands for II-L, from land) and category; what is None is assumed. Raises DeclarationError for what does not exist."""
-    assumed = tuple(name for name, given in (("class", aircraft_class), ("category", category)) if given is None)
+    """A declared class (II stands for II-L, from land) and category; what is None is assumed.
+    Raises DeclarationError for what does not exist.
+    """
+    assumed = tuple(
+        name for name, given in (("class", aircraft_class), ("category", category)) if given is None
+    )
     default = Flown()
     chosen = default.aircraft_class if aircraft_class is None else aircraft_class.strip().upper()
-    chosen, phase = "II-L" if chosen == "II" else chosen, default.category if category is None else category.strip().upper()
+    chosen, phase = (
+        "II-L" if chosen == "II" else chosen,
+        default.category if category is None else category.strip().upper(),
+    )
     if chosen not in CLASSES:
-        raise DeclarationError(f"there is no class {aircraft_class!r}", where="--class", remedy="use I, II, III or IV, or II-C from a carrier")
+        raise DeclarationError(
+            f"there is no class {aircraft_class!r}",
+            where="--class",
+            remedy="use I, II, III or IV, or II-C from a carrier",
+        )
     if phase not in CATEGORIES:
-        raise DeclarationError(f"there is no category {category!r}", where="--category", remedy="use A rapid, B gradual or C terminal")
+        raise DeclarationError(
+            f"there is no category {category!r}",
+            where="--category",
+            remedy="use A rapid, B gradual or C terminal",
+        )
     return Flown(chosen, phase, assumed)
 
 
 def mode_levels(found: Characteristics, flown: Flown) -> tuple[ModeLevel, ...]:
-    """The level of each mode that the model has, in the order of ``MODES``; the same characteristics give the same numbers."""
-    rules = [rule for rule in criteria(flown.aircraft_class) if rule.category in (flown.category, "all")]
+    """The level of each mode that the model has, in the order of ``MODES``; the same
+    characteristics give the same numbers.
+    """
+    rules = [
+        rule for rule in criteria(flown.aircraft_class) if rule.category in (flown.category, "all")
+    ]
     centre = _quantities(found.names, found.values[:, None])
     drawn = _quantities(found.names, _draws(found))
     out = []
@@ -277,7 +336,12 @@ def mode_levels(found: Characteristics, flown: Flown) -> tuple[ModeLevel, ...]:
     return tuple(out)
 
 
-def _level(mode: str, rules: Sequence[Criterion], centre: Mapping[str, np.ndarray], drawn: Mapping[str, np.ndarray]) -> ModeLevel:
+def _level(
+    mode: str,
+    rules: Sequence[Criterion],
+    centre: Mapping[str, np.ndarray],
+    drawn: Mapping[str, np.ndarray],
+) -> ModeLevel:
     reached = np.max([_reached(rule, drawn) for rule in rules], axis=0)
     shares = tuple(float(np.mean(reached == number)) for number in range(1, WORST + 1))
     level = int(np.argmax(shares)) + 1
@@ -288,7 +352,15 @@ def _level(mode: str, rules: Sequence[Criterion], centre: Mapping[str, np.ndarra
         decided, value = worst.quantity, float(centre[worst.quantity][0])
         low, high = (float(np.broadcast_to(edge, 1)[0]) for edge in _range(worst, at - 1, centre))
         limit = low if value < low else high
-    return ModeLevel(mode, level, shares, decided, value, limit, tuple(dict.fromkeys(rule.source for rule in rules)))
+    return ModeLevel(
+        mode,
+        level,
+        shares,
+        decided,
+        value,
+        limit,
+        tuple(dict.fromkeys(rule.source for rule in rules)),
+    )
 
 
 def _reached(rule: Criterion, quantities: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -301,7 +373,9 @@ def _reached(rule: Criterion, quantities: Mapping[str, np.ndarray]) -> np.ndarra
     return reached
 
 
-def _range(rule: Criterion, number: int, quantities: Mapping[str, np.ndarray]) -> tuple[np.ndarray | float, float]:
+def _range(
+    rule: Criterion, number: int, quantities: Mapping[str, np.ndarray]
+) -> tuple[np.ndarray | float, float]:
     low, high = rule.levels[number - 1]
     if not rule.raised_by:
         return low, high
@@ -323,16 +397,33 @@ def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray
     """What the limits speak of, for each draw ``(k, N)`` of the characteristics ``names``."""
     known = dict(zip(names, draws, strict=True))
     out: dict[str, np.ndarray] = {}
-    for mode, prefix in (("short_period", ""), ("phugoid", "phugoid_"), ("dutch_roll", "dutch_roll_"), ("roll_spiral", "roll_spiral_")):
+    for mode, prefix in (
+        ("short_period", ""),
+        ("phugoid", "phugoid_"),
+        ("dutch_roll", "dutch_roll_"),
+        ("roll_spiral", "roll_spiral_"),
+    ):
         if f"{mode}_rate" in known:
-            out |= {f"{prefix}{name}": value for name, value in _of_pair(known[f"{mode}_rate"], known[f"{mode}_stiffness"]).items()}
+            out |= {
+                f"{prefix}{name}": value
+                for name, value in _of_pair(
+                    known[f"{mode}_rate"], known[f"{mode}_stiffness"]
+                ).items()
+            }
     if "natural_frequency" in out and "load_factor_slope" in known:
         slope = known["load_factor_slope"]
         out["load_factor_slope"] = slope
-        out["control_anticipation"] = np.divide(out["natural_frequency"] ** 2, slope, out=np.full_like(slope, -math.inf), where=slope > 0)
+        out["control_anticipation"] = np.divide(
+            out["natural_frequency"] ** 2,
+            slope,
+            out=np.full_like(slope, -math.inf),
+            where=slope > 0,
+        )
     if "roll_root" in known:
         root = known["roll_root"]
-        out["roll_time_constant"] = np.divide(-1.0, root, out=np.full_like(root, math.inf), where=root < 0)
+        out["roll_time_constant"] = np.divide(
+            -1.0, root, out=np.full_like(root, math.inf), where=root < 0
+        )
         out["spiral_time_to_double"] = _doubling(known["spiral_root"])
     if "delay" in known:
         out["delay"] = np.maximum(known["delay"], 0.0)  # a draw below zero is as good as none
@@ -340,13 +431,23 @@ def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray
 
 
 def _of_pair(rate: np.ndarray, stiffness: np.ndarray) -> dict[str, np.ndarray]:
-    """Of the roots of s^2 + rate s + stiffness; a pair with a root above zero and one below has no frequency, and less than no damping."""
+    """Of the roots of s^2 + rate s + stiffness; a pair with a root above zero and one below has no
+    frequency, and less than no damping.
+    """
     frequency = np.sqrt(np.maximum(stiffness, 0.0))
-    damping = np.divide(0.5 * rate, frequency, out=np.full_like(rate, -math.inf), where=frequency > 0)
+    damping = np.divide(
+        0.5 * rate, frequency, out=np.full_like(rate, -math.inf), where=frequency > 0
+    )
     growth = -0.5 * rate + np.sqrt(np.maximum(0.25 * rate**2 - stiffness, 0.0))
     damped = np.where(stiffness > 0, 0.5 * rate, -growth)
     of_short = {"natural_frequency": frequency, "damping_ratio": damping}
-    return {**of_short, "frequency": frequency, "damping": damping, "damping_rate": damped, "time_to_double": _doubling(growth)}
+    return {
+        **of_short,
+        "frequency": frequency,
+        "damping": damping,
+        "damping_rate": damped,
+        "time_to_double": _doubling(growth),
+    }
 
 
 def _doubling(growth: np.ndarray) -> np.ndarray:

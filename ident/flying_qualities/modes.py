@@ -1,14 +1,18 @@
-"""Modes of an estimated model: matrices about a point, frequencies, dampings, time constants, with covariance.
+"""Modes of an estimated model: matrices about a point, frequencies, dampings, time constants, with
+covariance.
 
-Roots of the equations about wings-level, level flight (Etkin and Reid, Dynamics of Flight, 3rd ed., sections 6.2 and 6.7). States that effects
-add do not move: what is asked for are the modes of the airframe.
+Roots of the equations about wings-level, level flight (Etkin and Reid, Dynamics of Flight, 3rd ed.,
+sections 6.2 and 6.7). States that effects add do not move: what is asked for are the modes of the
+airframe.
 
-A pair of roots is told by the coefficients of s^2 + rate s + stiffness, rate = 2 zeta omega and stiffness = omega^2: they stay smooth where an
-oscillation becomes two real roots, and a Gaussian of them is no Gaussian of damping and frequency. Levels of flying qualities are read from draws of
+A pair of roots is told by the coefficients of s^2 + rate s + stiffness, rate = 2 zeta omega and
+stiffness = omega^2: they stay smooth where an oscillation becomes two real roots, and a Gaussian of
+them is no Gaussian of damping and frequency. Levels of flying qualities are read from draws of
 these numbers (``mode_levels``).
 
-dx_dot = A dx + B du, dy = C dx + D du, with dx = x - x0 and likewise u and y: a complex step through the same f and h that the fits use, so exact to
-rounding. Pure delays of inputs are no part of the matrices; ``to_control`` puts a Pade approximation of them in front.
+dx_dot = A dx + B du, dy = C dx + D du, with dx = x - x0 and likewise u and y: a complex step
+through the same f and h that the fits use, so exact to rounding. Pure delays of inputs are no part
+of the matrices; ``to_control`` puts a Pade approximation of them in front.
 """
 
 from __future__ import annotations
@@ -42,25 +46,33 @@ START_ALPHA = 0.05  # rad, from which the trim is looked for
 
 
 def lateral_modes(system: System, p: np.ndarray) -> dict[str, float]:
-    """``dutch_roll_frequency`` (rad/s), ``dutch_roll_damping``, ``roll_time_constant`` and ``spiral_time_constant`` (s).
+    """``dutch_roll_frequency`` (rad/s), ``dutch_roll_damping``, ``roll_time_constant`` and
+    ``spiral_time_constant`` (s).
 
-    A time constant is -1/root, negative where the mode grows; the time to half or double is its size times ln 2. Where roll and spiral are one
-    oscillation, slower than the Dutch roll, they have no time constants. ``p`` are all parameters of the System.
+    A time constant is -1/root, negative where the mode grows; the time to half or double is its
+    size times ln 2. Where roll and spiral are one oscillation, slower than the Dutch roll, they
+    have no time constants. ``p`` are all parameters of the System.
     """
-    roots = _roots(system, [0.0] * len(system.states), [0.0] * len(system.inputs), p, LATERAL_STATES)
+    roots = _roots(
+        system, [0.0] * len(system.states), [0.0] * len(system.inputs), p, LATERAL_STATES
+    )
     pairs, real = _pairs(roots), _real(roots)
     modes = _oscillation("dutch_roll", pairs[-1]) if pairs else {}
     if len(real) == 2 and pairs and np.all(real != 0.0):
         spiral, roll = sorted(real, key=abs)
-        modes |= {"roll_time_constant": float(-1.0 / roll), "spiral_time_constant": float(-1.0 / spiral)}
+        modes |= {
+            "roll_time_constant": float(-1.0 / roll),
+            "spiral_time_constant": float(-1.0 / spiral),
+        }
     return modes
 
 
 def longitudinal_modes(system: System, p: np.ndarray) -> dict[str, float]:
-    """``short_period_frequency``, ``phugoid_frequency`` (rad/s), ``short_period_damping`` and ``phugoid_damping`` at the reference airspeed.
+    """``short_period_frequency``, ``phugoid_frequency`` (rad/s), ``short_period_damping`` and
+    ``phugoid_damping`` at the reference airspeed.
 
-    About level flight, for which angle of attack, elevator and thrust are solved; empty where there is none. A motion that does not oscillate
-    is left out. ``p`` are all parameters of the System.
+    About level flight, for which angle of attack, elevator and thrust are solved; empty where there
+    is none. A motion that does not oscillate is left out. ``p`` are all parameters of the System.
     """
     trim = level_flight(system, p)
     if trim is None:
@@ -76,7 +88,9 @@ def longitudinal_modes(system: System, p: np.ndarray) -> dict[str, float]:
 
 
 def level_flight(system: System, p: np.ndarray) -> tuple[list[float], list[float]] | None:
-    """States and inputs of steady level flight at the parameter ``reference_airspeed``; None where no elevator and thrust hold it."""
+    """States and inputs of steady level flight at the parameter ``reference_airspeed``; None where
+    no elevator and thrust hold it.
+    """
     states, inputs = list(system.state_names), list(system.input_names)
     if "reference_airspeed" not in system.parameters or not set(TRIMMED_BY) <= set(inputs):
         return None
@@ -99,7 +113,9 @@ def level_flight(system: System, p: np.ndarray) -> tuple[list[float], list[float
     with np.errstate(all="ignore"):
         for _ in range(TRIM_STEPS):
             slope = complex_step_jacobian(rates, at.tolist())
-            if not np.all(np.isfinite(slope)) or np.linalg.matrix_rank(slope / np.maximum(np.abs(slope).max(axis=0), 1e-300)) < len(at):
+            if not np.all(np.isfinite(slope)) or np.linalg.matrix_rank(
+                slope / np.maximum(np.abs(slope).max(axis=0), 1e-300)
+            ) < len(at):
                 return None
             step = np.linalg.solve(slope, np.array(rates(at.tolist()), dtype=float))
             at = at - step
@@ -108,7 +124,9 @@ def level_flight(system: System, p: np.ndarray) -> tuple[list[float], list[float
     return None
 
 
-def _roots(system: System, x: list[float], u: list[float], p: np.ndarray, names: Sequence[str]) -> np.ndarray:
+def _roots(
+    system: System, x: list[float], u: list[float], p: np.ndarray, names: Sequence[str]
+) -> np.ndarray:
     """Eigenvalues of the rates of the states ``names`` among themselves."""
     values, at = p.tolist(), [system.state_names.index(name) for name in names]
     F = complex_step_jacobian(lambda state: system.f(0.0, state, u, values), x)[np.ix_(at, at)]
@@ -146,11 +164,15 @@ MODAL_UNITS: Mapping[str, str] = MappingProxyType(
 )
 
 
-def slowest_oscillation(system: System, p: np.ndarray, held: Collection[str] = ()) -> tuple[float, float] | None:
-    """Undamped natural frequency (rad/s) and damping ratio of the slowest complex pair at rest; None if all roots are real, or there is no rest.
+def slowest_oscillation(
+    system: System, p: np.ndarray, held: Collection[str] = ()
+) -> tuple[float, float] | None:
+    """Undamped natural frequency (rad/s) and damping ratio of the slowest complex pair at rest;
+    None if all roots are real, or there is no rest.
 
-    For a short-period model this is the short period, also when elastic modes are present. ``held``: names of states that do not move,
-    those of motion slower than what is asked for (a phugoid: its speed and attitude).
+    For a short-period model this is the short period, also when elastic modes are present.
+    ``held``: names of states that do not move, those of motion slower than what is asked for (a
+    phugoid: its speed and attitude).
     """
     n, u = len(system.states), [0.0] * len(system.inputs)
     F = complex_step_jacobian(lambda x: system.f(0.0, x, u, p.tolist()), [0.0] * n)
@@ -164,25 +186,35 @@ def slowest_oscillation(system: System, p: np.ndarray, held: Collection[str] = (
     return float(abs(slowest)), float(-slowest.real / abs(slowest))
 
 
-def modal_estimate(system: System, estimate: Estimate, held: Collection[str] = ()) -> dict[str, tuple[float, float]]:
-    """Modes with standard deviations, by name (``MODAL_UNITS``); those that the model does not have are left out.
+def modal_estimate(
+    system: System, estimate: Estimate, held: Collection[str] = ()
+) -> dict[str, tuple[float, float]]:
+    """Modes with standard deviations, by name (``MODAL_UNITS``); those that the model does not have
+    are left out.
 
-    ``natural_frequency`` and ``damping_ratio`` of a short period; the modes of ``whole_axes`` where the states are those of a lateral or a
-    whole longitudinal motion. Standard deviations by linearisation in the estimated parameters, as TM-101722 does for its figure 8.
-    ``held`` as in ``slowest_oscillation``. Modes that no estimated parameter moves are left out: they are declared, not estimated.
+    ``natural_frequency`` and ``damping_ratio`` of a short period; the modes of ``whole_axes`` where
+    the states are those of a lateral or a whole longitudinal motion. Standard deviations by
+    linearisation in the estimated parameters, as TM-101722 does for its figure 8. ``held`` as in
+    ``slowest_oscillation``. Modes that no estimated parameter moves are left out: they are
+    declared, not estimated.
     """
     names, centre, gradient = propagated(_modes_of(system, held), system, estimate)
     std = np.sqrt(variance_along(estimate.covariance, gradient))
-    return {name: (float(value), float(sigma)) for name, value, sigma in zip(names, centre, std, strict=True) if sigma > 0.0}
+    return {
+        name: (float(value), float(sigma))
+        for name, value, sigma in zip(names, centre, std, strict=True)
+        if sigma > 0.0
+    }
 
 
 def propagated(
     numbers: Callable[[np.ndarray], Mapping[str, float]], system: System, estimate: Estimate
 ) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
-    """Names and values ``(k,)`` of what follows from all parameters at an estimate, and its gradient ``(k, n)`` by the estimated ones.
+    """Names and values ``(k,)`` of what follows from all parameters at an estimate, and its
+    gradient ``(k, n)`` by the estimated ones.
 
-    Central differences, to either side by a ten-thousandth of a sigma, or of the value where the sigma is larger; a number that is not there
-    on both sides is left out.
+    Central differences, to either side by a ten-thousandth of a sigma, or of the value where the
+    sigma is larger; a number that is not there on both sides is left out.
     """
     p = system.parameters.values()
     index = [system.parameters.index(name) for name in estimate.names]
@@ -196,7 +228,11 @@ def propagated(
         gradient = {name: row for name, row in gradient.items() if name in above and name in below}
         for name, row in gradient.items():
             row[column] = (above[name] - below[name]) / (2.0 * step)
-    return tuple(gradient), np.array([centre[name] for name in gradient]), np.array([*gradient.values()]).reshape(len(gradient), len(index))
+    return (
+        tuple(gradient),
+        np.array([centre[name] for name in gradient]),
+        np.array([*gradient.values()]).reshape(len(gradient), len(index)),
+    )
 
 
 def _modes_of(system: System, held: Collection[str]) -> Callable[[np.ndarray], dict[str, float]]:
@@ -209,7 +245,11 @@ def _modes_of(system: System, held: Collection[str]) -> Callable[[np.ndarray], d
 
     def short_period(p: np.ndarray) -> dict[str, float]:
         found = slowest_oscillation(system, p, held)
-        return {} if found is None else dict(zip(("natural_frequency", "damping_ratio"), found, strict=True))
+        return (
+            {}
+            if found is None
+            else dict(zip(("natural_frequency", "damping_ratio"), found, strict=True))
+        )
 
     return short_period
 
@@ -228,30 +268,40 @@ CONTROLS = ("elevator", "stick")
 
 @dataclass(frozen=True, eq=False)
 class Characteristics:
-    """``values (k,)`` with ``covariance (k, k)`` by ``names``: ``short_period_rate`` (1/s), ``short_period_stiffness`` (1/s2), likewise
-    ``phugoid``, ``dutch_roll`` and ``roll_spiral`` (roll and spiral in one oscillation); ``roll_root``, ``spiral_root`` (1/s, growing above zero);
-    ``bank_ratio`` |phi/beta| of the Dutch roll; ``load_factor_slope`` (g/rad) and ``delay`` (s) of a held stick."""
+    """``values (k,)`` with ``covariance (k, k)`` by ``names``: ``short_period_rate`` (1/s),
+    ``short_period_stiffness`` (1/s2), likewise ``phugoid``, ``dutch_roll`` and ``roll_spiral``
+    (roll and spiral in one oscillation); ``roll_root``, ``spiral_root`` (1/s, growing above zero);
+    ``bank_ratio`` |phi/beta| of the Dutch roll; ``load_factor_slope`` (g/rad) and ``delay`` (s) of
+    a held stick."""
 
     names: tuple[str, ...]
     values: np.ndarray
     covariance: np.ndarray
 
 
-def characteristics(system: System, estimate: Estimate, held: Collection[str] = ()) -> Characteristics | None:
-    """Those that the model has, at an estimate of its parameters; None where it has none, or where the data leave a parameter open.
+def characteristics(
+    system: System, estimate: Estimate, held: Collection[str] = ()
+) -> Characteristics | None:
+    """Those that the model has, at an estimate of its parameters; None where it has none, or where
+    the data leave a parameter open.
 
-    Linearised in the estimated parameters. ``held``: states that do not move, as for ``modal_estimate``.
+    Linearised in the estimated parameters. ``held``: states that do not move, as for
+    ``modal_estimate``.
     """
     known = np.all(np.isfinite(estimate.values)) and np.all(np.isfinite(estimate.covariance))
     if not known or estimate.outcome is Outcome.NOT_IDENTIFIABLE:
         return None
-    names, values, gradient = propagated(lambda p: _without(characteristics_at(system, p, held), estimate), system, estimate)
+    names, values, gradient = propagated(
+        lambda p: _without(characteristics_at(system, p, held), estimate), system, estimate
+    )
     if not names or not np.all(np.isfinite(gradient)):
         return None
     return Characteristics(names, values, gradient @ estimate.covariance @ gradient.T)
 
 
-def characteristics_at(system: System, p: np.ndarray, held: Collection[str] = ()) -> dict[str, float]:
+def characteristics_at(
+    system: System, p: np.ndarray, held: Collection[str] = ()
+) -> dict[str, float]:
     """The same numbers for all parameters ``p`` of the System, without their covariance."""
     states = {state.name for state in system.states}
     if states.issuperset(LATERAL_STATES):
@@ -269,19 +319,27 @@ def characteristics_at(system: System, p: np.ndarray, held: Collection[str] = ()
 
 def _without(found: dict[str, float], estimate: Estimate) -> dict[str, float]:
     """Less a delay that was not estimated: what a file starts from is no knowledge of it."""
-    return {name: value for name, value in found.items() if name != "delay" or name in estimate.names}
+    return {
+        name: value for name, value in found.items() if name != "delay" or name in estimate.names
+    }
 
 
 def _lateral(system: System, p: np.ndarray) -> dict[str, float]:
-    F, _ = _slopes(system, [0.0] * len(system.states), [0.0] * len(system.inputs), p, LATERAL_STATES)
+    F, _ = _slopes(
+        system, [0.0] * len(system.states), [0.0] * len(system.inputs), p, LATERAL_STATES
+    )
     if not np.all(np.isfinite(F)):
         return {}
     roots, vectors = np.linalg.eig(F)
-    pairs = sorted((i for i, root in enumerate(roots) if root.imag > REAL), key=lambda i: abs(roots[i]))
+    pairs = sorted(
+        (i for i, root in enumerate(roots) if root.imag > REAL), key=lambda i: abs(roots[i])
+    )
     if not pairs:
         return {}
     quick = pairs[-1]
-    ratio = abs(vectors[LATERAL_STATES.index("phi"), quick]) / abs(vectors[LATERAL_STATES.index("beta"), quick])
+    ratio = abs(vectors[LATERAL_STATES.index("phi"), quick]) / abs(
+        vectors[LATERAL_STATES.index("beta"), quick]
+    )
     out = {**_pair("dutch_roll", roots[quick], roots[quick].conj()), "bank_ratio": float(ratio)}
     if len(pairs) == 2:
         return {**out, **_pair("roll_spiral", roots[pairs[0]], roots[pairs[0]].conj())}
@@ -298,8 +356,11 @@ def _longitudinal(system: System, p: np.ndarray) -> dict[str, float]:
         return {}
     slow, quick = np.split(np.array(sorted(np.linalg.eigvals(F), key=abs)), 2)
     slope = _load_factor_slope(system, trim, p, ("alpha", "q"))
-    split = [abs(np.sum(two).imag) > REAL for two in (slow, quick)]  # a pair between them belongs to neither
-    return {} if any(split) else {**_pair("short_period", *quick), **slope, **_pair("phugoid", *slow)}
+    # a pair between them belongs to neither
+    split = [abs(np.sum(two).imag) > REAL for two in (slow, quick)]
+    return (
+        {} if any(split) else {**_pair("short_period", *quick), **slope, **_pair("phugoid", *slow)}
+    )
 
 
 def _short_period(system: System, p: np.ndarray, moving: list[str]) -> dict[str, float]:
@@ -313,10 +374,16 @@ def _short_period(system: System, p: np.ndarray, moving: list[str]) -> dict[str,
     return {**_pair("short_period", *roots), **_load_factor_slope(system, rest, p, moving)}
 
 
-def _load_factor_slope(system: System, about: tuple[list[float], list[float]], p: np.ndarray, moving: Collection[str]) -> dict[str, float]:
-    """n/alpha (g/rad) of a control that is held, at constant speed: V/g times the steady pitch rate for each radian of angle of attack."""
+def _load_factor_slope(
+    system: System, about: tuple[list[float], list[float]], p: np.ndarray, moving: Collection[str]
+) -> dict[str, float]:
+    """n/alpha (g/rad) of a control that is held, at constant speed: V/g times the steady pitch rate
+    for each radian of angle of attack.
+    """
     control = next((name for name in CONTROLS if name in system.input_names), None)
-    speed = next((name for name in ("airspeed", "reference_airspeed") if name in system.parameters), None)
+    speed = next(
+        (name for name in ("airspeed", "reference_airspeed") if name in system.parameters), None
+    )
     if control is None or speed is None:
         return {}
     F, B = _slopes(system, *about, p, tuple(moving))
@@ -326,10 +393,16 @@ def _load_factor_slope(system: System, about: tuple[list[float], list[float]], p
         return {}
     alpha, q = (steady[list(moving).index(name)] for name in ("alpha", "q"))
     gravity = p[system.parameters.index("gravity")] if "gravity" in system.parameters else G0
-    return {"load_factor_slope": float(p[system.parameters.index(speed)] / gravity * q / alpha)} if alpha else {}
+    return (
+        {"load_factor_slope": float(p[system.parameters.index(speed)] / gravity * q / alpha)}
+        if alpha
+        else {}
+    )
 
 
-def _slopes(system: System, x: list[float], u: list[float], p: np.ndarray, names: Collection[str]) -> tuple[np.ndarray, np.ndarray]:
+def _slopes(
+    system: System, x: list[float], u: list[float], p: np.ndarray, names: Collection[str]
+) -> tuple[np.ndarray, np.ndarray]:
     """Of the rates of ``names``: by these states, and by all inputs."""
     values, at = p.tolist(), [system.state_names.index(name) for name in names]
     F = complex_step_jacobian(lambda state: system.f(0.0, state, u, values), x)[np.ix_(at, at)]
@@ -337,13 +410,17 @@ def _slopes(system: System, x: list[float], u: list[float], p: np.ndarray, names
 
 
 def _pair(name: str, one: complex, other: complex) -> dict[str, float]:
-    return {f"{name}_rate": float(-(one + other).real), f"{name}_stiffness": float((one * other).real)}
+    return {
+        f"{name}_rate": float(-(one + other).real),
+        f"{name}_stiffness": float((one * other).real),
+    }
 
 
 # ---- A model linearised about a point
 
 PADE = 4  # order of the approximation of a delay: within two degrees of phase up to omega delay = 5
-DELAY, DELAY_STAGE = "delay", "input-delay"  # the parameter and the stage of the low-order equivalent system's own delay
+# the parameter and the stage of the low-order equivalent system's own delay
+DELAY, DELAY_STAGE = "delay", "input-delay"
 
 
 @dataclass(frozen=True, eq=False)
@@ -354,9 +431,9 @@ class StateSpace:
     ----------
     A, B, C, D : ``(n, n)``, ``(n, m)``, ``(k, n)``, ``(k, m)``.
     states, inputs, outputs : names and units of the n, m and k signals.
-    x0, u0, y0 : the point about which it is linearised; ``rates`` are those of the states there, zero in equilibrium.
-    delays : pure delay (s) of each input that has one.
-    left_out : effects with a memory of their own on the way of inputs or outputs, which no matrix here holds.
+    x0, u0, y0 : the point about which it is linearised; ``rates`` are those of the states there,
+    zero in equilibrium. delays : pure delay (s) of each input that has one. left_out : effects with
+    a memory of their own on the way of inputs or outputs, which no matrix here holds.
     """
 
     A: np.ndarray
@@ -379,12 +456,24 @@ class StateSpace:
         return np.array(sorted(np.linalg.eigvals(self.A), key=lambda root: (abs(root), root.imag)))
 
 
-def state_space(system: System, values: Mapping[str, float], x0: Sequence[float] | None = None, u0: Sequence[float] | None = None) -> StateSpace:
-    """Linearise a System with parameters ``values`` (others as declared) about states ``x0`` and inputs ``u0``, zero where None.
+def state_space(
+    system: System,
+    values: Mapping[str, float],
+    x0: Sequence[float] | None = None,
+    u0: Sequence[float] | None = None,
+) -> StateSpace:
+    """Linearise a System with parameters ``values`` (others as declared) about states ``x0`` and
+    inputs ``u0``, zero where None.
 
     Raises ModelError for a point at which the rates or their slopes are not finite.
     """
-    p = system.parameters.with_values({name: value for name, value in values.items() if name in system.parameters}).values().tolist()
+    p = (
+        system.parameters.with_values(
+            {name: value for name, value in values.items() if name in system.parameters}
+        )
+        .values()
+        .tolist()
+    )
     x = [0.0] * len(system.states) if x0 is None else [float(value) for value in x0]
     u = [0.0] * len(system.inputs) if u0 is None else [float(value) for value in u0]
     try:
@@ -394,29 +483,65 @@ def state_space(system: System, values: Mapping[str, float], x0: Sequence[float]
     except ArithmeticError:
         finite = False
     if not finite:
-        at = ", ".join(f"{name} {value:g}" for name, value in zip(system.state_names, x, strict=True))
-        raise ModelError(f"no finite slopes at {at}", where="state_space", remedy="choose another point")
-    delays = {"stick": p[system.parameters.index(DELAY)]} if DELAY in system.parameters and "stick" in system.input_names else {}
-    stages = tuple(name for name in (*system.input_stages, *system.sensor_stages) if not (delays and name == DELAY_STAGE))
-    return StateSpace(A, B, C, D, system.states, system.inputs, system.outputs, np.array(x), np.array(u), y0, rates, delays, stages)
+        at = ", ".join(
+            f"{name} {value:g}" for name, value in zip(system.state_names, x, strict=True)
+        )
+        raise ModelError(
+            f"no finite slopes at {at}", where="state_space", remedy="choose another point"
+        )
+    delays = (
+        {"stick": p[system.parameters.index(DELAY)]}
+        if DELAY in system.parameters and "stick" in system.input_names
+        else {}
+    )
+    stages = tuple(
+        name
+        for name in (*system.input_stages, *system.sensor_stages)
+        if not (delays and name == DELAY_STAGE)
+    )
+    return StateSpace(
+        A,
+        B,
+        C,
+        D,
+        system.states,
+        system.inputs,
+        system.outputs,
+        np.array(x),
+        np.array(u),
+        y0,
+        rates,
+        delays,
+        stages,
+    )
 
 
-def _linear(g: Callable[..., Any], x: list[float], u: list[float], p: list[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _linear(
+    g: Callable[..., Any], x: list[float], u: list[float], p: list[float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Slopes of ``f`` or ``h`` by states and by inputs, and its value."""
     value = np.array(g(0.0, x, u, p), dtype=float)
-    by_inputs = complex_step_jacobian(lambda a: g(0.0, x, a, p), u) if u else np.zeros((len(value), 0))
+    by_inputs = (
+        complex_step_jacobian(lambda a: g(0.0, x, a, p), u) if u else np.zeros((len(value), 0))
+    )
     return complex_step_jacobian(lambda a: g(0.0, a, u, p), x), by_inputs, value
 
 
 def to_control(space: StateSpace, pade: int = PADE) -> control.StateSpace:
-    """The model as python-control's, with its names; each delay as a Pade approximation of this order, left out when it is zero.
+    """The model as python-control's, with its names; each delay as a Pade approximation of this
+    order, left out when it is zero.
 
-    The states of an approximation follow those of the model, named after the input. Raises ModelError of a model without inputs.
+    The states of an approximation follow those of the model, named after the input. Raises
+    ModelError of a model without inputs.
     """
     import control
 
     if not space.inputs:
-        raise ModelError("a model without an input is none for python-control", where="to_control", remedy="take its matrices A and C themselves")
+        raise ModelError(
+            "a model without an input is none for python-control",
+            where="to_control",
+            remedy="take its matrices A and C themselves",
+        )
     A, B, C, D = space.A, space.B, space.C, space.D
     names = [signal.name for signal in space.states]
     for i, signal in enumerate(space.inputs):
@@ -432,7 +557,11 @@ def to_control(space: StateSpace, pade: int = PADE) -> control.StateSpace:
         C, D = np.hstack([C, through @ late.C]), D.copy()
         D[:, i : i + 1] = through @ late.D
         names += [f"{signal.name}_delay_{k + 1}" for k in range(order)]
-    named: dict[str, Any] = {"states": names, "inputs": _names(space.inputs), "outputs": _names(space.outputs)}
+    named: dict[str, Any] = {
+        "states": names,
+        "inputs": _names(space.inputs),
+        "outputs": _names(space.outputs),
+    }
     return control.ss(A, B, C, D, **named)
 
 

@@ -22,7 +22,8 @@ from ident.frequency_response.transfer_function import Target
 REQUIRED_GAIN, REQUIRED_PHASE = 6.0, 45.0  # dB and deg, below the first structural mode
 LEVEL, NORMAL = 0.95, 1.959964  # probability of an interval, and its standard deviations
 _STEPS = 6  # of Newton's method towards a crossing
-_STEP, _SHARE = 0.01, 0.1  # of an interval's scan: ln(omega) at most, and share of the crossing's std
+# of an interval's scan: ln(omega) at most, and share of the crossing's std
+_STEP, _SHARE = 0.01, 0.1
 _DECIBEL = 20.0 / math.log(10.0)
 
 
@@ -146,7 +147,9 @@ def stability_margins(target: Target) -> StabilityMargins:
         where the loop adds it, so that 1 + L = 0 closes the loop.
     """
     curve = loop_curve(target)
-    whole = 360.0 * np.arange(math.ceil(curve.phase.min() / 360.0), math.floor(curve.phase.max() / 360.0) + 1)
+    whole = 360.0 * np.arange(
+        math.ceil(curve.phase.min() / 360.0), math.floor(curve.phase.max() / 360.0) + 1
+    )
     every = [_crossings(curve, curve.phase - level, curve.phase_std) for level in whole]
     turns, vague = _determined([each for crossings in every for each in crossings])
     gains = [_across(curve, "gain", *each) for each in turns]
@@ -170,7 +173,9 @@ def stability_margins(target: Target) -> StabilityMargins:
     return StabilityMargins(tuple(ordered[0]), tuple(ordered[1]), delay, distance, tuple(notes))
 
 
-def _crossings(curve: LoopCurve, values: np.ndarray, std: np.ndarray) -> list[tuple[float, float, float]]:
+def _crossings(
+    curve: LoopCurve, values: np.ndarray, std: np.ndarray
+) -> list[tuple[float, float, float]]:
     """Frequency, slope by ln(omega) and deviation of the value, wherever a curve crosses zero.
 
     Points that scatter about zero at one crossing lead to the same root of their parabola.
@@ -193,8 +198,12 @@ def _crossings(curve: LoopCurve, values: np.ndarray, std: np.ndarray) -> list[tu
     return out
 
 
-def _determined(found: list[tuple[float, float, float]]) -> tuple[list[tuple[float, float, float]], list[float]]:
-    """Crossings whose frequency is known to within the reach of the parabola, and where the others are."""
+def _determined(
+    found: list[tuple[float, float, float]],
+) -> tuple[list[tuple[float, float, float]], list[float]]:
+    """Crossings whose frequency is known to within the reach of the parabola, and where the others
+    are.
+    """
     known = [(at, slope, std) for at, slope, std in found if std <= REACH * abs(slope)]
     return known, [at for at, slope, std in found if std > REACH * abs(slope)]
 
@@ -234,8 +243,8 @@ def _across(curve: LoopCurve, kind: str, at: float, slope: float, std: float) ->
 
 @dataclass(frozen=True)
 class _Near:
-    """A margin if the curve crossed at a frequency: its value and deviation, its slope by ln(omega),
-    and how many deviations the other curve is from crossing there."""
+    """A margin if the curve crossed at a frequency: its value and deviation, its slope by
+    ln(omega), and how many deviations the other curve is from crossing there."""
 
     value: float
     std: float
@@ -272,7 +281,9 @@ def _least_distance(curve: LoopCurve) -> Margin | None:
     size = 10.0 ** (near.value / 20.0)
     ends = [10.0 ** ((near.value + sign * NORMAL * near.std) / 20.0) for sign in (-1.0, 1.0)]
     where = BandwidthQuantity(at, 0.0)
-    return Margin("distance", BandwidthQuantity(size, size * near.std / _DECIBEL), where, ends[0], ends[1])
+    return Margin(
+        "distance", BandwidthQuantity(size, size * near.std / _DECIBEL), where, ends[0], ends[1]
+    )
 
 
 @dataclass(frozen=True)

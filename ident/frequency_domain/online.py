@@ -3,11 +3,12 @@
 Morelli, "Real-Time Parameter Estimation in the Frequency Domain", Journal of Guidance, Control, and
 Dynamics 23(5), 2000; Klein and Morelli, "Aircraft System Identification", AIAA 2006, chapter 11.
 
-Over the step from sample i to i + 1 an equation of motion says x_{i+1} - x_i = integral of f(x, u) dt.
-Both sides, times exp(-j omega t_i), are summed up as the samples come, so that no sample is kept and
-neither the beginning nor the end of the motion needs a term of its own. For equations that are
-linear in their parameters, f = f_0 + sum_j theta_j f_j, this is a regression at each frequency; a
-constant for each equation takes up biases and what the trim leaves. Departures from Morelli's form:
+Over the step from sample i to i + 1 an equation of motion says x_{i+1} - x_i = integral of f(x, u)
+dt. Both sides, times exp(-j omega t_i), are summed up as the samples come, so that no sample is
+kept and neither the beginning nor the end of the motion needs a term of its own. For equations that
+are linear in their parameters, f = f_0 + sum_j theta_j f_j, this is a regression at each frequency;
+a constant for each equation takes up biases and what the trim leaves. Departures from Morelli's
+form:
 
 - integrals by Hermite and Simpson, exact to fourth order for inputs that are held;
 - sensor noise in the regressors lowers the estimate; its share of the normal matrix, known from the
@@ -76,8 +77,9 @@ class Sums:
     Attributes
     ----------
     rows : that counted. time, x, u : of the last, ``(n,)`` and ``(r,)``; None before the first.
-    left : ``(e, F)``, known sides. regressors : ``(e, q, F)``. constant : ``(e, F)``, transform of one.
-    apart, beside : ``(F,)`` and ``(2F - 1,)``, sums of exp(-j omega t) at differences and sums of
+    left : ``(e, F)``, known sides. regressors : ``(e, q, F)``. constant : ``(e, F)``, transform of
+    one. apart, beside : ``(F,)`` and ``(2F - 1,)``, sums of exp(-j omega t) at differences and sums
+    of
         two frequencies.
     noisy : ``(e, n, q, q)``, squares of the regressors' slopes by each state, over all samples.
     noise : ``(n,)``, sums of the states' noise variances, times the samples ``counted``.
@@ -135,7 +137,9 @@ def frequencies(low: float = LOW, high: float = HIGH, spacing: float = SPACING) 
     return 2.0 * math.pi * np.linspace(low, high, count + 1)
 
 
-def online_equations(system: System, omega: np.ndarray, measured: Sequence[str], computed: Sequence[str] = ()) -> OnlineEquations:
+def online_equations(
+    system: System, omega: np.ndarray, measured: Sequence[str], computed: Sequence[str] = ()
+) -> OnlineEquations:
     """The equations of a System for a stream.
 
     Parameters
@@ -149,7 +153,11 @@ def online_equations(system: System, omega: np.ndarray, measured: Sequence[str],
     """
     where = "equation error on line"
     for stage in (*(() if computed else system.input_stages), *system.sensor_stages):
-        raise ModelError(f"effect {stage} keeps a memory", where=where, remedy="leave it out, or use flightid identify")
+        raise ModelError(
+            f"effect {stage} keeps a memory",
+            where=where,
+            remedy="leave it out, or use flightid identify",
+        )
     names = tuple(name for name in system.parameters.free_names if not name.startswith("bias_"))
     if not names:
         raise ModelError("no parameter is free", where=where, remedy="release at least one")
@@ -164,10 +172,14 @@ def online_equations(system: System, omega: np.ndarray, measured: Sequence[str],
             remedy = f"stream a channel {state}, or use flightid identify"
             raise ModelError(f"state {state} is not measured", where=where, remedy=remedy)
     states = tuple(k for k, source in enumerate(sources) if source >= 0)
-    readings = tuple(k for k, name in enumerate(outputs) if name not in system.state_names and name in measured)
+    readings = tuple(
+        k for k, name in enumerate(outputs) if name not in system.state_names and name in measured
+    )
     positions = tuple(system.parameters.index(name) for name in names)
     unmixed = _unmixed(system, positions, sources)
-    return OnlineEquations(system, names, positions, states, readings, tuple(sources), omega, unmixed)
+    return OnlineEquations(
+        system, names, positions, states, readings, tuple(sources), omega, unmixed
+    )
 
 
 def _unmixed(system: System, positions: Sequence[int], sources: Sequence[int]) -> np.ndarray:
@@ -190,7 +202,11 @@ def _unmixed(system: System, positions: Sequence[int], sources: Sequence[int]) -
         if not np.allclose(reading(moved)[[sources[k] for k in known]], base, rtol=0.0, atol=1e-12):
             name = system.parameters.names[position]
             remedy = f"fix {name}, or use flightid identify"
-            raise ModelError(f"{name} acts on the reading of a state", where="equation error on line", remedy=remedy)
+            raise ModelError(
+                f"{name} acts on the reading of a state",
+                where="equation error on line",
+                remedy=remedy,
+            )
     out = np.zeros((n, n))
     out[np.ix_(known, known)] = np.linalg.inv(base[:, known])
     return out
@@ -204,7 +220,21 @@ def begin(equations: OnlineEquations) -> Sums:
     wide = np.zeros((e, q, f), dtype=complex)
     noisy, blank = np.zeros((e, n, q, q)), np.full((n, 3), np.nan)
     apart, beside = np.zeros(f, dtype=complex), np.zeros(2 * f - 1, dtype=complex)
-    return Sums(0, -math.inf, None, None, zero, wide, zero, apart, beside, noisy, np.zeros(n), np.zeros(n), blank)
+    return Sums(
+        0,
+        -math.inf,
+        None,
+        None,
+        zero,
+        wide,
+        zero,
+        apart,
+        beside,
+        noisy,
+        np.zeros(n),
+        np.zeros(n),
+        blank,
+    )
 
 
 def advance(
@@ -222,8 +252,8 @@ def advance(
     ----------
     time : s, ``(N,)``, increasing. inputs : ``(r, N)``, held. outputs : ``(m, N)`` in the System's
         order, NaN where a sample is missing; a row without one of the states is bridged.
-    values : the last estimate of the parameters, for the curvature within a step; None for the start.
-    computed : ``(n, N)``, states that the caller computes, in their rows.
+    values : the last estimate of the parameters, for the curvature within a step; None for the
+    start. computed : ``(n, N)``, states that the caller computes, in their rows.
     """
     n = len(equations.system.states)
     rows = [outputs[source] if source >= 0 else np.zeros(time.size) for source in equations.sources]
@@ -237,18 +267,33 @@ def advance(
     mean = _means_between(time, inputs, there)
     begun = sums.x is not None and sums.u is not None
     times = np.concatenate([[sums.time] if begun else [], time[there]])
-    states = np.concatenate([sums.x[:, None] if sums.x is not None else np.zeros((n, 0)), x[:, there]], axis=1)
-    held = np.concatenate([sums.u[:, None] if sums.u is not None else np.zeros((len(inputs), 0)), mean], axis=1)
+    states = np.concatenate(
+        [sums.x[:, None] if sums.x is not None else np.zeros((n, 0)), x[:, there]], axis=1
+    )
+    held = np.concatenate(
+        [sums.u[:, None] if sums.u is not None else np.zeros((len(inputs), 0)), mean], axis=1
+    )
     points = Points(equations, values)
     out = _with_steps(equations, sums, points, times, states, held)
-    out = _with_readings(equations, out, points, time[there], x[:, there], inputs[:, there], outputs[:, there])
+    out = _with_readings(
+        equations, out, points, time[there], x[:, there], inputs[:, there], outputs[:, there]
+    )
     out = _with_noise(equations, out, points, times, states, held, x[:, there])
     kept = np.concatenate([sums.recent, x[:, there]], axis=1)[:, -3:]
-    return replace(out, rows=out.rows + int(there.sum()), time=float(times[-1]), x=states[:, -1], u=held[:, -1], recent=kept)
+    return replace(
+        out,
+        rows=out.rows + int(there.sum()),
+        time=float(times[-1]),
+        x=states[:, -1],
+        u=held[:, -1],
+        recent=kept,
+    )
 
 
 def _means_between(time: np.ndarray, inputs: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """Inputs from each row that counts to the next, means over rows that are bridged; ``(r, K)``."""
+    """Inputs from each row that counts to the next, means over rows that are bridged; ``(r,
+    K)``.
+    """
     at = np.flatnonzero(there)
     gained = np.cumsum(inputs[:, :-1] * np.diff(time), axis=1)
     whole = np.concatenate([np.zeros((len(inputs), 1)), gained], axis=1)
@@ -264,7 +309,9 @@ class Points:
     equations: OnlineEquations
     values: np.ndarray | None
 
-    def of(self, function: Any, time: np.ndarray, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def of(
+        self, function: Any, time: np.ndarray, x: np.ndarray, u: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Parts ``(rows, N)`` without parameters and slopes ``(rows, q, N)`` by them."""
         system, q = self.equations.system, len(self.equations.names)
         p: list[Any] = list(system.parameters.values())
@@ -287,7 +334,14 @@ class Points:
         return np.array([np.broadcast_to(row, time.shape) for row in rows], dtype=float)
 
 
-def _with_steps(equations: OnlineEquations, sums: Sums, points: Points, times: np.ndarray, states: np.ndarray, held: np.ndarray) -> Sums:
+def _with_steps(
+    equations: OnlineEquations,
+    sums: Sums,
+    points: Points,
+    times: np.ndarray,
+    states: np.ndarray,
+    held: np.ndarray,
+) -> Sums:
     """With the increments of the states between the rows, and the integrals of their rates."""
     if times.size < 2:
         return sums
@@ -296,11 +350,19 @@ def _with_steps(equations: OnlineEquations, sums: Sums, points: Points, times: n
     begin_, end = points.rate(times[:-1], first, u), points.rate(times[1:], last, u)
     middle = 0.5 * (first + last) + 0.125 * step * (begin_ - end)
     f = equations.system.f
-    parts = [points.of(f, t, x, u) for t, x in ((times[:-1], first), (times[:-1] + 0.5 * step, middle), (times[1:], last))]
-    known, slopes = (sum(w * part[k] for w, part in zip((1.0, 4.0, 1.0), parts, strict=True)) * step / 6.0 for k in (0, 1))
+    parts = [
+        points.of(f, t, x, u)
+        for t, x in ((times[:-1], first), (times[:-1] + 0.5 * step, middle), (times[1:], last))
+    ]
+    known, slopes = (
+        sum(w * part[k] for w, part in zip((1.0, 4.0, 1.0), parts, strict=True)) * step / 6.0
+        for k in (0, 1)
+    )
     if not (np.all(np.abs(known) < LARGEST) and np.all(np.abs(slopes) < LARGEST)):
         what = "a rate is no finite number at the measured states"
-        raise ModelError(what, where="equation error on line", remedy="check units and start values")
+        raise ModelError(
+            what, where="equation error on line", remedy="check units and start values"
+        )
     if not np.any(sums.apart):
         _refuse_bent(equations, times[:-1], first, u)
     rows = list(equations.states)
@@ -308,24 +370,42 @@ def _with_steps(equations: OnlineEquations, sums: Sums, points: Points, times: n
     spaced = equations.omega[1] - equations.omega[0]
     f_count = equations.omega.size
     e = len(rows)
-    out = replace(sums, left=sums.left.copy(), regressors=sums.regressors.copy(), constant=sums.constant.copy())
+    out = replace(
+        sums,
+        left=sums.left.copy(),
+        regressors=sums.regressors.copy(),
+        constant=sums.constant.copy(),
+    )
     out.left[:e] += (last - first - known)[rows] @ turns
     out.regressors[:e] += slopes[rows] @ turns
     out.constant[:e] += step @ turns
     near = np.exp(-1j * np.outer(times[:-1], spaced * np.arange(f_count))).sum(axis=0)
-    far = np.exp(-1j * np.outer(times[:-1], 2.0 * equations.omega[0] + spaced * np.arange(2 * f_count - 1))).sum(axis=0)
+    far = np.exp(
+        -1j * np.outer(times[:-1], 2.0 * equations.omega[0] + spaced * np.arange(2 * f_count - 1))
+    ).sum(axis=0)
     return replace(out, apart=sums.apart + near, beside=sums.beside + far)
 
 
 def _with_readings(
-    equations: OnlineEquations, sums: Sums, points: Points, time: np.ndarray, x: np.ndarray, u: np.ndarray, outputs: np.ndarray
+    equations: OnlineEquations,
+    sums: Sums,
+    points: Points,
+    time: np.ndarray,
+    x: np.ndarray,
+    u: np.ndarray,
+    outputs: np.ndarray,
 ) -> Sums:
     """With the outputs that are no states, sample by sample."""
     if not equations.readings:
         return sums
     known, slopes = points.of(equations.system.h, time, x, u)
     turns = np.exp(-1j * np.outer(time, equations.omega))
-    out = replace(sums, left=sums.left.copy(), regressors=sums.regressors.copy(), constant=sums.constant.copy())
+    out = replace(
+        sums,
+        left=sums.left.copy(),
+        regressors=sums.regressors.copy(),
+        constant=sums.constant.copy(),
+    )
     for row, k in enumerate(equations.readings, start=len(equations.states)):
         there = np.isfinite(outputs[k])
         out.left[row] += (outputs[k] - known[k])[there] @ turns[there]
@@ -335,9 +415,17 @@ def _with_readings(
 
 
 def _with_noise(
-    equations: OnlineEquations, sums: Sums, points: Points, times: np.ndarray, states: np.ndarray, held: np.ndarray, came: np.ndarray
+    equations: OnlineEquations,
+    sums: Sums,
+    points: Points,
+    times: np.ndarray,
+    states: np.ndarray,
+    held: np.ndarray,
+    came: np.ndarray,
 ) -> Sums:
-    """With the noise of the states' samples, by their third differences, and its share of the regressors."""
+    """With the noise of the states' samples, by their third differences, and its share of the
+    regressors.
+    """
     rows = np.concatenate([sums.recent, came], axis=1)
     third = np.diff(rows, 3, axis=1)
     noise, counted = sums.noise.copy(), sums.counted.copy()
@@ -366,7 +454,9 @@ def _with_noise(
     return replace(sums, noisy=noisy, noise=noise, counted=counted)
 
 
-def _refuse_bent(equations: OnlineEquations, times: np.ndarray, x: np.ndarray, u: np.ndarray) -> None:
+def _refuse_bent(
+    equations: OnlineEquations, times: np.ndarray, x: np.ndarray, u: np.ndarray
+) -> None:
     """Raise ModelError for a parameter by which a rate or reading is not linear."""
     system, few = equations.system, slice(0, 8)
     p = list(system.parameters.values())
@@ -388,10 +478,14 @@ def _refuse_bent(equations: OnlineEquations, times: np.ndarray, x: np.ndarray, u
         room = LINEAR * np.maximum(np.abs(ones[0] - ones[1]), np.abs(base)) + 1e-300
         if np.any(bent > room):
             what = f"the equations are not linear in {name}"
-            raise ModelError(what, where="equation error on line", remedy=f"fix {name}, or use flightid identify")
+            raise ModelError(
+                what, where="equation error on line", remedy=f"fix {name}, or use flightid identify"
+            )
 
 
-def estimate(equations: OnlineEquations, sums: Sums, more: np.ndarray | None = None) -> OnlineEstimate | None:
+def estimate(
+    equations: OnlineEquations, sums: Sums, more: np.ndarray | None = None
+) -> OnlineEstimate | None:
     """The parameters by weighted regression; None while the sums do not determine the equations.
 
     ``more`` : ``(e, k, F)``, further regressors, whose coefficients follow the parameters'.
@@ -399,7 +493,9 @@ def estimate(equations: OnlineEquations, sums: Sums, more: np.ndarray | None = N
     if sums.rows < 3:
         return None
     e, f = sums.left.shape
-    regressors = sums.regressors if more is None else np.concatenate([sums.regressors, more], axis=1)
+    regressors = (
+        sums.regressors if more is None else np.concatenate([sums.regressors, more], axis=1)
+    )
     q = regressors.shape[1]
     whole = np.zeros((e, q + e, f), dtype=complex)
     whole[:, :q] = regressors
@@ -439,8 +535,12 @@ def estimate(equations: OnlineEquations, sums: Sums, more: np.ndarray | None = N
     return OnlineEstimate(theta[:q], covariance[:q, :q], cost, residuals, levels, degrees)
 
 
-def _regressed(sums: Sums, whole: np.ndarray, levels: np.ndarray, more: int) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Coefficients ``(c,)``, their gains ``(c, e, F)`` on the known sides, and which are unknown."""
+def _regressed(
+    sums: Sums, whole: np.ndarray, levels: np.ndarray, more: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Coefficients ``(c,)``, their gains ``(c, e, F)`` on the known sides, and which are
+    unknown.
+    """
     weights = 1.0 / levels
     normal = np.einsum("eaf,ef,ebf->ab", whole.conj(), weights, whole).real
     scale = np.sqrt(np.maximum(np.diag(normal), 0.0))
@@ -462,7 +562,11 @@ def _regressed(sums: Sums, whole: np.ndarray, levels: np.ndarray, more: int) -> 
         inverse = np.linalg.pinv(less, rcond=1e-10, hermitian=True)
     elif kept.size:
         return None
-    weak = np.any(np.abs(vectors[:, open_]) > 1e-3, axis=1) if open_.any() else np.zeros(len(scale), dtype=bool)
+    weak = (
+        np.any(np.abs(vectors[:, open_]) > 1e-3, axis=1)
+        if open_.any()
+        else np.zeros(len(scale), dtype=bool)
+    )
     inverse = inverse / np.outer(scale, scale)
     gain = np.einsum("ab,ebf,ef->aef", inverse, whole.conj(), weights)
     theta = np.einsum("aef,ef->a", gain, sums.left).real
@@ -474,9 +578,12 @@ def _inverse(matrix: np.ndarray, values: np.ndarray, vectors: np.ndarray) -> np.
     return np.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T)
 
 
-def _levels(residuals: np.ndarray, omega: np.ndarray, larger: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+def _levels(
+    residuals: np.ndarray, omega: np.ndarray, larger: np.ndarray, sizes: np.ndarray
+) -> np.ndarray:
     """Spectrum a + b omega^2 of each equation's residuals, ``(e, F)``: the noise that acts on the
-    motion, and that of a differentiated sensor. ``larger`` : ``(e,)``, for what the regression took."""
+    motion, and that of a differentiated sensor. ``larger`` : ``(e,)``, for what the regression
+    took."""
     from scipy.optimize import nnls
 
     shapes = np.column_stack([np.ones(omega.size), (omega / omega[-1]) ** 2])
@@ -492,8 +599,12 @@ def _levels(residuals: np.ndarray, omega: np.ndarray, larger: np.ndarray, sizes:
     return out
 
 
-def _covariance(gain: np.ndarray, residuals: np.ndarray, levels: np.ndarray, sums: Sums, count: float) -> np.ndarray:
-    """Covariance of coefficients ``gain @ residuals`` for noise that frequencies and equations share."""
+def _covariance(
+    gain: np.ndarray, residuals: np.ndarray, levels: np.ndarray, sums: Sums, count: float
+) -> np.ndarray:
+    """Covariance of coefficients ``gain @ residuals`` for noise that frequencies and equations
+    share.
+    """
     e, f = residuals.shape
     spread = np.sqrt(levels)
     alike = np.real(residuals / spread @ np.conj(residuals / spread).T)

@@ -1,10 +1,12 @@
-"""The low-order equivalent system on line: equation error with a pseudo-control behind a lag and a delay.
+"""The low-order equivalent system on line: equation error with a pseudo-control behind a lag and a
+delay.
 
-The pseudo-control delta_dot = (stick(t - delay) - delta) / tau is not measured, and its lag and delay
-are the two parameters by which the equations are not linear. Given both it follows from the stick
-alone; Gauss-Newton steps over them have its slopes as two more regressors, so that their share of
-all deviations is in the covariance. Low-order equivalents in the frequency domain: Morelli,
-"Identification of Low Order Equivalent System Models from Flight Test Data", NASA TM-2000-210117.
+The pseudo-control delta_dot = (stick(t - delay) - delta) / tau is not measured, and its lag and
+delay are the two parameters by which the equations are not linear. Given both it follows from the
+stick alone; Gauss-Newton steps over them have its slopes as two more regressors, so that their
+share of all deviations is in the covariance. Low-order equivalents in the frequency domain:
+Morelli, "Identification of Low Order Equivalent System Models from Flight Test Data", NASA
+TM-2000-210117.
 """
 
 from __future__ import annotations
@@ -43,7 +45,8 @@ class LagStream:
     equations : with lag and delay held. sums : of the rows so far, the pseudo-control at zero.
     times, stick : of the rows, ``(N,)``. turns : ``(N, F)``, exp(-j omega t).
     slopes : ``(e, q)``, how the regressors go with the pseudo-control.
-    place : the last time constant of the lag and delay, s; ``searched``: rows at the last search from
+    place : the last time constant of the lag and delay, s; ``searched``: rows at the last search
+    from
         everywhere.
     """
 
@@ -63,7 +66,9 @@ class LagStream:
 
 
 def lag_stream(system: System, omega: np.ndarray, measured: Sequence[str]) -> LagStream:
-    """A stream without rows. ``system`` : the low-order equivalent, its start where it is searched from."""
+    """A stream without rows. ``system`` : the low-order equivalent, its start where it is searched
+    from.
+    """
     lag = 1.0 / max(system.parameters[LAG].value, 1.0 / LONGEST)
     start = (max(lag, SHORTEST), system.parameters[DELAY].value)
     held = replace(system, parameters=system.parameters.hold([LAG, DELAY]))
@@ -74,9 +79,16 @@ def lag_stream(system: System, omega: np.ndarray, measured: Sequence[str]) -> La
     return LagStream(equations, begin(equations), empty, empty, turns, slopes, start)
 
 
-def taken(stream: LagStream, time: np.ndarray, stick: np.ndarray, outputs: np.ndarray, values: np.ndarray | None) -> LagStream:
-    """The stream after further rows: ``time``, ``stick`` ``(N,)``, ``outputs`` ``(m, N)``; ``values``
-    : the last estimate, for the curvature within a step. Rows beyond ``MOST_ROWS`` are left out."""
+def taken(
+    stream: LagStream,
+    time: np.ndarray,
+    stick: np.ndarray,
+    outputs: np.ndarray,
+    values: np.ndarray | None,
+) -> LagStream:
+    """The stream after further rows: ``time``, ``stick`` ``(N,)``, ``outputs`` ``(m, N)``;
+    ``values`` : the last estimate, for the curvature within a step. Rows beyond ``MOST_ROWS`` are
+    left out."""
     room = slice(0, max(MOST_ROWS - stream.times.size, 0))
     time, stick, outputs = time[room], stick[room], outputs[:, room]
     if not time.size:
@@ -85,19 +97,26 @@ def taken(stream: LagStream, time: np.ndarray, stick: np.ndarray, outputs: np.nd
     sums = advance(stream.equations, stream.sums, time, stick[None], outputs, few)
     there = np.all(np.isfinite(outputs[[s for s in stream.equations.sources if s >= 0]]), axis=0)
     turns = np.exp(-1j * np.outer(time, stream.equations.omega)) * there[:, None]
-    joined = [np.concatenate(each) for each in ((stream.times, time), (stream.stick, stick), (stream.turns, turns))]
+    joined = [
+        np.concatenate(each)
+        for each in ((stream.times, time), (stream.stick, stick), (stream.turns, turns))
+    ]
     return replace(stream, sums=sums, times=joined[0], stick=joined[1], turns=joined[2])
 
 
 def estimated(stream: LagStream) -> tuple[OnlineEstimate | None, LagStream]:
-    """The estimate with lag and delay behind the other parameters, and the stream with their place."""
+    """The estimate with lag and delay behind the other parameters, and the stream with their
+    place.
+    """
     if stream.times.size < 4:
         return None, stream
     starts = [stream.place]
     if stream.times.size >= AGAIN * stream.searched:
         step = float(np.median(np.diff(stream.times)))
         delays = np.arange(0.0, 0.3, max(0.03, step))
-        starts += [(factor * stream.place[0], float(delay)) for factor in FACTORS for delay in delays]
+        starts += [
+            (factor * stream.place[0], float(delay)) for factor in FACTORS for delay in delays
+        ]
         stream = replace(stream, searched=stream.times.size)
     found = [(each, one) for one in starts if (each := _at(stream, *one)) is not None]
     if not found:
@@ -126,15 +145,21 @@ def estimated(stream: LagStream) -> tuple[OnlineEstimate | None, LagStream]:
     turn = np.ones(q + 2)
     turn[q] = -1.0 / place[0] ** 2
     values = np.concatenate([best.values[:q], [1.0 / place[0], place[1]]])
-    result = replace(both, values=values, covariance=both.covariance * np.outer(turn, turn), cost=best.cost)
+    result = replace(
+        both, values=values, covariance=both.covariance * np.outer(turn, turn), cost=best.cost
+    )
     return result, replace(stream, place=place)
 
 
-def _at(stream: LagStream, time: float, late: float, values: np.ndarray | None = None) -> OnlineEstimate | None:
-    """The regression with time constant of the lag and delay given, s; with ``values`` of the other parameters also over
-    small changes of the two, whose coefficients follow."""
+def _at(
+    stream: LagStream, time: float, late: float, values: np.ndarray | None = None
+) -> OnlineEstimate | None:
+    """The regression with time constant of the lag and delay given, s; with ``values`` of the other
+    parameters also over small changes of the two, whose coefficients follow."""
     sums = stream.sums
-    filled = sums.regressors + stream.slopes[:, :, None] * _transforms(stream, time, late)[:, None, :]
+    filled = (
+        sums.regressors + stream.slopes[:, :, None] * _transforms(stream, time, late)[:, None, :]
+    )
     whole = replace(sums, regressors=filled)
     if values is None:
         return estimate(stream.equations, whole)
@@ -160,13 +185,17 @@ def _slopes(equations: OnlineEquations) -> np.ndarray:
     still = np.zeros((len(system.inputs), 1))
     rows = []
     for function, which in ((system.f, equations.states), (system.h, equations.readings)):
-        slope = points.of(function, at, unit, still)[1] - points.of(function, at, 0.0 * unit, still)[1]
+        slope = (
+            points.of(function, at, unit, still)[1] - points.of(function, at, 0.0 * unit, still)[1]
+        )
         rows += [slope[k, :, 0] for k in which]
     return np.array(rows)
 
 
 def _transforms(stream: LagStream, time: float, late: float) -> np.ndarray:
-    """Of the pseudo-control ``(e, F)``: its integrals from row to row for rates, itself for readings."""
+    """Of the pseudo-control ``(e, F)``: its integrals from row to row for rates, itself for
+    readings.
+    """
     delta, whole = pseudo_control(stream.times, stream.stick, 1.0 / time, late)
     kept = np.abs(stream.turns[:, 0]) > 0.0
     turns, e = stream.turns[kept], len(stream.equations.states)
@@ -176,7 +205,9 @@ def _transforms(stream: LagStream, time: float, late: float) -> np.ndarray:
     return out
 
 
-def pseudo_control(times: np.ndarray, stick: np.ndarray, lag: float, late: float) -> tuple[np.ndarray, np.ndarray]:
+def pseudo_control(
+    times: np.ndarray, stick: np.ndarray, lag: float, late: float
+) -> tuple[np.ndarray, np.ndarray]:
     """The pseudo-control and its integral at the rows, ``(N,)`` each, of a stick that is held.
 
     Before the first row it is at rest at the first stick. Exact where the rows are evenly spaced;

@@ -1,10 +1,11 @@
 """Output error in the frequency domain: the fit, profiled refits, and the Estimate.
 
-Minus the log likelihood, constants left out, is sum over outputs i and bands b of n_ib ln(mean |Y - Y_model|^2): transforms of noise are
-complex Gaussian, independent from harmonic to harmonic. Unknown are the shared parameters and, of each record, x[0] - x[N].
+Minus the log likelihood, constants left out, is sum over outputs i and bands b of n_ib ln(mean |Y -
+Y_model|^2): transforms of noise are complex Gaussian, independent from harmonic to harmonic.
+Unknown are the shared parameters and, of each record, x[0] - x[N].
 
-Klein and Morelli, Aircraft System Identification, ch. 7: complex least squares weighted by the noise found in each output. For linear
-models alone; a delay of an input enters exactly.
+Klein and Morelli, Aircraft System Identification, ch. 7: complex least squares weighted by the
+noise found in each output. For linear models alone; a delay of an input enters exactly.
 """
 
 from __future__ import annotations
@@ -32,7 +33,14 @@ from ident.frequency_domain.transform import (
 )
 from ident.regression.equation_error import run_equation_error
 from ident.statistics import intervals
-from ident.statistics.information import LocalModel, add_normal_equations, determined_and_open, inverse_information, local_model, unresolved
+from ident.statistics.information import (
+    LocalModel,
+    add_normal_equations,
+    determined_and_open,
+    inverse_information,
+    local_model,
+    unresolved,
+)
 from ident.statistics.intervals import ProfileInterval
 from sim.declaration.model import System
 from sim.errors import FlightidError, ModelError
@@ -41,7 +49,8 @@ from sim.record import Record
 # ---- Output error in the frequency domain
 
 _STEEPEST = 1e8  # damping from which no descent is left
-_WINDOW, _NOTHING = 8, 1e-3  # steps that gained less log likelihood than this together (0.04 sigmas) will gain no more
+# steps that gained less log likelihood than this together (0.04 sigmas) will gain no more
+_WINDOW, _NOTHING = 8, 1e-3
 _ROUNDING = 1e-24  # of an output's mean square, below which it is met exactly
 
 
@@ -51,9 +60,10 @@ class FrequencyProblem:
 
     Attributes
     ----------
-    system : linear. records : their transforms. delays : position of an input -> name of the parameter by which it is late.
-    names : the shared parameters. start, low, high : of them, ``(q,)``. prior : information on each, ``(q,)``, about the start; zero: none.
-    bands : of each record, the noise band of each frequency.
+    system : linear. records : their transforms. delays : position of an input -> name of the
+    parameter by which it is late. names : the shared parameters. start, low, high : of them,
+    ``(q,)``. prior : information on each, ``(q,)``, about the start; zero: none. bands : of each
+    record, the noise band of each frequency.
     """
 
     system: System
@@ -76,8 +86,12 @@ class FrequencyProblem:
     @cached_property
     def floor(self) -> np.ndarray:
         """Mean square below which an output is met to rounding, ``(m,)``."""
-        power = np.sum([np.sum(np.abs(record.outputs) ** 2, axis=1) for record in self.records], axis=0)
-        return np.maximum(_ROUNDING * power / sum(len(record.omega) for record in self.records), 1e-60)
+        power = np.sum(
+            [np.sum(np.abs(record.outputs) ** 2, axis=1) for record in self.records], axis=0
+        )
+        return np.maximum(
+            _ROUNDING * power / sum(len(record.omega) for record in self.records), 1e-60
+        )
 
     def columns(self, r: int) -> np.ndarray:
         """Positions in theta of what record ``r`` sees: the shared parameters and its own ends."""
@@ -93,9 +107,11 @@ class FrequencyProblem:
 
 @dataclass(frozen=True, eq=False)
 class FrequencyFit:
-    """A fit, finished or on its way: ``theta (k,)``; ``modelled (m, f)``, ``residuals (m, f)`` and ``slopes (m, f, c)`` a record; ``levels (m, b)``.
+    """A fit, finished or on its way: ``theta (k,)``; ``modelled (m, f)``, ``residuals (m, f)`` and
+    ``slopes (m, f, c)`` a record; ``levels (m, b)``.
 
-    ``counts (m, b)`` of complex residuals; ``cost`` minus the log likelihood less constants, the prior's term included.
+    ``counts (m, b)`` of complex residuals; ``cost`` minus the log likelihood less constants, the
+    prior's term included.
     """
 
     problem: FrequencyProblem
@@ -115,7 +131,9 @@ class FrequencyFit:
         return -self.cost - float(self.counts.sum()) * (1.0 + np.log(np.pi))
 
     def weight(self, r: int) -> np.ndarray:
-        """One over the variance of a real or imaginary part, ``(m, f)``, zero where an output was not recorded."""
+        """One over the variance of a real or imaginary part, ``(m, f)``, zero where an output was
+        not recorded.
+        """
         record = self.problem.records[r]
         return np.where(record.known[:, None], 2.0 / self.levels[:, self.problem.bands[r]], 0.0)
 
@@ -127,8 +145,18 @@ class FrequencyFit:
         information[range(q), range(q)] += self.problem.prior
         gradient[:q] += self.problem.prior * (self.problem.start - self.theta[:q])
         for r, (residual, slope) in enumerate(zip(self.residuals, self.slopes, strict=True)):
-            parts = np.concatenate([residual.real, residual.imag], axis=1), np.concatenate([slope.real, slope.imag], axis=1)
-            add_normal_equations(information, gradient, self.problem.columns(r), parts[1], parts[0], np.tile(self.weight(r), 2))
+            parts = (
+                np.concatenate([residual.real, residual.imag], axis=1),
+                np.concatenate([slope.real, slope.imag], axis=1),
+            )
+            add_normal_equations(
+                information,
+                gradient,
+                self.problem.columns(r),
+                parts[1],
+                parts[0],
+                np.tile(self.weight(r), 2),
+            )
         return information, gradient
 
     @property
@@ -138,7 +166,9 @@ class FrequencyFit:
 
 
 def at_start(problem: FrequencyProblem) -> FrequencyFit | None:
-    """The start's parameters with the ends of each record's motion at their best; None where a number is not finite."""
+    """The start's parameters with the ends of each record's motion at their best; None where a
+    number is not finite.
+    """
     n, q = len(problem.system.states), len(problem.names)
     fit = evaluate(problem, np.concatenate([problem.start, np.zeros(n * len(problem.records))]))
     if fit is None:
@@ -164,7 +194,8 @@ def evaluate(problem: FrequencyProblem, theta: np.ndarray) -> FrequencyFit | Non
         for r, record in enumerate(problem.records):
             try:
                 found = response(model, record, delays, theta[problem.columns(r)[q:]])
-            except (np.linalg.LinAlgError, ValueError):  # a root upon a harmonic, or matrices beyond all numbers
+            # a root upon a harmonic, or matrices beyond all numbers
+            except (np.linalg.LinAlgError, ValueError):
                 return None
             slope = np.concatenate([found.by_parameter, found.by_ends], axis=2)
             if not (np.all(np.abs(found.y) < LARGEST) and np.all(np.abs(slope) < LARGEST)):
@@ -176,21 +207,33 @@ def evaluate(problem: FrequencyProblem, theta: np.ndarray) -> FrequencyFit | Non
     level, counts = levels(residuals, known, problem.bands, problem.floor)
     away = theta[:q] - problem.start
     cost = float(np.sum(counts * np.log(level))) + 0.5 * float(away @ (problem.prior * away))
-    return FrequencyFit(problem, theta, tuple(modelled), tuple(residuals), tuple(slopes), level, counts, cost)
+    return FrequencyFit(
+        problem, theta, tuple(modelled), tuple(residuals), tuple(slopes), level, counts, cost
+    )
 
 
-def fit_transforms(problem: FrequencyProblem, begun: FrequencyFit | None = None) -> FrequencyFit | None:
-    """Levenberg-Marquardt from the start, or from another fit's unknowns; None where no cost was finite.
+def fit_transforms(
+    problem: FrequencyProblem, begun: FrequencyFit | None = None
+) -> FrequencyFit | None:
+    """Levenberg-Marquardt from the start, or from another fit's unknowns; None where no cost was
+    finite.
 
-    Outcomes ``CONVERGED`` and ``MAX_ITERATIONS``; whether all directions are determined is for the caller to judge.
+    Outcomes ``CONVERGED`` and ``MAX_ITERATIONS``; whether all directions are determined is for the
+    caller to judge.
     """
-    fit = at_start(problem) if begun is None else evaluate(problem, np.clip(begun.theta, *problem.open))
+    fit = (
+        at_start(problem)
+        if begun is None
+        else evaluate(problem, np.clip(begun.theta, *problem.open))
+    )
     if fit is None:
         return None
     damping, costs, refused = 1e-4, [fit.cost], [False]
     while len(costs) <= problem.iterations and not _arrived(fit) and not _between(costs, refused):
         model = fit.model
-        trial = evaluate(problem, np.clip(fit.theta + model.scale * model.step(damping), *problem.open))
+        trial = evaluate(
+            problem, np.clip(fit.theta + model.scale * model.step(damping), *problem.open)
+        )
         better = trial is not None and trial.cost <= fit.cost + unresolved(float(fit.counts.sum()))
         if trial is not None and better:
             fit, damping = trial, max(damping / 10.0, 1e-12)
@@ -201,7 +244,11 @@ def fit_transforms(problem: FrequencyProblem, begun: FrequencyFit | None = None)
         costs.append(fit.cost)
         refused.append(not better)
     settled = _arrived(fit) or _between(costs, refused)
-    return replace(fit, outcome=Outcome.CONVERGED if settled else Outcome.MAX_ITERATIONS, iterations=len(costs) - 1)
+    return replace(
+        fit,
+        outcome=Outcome.CONVERGED if settled else Outcome.MAX_ITERATIONS,
+        iterations=len(costs) - 1,
+    )
 
 
 def _arrived(fit: FrequencyFit) -> bool:
@@ -209,8 +256,14 @@ def _arrived(fit: FrequencyFit) -> bool:
 
 
 def _between(costs: Sequence[float], refused: Sequence[bool]) -> bool:
-    """Whether steps to either side lead nowhere: a delay of whole samples of a held input is a kink, and may be the best of all."""
-    return len(costs) > _WINDOW and costs[-1 - _WINDOW] - costs[-1] < _NOTHING and any(refused[-_WINDOW:])
+    """Whether steps to either side lead nowhere: a delay of whole samples of a held input is a
+    kink, and may be the best of all.
+    """
+    return (
+        len(costs) > _WINDOW
+        and costs[-1 - _WINDOW] - costs[-1] < _NOTHING
+        and any(refused[-_WINDOW:])
+    )
 
 
 def _delay(problem: FrequencyProblem, name: str, p: np.ndarray) -> Delay:
@@ -226,16 +279,31 @@ def with_bands(problem: FrequencyProblem, bands: Sequence[np.ndarray]) -> Freque
 # ---- Refits of a fit in the frequency domain with one parameter held
 
 
-def profile_intervals(fit: FrequencyFit, names: Sequence[str], covariance: np.ndarray) -> tuple[ProfileInterval, ...]:
-    """Intervals of the parameters ``names``; ``covariance (q, q)`` as it is printed, by which the threshold grows with the noise's colour."""
+def profile_intervals(
+    fit: FrequencyFit, names: Sequence[str], covariance: np.ndarray
+) -> tuple[ProfileInterval, ...]:
+    """Intervals of the parameters ``names``; ``covariance (q, q)`` as it is printed, by which the
+    threshold grows with the noise's colour.
+    """
     inverse, _ = inverse_information(fit.normal_equations[0], fit.theta)
     problem = fit.problem
     places = {name: problem.names.index(name) for name in names}
-    return intervals.profile_intervals(places, fit.theta, fit.cost, (covariance, inverse), (problem.low, problem.high), partial(_refit, fit))
+    return intervals.profile_intervals(
+        places,
+        fit.theta,
+        fit.cost,
+        (covariance, inverse),
+        (problem.low, problem.high),
+        partial(_refit, fit),
+    )
 
 
-def _refit(fit: FrequencyFit, j: int, along: np.ndarray) -> Callable[[float, FrequencyFit | None], tuple[float, FrequencyFit] | None]:
-    """Cost with parameter ``j`` held at a value; the others begin where the curvature at the maximum puts them."""
+def _refit(
+    fit: FrequencyFit, j: int, along: np.ndarray
+) -> Callable[[float, FrequencyFit | None], tuple[float, FrequencyFit] | None]:
+    """Cost with parameter ``j`` held at a value; the others begin where the curvature at the
+    maximum puts them.
+    """
 
     def refit(value: float, begun: FrequencyFit | None) -> tuple[float, FrequencyFit] | None:
         near = begun or fit
@@ -252,13 +320,16 @@ def _refit(fit: FrequencyFit, j: int, along: np.ndarray) -> Callable[[float, Fre
 # ---- Output error in the frequency domain: from records to an Estimate
 
 METHOD = "frequency-domain"
-_LEAST_LEFT = 0.2  # of a residual, that a fit leaves where it follows a frequency as closely as it may
+# of a residual, that a fit leaves where it follows a frequency as closely as it may
+_LEAST_LEFT = 0.2
 _SPARE = 2.0  # real numbers in the transforms for each unknown, at least
 
 
 @dataclass(frozen=True)
 class FrequencySettings:
-    """How a fit runs: ``band`` in Hz (None: from the inputs' power), ``use_priors`` on parameters, ``coloured`` corrects sigmas for colour."""
+    """How a fit runs: ``band`` in Hz (None: from the inputs' power), ``use_priors`` on parameters,
+    ``coloured`` corrects sigmas for colour.
+    """
 
     band: tuple[float, float] | None = None
     use_priors: bool = False
@@ -266,75 +337,104 @@ class FrequencySettings:
 
 
 def fit_frequency_domain(
-    records: Sequence[Record], system: System, settings: FrequencySettings | None = None, *, delays: Mapping[str, str] | None = None
+    records: Sequence[Record],
+    system: System,
+    settings: FrequencySettings | None = None,
+    *,
+    delays: Mapping[str, str] | None = None,
 ) -> Estimate:
     """Fit the free parameters of a linear System to the transforms of records.
 
     Parameters
     ----------
-    records : one or more, evenly sampled; each begins and ends as it will. Biases have no part in it.
-    delays : input -> the parameter by which it is late, s; the only effect on the input path that may act.
+    records : one or more, evenly sampled; each begins and ends as it will. Biases have no part in
+    it. delays : input -> the parameter by which it is late, s; the only effect on the input path
+    that may act.
 
     Returns
     -------
-    Estimate of the shared free parameters. ``fitted`` are the outputs' transforms in the band turned back, without the mean: for a
-    response to the samples simulate with the values found. ``message`` tells band, frequencies, and where the noise has several levels.
-    Outcomes as of ``fit_output_error``.
+    Estimate of the shared free parameters. ``fitted`` are the outputs' transforms in the band
+    turned back, without the mean: for a response to the samples simulate with the values found.
+    ``message`` tells band, frequencies, and where the noise has several levels. Outcomes as of
+    ``fit_output_error``.
 
     Raises
     ------
-    ModelError : no input, a rate or output that is not linear, effects on the input or sensor path besides the delays, nothing to estimate.
-    RecordError : uneven samples, missing ones, or no harmonic within the band.
+    ModelError : no input, a rate or output that is not linear, effects on the input or sensor path
+    besides the delays, nothing to estimate. RecordError : uneven samples, missing ones, or no
+    harmonic within the band.
     """
     fit, problem = frequency_fit(records, system, settings, delays=delays)
     return _failed(problem) if fit is None else _estimate_of(fit, settings or FrequencySettings())
 
 
 def frequency_fit(
-    records: Sequence[Record], system: System, settings: FrequencySettings | None = None, *, delays: Mapping[str, str] | None = None
+    records: Sequence[Record],
+    system: System,
+    settings: FrequencySettings | None = None,
+    *,
+    delays: Mapping[str, str] | None = None,
 ) -> tuple[FrequencyFit | None, FrequencyProblem]:
-    """The fit behind ``fit_frequency_domain``, None where no start has a finite cost, and the problem."""
+    """The fit behind ``fit_frequency_domain``, None where no start has a finite cost, and the
+    problem.
+    """
     settings = settings or FrequencySettings()
     refuse_unfit(records, system, delays or {})
     problem = _problem_of(records, system, settings, delays or {})
     fit = from_best_start(problem, records)
     if fit is not None:
         bands = equal_bands([record.omega for record in problem.records])
-        if coloured(fit.residuals, [record.known for record in problem.records], bands, problem.floor):
+        if coloured(
+            fit.residuals, [record.known for record in problem.records], bands, problem.floor
+        ):
             again = fit_transforms(with_bands(problem, bands), fit)
             fit = fit if again is None or again.outcome is not Outcome.CONVERGED else again
     return fit, problem
 
 
 def _as_if_left_out(fit: FrequencyFit, r: int, inverse: np.ndarray) -> np.ndarray:
-    """Residuals ``(m, f)`` of a record, each as if it had had no part in the fit, which follows the strongest frequencies closely.
+    """Residuals ``(m, f)`` of a record, each as if it had had no part in the fit, which follows the
+    strongest frequencies closely.
 
-    Their squares are those over one less their leverage (MacKinnon and White, J. Econometrics 29, 1985: HC2); the leverage is the mean
-    over both parts.
+    Their squares are those over one less their leverage (MacKinnon and White, J. Econometrics 29,
+    1985: HC2); the leverage is the mean over both parts.
     """
     slope = fit.slopes[r]
-    leverage = sum(np.einsum("mfc,cd,mfd->mf", part, inverse, part) for part in (slope.real, slope.imag)) * 0.5 * fit.weight(r)
+    leverage = (
+        sum(np.einsum("mfc,cd,mfd->mf", part, inverse, part) for part in (slope.real, slope.imag))
+        * 0.5
+        * fit.weight(r)
+    )
     return np.asarray(fit.residuals[r] / np.sqrt(np.maximum(1.0 - leverage, _LEAST_LEFT)))
 
 
 def band_for(records: Sequence[Record], system: System) -> tuple[float, float]:
-    """The band (Hz) of a fit that is given none: where the inputs' power lies, and wide enough for as many harmonics as there are unknowns."""
+    """The band (Hz) of a fit that is given none: where the inputs' power lies, and wide enough for
+    as many harmonics as there are unknowns.
+    """
     free = [name for name in system.parameters.free_names if not name.startswith("bias_")]
     unknown = len(free) + len(records) * len(system.states)
-    measured = max(sum(name in record.output_names for name in system.output_names) for record in records)
-    return usual_band(records, system.input_names, int(np.ceil(_SPARE * unknown / (2.0 * max(measured, 1)))))
+    measured = max(
+        sum(name in record.output_names for name in system.output_names) for record in records
+    )
+    return usual_band(
+        records, system.input_names, int(np.ceil(_SPARE * unknown / (2.0 * max(measured, 1))))
+    )
 
 
 def covariance_of(fit: FrequencyFit, *, colour: bool) -> tuple[np.ndarray, bool]:
-    """Covariance of all unknowns and whether all are determined; larger by what the unknowns took from the noise levels.
+    """Covariance of all unknowns and whether all are determined; larger by what the unknowns took
+    from the noise levels.
 
-    With ``colour`` the scatter of the gradient is formed with the residuals' power about each frequency (Morelli and Klein 1997 in the
-    frequency domain), and with what the residuals of two outputs have in common there: gusts move all outputs. No sigma is below that of
-    level noise.
+    With ``colour`` the scatter of the gradient is formed with the residuals' power about each
+    frequency (Morelli and Klein 1997 in the frequency domain), and with what the residuals of two
+    outputs have in common there: gusts move all outputs. No sigma is below that of level noise.
     """
     information, _ = fit.normal_equations
     whole, determined = inverse_information(information, fit.theta)
-    inverse, unknown = (whole, 0.0 * whole) if determined else determined_and_open(information, fit.theta)
+    inverse, unknown = (
+        (whole, 0.0 * whole) if determined else determined_and_open(information, fit.theta)
+    )
     values = 2.0 * float(fit.counts.sum())
     level = inverse * values / max(values - len(fit.theta), 1.0)
     if not colour:
@@ -345,19 +445,40 @@ def covariance_of(fit: FrequencyFit, *, colour: bool) -> tuple[np.ndarray, bool]
         weighted = fit.weight(r)[:, :, None] * slope
         residual = _as_if_left_out(fit, r, inverse[np.ix_(at, at)])
         m = len(residual)
-        shared = about_each((residual[:, None] * np.conj(residual[None])).reshape(m * m, -1)).reshape(m, m, -1)
+        shared = about_each(
+            (residual[:, None] * np.conj(residual[None])).reshape(m * m, -1)
+        ).reshape(m, m, -1)
         # An output was measured with others, or it was not: where not, its weight is zero.
-        middle[np.ix_(at, at)] += 0.5 * np.einsum("ifc,ijf,jfd->cd", np.conj(weighted), shared, weighted, optimize=True).real
+        middle[np.ix_(at, at)] += (
+            0.5
+            * np.einsum("ifc,ijf,jfd->cd", np.conj(weighted), shared, weighted, optimize=True).real
+        )
     corrected = inverse @ middle @ inverse
     white, own = np.diag(level), np.diag(corrected)
-    factor = np.sqrt(np.maximum(np.divide(white, np.maximum(own, 1e-12 * white), out=np.ones_like(own), where=white > 0.0), 1.0))
+    factor = np.sqrt(
+        np.maximum(
+            np.divide(
+                white, np.maximum(own, 1e-12 * white), out=np.ones_like(own), where=white > 0.0
+            ),
+            1.0,
+        )
+    )
     return corrected * np.outer(factor, factor) + unknown, determined
 
 
-def _problem_of(records: Sequence[Record], system: System, settings: FrequencySettings, delays: Mapping[str, str]) -> FrequencyProblem:
+def _problem_of(
+    records: Sequence[Record],
+    system: System,
+    settings: FrequencySettings,
+    delays: Mapping[str, str],
+) -> FrequencyProblem:
     names = tuple(name for name in system.parameters.free_names if not name.startswith("bias_"))
     if not names:
-        raise ModelError("no parameter is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one")
+        raise ModelError(
+            "no parameter is free",
+            where=f"model with {', '.join(system.parameters.names)}",
+            remedy="release at least one",
+        )
     band = settings.band or band_for(records, system)
     found = tuple(transformed(record, system, band) for record in records)
     items = [system.parameters[name] for name in names]
@@ -376,10 +497,14 @@ def _problem_of(records: Sequence[Record], system: System, settings: FrequencySe
 
 
 def refuse_unfit(records: Sequence[Record], system: System, delays: Mapping[str, str]) -> None:
-    """Raise ModelError where a System has no frequency response that such a fit could use: see ``fit_frequency_domain``."""
+    """Raise ModelError where a System has no frequency response that such a fit could use: see
+    ``fit_frequency_domain``.
+    """
     where, remedy = f"model with states {', '.join(system.state_names)}", "use output-error"
     if not system.inputs:
-        raise ModelError("it has no input, to which a frequency response could be", where=where, remedy=remedy)
+        raise ModelError(
+            "it has no input, to which a frequency response could be", where=where, remedy=remedy
+        )
     if len(system.input_stages) > len(delays) or system.sensor_stages:
         stages = ", ".join((*system.input_stages, *system.sensor_stages))
         raise ModelError(f"{stages} act on the input or sensor path", where=where, remedy=remedy)
@@ -390,7 +515,9 @@ def refuse_unfit(records: Sequence[Record], system: System, delays: Mapping[str,
 
 
 def from_best_start(problem: FrequencyProblem, records: Sequence[Record]) -> FrequencyFit | None:
-    """The fit from the declared values; where it does not settle from equation error as well, if the record has all states. None: no finite cost."""
+    """The fit from the declared values; where it does not settle from equation error as well, if
+    the record has all states. None: no finite cost.
+    """
     first = fit_transforms(problem)
     if first is not None and first.outcome is Outcome.CONVERGED:
         return first
@@ -403,7 +530,9 @@ def from_best_start(problem: FrequencyProblem, records: Sequence[Record]) -> Fre
     # The prior stays about the declared values: the data are not to be counted twice.
     begun = at_start(replace(problem, start=np.clip(found.values, problem.low, problem.high)))
     second = None if begun is None else fit_transforms(problem, begun)
-    return min((fit for fit in (first, second) if fit is not None), key=lambda fit: fit.cost, default=None)
+    return min(
+        (fit for fit in (first, second) if fit is not None), key=lambda fit: fit.cost, default=None
+    )
 
 
 def _estimate_of(fit: FrequencyFit, settings: FrequencySettings) -> Estimate:
@@ -415,7 +544,9 @@ def _estimate_of(fit: FrequencyFit, settings: FrequencySettings) -> Estimate:
     if np.any(exact & used) and np.any(~exact & used):
         outcome = Outcome.DEGENERATE
     total = fit.counts.sum(axis=1)
-    noise = np.sqrt(np.where(used, np.sum(fit.levels * fit.counts, axis=1) / np.maximum(total, 1.0), 1.0))
+    noise = np.sqrt(
+        np.where(used, np.sum(fit.levels * fit.counts, axis=1) / np.maximum(total, 1.0), 1.0)
+    )
     return Estimate(
         METHOD,
         problem.names,
@@ -441,9 +572,14 @@ def _turned_back(fit: FrequencyFit, r: int) -> np.ndarray:
 
 def _said(fit: FrequencyFit) -> str:
     frequencies = np.concatenate([record.omega for record in fit.problem.records]) / (2.0 * np.pi)
-    told = [f"{len(frequencies)} harmonics from {frequencies.min():.3g} to {frequencies.max():.3g} Hz"]
+    told = [
+        f"{len(frequencies)} harmonics from {frequencies.min():.3g} to {frequencies.max():.3g} Hz"
+    ]
     if fit.levels.shape[1] > 1:
-        told.append(f"the noise is not level along the frequency: {fit.levels.shape[1]} bands, each with its own")
+        told.append(
+            f"the noise is not level along the frequency: {fit.levels.shape[1]} bands, each with "
+            "its own"
+        )
     filled = sum(record.filled for record in fit.problem.records)
     if filled:
         told.append(f"{filled} missing samples bridged")
@@ -452,7 +588,20 @@ def _said(fit: FrequencyFit) -> str:
 
 def _failed(problem: FrequencyProblem) -> Estimate:
     """The start with sigmas as large as itself, for a fit that found no finite cost."""
-    blank = tuple(np.zeros((len(problem.system.outputs), len(record.record))) for record in problem.records)
+    blank = tuple(
+        np.zeros((len(problem.system.outputs), len(record.record))) for record in problem.records
+    )
     units = tuple(problem.system.parameters[name].unit for name in problem.names)
     wide, ones = np.diag(np.maximum(1.0, problem.start**2)), np.ones(len(problem.system.outputs))
-    return Estimate(METHOD, problem.names, units, problem.start.copy(), wide, Outcome.DIVERGED, -LARGEST, problem.system.output_names, ones, blank)
+    return Estimate(
+        METHOD,
+        problem.names,
+        units,
+        problem.start.copy(),
+        wide,
+        Outcome.DIVERGED,
+        -LARGEST,
+        problem.system.output_names,
+        ones,
+        blank,
+    )

@@ -1,17 +1,21 @@
-"""Records as Fourier transforms, responses of linear models with slopes, and noise levels in frequency.
+"""Records as Fourier transforms, responses of linear models with slopes, and noise levels in
+frequency.
 
-At these frequencies, w_k = 2 pi k / (N dt), transforms of white noise are independent of each other, constant biases leave nothing, and
-the beginning and the end of a motion enter through one vector, x(0) - x(N dt). Transforms are divided by sqrt(N): their noise has the
-variance of a sample's, whatever the record.
+At these frequencies, w_k = 2 pi k / (N dt), transforms of white noise are independent of each
+other, constant biases leave nothing, and the beginning and the end of a motion enter through one
+vector, x(0) - x(N dt). Transforms are divided by sqrt(N): their noise has the variance of a
+sample's, whatever the record.
 
-With inputs held or linear between samples the samples of the motion obey x[k+1] = Phi x[k] + G (u[k-1], u[k], u[k+1]), exactly. The sum
-of that over a record of N samples, each times exp(-j w k dt), is
+With inputs held or linear between samples the samples of the motion obey x[k+1] = Phi x[k] + G
+(u[k-1], u[k], u[k+1]), exactly. The sum of that over a record of N samples, each times exp(-j w k
+dt), is
 
     exp(j w dt) (X - (x[0] - x[N])) = Phi X + G U
 
-at its harmonics: a motion that neither begins nor ends in trim adds one vector, which is estimated. No simulation, hence no trouble with a
-motion that grows. Klein and Morelli, Aircraft System Identification, ch. 7, have the same with integrals in the place of sums;
-Pintelon, Schoukens and Vandersteen, IEEE Trans. Automatic Control 42(12), 1997, the ends.
+at its harmonics: a motion that neither begins nor ends in trim adds one vector, which is estimated.
+No simulation, hence no trouble with a motion that grows. Klein and Morelli, Aircraft System
+Identification, ch. 7, have the same with integrals in the place of sums; Pintelon, Schoukens and
+Vandersteen, IEEE Trans. Automatic Control 42(12), 1997, the ends.
 """
 
 from __future__ import annotations
@@ -41,9 +45,10 @@ class TransformedRecord:
 
     Attributes
     ----------
-    omega : ``(f,)`` rad/s. ahead : ``(f,)`` exp(j omega dt). bins : ``(f,)`` harmonics that these are.
-    outputs : ``(m, f)`` complex, zero where a channel was not recorded; ``known (m,)``.
-    inputs : ``(r, N)`` samples, of which a delay may shift any. filled : samples of the outputs that were bridged.
+    omega : ``(f,)`` rad/s. ahead : ``(f,)`` exp(j omega dt). bins : ``(f,)`` harmonics that these
+    are. outputs : ``(m, f)`` complex, zero where a channel was not recorded; ``known (m,)``. inputs
+    : ``(r, N)`` samples, of which a delay may shift any. filled : samples of the outputs that were
+    bridged.
     """
 
     record: Record
@@ -58,17 +63,23 @@ class TransformedRecord:
     filled: int
 
     def shifted(self, i: int, late: int) -> np.ndarray:
-        """Transform ``(f,)`` of input ``i`` as it was ``late`` samples before: exp(-j omega late dt) times its own, and its end terms.
+        """Transform ``(f,)`` of input ``i`` as it was ``late`` samples before: exp(-j omega late
+        dt) times its own, and its end terms.
 
-        Before its first sample it had that value; what came after the last one is taken up by the vector of the ends.
+        Before its first sample it had that value; what came after the last one is taken up by the
+        vector of the ends.
         """
         count = self.inputs.shape[1]
         at = np.clip(np.arange(count) - late, 0, count - 1)
         return np.asarray(np.fft.rfft(self.inputs[i, at])[self.bins] / np.sqrt(count))
 
 
-def usual_band(records: Sequence[Record], inputs: Sequence[str], fewest: int) -> tuple[float, float]:
-    """From the first harmonic to where 95 % of every input's power lies, Hz, and as far as ``fewest`` harmonics of all records need."""
+def usual_band(
+    records: Sequence[Record], inputs: Sequence[str], fewest: int
+) -> tuple[float, float]:
+    """From the first harmonic to where 95 % of every input's power lies, Hz, and as far as
+    ``fewest`` harmonics of all records need.
+    """
     high, steps, spans = 0.0, [], []
     for record in records:
         step = step_of(record)
@@ -98,7 +109,10 @@ def transformed(record: Record, system: System, band: tuple[float, float]) -> Tr
     for i in np.flatnonzero(known & ~valid.all(axis=1)):
         lost = int(np.count_nonzero(~valid[i]))
         if lost > FILLED * count:
-            what = f"{lost} of {count} samples of {system.output_names[i]} are missing: a Fourier transform needs them"
+            what = (
+                f"{lost} of {count} samples of {system.output_names[i]} are missing: a Fourier "
+                "transform needs them"
+            )
             raise RecordError(what, where=record.name, remedy=_REMEDY)
         rows[i] = np.interp(record.time, record.time[valid[i]], rows[i][valid[i]])
         filled += lost
@@ -106,12 +120,29 @@ def transformed(record: Record, system: System, band: tuple[float, float]) -> Tr
     frequency = harmonics / (count * step)
     bins = harmonics[(frequency >= band[0] * (1.0 - 1e-9)) & (frequency <= band[1] * (1.0 + 1e-9))]
     if bins.size == 0:
-        what = f"no harmonic of {count * step:.4g} s lies between {band[0]:.4g} and {band[1]:.4g} Hz"
+        what = (
+            f"no harmonic of {count * step:.4g} s lies between {band[0]:.4g} and {band[1]:.4g} Hz"
+        )
         raise RecordError(what, where=record.name, remedy="widen --band")
     omega = 2.0 * np.pi * bins / (count * step)
-    outputs = np.where(known[:, None], np.fft.rfft(np.where(known[:, None], rows, 0.0))[:, bins] / np.sqrt(count), 0.0)
+    outputs = np.where(
+        known[:, None],
+        np.fft.rfft(np.where(known[:, None], rows, 0.0))[:, bins] / np.sqrt(count),
+        0.0,
+    )
     inputs = record.input_array(system.input_names)
-    return TransformedRecord(record, step, record.hold, bins, omega, np.exp(1j * omega * step), outputs, known, inputs, filled)
+    return TransformedRecord(
+        record,
+        step,
+        record.hold,
+        bins,
+        omega,
+        np.exp(1j * omega * step),
+        outputs,
+        known,
+        inputs,
+        filled,
+    )
 
 
 def step_of(record: Record) -> float:
@@ -119,7 +150,11 @@ def step_of(record: Record) -> float:
     steps = np.diff(record.time)
     step = float(np.median(steps))
     if not np.all(np.abs(steps - step) <= EVEN * step):
-        raise RecordError("its samples are uneven: a Fourier transform needs even ones", where=record.name, remedy=_REMEDY)
+        raise RecordError(
+            "its samples are uneven: a Fourier transform needs even ones",
+            where=record.name,
+            remedy=_REMEDY,
+        )
     return float((record.time[-1] - record.time[0]) / (len(record) - 1))
 
 
@@ -131,7 +166,8 @@ _POINTS = 6  # points at which a System is compared with its matrices
 
 @dataclass(frozen=True, eq=False)
 class LinearModel:
-    """x_dot = A x + B u, y = C x + D u less constants: ``A (n, n)``, ``B (n, r)``, ``C (m, n)``, ``D (m, r)``.
+    """x_dot = A x + B u, y = C x + D u less constants: ``A (n, n)``, ``B (n, r)``, ``C (m, n)``,
+    ``D (m, r)``.
 
     ``dA (q, n, n)`` and so on are the slopes by each of the wanted parameters.
     """
@@ -147,10 +183,11 @@ class LinearModel:
 
 
 def linear_model(system: System, p: np.ndarray, free: Sequence[int]) -> LinearModel:
-    """The matrices of a System that is linear in states and inputs, at parameters ``p``, with slopes by those at the positions ``free``.
+    """The matrices of a System that is linear in states and inputs, at parameters ``p``, with
+    slopes by those at the positions ``free``.
 
-    One call each of ``f`` and ``h``: a row a unit step of a state or input, a column a complex step of a parameter. Effects on the input
-    and sensor paths are left out.
+    One call each of ``f`` and ``h``: a row a unit step of a state or input, a column a complex step
+    of a parameter. Effects on the input and sensor paths are left out.
     """
     n, r, q = len(system.states), len(system.inputs), max(len(free), 1)
     rows: list[Any] = [complex(value) for value in p]
@@ -159,17 +196,30 @@ def linear_model(system: System, p: np.ndarray, free: Sequence[int]) -> LinearMo
     unit = np.vstack([np.zeros(n + r), np.eye(n + r)])[:, :, None]
     x, u = list(unit[:, :n].swapaxes(0, 1)), list(unit[:, n:].swapaxes(0, 1))
     rates, readings = (
-        np.array([np.broadcast_to(row, (1 + n + r, q)) for row in function(0.0, x, u, rows)]).reshape(-1, 1 + n + r, q)
+        np.array(
+            [np.broadcast_to(row, (1 + n + r, q)) for row in function(0.0, x, u, rows)]
+        ).reshape(-1, 1 + n + r, q)
         for function in (system.f, system.h)
     )
     F, H = (each[:, 1:] - each[:, :1] for each in (rates, readings))
     dF, dH = ((each.imag / COMPLEX_STEP).transpose(2, 0, 1)[: len(free)] for each in (F, H))
     F, H = F[:, :, 0].real, H[:, :, 0].real
-    return LinearModel(F[:, :n], F[:, n:], H[:, :n], H[:, n:], dF[:, :, :n], dF[:, :, n:], dH[:, :, :n], dH[:, :, n:])
+    return LinearModel(
+        F[:, :n],
+        F[:, n:],
+        H[:, :n],
+        H[:, n:],
+        dF[:, :, :n],
+        dF[:, :, n:],
+        dH[:, :, :n],
+        dH[:, :, n:],
+    )
 
 
 def bent(system: System, records: Sequence[Record]) -> str:
-    """The first rate or output that is no linear function of states and inputs, the same at all times, over the records' extent; else empty."""
+    """The first rate or output that is no linear function of states and inputs, the same at all
+    times, over the records' extent; else empty.
+    """
     p = system.parameters.values()
     with np.errstate(all="ignore"):  # what is not finite at rest is not linear
         model = linear_model(system, p, ())
@@ -178,10 +228,18 @@ def bent(system: System, records: Sequence[Record]) -> str:
     sizes = np.array([_size(name, records) for name in (*system.state_names, *system.input_names)])
     times = np.concatenate([np.zeros(1), *(record.time for record in records)])
     # At sines of no common period, which reach every corner of a few dimensions, and at rest.
-    points = [*(sizes * np.sin(1.0 + np.arange(len(sizes)) * (k + 1.0) + 0.7 * k) for k in range(_POINTS)), 0.0 * sizes]
+    points = [
+        *(
+            sizes * np.sin(1.0 + np.arange(len(sizes)) * (k + 1.0) + 0.7 * k)
+            for k in range(_POINTS)
+        ),
+        0.0 * sizes,
+    ]
     with np.errstate(all="ignore"):
         start = _values(system, points[-1], p, np.zeros(1))
-        room = STRAIGHT * np.maximum(np.max(np.abs(matrix * sizes), axis=1), 1e-300) + 1e-12 * np.abs(start[:, 0])
+        room = STRAIGHT * np.maximum(
+            np.max(np.abs(matrix * sizes), axis=1), 1e-300
+        ) + 1e-12 * np.abs(start[:, 0])
         for point in points:
             found, expected = _values(system, point, p, times) - start, matrix @ point
             off = ~np.all(np.abs(found - expected[:, None]) <= room[:, None], axis=1)
@@ -193,25 +251,34 @@ def bent(system: System, records: Sequence[Record]) -> str:
 def _values(system: System, point: np.ndarray, p: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Rates and outputs ``(n + m, T)`` at a point at all times."""
     n = len(system.states)
-    x, u = list(point[:n]), list(point[n:])  # numbers of NumPy, whose division by zero is no exception
+    # numbers of NumPy, whose division by zero is no exception
+    x, u = list(point[:n]), list(point[n:])
     rows = (*system.f(times, x, u, p.tolist()), *system.h(times, x, u, p.tolist()))
     return np.array([np.broadcast_to(row, times.shape) for row in rows], dtype=float)
 
 
 def _size(name: str, records: Sequence[Record]) -> float:
     """Largest recorded value of a signal, one where it is not recorded."""
-    found = [np.max(np.abs(channel.values[channel.valid]), initial=0.0) for record in records for channel in record.channels if channel.name == name]
+    found = [
+        np.max(np.abs(channel.values[channel.valid]), initial=0.0)
+        for record in records
+        for channel in record.channels
+        if channel.name == name
+    ]
     return float(max(found, default=0.0)) or 1.0
 
 
 # ---- Response of a linear model to recorded inputs at the harmonics of a record
 
-NEIGHBOURS = (-1, 0, 1)  # samples, beside the last one before a delayed interval begins, that move the state
+# samples, beside the last one before a delayed interval begins, that move the state
+NEIGHBOURS = (-1, 0, 1)
 
 
 @dataclass(frozen=True)
 class Delay:
-    """``seconds`` late, and the position of that parameter among the wanted ones, None where it is held."""
+    """``seconds`` late, and the position of that parameter among the wanted ones, None where it is
+    held.
+    """
 
     seconds: float = 0.0
     position: int | None = None
@@ -219,15 +286,21 @@ class Delay:
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """``y (m, f)`` of motion from rest to rest; ``by_parameter (m, f, q)`` and ``by_ends (m, f, n)``, the last of any x[0] - x[N]."""
+    """``y (m, f)`` of motion from rest to rest; ``by_parameter (m, f, q)`` and ``by_ends (m, f,
+    n)``, the last of any x[0] - x[N].
+    """
 
     y: np.ndarray
     by_parameter: np.ndarray
     by_ends: np.ndarray
 
 
-def response(model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay], ends: np.ndarray) -> Response:
-    """Response to a record's inputs, those at the positions in ``delays`` late; ``ends (n,)`` is x[0] - x[N]."""
+def response(
+    model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay], ends: np.ndarray
+) -> Response:
+    """Response to a record's inputs, those at the positions in ``delays`` late; ``ends (n,)`` is
+    x[0] - x[N].
+    """
     n, q = len(model.A), len(model.dA)
     Phi, dPhi, forced, d_forced = _stepped(model, record, delays)
     M = record.ahead[:, None, None] * np.eye(n) - Phi
@@ -238,20 +311,31 @@ def response(model: LinearModel, record: TransformedRecord, delays: Mapping[int,
     dX = np.linalg.solve(M, pushed) if q else np.zeros((len(X), n, 0))
     U, dU = _read(model, record, delays)
     y = (X @ model.C.T + U @ model.D.T).T
-    direct = np.einsum("qmn,fn->mfq", model.dC, X) + np.einsum("qmr,fr->mfq", model.dD, U) + np.einsum("mr,frq->mfq", model.D, dU)
+    direct = (
+        np.einsum("qmn,fn->mfq", model.dC, X)
+        + np.einsum("qmr,fr->mfq", model.dD, U)
+        + np.einsum("mr,frq->mfq", model.D, dU)
+    )
     by_parameter = direct + np.einsum("mn,fnq->mfq", model.C, dX)
     return Response(y, by_parameter, np.einsum("mn,fnk->mfk", model.C, solved[:, :, 1:]))
 
 
-def _stepped(model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Phi ``(n, n)``, its slopes ``(q, n, n)``, what the inputs do to the state ``(f, n)`` and its slopes ``(f, n, q)``."""
+def _stepped(
+    model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Phi ``(n, n)``, its slopes ``(q, n, n)``, what the inputs do to the state ``(f, n)`` and its
+    slopes ``(f, n, q)``.
+    """
     n, q = len(model.A), len(model.dA)
     width = max(q, 1)
     step = 1j * COMPLEX_STEP
     A = model.A + step * (model.dA if q else np.zeros((1, n, n)))
     B = model.B + step * (model.dB if q else np.zeros((1, *model.B.shape)))
     Phi = _transition(A, np.zeros((width, n)), np.full(width, record.step, dtype=complex))[0]
-    forced, d_forced = np.zeros((len(record.omega), n), dtype=complex), np.zeros((len(record.omega), n, q), dtype=complex)
+    forced, d_forced = (
+        np.zeros((len(record.omega), n), dtype=complex),
+        np.zeros((len(record.omega), n, q), dtype=complex),
+    )
     for i in range(model.B.shape[1]):
         late, part = _parted(delays.get(i, Delay()), record.step, width)
         for offset, G in zip(NEIGHBOURS, _gains(A, B[:, :, i], part, record), strict=True):
@@ -264,7 +348,9 @@ def _stepped(model: LinearModel, record: TransformedRecord, delays: Mapping[int,
 
 
 def _parted(delay: Delay, step: float, width: int) -> tuple[int, np.ndarray]:
-    """Whole samples of a delay, and the rest of it as a share of one, ``(width,)``, with a complex step where the delay is wanted."""
+    """Whole samples of a delay, and the rest of it as a share of one, ``(width,)``, with a complex
+    step where the delay is wanted.
+    """
     whole = int(np.floor(delay.seconds / step + 1e-12))
     rest = np.full(width, max(delay.seconds / step - whole, 0.0), dtype=complex)
     if delay.position is not None:
@@ -272,10 +358,14 @@ def _parted(delay: Delay, step: float, width: int) -> tuple[int, np.ndarray]:
     return whole, rest
 
 
-def _gains(A: np.ndarray, b: np.ndarray, part: np.ndarray, record: TransformedRecord) -> Sequence[np.ndarray]:
-    """What the samples u[k-1], u[k], u[k+1] of an input add to x[k+1], ``(q, n)`` each, where it is late by ``part`` of a sample.
+def _gains(
+    A: np.ndarray, b: np.ndarray, part: np.ndarray, record: TransformedRecord
+) -> Sequence[np.ndarray]:
+    """What the samples u[k-1], u[k], u[k+1] of an input add to x[k+1], ``(q, n)`` each, where it is
+    late by ``part`` of a sample.
 
-    Over the first ``part`` of the interval the input still is what it was between the two samples before.
+    Over the first ``part`` of the interval the input still is what it was between the two samples
+    before.
     """
     dt = record.step
     _, step1, ramp1 = _transition(A, b, part * dt)
@@ -295,8 +385,12 @@ def _times(Phi: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return np.asarray(np.einsum("qij,qj->qi", Phi, rows))
 
 
-def _transition(A: np.ndarray, b: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Over ``time (q,)``: the transition ``(q, n, n)``, and what an input of one and one that grows as the time do, ``(q, n)``."""
+def _transition(
+    A: np.ndarray, b: np.ndarray, time: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Over ``time (q,)``: the transition ``(q, n, n)``, and what an input of one and one that grows
+    as the time do, ``(q, n)``.
+    """
     from scipy.linalg import expm
 
     q, n = len(A), A.shape[1]
@@ -306,10 +400,17 @@ def _transition(A: np.ndarray, b: np.ndarray, time: np.ndarray) -> tuple[np.ndar
     return found[:, :n, :n], found[:, :n, n], found[:, :n, n + 1]
 
 
-def _read(model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay]) -> tuple[np.ndarray, np.ndarray]:
-    """Inputs as the outputs feel them at the samples ``(f, r)``, and their slopes by the wanted parameters ``(f, r, q)``."""
+def _read(
+    model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs as the outputs feel them at the samples ``(f, r)``, and their slopes by the wanted
+    parameters ``(f, r, q)``.
+    """
     q, count = len(model.dA), model.B.shape[1]
-    U, dU = np.zeros((len(record.omega), count), dtype=complex), np.zeros((len(record.omega), count, q), dtype=complex)
+    U, dU = (
+        np.zeros((len(record.omega), count), dtype=complex),
+        np.zeros((len(record.omega), count, q), dtype=complex),
+    )
     for i in range(count):
         delay = delays.get(i, Delay())
         late, rest = _parted(Delay(delay.seconds), record.step, 1)
@@ -328,8 +429,11 @@ def _read(model: LinearModel, record: TransformedRecord, delays: Mapping[int, De
 
 SURE = 1e-3  # probability, over all outputs, below which one level is not believed
 FEWEST = 12  # harmonics of a band: its level is then known to 20 %
-MOST = 6  # bands: the noise of a sensor or of slow turbulence changes by decades, not from line to line
-REACH = 3  # harmonics on either side that tell the level about one: seven give it to 40 %, which a sum over all averages out
+# bands: the noise of a sensor or of slow turbulence changes by decades, not from line to line
+MOST = 6
+# harmonics on either side that tell the level about one: seven give it to 40 %, which a sum over
+# all averages out
+REACH = 3
 
 
 def one_band(count: int) -> np.ndarray:
@@ -338,7 +442,9 @@ def one_band(count: int) -> np.ndarray:
 
 
 def equal_bands(omegas: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Band of each frequency of each record, so that each holds as many of all of them; as many bands as ``FEWEST`` and ``MOST`` allow."""
+    """Band of each frequency of each record, so that each holds as many of all of them; as many
+    bands as ``FEWEST`` and ``MOST`` allow.
+    """
     every = np.sort(np.concatenate(omegas))
     count = int(np.clip(len(every) // FEWEST, 1, MOST))
     edges = every[[round(k * len(every) / count) for k in range(1, count)]]
@@ -346,23 +452,37 @@ def equal_bands(omegas: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def levels(
-    residuals: Sequence[np.ndarray], known: Sequence[np.ndarray], bands: Sequence[np.ndarray], floor: np.ndarray
+    residuals: Sequence[np.ndarray],
+    known: Sequence[np.ndarray],
+    bands: Sequence[np.ndarray],
+    floor: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean square of the residuals ``(m, f)`` by output and band, ``(m, b)``, not below ``floor (m,)``, and how many there are."""
+    """Mean square of the residuals ``(m, f)`` by output and band, ``(m, b)``, not below ``floor
+    (m,)``, and how many there are.
+    """
     width = 1 + max(int(np.max(band)) for band in bands)
     total, count = np.zeros((len(floor), width)), np.zeros((len(floor), width))
     for residual, measured, band in zip(residuals, known, bands, strict=True):
         for b in range(width):
-            total[:, b] += np.where(measured, np.sum(np.abs(residual[:, band == b]) ** 2, axis=1), 0.0)
+            total[:, b] += np.where(
+                measured, np.sum(np.abs(residual[:, band == b]) ** 2, axis=1), 0.0
+            )
             count[:, b] += np.where(measured, np.count_nonzero(band == b), 0.0)
-    return np.where(count > 0, np.maximum(total / np.maximum(count, 1.0), floor[:, None]), 1.0), count
+    return np.where(
+        count > 0, np.maximum(total / np.maximum(count, 1.0), floor[:, None]), 1.0
+    ), count
 
 
-def coloured(residuals: Sequence[np.ndarray], known: Sequence[np.ndarray], bands: Sequence[np.ndarray], floor: np.ndarray) -> bool:
+def coloured(
+    residuals: Sequence[np.ndarray],
+    known: Sequence[np.ndarray],
+    bands: Sequence[np.ndarray],
+    floor: np.ndarray,
+) -> bool:
     """Whether the bands' levels differ by more than chance, in any output.
 
-    Squares of transforms of noise are exponential, so twice the log likelihood ratio of one level to several is chi-squared with as
-    many degrees as there are further levels.
+    Squares of transforms of noise are exponential, so twice the log likelihood ratio of one level
+    to several is chi-squared with as many degrees as there are further levels.
     """
     from scipy.special import gammaincc  # scipy.stats takes half a second to load
 
@@ -373,7 +493,11 @@ def coloured(residuals: Sequence[np.ndarray], known: Sequence[np.ndarray], bands
         return False
     told = np.flatnonzero(count.sum(axis=1) > 0)
     ratio = 2.0 * np.sum(count[told] * np.log(together[told] / apart[told]), axis=1)
-    return bool(np.min(gammaincc(0.5 * degrees, 0.5 * np.maximum(ratio, 0.0)), initial=1.0) * max(len(told), 1) < SURE)
+    return bool(
+        np.min(gammaincc(0.5 * degrees, 0.5 * np.maximum(ratio, 0.0)), initial=1.0)
+        * max(len(told), 1)
+        < SURE
+    )
 
 
 def about_each(power: np.ndarray) -> np.ndarray:

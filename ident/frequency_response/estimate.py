@@ -1,4 +1,5 @@
-"""Frequency responses of records: composite over window lengths, several inputs, feedback; default choices.
+"""Frequency responses of records: composite over window lengths, several inputs, feedback; default
+choices.
 
 Composite of several windows: Tischler and Remple, "Aircraft and Rotorcraft System Identification",
 2nd edition, AIAA 2012, chapter 10. Conditioned responses and partial coherence: the same, chapter
@@ -13,7 +14,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.frequency_response.segments import LOWEST, Segments, coherences, effective_averages, hann_segments, regress, sine_segments, spectral_matrix
+from ident.frequency_response.segments import (
+    LOWEST,
+    Segments,
+    coherences,
+    effective_averages,
+    hann_segments,
+    regress,
+    sine_segments,
+    spectral_matrix,
+)
 from sim.errors import RecordError
 
 # ---- Frequency responses of records: composite over window lengths, several inputs, feedback
@@ -32,7 +42,8 @@ class Signals:
 
     Attributes
     ----------
-    step : s. inputs ``(q, N)``, outputs ``(m, N)``, references ``(q or 0, N)``: excitations that the
+    step : s. inputs ``(q, N)``, outputs ``(m, N)``, references ``(q or 0, N)``: excitations that
+    the
         noise does not reach.
     """
 
@@ -139,7 +150,9 @@ class FrequencyResponses:
         return [[_ends(self.frequency, each) for each in row] for row in self.usable]
 
 
-def estimate_responses(records: Sequence[Signals], frequency: np.ndarray, spectra: Spectra) -> FrequencyResponses:
+def estimate_responses(
+    records: Sequence[Signals], frequency: np.ndarray, spectra: Spectra
+) -> FrequencyResponses:
     """Estimate the responses of all outputs to all inputs from the records together.
 
     Without references by least squares, which is right where no output acts back on an input. With
@@ -177,7 +190,9 @@ def estimate_responses(records: Sequence[Signals], frequency: np.ndarray, spectr
         windows = np.array(segments.lengths)[segments.windows]
         lengths = windows @ weights / weights.sum(axis=0)
         parts.append((response, std, degrees, multiple, partial, of_inputs, averages, lengths))
-    response, std, degrees, multiple, partial, of_inputs, averages, lengths = (np.stack([part[n] for part in parts]) for n in range(8))
+    response, std, degrees, multiple, partial, of_inputs, averages, lengths = (
+        np.stack([part[n] for part in parts]) for n in range(8)
+    )
     found = FrequencyResponses(
         frequency,
         response,
@@ -204,7 +219,9 @@ def detrended(signals: np.ndarray) -> np.ndarray:
     return np.asarray(signals - level - slope * line)
 
 
-def _segments(records: list[np.ndarray], step: float, frequency: np.ndarray, spectra: Spectra) -> Segments:
+def _segments(
+    records: list[np.ndarray], step: float, frequency: np.ndarray, spectra: Spectra
+) -> Segments:
     if spectra.tapers:
         return sine_segments(records, step, spectra.tapers, frequency, spectra.derivatives)
     longest = max(each.shape[1] for each in records) * step
@@ -215,7 +232,9 @@ def _segments(records: list[np.ndarray], step: float, frequency: np.ndarray, spe
     return hann_segments(records, step, lengths, frequency, spectra.derivatives)
 
 
-def _weights(segments: Segments, output: int, inputs: slice, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _weights(
+    segments: Segments, output: int, inputs: slice, usable: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Weights ``(R, F)`` of the segments, each window's by its random error, and the averages.
 
     A window counts as (least error / its error)^4, shared among its segments.
@@ -284,7 +303,10 @@ def _pooled(
         together = max(1, _NUMBERS // (len(y) * q * terms))
         places = np.flatnonzero(here)
         for at in (places[n : n + together] for n in range(0, places.size, together)):
-            z, instruments = (segments.transforms[each, :terms][..., at].reshape(q * terms, -1, at.size) for each in (inputs, left))
+            z, instruments = (
+                segments.transforms[each, :terms][..., at].reshape(q * terms, -1, at.size)
+                for each in (inputs, left)
+            )
             found = regress(y[:, at], z, weights[:, at], segments.overlap, instruments)
             response[:, at] = found.coefficients[:, plain].T
             std[:, at] = np.sqrt(np.einsum("fkk->fk", found.covariance).real[:, plain]).T
@@ -293,7 +315,9 @@ def _pooled(
     return response, std, degrees
 
 
-def _input_coherence(segments: Segments, inputs: slice, references: slice, weights: np.ndarray, *, joint: bool) -> np.ndarray:
+def _input_coherence(
+    segments: Segments, inputs: slice, references: slice, weights: np.ndarray, *, joint: bool
+) -> np.ndarray:
     """Coherence ``(q, F)`` of each input with the other inputs, or with the references."""
     x = segments.transforms[inputs, 0]
     rows = []
@@ -353,7 +377,9 @@ _SHARE, _MOST = 0.25, 0.5  # of the longest record: the longest window, usually 
 _CYCLES = 2.5  # periods of the lowest frequency, that the longest window holds where it can
 
 
-def window_lengths(durations: Sequence[float], low: float | None = None, count: int = WINDOWS) -> tuple[float, ...]:
+def window_lengths(
+    durations: Sequence[float], low: float | None = None, count: int = WINDOWS
+) -> tuple[float, ...]:
     """Lengths of windows, s, each half of the one before.
 
     The longest is a quarter of the longest record. Where that does not hold 2.5 periods of the
@@ -393,7 +419,8 @@ def lowest_frequency(windows: Sequence[float]) -> float:
 
 def decimated(records: Sequence[Signals], high: float) -> tuple[list[Signals], int]:
     """The records with every n-th sample behind a zero-phase filter, the same for all signals, so
-    that five samples a period are left at ``high``, Hz; and n, 1 where nothing is to be left out."""
+    that five samples a period are left at ``high``, Hz; and n, 1 where nothing is to be left
+    out."""
     step = records[0].step
     factor = math.floor(1.0 / (SAMPLES * high * step) * (1.0 + 1e-9))
     if factor < 2:
@@ -403,4 +430,7 @@ def decimated(records: Sequence[Signals], high: float) -> tuple[list[Signals], i
     def fewer(rows: np.ndarray) -> np.ndarray:
         return np.asarray(resample_poly(detrended(rows), 1, factor, axis=1)) if len(rows) else rows
 
-    return [Signals(factor * step, fewer(each.inputs), fewer(each.outputs), fewer(each.references)) for each in records], factor
+    return [
+        Signals(factor * step, fewer(each.inputs), fewer(each.outputs), fewer(each.references))
+        for each in records
+    ], factor

@@ -1,4 +1,5 @@
-"""Windowed Fourier transforms of records at any frequencies, and weighted regression of one on others.
+"""Windowed Fourier transforms of records at any frequencies, and weighted regression of one on
+others.
 
 y_r = sum over k of z_rk b_k + e_r,   r a segment, E[e_r conj(e_s)] = S c_rs
 
@@ -115,7 +116,8 @@ def spectral_matrix(signals: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def coherences(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Multiple coherence ``(F,)`` of the last signal with the others, and partial ones ``(S-1, F)``.
+    """Multiple coherence ``(F,)`` of the last signal with the others, and partial ones ``(S-1,
+    F)``.
 
     Bendat and Piersol, "Random Data", 4th edition, chapter 7: by the inverse P of the spectral
     matrix, 1 - 1/(S_yy P_yy) and |P_iy|^2/(P_ii P_yy).
@@ -126,7 +128,9 @@ def coherences(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     inverse = np.linalg.inv(plain + 1e-13 * np.eye(size))
     last = inverse[:, -1, -1].real
     multiple = 1.0 - 1.0 / np.maximum(last, 1.0)
-    partial = np.abs(inverse[:, :-1, -1]) ** 2 / (np.einsum("fss->fs", inverse).real[:, :-1] * last[:, None])
+    partial = np.abs(inverse[:, :-1, -1]) ** 2 / (
+        np.einsum("fss->fs", inverse).real[:, :-1] * last[:, None]
+    )
     return np.clip(multiple, 0.0, 1.0), np.clip(partial.T, 0.0, 1.0)
 
 
@@ -147,7 +151,8 @@ class Segments:
         the phase counts from the first sample of the record. The windows have unit energy.
     windows : ``(R,)``, number of the window length of each row.
     lengths : s, the window lengths.
-    overlap : sparse ``(R, R)``, inner products of the windows: the correlation of white noise in two rows.
+    overlap : sparse ``(R, R)``, inner products of the windows: the correlation of white noise in
+    two rows.
     """
 
     transforms: np.ndarray
@@ -200,7 +205,9 @@ def sine_segments(
     frequency: np.ndarray,
     derivatives: int = 2,
 ) -> Segments:
-    """Transforms of whole records under orthogonal sine tapers, arguments as in ``hann_segments``."""
+    """Transforms of whole records under orthogonal sine tapers, arguments as in
+    ``hann_segments``.
+    """
     blocks = []
     for signals in records:
         count = signals.shape[1]
@@ -211,7 +218,10 @@ def sine_segments(
         shapes = (np.sin(orders * phase), np.cos(orders * phase), -np.sin(orders * phase))
         turns = -2j * math.pi * frequency * step
         rows = np.stack(
-            [_transformed(signals[:, None, :] * (size * rate**n * shapes[n]), turns) for n in range(derivatives + 1)],
+            [
+                _transformed(signals[:, None, :] * (size * rate**n * shapes[n]), turns)
+                for n in range(derivatives + 1)
+            ],
             axis=1,
         )
         blocks.append(rows)

@@ -105,7 +105,9 @@ _UNITS = {"frequency": "rad/s", "numerator_frequency": "rad/s", "damping": "1", 
 _PAIR = ("frequency", "damping")
 
 
-def _named(name: str, orders: tuple[int, int], zeros: tuple[str, ...], poles: tuple[str, ...]) -> Form:
+def _named(
+    name: str, orders: tuple[int, int], zeros: tuple[str, ...], poles: tuple[str, ...]
+) -> Form:
     names = ("gain", *zeros, *poles, DELAY)
     return Form(name, orders, names, poles, {each: _UNITS.get(each, "") for each in names})
 
@@ -143,7 +145,9 @@ def form_of(text: str) -> Form:
         raise ModelError(what, where="fit", remedy="the denominator has the higher one, 1 to 8")
     poles = tuple(f"a{k}" for k in range(m))
     names = (*(f"b{k}" for k in range(n + 1)), *poles, DELAY)
-    return Form(text, (n, m), names, poles, {DELAY: "s", **{f"a{k}": f"1/s{m - k}" for k in range(m)}})
+    return Form(
+        text, (n, m), names, poles, {DELAY: "s", **{f"a{k}": f"1/s{m - k}" for k in range(m)}}
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +252,11 @@ def fit_transfer_functions(
     shared = tuple(name for name in forms[0].poles if shared_poles and len(forms) > 1)
     keys: list[tuple[int, str]] = []  # of each free number: the function (0 where shared), the name
     for n, form in enumerate(forms):
-        keys += [(n, name) for name in form.parameters if name not in fixed and not (name in shared and n > 0)]
+        keys += [
+            (n, name)
+            for name in form.parameters
+            if name not in fixed and not (name in shared and n > 0)
+        ]
     count = 2 * sum(target.omega.size for target in targets)
     if not keys or count <= len(keys):
         what = "nothing is free" if not keys else f"{len(keys)} free parameters for {count} numbers"
@@ -271,7 +279,12 @@ class _Problem:
         """Parameters of each function."""
         free = dict(zip(self.keys, p.tolist(), strict=True))
         return [
-            {name: self.fixed[name] if name in self.fixed else free[(0 if name in self.shared else n, name)] for name in form.parameters}
+            {
+                name: self.fixed[name]
+                if name in self.fixed
+                else free[(0 if name in self.shared else n, name)]
+                for name in form.parameters
+            }
             for n, form in enumerate(self.forms)
         ]
 
@@ -299,12 +312,16 @@ class _Problem:
         from scipy.optimize import least_squares
 
         best, least, ended = np.zeros(len(self.keys)), math.inf, False
-        low = np.array([0.0 if name == DELAY or "frequency" in name else -np.inf for _, name in self.keys])
+        low = np.array(
+            [0.0 if name == DELAY or "frequency" in name else -np.inf for _, name in self.keys]
+        )
         for start in zip(*starts, strict=True):
             p = np.array([start[n][name] for n, name in self.keys])
             p = np.maximum(p, np.where(np.isfinite(low), low + 1e-6, p))
             scale = np.maximum(np.abs(p), 1e-2)
-            found = least_squares(self.residuals, p, bounds=(low, np.inf), x_scale=scale, max_nfev=300)
+            found = least_squares(
+                self.residuals, p, bounds=(low, np.inf), x_scale=scale, max_nfev=300
+            )
             if found.cost < least:
                 best, least, ended = found.x, float(found.cost), found.status > 0
         return best, ended
@@ -314,7 +331,9 @@ class _Problem:
         slopes = self.slopes(p)
         normal = slopes.T @ slopes
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
+        inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(
+            scale, scale
+        )
         covariance = self.noise()
         gains = inverse @ slopes.T
         parameters = gains @ covariance @ gains.T
@@ -324,7 +343,11 @@ class _Problem:
         values = self.values(p)
         functions = []
         for n, (target, form) in enumerate(zip(self.targets, self.forms, strict=True)):
-            own = {name: self.keys.index((0 if name in self.shared else n, name)) for name in form.parameters if name not in self.fixed}
+            own = {
+                name: self.keys.index((0 if name in self.shared else n, name))
+                for name in form.parameters
+                if name not in self.fixed
+            }
             model = form.response(values[n], target.omega)
             top, bottom = form.polynomials(values[n])
             functions.append(

@@ -1,13 +1,14 @@
 """Search for maneuvers in a long record: controls, motion, excitation, trim points.
 
-The acceleration of an axis is regressed on a constant and the regressors of its moment (Klein and Morelli, Aircraft System
-Identification, 2nd ed., chapter 5),
+The acceleration of an axis is regressed on a constant and the regressors of its moment (Klein and
+Morelli, Aircraft System Identification, 2nd ed., chapter 5),
 
     q_dot = c + M_alpha alpha + M_q q + M_de elevator,
 
-and each derivative gets the absolute value of its estimate over its standard deviation. The t value does not depend on the units
-of the regressors, and equals that of the non-dimensional derivative. Residuals that are correlated in time carry less information:
-with rho the correlation of neighbours, the variance is multiplied by (1 + rho) / (1 - rho).
+and each derivative gets the absolute value of its estimate over its standard deviation. The t value
+does not depend on the units of the regressors, and equals that of the non-dimensional derivative.
+Residuals that are correlated in time carry less information: with rho the correlation of
+neighbours, the variance is multiplied by (1 + rho) / (1 - rho).
 """
 
 from __future__ import annotations
@@ -39,16 +40,40 @@ from ident.maneuver_detection.signals import (
 
 # ---- How well a maneuver determines each derivative
 
-# Axis -> what is differentiated, and derivative -> its regressor; a regressor that is not recorded is left out.
+# Axis -> what is differentiated, and derivative -> its regressor; a regressor that is not recorded
+# is left out.
 EQUATIONS: Mapping[str, tuple[str, Mapping[str, str]]] = {
-    "pitch": ("q", {"Cm_alpha": "alpha", "Cm_q": "q", "Cm_de": "elevator", "M_delta": "stick", "M_lon": "pitch_command"}),
+    "pitch": (
+        "q",
+        {
+            "Cm_alpha": "alpha",
+            "Cm_q": "q",
+            "Cm_de": "elevator",
+            "M_delta": "stick",
+            "M_lon": "pitch_command",
+        },
+    ),
     "roll": (
         "p",
-        {"Cl_beta": "beta", "Cl_p": "p", "Cl_r": "r", "Cl_da": "aileron", "Cl_dr": "rudder", "L_lat": "roll_command"},
+        {
+            "Cl_beta": "beta",
+            "Cl_p": "p",
+            "Cl_r": "r",
+            "Cl_da": "aileron",
+            "Cl_dr": "rudder",
+            "L_lat": "roll_command",
+        },
     ),
     "yaw": (
         "r",
-        {"Cn_beta": "beta", "Cn_p": "p", "Cn_r": "r", "Cn_da": "aileron", "Cn_dr": "rudder", "N_ped": "yaw_command"},
+        {
+            "Cn_beta": "beta",
+            "Cn_p": "p",
+            "Cn_r": "r",
+            "Cn_da": "aileron",
+            "Cn_dr": "rudder",
+            "N_ped": "yaw_command",
+        },
     ),
     "throttle": ("airspeed", {"X_V": "airspeed", "X_thrust": "thrust"}),
 }
@@ -63,7 +88,8 @@ LARGEST = 1000.0  # of a t value: noise-free records have no other limit
 
 
 def excitation_of(stretch: Stretch, start: float, end: float, axis: str) -> dict[str, float]:
-    """Derivative -> absolute t value from the rows about a maneuver; empty where what is needed is not recorded.
+    """Derivative -> absolute t value from the rows about a maneuver; empty where what is needed is
+    not recorded.
 
     Parameters
     ----------
@@ -75,8 +101,14 @@ def excitation_of(stretch: Stretch, start: float, end: float, axis: str) -> dict
     if output not in signals:
         return {}
     block = max(1, round(min(AVERAGED, (end - start + BEFORE + AFTER) / 60.0) / stretch.step))
-    averaged = {name: _averaged(signals[channel][rows], block) for name, channel in regressors.items() if channel in signals}
-    averaged = {name: values for name, values in averaged.items() if values.size and np.ptp(values) > 0.0}
+    averaged = {
+        name: _averaged(signals[channel][rows], block)
+        for name, channel in regressors.items()
+        if channel in signals
+    }
+    averaged = {
+        name: values for name, values in averaged.items() if values.size and np.ptp(values) > 0.0
+    }
     measured = _averaged(signals[output][rows], block)
     if measured.size < FEWEST * (len(averaged) + 1) or not averaged:
         return {}
@@ -89,11 +121,18 @@ def excitation_of(stretch: Stretch, start: float, end: float, axis: str) -> dict
         return {}
     residual = wanted - scaled @ estimate
     power = float(residual @ residual)
-    rho = float(np.clip(residual[1:] @ residual[:-1] / power, 0.0, CORRELATED)) if power > 0.0 else 0.0
+    rho = (
+        float(np.clip(residual[1:] @ residual[:-1] / power, 0.0, CORRELATED))
+        if power > 0.0
+        else 0.0
+    )
     variance = power / (measured.size - len(averaged) - 1) * (1.0 + rho) / (1.0 - rho)
     sigma = np.sqrt(np.maximum(variance * np.diag(np.linalg.inv(scaled.T @ scaled)), 0.0))
     t = np.minimum(np.abs(estimate), LARGEST * sigma) / np.where(sigma > 0.0, sigma, 1.0)
-    return {name: float(value) if s > 0.0 else LARGEST for name, value, s in zip(averaged, t, sigma, strict=True)}
+    return {
+        name: float(value) if s > 0.0 else LARGEST
+        for name, value, s in zip(averaged, t, sigma, strict=True)
+    }
 
 
 def _averaged(values: np.ndarray, block: int) -> np.ndarray:
@@ -134,7 +173,10 @@ def turns(stretch: Stretch) -> list[Maneuver]:
         if np.count_nonzero(np.abs(inside - middle) < 0.2 * abs(middle)) * stretch.step < HELD:
             continue
         first, last = _to_level(bank * math.copysign(1.0, middle), lobe, LEVEL * abs(middle))
-        if np.count_nonzero(np.abs(bank[first:last] - middle) < 0.2 * abs(middle)) * stretch.step > HELD_SHARE * (last - first) * stretch.step:
+        if (
+            np.count_nonzero(np.abs(bank[first:last] - middle) < 0.2 * abs(middle)) * stretch.step
+            > HELD_SHARE * (last - first) * stretch.step
+        ):
             out.append(
                 Maneuver(
                     float(stretch.time[first]),
@@ -149,20 +191,28 @@ def turns(stretch: Stretch) -> list[Maneuver]:
 
 
 def _to_level(signal: np.ndarray, lobe: Lobe, level: float) -> tuple[int, int]:
-    """The samples before and after a positive lobe at which the signal is below ``level``; the ends of the signal where it never is."""
+    """The samples before and after a positive lobe at which the signal is below ``level``; the ends
+    of the signal where it never is.
+    """
     before = np.flatnonzero(signal[: lobe.first] < level)
     after = np.flatnonzero(signal[lobe.last :] < level)
-    return int(before[-1]) if before.size else 0, lobe.last + int(after[0]) if after.size else signal.size - 1
+    return int(before[-1]) if before.size else 0, lobe.last + int(
+        after[0]
+    ) if after.size else signal.size - 1
 
 
 def pulls(stretch: Stretch) -> list[tuple[int, int]]:
-    """Parts in which the load factor stays away from that of the bank: first sample, and the one after the last."""
+    """Parts in which the load factor stays away from that of the bank: first sample, and the one
+    after the last.
+    """
     if "nz" not in stretch.outputs:
         return []
     steady = 1.0
     if "phi" in stretch.outputs:
         steady = 1.0 / np.maximum(np.cos(stretch.outputs["phi"]), 0.2)
-    excess = uniform_filter1d(stretch.outputs["nz"] - steady, stretch.samples(SMOOTH), mode="nearest")
+    excess = uniform_filter1d(
+        stretch.outputs["nz"] - steady, stretch.samples(SMOOTH), mode="nearest"
+    )
     excess = excess - trim_of(stretch, excess)
     out = []
     for lobe in lobes_of(excess, PULL, join=False):
@@ -172,18 +222,31 @@ def pulls(stretch: Stretch) -> list[tuple[int, int]]:
     return out
 
 
-def trim_points(stretch: Stretch, quiet: np.ndarray, controls: Mapping[str, np.ndarray]) -> list[Maneuver]:
-    """Parts of at least ``TRIM_TIME`` in which the inputs are quiet (``(N,)``) and speed, height, attitude and controls are constant.
+def trim_points(
+    stretch: Stretch, quiet: np.ndarray, controls: Mapping[str, np.ndarray]
+) -> list[Maneuver]:
+    """Parts of at least ``TRIM_TIME`` in which the inputs are quiet (``(N,)``) and speed, height,
+    attitude and controls are constant.
 
-    ``controls`` : by how much the averages over 1 s of each may change meanwhile, ``(N,)``, in its unit.
+    ``controls`` : by how much the averages over 1 s of each may change meanwhile, ``(N,)``, in its
+    unit.
     """
     size = stretch.samples(TRIM_TIME)
     steady = quiet.copy()
-    looked = [(name, stretch.outputs[name], spread) for name, spread in TRIM_SPREAD.items() if name in stretch.outputs]
-    for name, values, spread in [*looked, *((name, stretch.inputs[name], spread) for name, spread in controls.items())]:
+    looked = [
+        (name, stretch.outputs[name], spread)
+        for name, spread in TRIM_SPREAD.items()
+        if name in stretch.outputs
+    ]
+    for name, values, spread in [
+        *looked,
+        *((name, stretch.inputs[name], spread) for name, spread in controls.items()),
+    ]:
         smooth = uniform_filter1d(values, stretch.samples(1.0), mode="nearest")
         allowed = spread * np.abs(smooth) if name == "airspeed" else spread
-        around = maximum_filter1d(smooth, size, mode="nearest") - minimum_filter1d(smooth, size, mode="nearest")
+        around = maximum_filter1d(smooth, size, mode="nearest") - minimum_filter1d(
+            smooth, size, mode="nearest"
+        )
         steady &= around <= allowed
     # Each steady sample is the middle of a steady window; between two of them it stays steady.
     edges = np.flatnonzero(np.diff(steady.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
@@ -197,7 +260,11 @@ def trim_points(stretch: Stretch, quiet: np.ndarray, controls: Mapping[str, np.n
         if (high - low) * stretch.step >= TRIM_TIME:
             if out and stretch.time[low] <= out[-1].end:
                 low = int(np.searchsorted(stretch.time, out.pop().start))
-            out.append(Maneuver(float(stretch.time[low]), float(stretch.time[high - 1]), "all", "trim", "", 0.0))
+            out.append(
+                Maneuver(
+                    float(stretch.time[low]), float(stretch.time[high - 1]), "all", "trim", "", 0.0
+                )
+            )
     return out
 
 
@@ -209,7 +276,11 @@ def mean_conditions(stretch: Stretch, start: float, end: float) -> dict[str, flo
         ("altitude", "height"),
         ("height", "height"),
     )
-    return {shown: float(np.mean(stretch.outputs[name][rows])) for name, shown in names if name in stretch.outputs}
+    return {
+        shown: float(np.mean(stretch.outputs[name][rows]))
+        for name, shown in names
+        if name in stretch.outputs
+    }
 
 
 # ---- The search
@@ -225,15 +296,20 @@ DOMINANT = 0.5  # of an oscillation's energy, from which on one pattern of level
 AT_REST = 1.5  # s about a pattern of levels in which there is no smaller one: neither began at rest
 RECOVERY = 8.0  # s after another maneuver in which the pilot recovers and pulls up nothing
 SHARP = 0.45  # sharpness, from which on an input that changes the load factor is no pull-up
-ROLLING = 8.0  # s about the beginning and the end of a turn in which roll and yaw inputs belong to it
+# s about the beginning and the end of a turn in which roll and yaw inputs belong to it
+ROLLING = 8.0
 DAMPED = {"yaw": "r"}  # rate that a damper feeds back, where taking it off was measured to help
 COHERENT = 0.3  # share of a control's motion at rest that its damper must explain
-# Ratio of the rises of two controls above their rest levels, from which on the smaller follows the larger. Of 40 simulated
-# flights it changes nothing; without it three reactions of ATTAS and of a quadrotor are called doublets and pulses.
+# Ratio of the rises of two controls above their rest levels, from which on the smaller follows the
+# larger. Of 40 simulated flights it changes nothing; without it three reactions of ATTAS and of a
+# quadrotor are called doublets and pulses.
 LEADS = 2.0
-STEADY = 0.1  # of a control's range, that its averages over 1 s may change in the time of a trim point; or twice SEED
+# of a control's range, that its averages over 1 s may change in the time of a trim point; or twice
+# SEED
+STEADY = 0.1
 ALL = "all"  # axis of a trim point
-# Least strength, flatness, edge and sharpness of each kind, chosen on the flights 0 to 19 of tests/long_flights.
+# Least strength, flatness, edge and sharpness of each kind, chosen on the flights 0 to 19 of
+# tests/long_flights.
 ACCEPT: Mapping[str, tuple[float, float, float, float]] = {
     "step": (3.5, 0.6, 5.5, 0.6),
     "pulse": (8.0, 0.75, 7.0, 0.5),
@@ -264,15 +340,18 @@ class ManeuverCandidate:
 def find_maneuvers(signals: FlightSignals) -> tuple[Maneuver, ...]:
     """All maneuvers and trim points of a record, in the order of their times.
 
-    Each control is searched for level changes that make a pattern and for oscillations that rise above its local rest level; the
-    motion for bank angles and load factors that are held. Of controls that move at the same time the strongest counts, others follow it.
+    Each control is searched for level changes that make a pattern and for oscillations that rise
+    above its local rest level; the motion for bank angles and load factors that are held. Of
+    controls that move at the same time the strongest counts, others follow it.
     """
     found = [each for stretch in stretches(signals) for each in _found_in(stretch)]
     return tuple(sorted(found, key=lambda each: (each.start, each.axis)))
 
 
 def active_share(signals: FlightSignals) -> float:
-    """Share of a record's time in which some control moves beyond its rest level; zero where it has none."""
+    """Share of a record's time in which some control moves beyond its rest level; zero where it has
+    none.
+    """
     moving, total = 0, 0
     for stretch in stretches(signals):
         active = np.zeros(stretch.time.size, dtype=bool)
@@ -285,9 +364,11 @@ def active_share(signals: FlightSignals) -> float:
 
 
 def without_feedback(stretch: Stretch, name: str) -> np.ndarray:
-    """A control without what a damper adds to it: its share of the angular rate, as the samples at rest show it.
+    """A control without what a damper adds to it: its share of the angular rate, as the samples at
+    rest show it.
 
-    The control comes back as it is where the rate explains less than ``COHERENT`` of its motion at rest.
+    The control comes back as it is where the rate explains less than ``COHERENT`` of its motion at
+    rest.
     """
     values, rate = stretch.inputs[name], DAMPED.get(AXES[name], "")
     if rate not in stretch.outputs:
@@ -303,29 +384,43 @@ def without_feedback(stretch: Stretch, name: str) -> np.ndarray:
 
 
 def _found_in(stretch: Stretch) -> list[Maneuver]:
-    stretch = replace(stretch, inputs={name: without_feedback(stretch, name) for name in stretch.inputs})
+    stretch = replace(
+        stretch, inputs={name: without_feedback(stretch, name) for name in stretch.inputs}
+    )
     activities = {name: activity_of(stretch, values) for name, values in stretch.inputs.items()}
-    candidates = [each for name, activity in activities.items() for each in candidates_of(stretch, name, activity)]
+    candidates = [
+        each
+        for name, activity in activities.items()
+        for each in candidates_of(stretch, name, activity)
+    ]
     turning = turns(stretch)
     candidates = with_pulls(stretch, activities, candidates)
     candidates = [each for each in candidates if not _rolls_into(stretch, each, turning)]
     candidates = without_reactions(activities, candidates)
     moves = [*(_maneuver(stretch, each) for each in candidates), *turning]
     # A slow ramp of a control is no deviation from the running trim, and no trim point either.
-    steady = {name: np.maximum(STEADY * float(np.ptp(stretch.inputs[name])), 2.0 * SEED * each.rest) for name, each in activities.items()}
+    steady = {
+        name: np.maximum(STEADY * float(np.ptp(stretch.inputs[name])), 2.0 * SEED * each.rest)
+        for name, each in activities.items()
+    }
     calm = trim_points(stretch, _quiet(stretch, activities, moves), steady)
     return [
         replace(
             each,
             conditions=mean_conditions(stretch, each.start, each.end),
-            excitation={} if each.axis == ALL else excitation_of(stretch, each.start, each.end, each.axis),
+            excitation={}
+            if each.axis == ALL
+            else excitation_of(stretch, each.start, each.end, each.axis),
         )
         for each in (*moves, *calm)
     ]
 
 
 def _maneuver(stretch: Stretch, each: ManeuverCandidate) -> Maneuver:
-    start, end = (float(stretch.time[min(k, stretch.time.size - 1)]) for k in (each.shape.first, each.shape.last))
+    start, end = (
+        float(stretch.time[min(k, stretch.time.size - 1)])
+        for k in (each.shape.first, each.shape.last)
+    )
     return Maneuver(start, end, each.axis, each.shape.kind, each.channel, each.shape.amplitude)
 
 
@@ -336,7 +431,9 @@ def _ratio(activity: Activity, rows: slice | None = None) -> np.ndarray:
     return np.divide(energy, rest, out=np.zeros_like(energy), where=rest > 0.0)
 
 
-def _quiet(stretch: Stretch, activities: Mapping[str, Activity], moves: Sequence[Maneuver]) -> np.ndarray:
+def _quiet(
+    stretch: Stretch, activities: Mapping[str, Activity], moves: Sequence[Maneuver]
+) -> np.ndarray:
     """Samples at which no control moves beyond its rest level and no maneuver is flown."""
     quiet = np.ones(stretch.time.size, dtype=bool)
     for activity in activities.values():
@@ -347,18 +444,30 @@ def _quiet(stretch: Stretch, activities: Mapping[str, Activity], moves: Sequence
 
 
 def accepted(each: ManeuverCandidate) -> bool:
-    """Whether a candidate is stronger, flatter and sharper than what a pilot does between maneuvers."""
+    """Whether a candidate is stronger, flatter and sharper than what a pilot does between
+    maneuvers.
+    """
     strength, flatness, edge, sharpness = ACCEPT[each.shape.kind]
     shape = each.shape
-    return each.strength >= strength and shape.flatness >= flatness and shape.edge >= edge and shape.sharpness >= sharpness
+    return (
+        each.strength >= strength
+        and shape.flatness >= flatness
+        and shape.edge >= edge
+        and shape.sharpness >= sharpness
+    )
 
 
 def candidates_of(stretch: Stretch, name: str, activity: Activity) -> list[ManeuverCandidate]:
-    """Patterns of levels and oscillations of a control that are strong enough, none overlapping another."""
+    """Patterns of levels and oscillations of a control that are strong enough, none overlapping
+    another.
+    """
     if not np.any(activity.rest > 0.0):
         return []
     values = stretch.inputs[name]
-    found = [_candidate(name, shape, activity) for shape in step_shapes(stretch, values, values - activity.deviation)]
+    found = [
+        _candidate(name, shape, activity)
+        for shape in step_shapes(stretch, values, values - activity.deviation)
+    ]
     found = _from_rest([each for each in found if accepted(each)], stretch.samples(AT_REST))
     ratio, margin = _ratio(activity), stretch.samples(MARGIN)
     for first, last in active_parts(ratio, stretch.samples(QUIET)):
@@ -377,7 +486,9 @@ def candidates_of(stretch: Stretch, name: str, activity: Activity) -> list[Maneu
 
 
 def _candidate(name: str, shape: Shape, activity: Activity) -> ManeuverCandidate:
-    return ManeuverCandidate(name, shape, shape.amplitude / float(np.mean(activity.rest[shape.first : shape.last])))
+    return ManeuverCandidate(
+        name, shape, shape.amplitude / float(np.mean(activity.rest[shape.first : shape.last]))
+    )
 
 
 def _energy(activity: Activity, shape: Shape) -> float:
@@ -385,19 +496,27 @@ def _energy(activity: Activity, shape: Shape) -> float:
 
 
 def _from_rest(candidates: Sequence[ManeuverCandidate], rest: int) -> list[ManeuverCandidate]:
-    """The candidates, largest first, without those within ``rest`` samples of a larger one of their control."""
+    """The candidates, largest first, without those within ``rest`` samples of a larger one of their
+    control.
+    """
     kept: list[ManeuverCandidate] = []
     for each in sorted(
         candidates,
         key=lambda each: -each.strength * float(np.sqrt(each.shape.last - each.shape.first)),
     ):
-        if not any(each.shape.first < other.shape.last + rest and other.shape.first < each.shape.last + rest for other in kept):
+        if not any(
+            each.shape.first < other.shape.last + rest
+            and other.shape.first < each.shape.last + rest
+            for other in kept
+        ):
             kept.append(each)
     return kept
 
 
 def active_parts(ratio: np.ndarray, quiet: int) -> list[tuple[int, int]]:
-    """Runs above ``EDGE`` that reach ``SEED``; those with fewer than ``quiet`` samples between them are one."""
+    """Runs above ``EDGE`` that reach ``SEED``; those with fewer than ``quiet`` samples between them
+    are one.
+    """
     edges = np.flatnonzero(np.diff((ratio > EDGE).astype(np.int8), prepend=0, append=0))
     out: list[tuple[int, int]] = []
     for first, last in edges.reshape(-1, 2):
@@ -416,61 +535,108 @@ def _rolls_into(stretch: Stretch, each: ManeuverCandidate, turning: Sequence[Man
         stretch.time[each.shape.first],
         stretch.time[min(each.shape.last, stretch.time.size - 1)],
     )
-    return any(abs(edge - 0.5 * (start + end)) < ROLLING or start < edge < end for turn in turning for edge in (turn.start, turn.end))
+    return any(
+        abs(edge - 0.5 * (start + end)) < ROLLING or start < edge < end
+        for turn in turning
+        for edge in (turn.start, turn.end)
+    )
 
 
-def with_pulls(stretch: Stretch, activities: Mapping[str, Activity], candidates: list[ManeuverCandidate]) -> list[ManeuverCandidate]:
-    """The candidates with pull-ups in the place of smooth inputs of the pitch control that change the load factor and hold it."""
+def with_pulls(
+    stretch: Stretch, activities: Mapping[str, Activity], candidates: list[ManeuverCandidate]
+) -> list[ManeuverCandidate]:
+    """The candidates with pull-ups in the place of smooth inputs of the pitch control that change
+    the load factor and hold it.
+    """
     control = next((name for name in activities if AXES[name] == "pitch"), None)
     if control is None or not np.any(activities[control].rest > 0.0):
         return candidates
     activity, recovery = activities[control], stretch.samples(RECOVERY)
     for first, last in pulls(stretch):
         lobe = _pulling(stretch, activity, first, last)
-        near = [c for c in candidates if c.axis == "pitch" and accepted(c) and c.shape.first < last and c.shape.last > first - recovery]
-        if lobe is None or any(c.shape.sharpness > SHARP or c.shape.kind in ALTERNATING for c in near):
+        near = [
+            c
+            for c in candidates
+            if c.axis == "pitch"
+            and accepted(c)
+            and c.shape.first < last
+            and c.shape.last > first - recovery
+        ]
+        if lobe is None or any(
+            c.shape.sharpness > SHARP or c.shape.kind in ALTERNATING for c in near
+        ):
             continue
         amplitude = float(np.max(np.abs(activity.deviation[slice(*lobe)])))
         strength = amplitude / float(np.mean(activity.rest[slice(*lobe)]))
-        candidates = [c for c in candidates if c.axis != "pitch" or c.shape.last <= lobe[0] or c.shape.first >= last + recovery]
+        candidates = [
+            c
+            for c in candidates
+            if c.axis != "pitch" or c.shape.last <= lobe[0] or c.shape.first >= last + recovery
+        ]
         pull = ManeuverCandidate(control, Shape("pull-up", *lobe, amplitude), strength)
         candidates += [pull] if accepted(pull) else []
     return candidates
 
 
 def _pulling(stretch: Stretch, activity: Activity, first: int, last: int) -> tuple[int, int] | None:
-    """The lobe of a control that leads to an excursion of the load factor: the first strong one that begins at most 2 s before it."""
+    """The lobe of a control that leads to an excursion of the load factor: the first strong one
+    that begins at most 2 s before it.
+    """
     before, after = (
         max(0, first - stretch.samples(2.0)),
         min(activity.deviation.size, last + stretch.samples(10.0)),
     )
     part = activity.deviation[before:after]
     amplitude = float(np.max(np.abs(part[: last - before])))
-    lobes = [each for each in lobes_of(part, SWITCH * amplitude) if each.size * stretch.step > 0.8 and before + each.first < last]
+    lobes = [
+        each
+        for each in lobes_of(part, SWITCH * amplitude)
+        if each.size * stretch.step > 0.8 and before + each.first < last
+    ]
     return (before + lobes[0].first, before + lobes[0].last) if lobes else None
 
 
-def without_reactions(activities: Mapping[str, Activity], candidates: Sequence[ManeuverCandidate]) -> list[ManeuverCandidate]:
-    """The candidates without those that overlap a stronger one of another control; multisines of lines of their own stay."""
+def without_reactions(
+    activities: Mapping[str, Activity], candidates: Sequence[ManeuverCandidate]
+) -> list[ManeuverCandidate]:
+    """The candidates without those that overlap a stronger one of another control; multisines of
+    lines of their own stay.
+    """
     kept: list[ManeuverCandidate] = []
     for each in sorted(candidates, key=lambda each: -each.strength * each.shape.flatness):
         others = [
-            other for other in kept if other.channel != each.channel and other.shape.first < each.shape.last and each.shape.first < other.shape.last
+            other
+            for other in kept
+            if other.channel != each.channel
+            and other.shape.first < each.shape.last
+            and each.shape.first < other.shape.last
         ]
-        if all(_independent(activities, each, other) for other in others) and not _follows(activities, each):
+        if all(_independent(activities, each, other) for other in others) and not _follows(
+            activities, each
+        ):
             kept.append(each)
     return kept
 
 
 def _follows(activities: Mapping[str, Activity], each: ManeuverCandidate) -> bool:
-    """Whether another control moves more than ``LEADS`` times as far above its rest level meanwhile, be it without a form."""
+    """Whether another control moves more than ``LEADS`` times as far above its rest level
+    meanwhile, be it without a form.
+    """
     rows = slice(each.shape.first, each.shape.last)
-    peaks = {name: float(np.max(_ratio(activity, rows))) for name, activity in activities.items() if AXES[name] != "throttle"}
+    peaks = {
+        name: float(np.max(_ratio(activity, rows)))
+        for name, activity in activities.items()
+        if AXES[name] != "throttle"
+    }
     return each.channel in peaks and max(peaks.values()) > LEADS * peaks[each.channel]
 
 
-def _independent(activities: Mapping[str, Activity], one: ManeuverCandidate, other: ManeuverCandidate) -> bool:
+def _independent(
+    activities: Mapping[str, Activity], one: ManeuverCandidate, other: ManeuverCandidate
+) -> bool:
     if not (one.shape.kind in OSCILLATIONS and other.shape.kind in OSCILLATIONS):
         return False
     rows = slice(max(one.shape.first, other.shape.first), min(one.shape.last, other.shape.last))
-    return not same_lines(activities[one.channel].deviation[rows], activities[other.channel].deviation[rows])
+    return not same_lines(
+        activities[one.channel].deviation[rows], activities[other.channel].deviation[rows]
+    )

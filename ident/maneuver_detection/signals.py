@@ -41,7 +41,8 @@ class FlightSignals:
     ----------
     time : shape ``(N,)``, s, increasing.
     inputs : control -> ``(N,)``, SI; the keys of ``AXES`` are searched.
-    outputs : motion -> ``(N,)``, SI, nz in g; NaN where a sample is missing. Used: alpha, q, nz, theta, airspeed, height or altitude,
+    outputs : motion -> ``(N,)``, SI, nz in g; NaN where a sample is missing. Used: alpha, q, nz,
+    theta, airspeed, height or altitude,
         beta, p, r, phi, psi.
     """
 
@@ -62,7 +63,8 @@ class Maneuver:
     channel : the input that moves, ``"phi"`` of a turn, empty of a trim point.
     amplitude : largest deviation from trim, in the channel's unit. Zero of a trim point.
     conditions : mean airspeed (m/s) and height (m), of what is recorded.
-    excitation : derivative -> absolute t value of its equation-error estimate from this maneuver alone.
+    excitation : derivative -> absolute t value of its equation-error estimate from this maneuver
+    alone.
     """
 
     start: float
@@ -93,7 +95,8 @@ KINDS = (
 class Stretch:
     """A part of a record without a pause, on an even grid.
 
-    ``time``, ``inputs``, ``outputs`` as in ``Signals``, without NaN: an output that is missing for good is left out. ``step``: s.
+    ``time``, ``inputs``, ``outputs`` as in ``Signals``, without NaN: an output that is missing for
+    good is left out. ``step``: s.
     """
 
     time: np.ndarray
@@ -119,7 +122,8 @@ class Activity:
 
     Attributes
     ----------
-    deviation : ``(N,)``, control minus trim. energy : ``(N,)``, its short-time root mean square. rest : ``(N,)``, local level of that at rest.
+    deviation : ``(N,)``, control minus trim. energy : ``(N,)``, its short-time root mean square.
+    rest : ``(N,)``, local level of that at rest.
     """
 
     deviation: np.ndarray
@@ -128,7 +132,9 @@ class Activity:
 
 
 def stretches(signals: FlightSignals) -> Iterator[Stretch]:
-    """The parts of a record between pauses, each on an even grid of at most ``FASTEST``; parts of fewer than eight rows are left out."""
+    """The parts of a record between pauses, each on an even grid of at most ``FASTEST``; parts of
+    fewer than eight rows are left out.
+    """
     time = np.asarray(signals.time, dtype=float)
     intervals = np.diff(time)
     usual = float(np.median(intervals)) if intervals.size else 1.0
@@ -153,10 +159,20 @@ def _even(signals: FlightSignals, rows: slice, usual: float) -> Stretch:
             return None
         if not even or not known.all():
             whole = np.interp(grid, time[known], whole[known])
-        return whole[: count // block * block].reshape(-1, block).mean(axis=1) if block > 1 else whole
+        return (
+            whole[: count // block * block].reshape(-1, block).mean(axis=1) if block > 1 else whole
+        )
 
-    inputs = {name: values for name in AXES if name in signals.inputs and (values := on_grid(signals.inputs[name])) is not None}
-    outputs = {name: values for name, each in signals.outputs.items() if (values := on_grid(each)) is not None}
+    inputs = {
+        name: values
+        for name in AXES
+        if name in signals.inputs and (values := on_grid(signals.inputs[name])) is not None
+    }
+    outputs = {
+        name: values
+        for name, each in signals.outputs.items()
+        if (values := on_grid(each)) is not None
+    }
     if block > 1:
         grid = grid[: count // block * block].reshape(-1, block).mean(axis=1)
     return Stretch(grid, usual * block, inputs, outputs)
@@ -165,7 +181,9 @@ def _even(signals: FlightSignals, rows: slice, usual: float) -> Stretch:
 def activity_of(stretch: Stretch, values: np.ndarray) -> Activity:
     """Deviation of a control from its running median, short-time energy and local rest level."""
     deviation = values - trim_of(stretch, values)
-    return Activity(deviation, short_time_energy(stretch, deviation), rest_level(stretch, deviation))
+    return Activity(
+        deviation, short_time_energy(stretch, deviation), rest_level(stretch, deviation)
+    )
 
 
 def short_time_energy(stretch: Stretch, deviation: np.ndarray) -> np.ndarray:
@@ -176,7 +194,9 @@ def short_time_energy(stretch: Stretch, deviation: np.ndarray) -> np.ndarray:
 
 
 def rest_level(stretch: Stretch, deviation: np.ndarray) -> np.ndarray:
-    """The short-time energy at rest: a low quantile over ``REST_WINDOW``, which maneuvers that fill most of it do not raise."""
+    """The short-time energy at rest: a low quantile over ``REST_WINDOW``, which maneuvers that fill
+    most of it do not raise.
+    """
     every = stretch.samples(ENERGY_WINDOW)
     coarse = short_time_energy(stretch, deviation)[every // 2 :: every]
     size = round(REST_WINDOW / ENERGY_WINDOW)
@@ -192,7 +212,9 @@ def rest_level(stretch: Stretch, deviation: np.ndarray) -> np.ndarray:
 
 
 def trim_of(stretch: Stretch, values: np.ndarray) -> np.ndarray:
-    """The running median of a signal over ``TRIM_WINDOW``, which an input held for less than half of it does not move."""
+    """The running median of a signal over ``TRIM_WINDOW``, which an input held for less than half
+    of it does not move.
+    """
     block = stretch.samples(1.0 / TRIM_RATE)
     if values.size < 4 * block:
         return np.full(values.size, float(np.median(values)))
@@ -216,28 +238,39 @@ LONG_PULSE = 4.0  # s, from which on a level that returns is a step
 LONGEST = 16.0  # s, of one level
 LEVELS = 0.3  # of the largest level, which each must reach
 RETURN = 0.6  # of the largest level, to which the input must return
-CANCEL = 0.35  # of the larger, by which the two level changes of a pulse or a step may differ where the pilot moves the trim meanwhile
-OPEN = 0.8  # of the largest level, by which the sum of a pattern's level changes may differ from zero
-COMPLETE = 0.15  # power of the number of levels in the merit of a pattern: of two that are alike the fuller one counts
-STEADY_BEFORE, STEADY_AFTER = 2.0, LONG_PULSE  # s, for which the levels about a lasting step are kept
+# of the larger, by which the two level changes of a pulse or a step may differ where the pilot
+# moves the trim meanwhile
+CANCEL = 0.35
+# of the largest level, by which the sum of a pattern's level changes may differ from zero
+OPEN = 0.8
+# power of the number of levels in the merit of a pattern: of two that are alike the fuller one
+# counts
+COMPLETE = 0.15
+# s, for which the levels about a lasting step are kept
+STEADY_BEFORE, STEADY_AFTER = 2.0, LONG_PULSE
 STEADY = 0.15  # of a lasting step, by which these levels may scatter
 LASTING = 10.0  # s of a lasting step that are its maneuver
 SETTLE = 0.6  # s before and after a pattern, over which the levels outside are averaged
 SHARES = {"3-2-1-1": np.array([3.0, 2.0, 1.0, 1.0]) / 7.0}
 SHARE_ERROR = 0.1  # of the whole duration, by which a level of a 3-2-1-1 may be off
-PAUSED = (0.75, 7.0)  # flatness and edge of each half of a doublet with a pause, as of a pulse that counts by itself
+# flatness and edge of each half of a doublet with a pause, as of a pulse that counts by itself
+PAUSED = (0.75, 7.0)
 UNLIKE = 2.2  # ratio of durations of the two levels of a doublet
 SWITCH = 0.35  # of the amplitude, at which a half wave begins and ends
 AMPLITUDE = 95.0  # per cent of the larger samples that do not exceed the amplitude
 OSCILLATION = 7  # half waves, from which on an input is an oscillation
-TREND = 0.65  # rank correlation of the half waves' lengths with their order, from which on an oscillation is a sweep
+# rank correlation of the half waves' lengths with their order, from which on an oscillation is a
+# sweep
+TREND = 0.65
 LINES = 0.7  # likeness of two spectra, from which on one follows the other
 SPREAD = 1.6  # ratio of the first third's to the last third's mean length in a sweep
 
 
 @dataclass(frozen=True)
 class Lobe:
-    """A run of one sign beyond the switching level: samples ``first`` to before ``last``, mean ``level``."""
+    """A run of one sign beyond the switching level: samples ``first`` to before ``last``, mean
+    ``level``.
+    """
 
     first: int
     last: int
@@ -254,9 +287,10 @@ class Shape:
 
     Attributes
     ----------
-    kind : one of ``KINDS``. first, last : samples, the end excluded. amplitude : largest level, in the input's unit.
-    flatness : one less the root mean square about the levels over their size. edge : least level change over the rest level of changes.
-    sharpness : least share of a level change that is complete within the shortest of ``RISES``.
+    kind : one of ``KINDS``. first, last : samples, the end excluded. amplitude : largest level, in
+    the input's unit. flatness : one less the root mean square about the levels over their size.
+    edge : least level change over the rest level of changes. sharpness : least share of a level
+    change that is complete within the shortest of ``RISES``.
     """
 
     kind: str
@@ -269,7 +303,9 @@ class Shape:
 
 
 def lobes_of(deviation: np.ndarray, switch: float, *, join: bool = True) -> list[Lobe]:
-    """Runs in which a signal stays beyond ``switch`` on one side, in their order; ``join`` makes adjacent ones of one sign one."""
+    """Runs in which a signal stays beyond ``switch`` on one side, in their order; ``join`` makes
+    adjacent ones of one sign one.
+    """
     sign = np.where(deviation > switch, 1, np.where(deviation < -switch, -1, 0)).astype(np.int8)
     edges = np.flatnonzero(np.diff(sign, prepend=0, append=0))
     out: list[Lobe] = []
@@ -283,7 +319,8 @@ def lobes_of(deviation: np.ndarray, switch: float, *, join: bool = True) -> list
 
 
 def step_shapes(stretch: Stretch, values: np.ndarray, trim: np.ndarray) -> list[Shape]:
-    """Steps, pulses, doublets and other sequences of levels in a control, none overlapping another; the largest come first.
+    """Steps, pulses, doublets and other sequences of levels in a control, none overlapping another;
+    the largest come first.
 
     ``values``, ``trim`` : ``(N,)``, the control and its local trim.
     """
@@ -294,8 +331,12 @@ def step_shapes(stretch: Stretch, values: np.ndarray, trim: np.ndarray) -> list[
     for rise in RISES:
         moved = _changes(stretch, values, rise)
         rest = rest_level(stretch, moved)
-        at, _ = find_peaks(np.abs(moved), height=EDGE_STRENGTH * rest, distance=max(2, stretch.samples(0.5 * rise)))
-        control = _Control(stretch, values, trim, moved, fast, rest, max(1, stretch.samples(0.5 * rise)))
+        at, _ = find_peaks(
+            np.abs(moved), height=EDGE_STRENGTH * rest, distance=max(2, stretch.samples(0.5 * rise))
+        )
+        control = _Control(
+            stretch, values, trim, moved, fast, rest, max(1, stretch.samples(0.5 * rise))
+        )
         for some in (at, *(_major(at, moved, stretch.samples(NEAR), share) for share in MINOR)):
             for times in _sequences(stretch, some, moved):
                 if times not in found and (one := _pattern(control, np.array(times))) is not None:
@@ -308,33 +349,61 @@ def step_shapes(stretch: Stretch, values: np.ndarray, trim: np.ndarray) -> list[
     return [*out, *_lasting(control, at, out)]
 
 
-def _paused(deviation: np.ndarray, found: Sequence[tuple[float, Shape]]) -> Iterator[tuple[float, Shape]]:
-    """Doublets with a pause between their halves: pulses of opposite sign and like duration, apart by no more than the shorter of them."""
-    pulses = sorted(((merit, one) for merit, one in found if one.kind == "pulse"), key=lambda each: each[1].first)
+def _paused(
+    deviation: np.ndarray, found: Sequence[tuple[float, Shape]]
+) -> Iterator[tuple[float, Shape]]:
+    """Doublets with a pause between their halves: pulses of opposite sign and like duration, apart
+    by no more than the shorter of them.
+    """
+    pulses = sorted(
+        ((merit, one) for merit, one in found if one.kind == "pulse"),
+        key=lambda each: each[1].first,
+    )
     for i, (merit, one) in enumerate(pulses):
         for other_merit, other in pulses[i + 1 :]:
             sizes = (one.last - one.first, other.last - other.first)
             if other.first - one.last > min(sizes):
                 break
-            signs = np.mean(deviation[one.first : one.last]) * np.mean(deviation[other.first : other.last])
+            signs = np.mean(deviation[one.first : one.last]) * np.mean(
+                deviation[other.first : other.last]
+            )
             amplitudes = (one.amplitude, other.amplitude)
-            if other.first <= one.last or signs >= 0.0 or max(sizes) > UNLIKE * min(sizes) or min(amplitudes) < LEVELS * max(amplitudes):
+            if (
+                other.first <= one.last
+                or signs >= 0.0
+                or max(sizes) > UNLIKE * min(sizes)
+                or min(amplitudes) < LEVELS * max(amplitudes)
+            ):
                 continue
-            worst = [min(getattr(one, name), getattr(other, name)) for name in ("flatness", "edge", "sharpness")]
+            worst = [
+                min(getattr(one, name), getattr(other, name))
+                for name in ("flatness", "edge", "sharpness")
+            ]
             if worst[0] >= PAUSED[0] and worst[1] >= PAUSED[1]:
-                yield (merit + other_merit) * 2.0**COMPLETE, Shape("doublet", one.first, other.last, max(amplitudes), *worst)
+                yield (
+                    (merit + other_merit) * 2.0**COMPLETE,
+                    Shape("doublet", one.first, other.last, max(amplitudes), *worst),
+                )
 
 
 def _lasting(control: _Control, at: np.ndarray, others: Sequence[Shape]) -> Iterator[Shape]:
-    """Single level changes to a level that is kept, away from other shapes: steps that are not taken back within ``LONGEST``.
+    """Single level changes to a level that is kept, away from other shapes: steps that are not
+    taken back within ``LONGEST``.
 
     Such a step ends ``LASTING`` after it began, or at the next level change.
     """
     values, half = control.values, control.half
     before, after, away = (control.stretch.samples(s) for s in (STEADY_BEFORE, STEADY_AFTER, NEAR))
     for k, following in zip(at.tolist(), [*at.tolist(), values.size][1:], strict=True):
-        parts = values[max(0, k - half - before) : max(1, k - half + 1)], values[k + half : k + half + after]
-        if min(part.size for part in parts) < 0.5 * before or following - k < after or any(o.first < k + away and k < o.last + away for o in others):
+        parts = (
+            values[max(0, k - half - before) : max(1, k - half + 1)],
+            values[k + half : k + half + after],
+        )
+        if (
+            min(part.size for part in parts) < 0.5 * before
+            or following - k < after
+            or any(o.first < k + away and k < o.last + away for o in others)
+        ):
             continue
         jump = float(parts[1].mean() - parts[0].mean())
         scatter = max(float(part.std()) for part in parts)
@@ -342,12 +411,22 @@ def _lasting(control: _Control, at: np.ndarray, others: Sequence[Shape]) -> Iter
             continue
         sharpness = float(np.max(np.abs(control.fast[max(0, k - half) : k + half + 1]))) / abs(jump)
         edge = float(abs(control.moved[k]) / control.rest[k])
-        yield Shape("step", k, min(following, k + control.stretch.samples(LASTING)), abs(jump), 1.0 - scatter / abs(jump), edge, sharpness)
+        yield Shape(
+            "step",
+            k,
+            min(following, k + control.stretch.samples(LASTING)),
+            abs(jump),
+            1.0 - scatter / abs(jump),
+            edge,
+            sharpness,
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class _Control:
-    """A control with its trim, its changes within a rise (``moved``) and within the shortest (``fast``), their rest level, half the rise."""
+    """A control with its trim, its changes within a rise (``moved``) and within the shortest
+    (``fast``), their rest level, half the rise.
+    """
 
     stretch: Stretch
     values: np.ndarray
@@ -359,7 +438,9 @@ class _Control:
 
 
 def _sequences(stretch: Stretch, at: np.ndarray, moved: np.ndarray) -> Iterator[tuple[int, ...]]:
-    """Two to five successive level changes of alternate sign whose sums alternate too and return about to where they began."""
+    """Two to five successive level changes of alternate sign whose sums alternate too and return
+    about to where they began.
+    """
     times, jumps, longest = at.tolist(), moved[at].tolist(), stretch.samples(LONGEST)
     for i in range(len(times) - 1):
         level = jumps[i]
@@ -387,13 +468,20 @@ def _pattern(control: _Control, at: np.ndarray) -> tuple[float, Shape] | None:
     flatness, levels, energy = found
     edge = float(np.min(np.abs(control.moved[at]) / control.rest[at]))
     jumps = np.abs(np.diff([0.0, *levels, 0.0]))
-    fast = [float(np.max(np.abs(control.fast[max(0, k - control.half) : k + control.half + 1]))) for k in at]
+    fast = [
+        float(np.max(np.abs(control.fast[max(0, k - control.half) : k + control.half + 1])))
+        for k in at
+    ]
     sharpness = float(np.min(np.array(fast) / jumps))
-    return flatness * energy * levels.size**COMPLETE, Shape(kind, int(at[0]), int(at[-1]), float(np.max(np.abs(levels))), flatness, edge, sharpness)
+    return flatness * energy * levels.size**COMPLETE, Shape(
+        kind, int(at[0]), int(at[-1]), float(np.max(np.abs(levels))), flatness, edge, sharpness
+    )
 
 
 def _changes(stretch: Stretch, values: np.ndarray, rise: float) -> np.ndarray:
-    """The mean over half of ``rise`` after each sample less the mean before it: largest in the middle of a level change."""
+    """The mean over half of ``rise`` after each sample less the mean before it: largest in the
+    middle of a level change.
+    """
     half = max(1, stretch.samples(0.5 * rise))
     total = np.cumsum(np.pad(values - values[0], (half + 1, half), mode="edge"))
     after, before = total[2 * half :] - total[half:-half], total[half:-half] - total[: -2 * half]
@@ -409,7 +497,9 @@ def _major(at: np.ndarray, moved: np.ndarray, near: int, share: float) -> np.nda
 
 
 def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float] | None:
-    """Flatness, levels and energy of a control between level changes; None where the levels are of no pattern."""
+    """Flatness, levels and energy of a control between level changes; None where the levels are of
+    no pattern.
+    """
     values, half, settle = control.values, control.half, control.stretch.samples(SETTLE)
     before = float(values[max(0, at[0] - half - settle) : max(1, at[0] - half + 1)].mean())
     later = values[at[-1] + half : at[-1] + half + settle]
@@ -420,7 +510,9 @@ def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float
         inside = min(half, (last - first) // 4)
         part = values[first + inside : last - inside + 1] - base
         levels.append(float(part.mean()))
-        line = _slope(part) * (np.arange(part.size) - 0.5 * (part.size - 1)) if at.size == 2 else 0.0
+        line = (
+            _slope(part) * (np.arange(part.size) - 0.5 * (part.size - 1)) if at.size == 2 else 0.0
+        )
         scatter += float(np.sum((part - levels[-1] - line) ** 2))
         weight += part.size
     found = np.array(levels)
@@ -459,7 +551,9 @@ def _kind(durations: np.ndarray) -> str | None:
 
 
 def oscillation_of(deviation: np.ndarray) -> Shape | None:
-    """A sweep where the half waves of a control about its trim become steadily shorter or longer, a multisine where there are many, else None."""
+    """A sweep where the half waves of a control about its trim become steadily shorter or longer, a
+    multisine where there are many, else None.
+    """
     size = np.abs(deviation)
     peak = float(size.max())
     if peak <= 0.0:
@@ -474,11 +568,17 @@ def oscillation_of(deviation: np.ndarray) -> Shape | None:
     trend, ratio = _trend(some)
     if trend >= TREND and max(ratio, 1.0 / ratio) >= SPREAD:
         return Shape("sweep", some[0].first, some[-1].last, amplitude, trend)
-    return Shape("multisine", some[0].first, some[-1].last, amplitude, trend) if len(some) >= OSCILLATION - 1 else None
+    return (
+        Shape("multisine", some[0].first, some[-1].last, amplitude, trend)
+        if len(some) >= OSCILLATION - 1
+        else None
+    )
 
 
 def _trend(lobes: Sequence[Lobe]) -> tuple[float, float]:
-    """How steadily half waves become shorter or longer (rank correlation), and how much longer the first are than the last."""
+    """How steadily half waves become shorter or longer (rank correlation), and how much longer the
+    first are than the last.
+    """
     periods = np.diff([0.5 * (lobe.first + lobe.last) for lobe in lobes])
     if periods.size < OSCILLATION - 2:
         return 0.0, 1.0
@@ -489,9 +589,11 @@ def _trend(lobes: Sequence[Lobe]) -> tuple[float, float]:
 
 
 def same_lines(first: np.ndarray, second: np.ndarray) -> bool:
-    """Whether two oscillations have their energy at the same frequencies, as a control has that follows another.
+    """Whether two oscillations have their energy at the same frequencies, as a control has that
+    follows another.
 
-    Multisines that are flown together have lines of their own each. The likeness is Bhattacharyya's coefficient of the two spectra.
+    Multisines that are flown together have lines of their own each. The likeness is Bhattacharyya's
+    coefficient of the two spectra.
     """
     powers = [np.abs(np.fft.rfft(each - each.mean())) ** 2 for each in (first, second)]
     shares = [power / max(float(power.sum()), 1e-300) for power in powers]

@@ -1,7 +1,8 @@
 """Filter-error fit: maximum likelihood with process noise, over one or several whole records.
 
-Maine and Iliff, NASA RP-1168 (1985); Jategaonkar, Flight Vehicle System Identification, ch. 5. Measurement noise levels, the
-parameters of the process noise (turbulence's intensity and length) and those of the vehicle are estimated together.
+Maine and Iliff, NASA RP-1168 (1985); Jategaonkar, Flight Vehicle System Identification, ch. 5.
+Measurement noise levels, the parameters of the process noise (turbulence's intensity and length)
+and those of the vehicle are estimated together.
 """
 
 from __future__ import annotations
@@ -21,7 +22,14 @@ from ident.process_noise.best_start import (
     noise_start,
     without_measurement_noise,
 )
-from ident.process_noise.innovations_model import SCALE, ProcessNoise, filters_of, has_process_noise, process_noise, restricted_levels
+from ident.process_noise.innovations_model import (
+    SCALE,
+    ProcessNoise,
+    filters_of,
+    has_process_noise,
+    process_noise,
+    restricted_levels,
+)
 from ident.statistics.residual_spectrum import student_factor
 from ident.statistics.residuals import ljung_box
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
@@ -62,26 +70,33 @@ def fit_filter_error(
     calm: System | None = None,
     local: Collection[str] = (),
 ) -> Estimate:
-    """Fit the free parameters of a System with process noise to records by the innovations of a Kalman filter.
+    """Fit the free parameters of a System with process noise to records by the innovations of a
+    Kalman filter.
 
     Parameters
     ----------
     records : one or more; each has its own initial state and its own ``bias_*`` parameters.
-    system : not compiled on line; white noise forces a state, by a noise effect or as declared. The parameters of a noise
-        effect are estimated where they are free; of declared process noise a common factor on its standard deviation.
-    calm : the same model without the noise effect, of which equation error gives a start where the declared values lead astray.
-    local : further parameters of which each record has its own; they are not returned.
+    system : not compiled on line; white noise forces a state, by a noise effect or as declared. The
+    parameters of a noise
+        effect are estimated where they are free; of declared process noise a common factor on its
+        standard deviation.
+    calm : the same model without the noise effect, of which equation error gives a start where the
+    declared values lead astray. local : further parameters of which each record has its own; they
+    are not returned.
 
     Returns
     -------
-    Estimate of the shared free parameters and, for declared process noise, of ``process_noise_scale``. ``noise_std`` are the
-    estimated levels of the measurement noise; ``log_likelihood`` compares with that of an output-error fit of the same data.
-    ``fitted`` is predicted one step ahead: measured minus fitted are the innovations. Outcomes as of ``fit_output_error``;
-    ``DEGENERATE`` where the noise of an output has run to its limit, or a sigma is smaller than the record can give.
+    Estimate of the shared free parameters and, for declared process noise, of
+    ``process_noise_scale``. ``noise_std`` are the estimated levels of the measurement noise;
+    ``log_likelihood`` compares with that of an output-error fit of the same data. ``fitted`` is
+    predicted one step ahead: measured minus fitted are the innovations. Outcomes as of
+    ``fit_output_error``; ``DEGENERATE`` where the noise of an output has run to its limit, or a
+    sigma is smaller than the record can give.
 
     Raises
     ------
-    ModelError : nothing forces a state, a record without any of the outputs, or nothing to estimate.
+    ModelError : nothing forces a state, a record without any of the outputs, or nothing to
+    estimate.
     """
     settings = settings or FitSettings()
     if not has_process_noise(system):
@@ -91,51 +106,80 @@ def fit_filter_error(
             remedy="add a noise effect, declare process noise, or use output-error",
         )
     found, fit = _fitted(records, system, settings, calm or system, local)
-    # One that ends unstable from a start that was not has been made as if nothing grew: what it calls settled has often crept.
+    # One that ends unstable from a start that was not has been made as if nothing grew: what it
+    # calls settled has often crept.
     if fit is not None and fit.outcome is Outcome.CONVERGED and quiet(fit.layout, fit.theta):
         return found
     unstable = started_unstable(records, calm or system, settings, local)
     if unstable is None:
         return found
-    values = dict(zip(unstable.parameters.names, unstable.parameters.values().tolist(), strict=True))
-    mine = started_at(system, {name: value for name, value in values.items() if name in system.parameters})
+    values = dict(
+        zip(unstable.parameters.names, unstable.parameters.values().tolist(), strict=True)
+    )
+    mine = started_at(
+        system, {name: value for name, value in values.items() if name in system.parameters}
+    )
     again, fit = _fitted(records, mine, settings, unstable, local)
-    return again if fit is not None and fit.outcome is Outcome.CONVERGED and _no_worse(again, found) else found
+    return (
+        again
+        if fit is not None and fit.outcome is Outcome.CONVERGED and _no_worse(again, found)
+        else found
+    )
 
 
 def _no_worse(again: Estimate, found: Estimate) -> bool:
-    """Whether a second estimate of the same records may stand for the first: not where it is less sound, or as sound and less likely."""
+    """Whether a second estimate of the same records may stand for the first: not where it is less
+    sound, or as sound and less likely.
+    """
     if found.outcome is not Outcome.CONVERGED:
         return True
     return again.outcome is Outcome.CONVERGED and again.log_likelihood >= found.log_likelihood
 
 
-def _fitted(records: Sequence[Record], system: System, settings: FitSettings, calm: System, local: Collection[str]) -> tuple[Estimate, Fit | None]:
+def _fitted(
+    records: Sequence[Record],
+    system: System,
+    settings: FitSettings,
+    calm: System,
+    local: Collection[str],
+) -> tuple[Estimate, Fit | None]:
     """The estimate from the System's starting values, and its fit; None where there is none."""
     pieces = in_pieces(records, calm, settings, local)
     layout = lay_out([piece for each in pieces for piece in each], system, settings, local=local)
     if not layout.shared:
-        raise ModelError("no parameter is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one")
+        raise ModelError(
+            "no parameter is free",
+            where=f"model with {', '.join(system.parameters.names)}",
+            remedy="release at least one",
+        )
     fit = fit_from_best_start(layout, calm)
     found = failed_estimate(layout, METHOD) if fit is None else filter_error_estimate(fit)
-    found = replace(found, fitted=put_together(found.fitted, pieces), message=said_of_pieces(pieces))
+    found = replace(
+        found, fitted=put_together(found.fitted, pieces), message=said_of_pieces(pieces)
+    )
     return found, fit
 
 
 def noise_levels(fit: Fit) -> dict[str, float]:
-    """Measurement noise by output, and the scale of declared process noise, of a fit with process noise: a warm start for another."""
+    """Measurement noise by output, and the scale of declared process noise, of a fit with process
+    noise: a warm start for another.
+    """
     noise_model = fit.noise_model
     if not isinstance(noise_model, ProcessNoise):
-        return dict(zip(fit.layout.system.output_names, np.sqrt(fit.variance).tolist(), strict=True))
+        return dict(
+            zip(fit.layout.system.output_names, np.sqrt(fit.variance).tolist(), strict=True)
+        )
     std, scale = noise_model.levels(fit.theta)
     return {**dict(zip(noise_model.outputs, std.tolist(), strict=True)), SCALE: scale}
 
 
 def filter_error_estimate(fit: Fit) -> Estimate:
-    """The shared parameters of a fit with process noise, and the scale of declared process noise, as an Estimate.
+    """The shared parameters of a fit with process noise, and the scale of declared process noise,
+    as an Estimate.
 
-    Noise levels, turbulence's parameters among them, are those of the adjusted likelihood, and sigmas count that these are estimates
-    (Student's quantile): see `ident.process_noise.innovations_model`.
+    Noise levels, turbulence's parameters among them, are those of the adjusted likelihood, and
+    sigmas count that these are estimates (Student's quantile): see
+    `ident.process_noise.innovations_model`.
     """
     layout, system, noise_model = fit.layout, fit.layout.system, fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
@@ -145,8 +189,13 @@ def filter_error_estimate(fit: Fit) -> Estimate:
     covariance = covariance * np.outer(factor, factor)
     scaled = noise_model.scaled
     exact = without_measurement_noise(fit)
-    absurd = not exact and (degenerate(fit) or bool(absurd_sigmas(fit, np.sqrt(np.diag(covariance))[: len(layout.shared)])))
-    outcome = Outcome.DEGENERATE if absurd else fit.outcome if determined else Outcome.NOT_IDENTIFIABLE
+    absurd = not exact and (
+        degenerate(fit)
+        or bool(absurd_sigmas(fit, np.sqrt(np.diag(covariance))[: len(layout.shared)]))
+    )
+    outcome = (
+        Outcome.DEGENERATE if absurd else fit.outcome if determined else Outcome.NOT_IDENTIFIABLE
+    )
     at = [*range(len(layout.shared)), *([len(fit.theta) - 1] if scaled else [])]
     return Estimate(
         METHOD,
@@ -164,7 +213,9 @@ def filter_error_estimate(fit: Fit) -> Estimate:
 
 
 def one_step_prediction(fit: Fit, r: int) -> np.ndarray:
-    """Outputs ``(m, N)`` of record ``r`` that a fit with process noise expects from the samples before each."""
+    """Outputs ``(m, N)`` of record ``r`` that a fit with process noise expects from the samples
+    before each.
+    """
     problem, filter = fit.layout.problems[r], filters_of(fit.weighted)[r]
     motion, state = filter.whitener.motion, filter.residual.state[:, :, None]
     predicted = np.zeros_like(state)
@@ -174,7 +225,9 @@ def one_step_prediction(fit: Fit, r: int) -> np.ndarray:
 
 
 def turbulence_worth_trying(fit: Fit, lags: int = 25) -> float:
-    """p-value of the residuals of a fit being white: the smallest of Ljung and Box's over channels and records, times their number."""
+    """p-value of the residuals of a fit being white: the smallest of Ljung and Box's over channels
+    and records, times their number.
+    """
     p_values = [
         ljung_box(residual[i], problem.valid[i], name, lags).p_value
         for problem, residual in zip(fit.layout.problems, fit.residuals, strict=True)
@@ -195,19 +248,23 @@ def predictive_log_likelihood(
     masks: Sequence[np.ndarray] | None = None,
     begin: Sequence[Mapping[str, float]] = (),
 ) -> float:
-    """Log likelihood of one-step predictions of records that were not fitted; -inf where it is not finite.
+    """Log likelihood of one-step predictions of records that were not fitted; -inf where it is not
+    finite.
 
     Parameters
     ----------
     system : with or without process noise; without, the predictions are those of a free simulation.
-    values : parameters, held. levels : measurement noise by output, and ``process_noise_scale`` where needed, held: see ``noise_levels``.
-    local : parameters that each record has of its own, fitted again like initial states and ``bias_*``.
-    masks : ``(m, N)`` a record, False where a sample is set aside.
-    begin : where parameters of its own start in each record, by name; those of the system where it does not say, which no event elsewhere finds.
+    values : parameters, held. levels : measurement noise by output, and ``process_noise_scale``
+    where needed, held: see ``noise_levels``. local : parameters that each record has of its own,
+    fitted again like initial states and ``bias_*``. masks : ``(m, N)`` a record, False where a
+    sample is set aside. begin : where parameters of its own start in each record, by name; those of
+    the system where it does not say, which no event elsewhere finds.
 
     Two models compare when both see the same records, masks and local parameters.
     """
-    fit = fit_under_held_noise(records, system, values, levels, settings, local=local, masks=masks, begin=begin)
+    fit = fit_under_held_noise(
+        records, system, values, levels, settings, local=local, masks=masks, begin=begin
+    )
     return -np.inf if fit is None else fit.log_likelihood
 
 
@@ -223,32 +280,51 @@ def fit_under_held_noise(
     begin: Sequence[Mapping[str, float]] = (),
     freed: Collection[str] = (),
 ) -> Fit | None:
-    """Fit what each record has of its own, all noise levels held; None where no cost is finite. Arguments as of ``predictive_log_likelihood``.
+    """Fit what each record has of its own, all noise levels held; None where no cost is finite.
+    Arguments as of ``predictive_log_likelihood``.
 
-    ``freed`` : parameters that each record then has of its own as well, fitted from ``values``: what one record says of them.
+    ``freed`` : parameters that each record then has of its own as well, fitted from ``values``:
+    what one record says of them.
     """
-    own = {name for name in system.parameters.free_names if name.startswith("bias_") or name in local}
-    parameters = system.parameters.with_values({name: value for name, value in values.items() if name in system.parameters}).only_free(own)
+    own = {
+        name for name in system.parameters.free_names if name.startswith("bias_") or name in local
+    }
+    parameters = system.parameters.with_values(
+        {name: value for name, value in values.items() if name in system.parameters}
+    ).only_free(own)
     held = replace(system, parameters=parameters)
     settings = settings or FitSettings()
     if not own and not any(item.free for item in system.initial):
         raise ModelError(
-            "no initial state and no bias is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one"
+            "no initial state and no bias is free",
+            where=f"model with {', '.join(system.parameters.names)}",
+            remedy="release at least one",
         )
     layout = lay_out(records, held, settings, local=local, masks=masks)
     for r, known in enumerate(begin):
-        for name, position in zip(layout.local, layout.columns(r)[len(layout.shared) :], strict=False):
+        for name, position in zip(
+            layout.local, layout.columns(r)[len(layout.shared) :], strict=False
+        ):
             layout.start[position] = known.get(name, layout.start[position])
     # A first fit without process noise brings the trajectory near the record.
-    plain = fit_whole_records(FitProblem(replace(layout, settings=replace(settings, tolerance=COARSE))))
+    plain = fit_whole_records(
+        FitProblem(replace(layout, settings=replace(settings, tolerance=COARSE)))
+    )
     if plain is None:
         return None
     noise_model = process_noise(held, levels, (), fixed=True, scale=levels.get(SCALE, 1.0))
-    fit = fit_whole_records(FitProblem(replace(layout, start=plain.theta), noise_model), [line.states for line in plain.lines])
+    fit = fit_whole_records(
+        FitProblem(replace(layout, start=plain.theta), noise_model),
+        [line.states for line in plain.lines],
+    )
     if fit is None or not freed:
         return fit
     released = replace(held, parameters=parameters.only_free({*own, *freed}))
     whole = lay_out(records, released, settings, local=[*local, *freed], masks=masks)
     known = dict(zip(fit.layout.names, fit.theta.tolist(), strict=True))
-    start = np.array([known.get(name, old) for name, old in zip(whole.names, whole.start.tolist(), strict=True)])
-    return fit_whole_records(FitProblem(replace(whole, start=start), noise_model), [line.states for line in fit.lines])
+    start = np.array(
+        [known.get(name, old) for name, old in zip(whole.names, whole.start.tolist(), strict=True)]
+    )
+    return fit_whole_records(
+        FitProblem(replace(whole, start=start), noise_model), [line.states for line in fit.lines]
+    )

@@ -1,18 +1,22 @@
-"""Noise model of a fit with process noise (Maine and Iliff 1981; Jategaonkar, ch. 5), its slopes, and REML.
+"""Noise model of a fit with process noise (Maine and Iliff 1981; Jategaonkar, ch. 5), its slopes,
+and REML.
 
-Central differences of the linearised motion. Where that bends little from step to step, as it does wherever no limit or dead band acts, the
-slopes of the discrete motion are worked out at every eighth step and drawn straight between.
+Central differences of the linearised motion. Where that bends little from step to step, as it does
+wherever no limit or dead band acts, the slopes of the discrete motion are worked out at every
+eighth step and drawn straight between.
 
-The likelihood is that of the innovations of a Kalman filter linearised about the fitted trajectory. Its gradient and
-expected information include how the filter depends on the parameters, noise levels among them, so that all unknowns
-are estimated together by Fisher scoring.
+The likelihood is that of the innovations of a Kalman filter linearised about the fitted trajectory.
+Its gradient and expected information include how the filter depends on the parameters, noise levels
+among them, so that all unknowns are estimated together by Fisher scoring.
 
-Maximum likelihood takes for process noise what initial states, biases and derivatives could as well have explained, and finds noise
-too small: the fewer correlation lengths a record holds, the more. The adjusted profile likelihood adds -0.5 ln det I, I the
-information on those unknowns (Cox and Reid, J. Royal Statistical Society B 49(1), 1987); one step towards its maximum.
+Maximum likelihood takes for process noise what initial states, biases and derivatives could as well
+have explained, and finds noise too small: the fewer correlation lengths a record holds, the more.
+The adjusted profile likelihood adds -0.5 ln det I, I the information on those unknowns (Cox and
+Reid, J. Royal Statistical Society B 49(1), 1987); one step towards its maximum.
 
-Sigmas of everything else are computed with these noise levels, which are estimates themselves: `Levels.spread` is what that makes of
-the variances (Giesbrecht and Burns, Biometrics 41(2), 1985; Kenward and Roger, Biometrics 53(3), 1997).
+Sigmas of everything else are computed with these noise levels, which are estimates themselves:
+`Levels.spread` is what that makes of the variances (Giesbrecht and Burns, Biometrics 41(2), 1985;
+Kenward and Roger, Biometrics 53(3), 1997).
 """
 
 from __future__ import annotations
@@ -53,27 +57,46 @@ from sim.declaration.model import System
 # ---- How process noise along a trajectory changes with the parameters
 
 _SLOPE = 1e-5  # of a parameter's size, for central differences
-_APART = 8  # steps from one place to the next where slopes are worked out, if straight lines between them are good enough
-_STRAIGHT = 0.005  # of the largest entry: over a step an error of F is a hundredth or tenth of that of Phi
+# steps from one place to the next where slopes are worked out, if straight lines between them are
+# good enough
+_APART = 8
+# of the largest entry: over a step an error of F is a hundredth or tenth of that of Phi
+_STRAIGHT = 0.005
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseSlopes:
-    """Derivatives of a DiscretisedNoise by the quantities ``of`` (positions among those asked for) that change it."""
+    """Derivatives of a DiscretisedNoise by the quantities ``of`` (positions among those asked for)
+    that change it.
+    """
 
     of: tuple[int, ...]
     motion: DiscretisedNoise
 
 
-def noise_slopes(problem: RecordProblem, states: np.ndarray, at: Variation, moved: Sequence[tuple[Variation, Variation, float]]) -> NoiseSlopes:
-    """Derivatives of the process noise at the given trajectory; that the trajectory moves too is left out.
+def noise_slopes(
+    problem: RecordProblem,
+    states: np.ndarray,
+    at: Variation,
+    moved: Sequence[tuple[Variation, Variation, float]],
+) -> NoiseSlopes:
+    """Derivatives of the process noise at the given trajectory; that the trajectory moves too is
+    left out.
 
-    ``moved`` holds for each quantity two variations and the distance between them: see ``slope_pairs``.
+    ``moved`` holds for each quantity two variations and the distance between them: see
+    ``slope_pairs``.
     """
-    F, H, density, stationary = linear_motion(problem, states, [at, *(end for low, high, _ in moved for end in (low, high))])
+    F, H, density, stationary = linear_motion(
+        problem, states, [at, *(end for low, high, _ in moved for end in (low, high))]
+    )
     parts = (F, H, density[None])
-    of = tuple(i for i in range(len(moved)) if any(np.any(part[:, 1 + 2 * i] != part[:, 2 + 2 * i]) for part in parts))
-    chosen = [0, *(end for i in of for end in (1 + 2 * i, 2 + 2 * i))]  # the others would only be worked out to be the same
+    of = tuple(
+        i
+        for i in range(len(moved))
+        if any(np.any(part[:, 1 + 2 * i] != part[:, 2 + 2 * i]) for part in parts)
+    )
+    # the others would only be worked out to be the same
+    chosen = [0, *(end for i in of for end in (1 + 2 * i, 2 + 2 * i))]
     width = np.array([moved[i][2] for i in of])[:, None, None]
 
     def slope(part: np.ndarray) -> np.ndarray:
@@ -81,13 +104,21 @@ def noise_slopes(problem: RecordProblem, states: np.ndarray, at: Variation, move
 
     F, steps = F[:, chosen], np.diff(problem.grid.nodes)
     at_these = _where_it_bends(np.concatenate([F[:, :1], slope(F)], axis=1), steps)
-    by_Phi, by_Q, start = discrete_motion(F[at_these], steps[at_these] if len(F) > 1 else steps, density[chosen], stationary, slope)
+    by_Phi, by_Q, start = discrete_motion(
+        F[at_these], steps[at_these] if len(F) > 1 else steps, density[chosen], stationary, slope
+    )
     by_Phi, by_Q = (_between(slopes, at_these, len(steps)) for slopes in (by_Phi, by_Q))
-    return NoiseSlopes(of, DiscretisedNoise(by_Phi, by_Q, slope(H[:, chosen]), slope(start[None])[0]))
+    return NoiseSlopes(
+        of, DiscretisedNoise(by_Phi, by_Q, slope(H[:, chosen]), slope(start[None])[0])
+    )
 
 
-def slope_pairs(at: Variation, positions: Sequence[int], sizes: Sequence[float], scale: bool) -> list[tuple[Variation, Variation, float]]:
-    """Pairs for central differences by the parameters at ``positions``, whose sizes are given, then by the scale if wanted."""
+def slope_pairs(
+    at: Variation, positions: Sequence[int], sizes: Sequence[float], scale: bool
+) -> list[tuple[Variation, Variation, float]]:
+    """Pairs for central differences by the parameters at ``positions``, whose sizes are given, then
+    by the scale if wanted.
+    """
     pairs = []
     for position, size in zip(positions, sizes, strict=True):
         step, ends = _SLOPE * size, []
@@ -98,12 +129,16 @@ def slope_pairs(at: Variation, positions: Sequence[int], sizes: Sequence[float],
         pairs.append((ends[0], ends[1], ends[1].p[position] - ends[0].p[position]))
     if scale:
         step = _SLOPE * max(at.scale, 1.0)
-        pairs.append((Variation(at.p, at.scale - step), Variation(at.p, at.scale + step), 2.0 * step))
+        pairs.append(
+            (Variation(at.p, at.scale - step), Variation(at.p, at.scale + step), 2.0 * step)
+        )
     return pairs
 
 
 def _where_it_bends(shape: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Steps at which slopes are worked out, straight lines being good enough between them: all, unless every ``shape (K, D, n, n)`` is smooth."""
+    """Steps at which slopes are worked out, straight lines being good enough between them: all,
+    unless every ``shape (K, D, n, n)`` is smooth.
+    """
     every = np.arange(len(shape))
     if len(shape) < 2 * _APART or np.ptp(steps) > 1e-9 * steps.max():
         return every
@@ -114,25 +149,31 @@ def _where_it_bends(shape: np.ndarray, steps: np.ndarray) -> np.ndarray:
 
 
 def _between(values: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
-    """``values (len(at), ...)`` at ``count`` steps, by straight lines; the same where they are alike everywhere or known at each."""
+    """``values (len(at), ...)`` at ``count`` steps, by straight lines; the same where they are
+    alike everywhere or known at each.
+    """
     if len(values) in (1, count):
         return values
     left = np.clip(np.searchsorted(at, np.arange(count), side="right") - 1, 0, len(at) - 2)
-    share = ((np.arange(count) - at[left]) / (at[left + 1] - at[left])).reshape(-1, *(1,) * (values.ndim - 1))
+    share = ((np.arange(count) - at[left]) / (at[left + 1] - at[left])).reshape(
+        -1, *(1,) * (values.ndim - 1)
+    )
     return np.asarray(values[left] + share * (values[left + 1] - values[left]))
 
 
 # ---- How the likelihood of a filter moves with the quantities that its gains depend on
 
-_AT_ONCE = 800_000  # numbers of a covariance's slopes that are worked out together: more do not stay in a processor's cache
+# numbers of a covariance's slopes that are worked out together: more do not stay in a processor's
+# cache
+_AT_ONCE = 800_000
 
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodSlopes:
     """What the dependence of the filter on D quantities adds to a fit.
 
-    ``gradient (D,)`` and expected ``information (D, D)`` of the log likelihood through gains and innovation covariances;
-    ``scores (K + 1, D)`` are what each node adds to the gradient.
+    ``gradient (D,)`` and expected ``information (D, D)`` of the log likelihood through gains and
+    innovation covariances; ``scores (K + 1, D)`` are what each node adds to the gradient.
     """
 
     gradient: np.ndarray
@@ -140,16 +181,26 @@ class LikelihoodSlopes:
     scores: np.ndarray
 
 
-def likelihood_slopes(filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray) -> LikelihoodSlopes:
-    """Slopes by the quantities that move the process noise, then by those that move the measurement variances.
+def likelihood_slopes(
+    filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray
+) -> LikelihoodSlopes:
+    """Slopes by the quantities that move the process noise, then by those that move the measurement
+    variances.
 
     ``residual`` is one column; ``by_variance (d, m)`` are derivatives of the measurement variances.
     """
     T, n, D = len(filter.covariance), filter.covariance.shape[-1], len(slopes.of) + len(by_variance)
     by_variance = np.concatenate([np.zeros((len(slopes.of), len(filter.variance))), by_variance])
     few = max(1, _AT_ONCE // max(1, T * n * n))
-    parts = [_slopes_of_some(filter, residual, slopes, by_variance, slice(k, k + few)) for k in range(0, D, few)]
-    flat = np.concatenate([dS for dS, _ in parts]) if parts else np.zeros((0, residual.standard[:T].size * filter.valid.shape[1]))
+    parts = [
+        _slopes_of_some(filter, residual, slopes, by_variance, slice(k, k + few))
+        for k in range(0, D, few)
+    ]
+    flat = (
+        np.concatenate([dS for dS, _ in parts])
+        if parts
+        else np.zeros((0, residual.standard[:T].size * filter.valid.shape[1]))
+    )
     e, m = residual.standard, filter.valid.shape[1]
     counts = np.bincount(filter.at, minlength=T).astype(float)[:, None, None]
     information = 0.5 * (flat * np.broadcast_to(counts, (T, m, m)).reshape(-1)) @ flat.T
@@ -165,14 +216,26 @@ def likelihood_slopes(filter: Whitener, residual: Filtered, slopes: NoiseSlopes,
     return LikelihoodSlopes(scores.sum(axis=0), information + columns.T @ columns, scores)
 
 
-def _slopes_of_some(filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray]:
-    """By ``some`` of the D quantities: of innovation covariances, normalised ``(d, T m m)``, and of normalised innovations ``((K + 1) m, d)``."""
+def _slopes_of_some(
+    filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray, some: slice
+) -> tuple[np.ndarray, np.ndarray]:
+    """By ``some`` of the D quantities: of innovation covariances, normalised ``(d, T m m)``, and of
+    normalised innovations ``((K + 1) m, d)``.
+    """
     T, m, n = len(filter.covariance), filter.valid.shape[1], filter.covariance.shape[-1]
     of_variance = by_variance[some]
     d = len(of_variance)
-    e, x, K, P, Phi = residual.standard, residual.state[..., None], filter.gain, filter.covariance, filter.motion.Phi
+    e, x, K, P, Phi = (
+        residual.standard,
+        residual.state[..., None],
+        filter.gain,
+        filter.covariance,
+        filter.motion.Phi,
+    )
     present = np.where(filter.valid[:1] if len(filter.seen) == 1 else filter.valid, 1.0, 0.0)
-    by_Phi, by_Q, by_start = (_beside(M, some, d) for M in (slopes.motion.Phi, slopes.motion.Q, slopes.motion.start[None]))
+    by_Phi, by_Q, by_start = (
+        _beside(M, some, d) for M in (slopes.motion.Phi, slopes.motion.Q, slopes.motion.start[None])
+    )
     by_H = _beside(slopes.motion.H, some, d) * present[:, :, None, None]
     by_R = np.zeros((len(present), m, d, m))
     for i in range(m):
@@ -180,7 +243,8 @@ def _slopes_of_some(filter: Whitener, residual: Filtered, slopes: NoiseSlopes, b
     H, dH = rows(filter.seen, slice(T)), rows(by_H, slice(T))
     dR = rows(by_R, slice(T))
     open_loop = np.eye(n) - K @ H
-    # Covariance after an update: dP = (I - KH) dP_before (I - KH)^T + K dR K^T - P dH^T K^T - K dH P.
+    # Covariance after an update: dP = (I - KH) dP_before (I - KH)^T + K dR K^T - P dH^T K^T - K dH
+    # P.
     dK_straight = _left(K, _right(dH, P))
     own = _right(_left(K, dR), turned(K)) - dK_straight - _each_turned(dK_straight)
     first = (_right(_left(open_loop[:1], by_start), turned(open_loop[:1])) + own[:1])[0]
@@ -192,8 +256,13 @@ def _slopes_of_some(filter: Whitener, residual: Filtered, slopes: NoiseSlopes, b
         pushed = _right(dF, P[:-1] @ turned(F))
         forcing = pushed + _each_turned(pushed) + dQ
         inside = open_loop[1:]
-        through, added = scan(combine_affine, (inside @ F, _right(_left(inside, forcing), turned(inside)) + own[1:]))
-        dP[1:] = _right(_left(through, np.broadcast_to(first, (T - 1, n, d, n))), turned(through)) + added
+        through, added = scan(
+            combine_affine, (inside @ F, _right(_left(inside, forcing), turned(inside)) + own[1:])
+        )
+        dP[1:] = (
+            _right(_left(through, np.broadcast_to(first, (T - 1, n, d, n))), turned(through))
+            + added
+        )
         dP_before[1:] = _right(_left(F, dP[:-1]), turned(F)) + forcing
     crossed = _right(dH, filter.predicted @ turned(H))
     dS = crossed + _each_turned(crossed) + _right(_left(H, dP_before), turned(H)) + dR
@@ -218,7 +287,9 @@ def _slopes_of_some(filter: Whitener, residual: Filtered, slopes: NoiseSlopes, b
 
 
 def _beside(stack: np.ndarray, some: slice, d: int) -> np.ndarray:
-    """Derivatives ``(B, D, a, b)`` by ``some``, those beyond zero, as ``(B, a, d, b)``: see `ident.process_noise.whitener`."""
+    """Derivatives ``(B, D, a, b)`` by ``some``, those beyond zero, as ``(B, a, d, b)``: see
+    `ident.process_noise.whitener`.
+    """
     found = stack[:, some].swapaxes(1, 2)
     out = np.zeros((*found.shape[:2], d, found.shape[3]))
     out[:, :, : found.shape[2]] = found
@@ -246,18 +317,24 @@ class Filter:
     residual: Filtered
 
     def whiten(self, columns: np.ndarray) -> np.ndarray:
-        """Innovations of the columns over their standard deviation, zero where a sample is missing."""
-        return _at_samples(self.problem, filtered(self.whitener, _at_nodes(self.problem, columns)).standard)
+        """Innovations of the columns over their standard deviation, zero where a sample is
+        missing.
+        """
+        return _at_samples(
+            self.problem, filtered(self.whitener, _at_nodes(self.problem, columns)).standard
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class ProcessNoise:
-    """Measurement noise with the levels ``std (m,)``, and forcing of the states as ``System.noise`` says.
+    """Measurement noise with the levels ``std (m,)``, and forcing of the states as ``System.noise``
+    says.
 
-    ``estimated`` are positions of the outputs whose level is an unknown, started at ``std``. ``scale`` multiplies the standard
-    deviation of process noise declared on states, and is an unknown where ``scaled``. Sensors with memory are taken as
-    without it by the filter: their lag acts on the deterministic part only. ``quick`` : slopes of the gains by what sets the noise alone.
-    ``least`` ``(m,)`` : smallest levels; None sets them by the start alone.
+    ``estimated`` are positions of the outputs whose level is an unknown, started at ``std``.
+    ``scale`` multiplies the standard deviation of process noise declared on states, and is an
+    unknown where ``scaled``. Sensors with memory are taken as without it by the filter: their lag
+    acts on the deterministic part only. ``quick`` : slopes of the gains by what sets the noise
+    alone. ``least`` ``(m,)`` : smallest levels; None sets them by the start alone.
     """
 
     outputs: tuple[str, ...]
@@ -270,7 +347,10 @@ class ProcessNoise:
 
     @property
     def names(self) -> tuple[str, ...]:
-        return (*(f"std_{self.outputs[i]}" for i in self.estimated), *([SCALE] if self.scaled else []))
+        return (
+            *(f"std_{self.outputs[i]}" for i in self.estimated),
+            *([SCALE] if self.scaled else []),
+        )
 
     @property
     def start(self) -> np.ndarray:
@@ -293,16 +373,27 @@ class ProcessNoise:
         return std, float(own[-1]) if self.scaled else self.scale
 
     def weight_residuals(
-        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], residuals: Sequence[np.ndarray], counts: np.ndarray
+        self,
+        layout: LaidOut,
+        theta: np.ndarray,
+        lines: Sequence[Linearisation],
+        residuals: Sequence[np.ndarray],
+        counts: np.ndarray,
     ) -> WeightedResiduals | None:
-        """Innovations of residuals and sensitivities; None where an innovation covariance is not positive definite."""
+        """Innovations of residuals and sensitivities; None where an innovation covariance is not
+        positive definite.
+        """
         try:
             return self._innovations(layout, theta, lines, residuals, counts)
         except np.linalg.LinAlgError:
             return None
 
     def covariance_terms(
-        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], weighted: WeightedResiduals
+        self,
+        layout: LaidOut,
+        theta: np.ndarray,
+        lines: Sequence[Linearisation],
+        weighted: WeightedResiduals,
     ) -> tuple[np.ndarray, np.ndarray] | None:
         """Terms through the filter's dependence on parameters and noise levels."""
         n = len(theta)
@@ -313,32 +404,60 @@ class ProcessNoise:
         return gradient, information
 
     def _slopes(
-        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], weighted: WeightedResiduals
+        self,
+        layout: LaidOut,
+        theta: np.ndarray,
+        lines: Sequence[Linearisation],
+        weighted: WeightedResiduals,
     ) -> Iterator[tuple[np.ndarray, LikelihoodSlopes]]:
-        """Of each record the positions of what moves its filter, and how the likelihood moves with it."""
+        """Of each record the positions of what moves its filter, and how the likelihood moves with
+        it.
+        """
         std, scale = self.levels(theta)
         n, estimated = len(theta), list(self.estimated)
         own = np.arange(n - len(self.names), n)
         by_variance = np.zeros((len(estimated), len(std)))
         by_variance[np.arange(len(estimated)), estimated] = 2.0 * std[estimated]
-        acting = [q for q, index in enumerate(layout.order) if not layout.system.parameters.items[index].name.startswith("bias_")]
-        for r, (problem, line, filter) in enumerate(zip(layout.problems, lines, filters_of(weighted), strict=True)):
+        acting = [
+            q
+            for q, index in enumerate(layout.order)
+            if not layout.system.parameters.items[index].name.startswith("bias_")
+        ]
+        for r, (problem, line, filter) in enumerate(
+            zip(layout.problems, lines, filters_of(weighted), strict=True)
+        ):
             if self.quick:
                 setting = set(self.setting_noise(layout, theta).tolist())
                 acting = [q for q in acting if int(layout.columns(r)[q]) in setting]
             at = Variation(layout.split(theta, r)[0], scale)
-            pairs = slope_pairs(at, [layout.order[q] for q in acting], (problem.increment[acting] / INCREMENT).tolist(), self.scaled)
+            pairs = slope_pairs(
+                at,
+                [layout.order[q] for q in acting],
+                (problem.increment[acting] / INCREMENT).tolist(),
+                self.scaled,
+            )
             slopes = noise_slopes(problem, line.states, at, pairs)
             mine = layout.columns(r)
-            moving = np.array([*(mine[acting[i]] if i < len(acting) else n - 1 for i in slopes.of), *own[: len(estimated)]], dtype=int)
+            moving = np.array(
+                [
+                    *(mine[acting[i]] if i < len(acting) else n - 1 for i in slopes.of),
+                    *own[: len(estimated)],
+                ],
+                dtype=int,
+            )
             if moving.size:
-                yield moving, likelihood_slopes(filter.whitener, filter.residual, slopes, by_variance)
+                yield (
+                    moving,
+                    likelihood_slopes(filter.whitener, filter.residual, slopes, by_variance),
+                )
             else:
                 nodes = len(problem.grid.nodes)
                 yield moving, LikelihoodSlopes(np.zeros(0), np.zeros((0, 0)), np.zeros((nodes, 0)))
 
     def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """At most a factor on what sets the noise: far from the optimum the likelihood is anything but quadratic in it."""
+        """At most a factor on what sets the noise: far from the optimum the likelihood is anything
+        but quadratic in it.
+        """
         low, high = np.concatenate([layout.low, self.low]), np.concatenate([layout.high, self.high])
         for i in self.setting_noise(layout, theta):
             if theta[i] > 0:
@@ -346,26 +465,46 @@ class ProcessNoise:
         return low, high
 
     def setting_noise(self, layout: LaidOut, theta: np.ndarray) -> np.ndarray:
-        """Positions of the unknowns that set the noise: its own, and parameters of the System that move the forcing's density."""
+        """Positions of the unknowns that set the noise: its own, and parameters of the System that
+        move the forcing's density.
+        """
         n = len(theta)
         positions = set(range(n - len(self.names), n))
         for r in range(len(layout.problems)):
             p, _ = layout.split(theta, r)
             density = _density(layout.system, p)
-            setting = [q for q, index in enumerate(layout.order) if np.any(_density(layout.system, _stretched(p, index)) != density)]
+            setting = [
+                q
+                for q, index in enumerate(layout.order)
+                if np.any(_density(layout.system, _stretched(p, index)) != density)
+            ]
             positions |= set(layout.columns(r)[setting].tolist())
         return np.array(sorted(positions), dtype=int)
 
     def _innovations(
-        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], residuals: Sequence[np.ndarray], counts: np.ndarray
+        self,
+        layout: LaidOut,
+        theta: np.ndarray,
+        lines: Sequence[Linearisation],
+        residuals: Sequence[np.ndarray],
+        counts: np.ndarray,
     ) -> WeightedResiduals | None:
         std, scale = self.levels(theta)
         cost, filters, whitened, jacobians = -0.5 * float(counts.sum()), [], [], []
-        for r, (problem, line, residual) in enumerate(zip(layout.problems, lines, residuals, strict=True)):
-            motion = discretised_noise(problem, line.states, Variation(layout.split(theta, r)[0], scale))
+        for r, (problem, line, residual) in enumerate(
+            zip(layout.problems, lines, residuals, strict=True)
+        ):
+            motion = discretised_noise(
+                problem, line.states, Variation(layout.split(theta, r)[0], scale)
+            )
             made = whitener(motion, std**2, _at_nodes(problem, problem.valid[:, :, None])[:, :, 0])
-            passed = filtered(made, _at_nodes(problem, np.concatenate([residual[:, :, None], line.jacobian], axis=2)))
-            own = Filtered(passed.innovation[:, :, 0], passed.standard[:, :, 0], passed.state[:, :, 0])
+            passed = filtered(
+                made,
+                _at_nodes(problem, np.concatenate([residual[:, :, None], line.jacobian], axis=2)),
+            )
+            own = Filtered(
+                passed.innovation[:, :, 0], passed.standard[:, :, 0], passed.state[:, :, 0]
+            )
             filters.append(Filter(problem, made, own))
             both = _at_samples(problem, passed.standard)
             whitened.append(both[:, :, 0])
@@ -373,7 +512,9 @@ class ProcessNoise:
             cost += 0.5 * (made.log_determinant + float(np.sum(own.standard**2)))
         if not (np.isfinite(cost) and all(np.all(np.isfinite(jacobian)) for jacobian in jacobians)):
             return None
-        return WeightedResiduals(tuple(whitened), tuple(jacobians), np.ones(len(std)), cost, tuple(filters))
+        return WeightedResiduals(
+            tuple(whitened), tuple(jacobians), np.ones(len(std)), cost, tuple(filters)
+        )
 
 
 def filters_of(weighted: WeightedResiduals) -> tuple[Filter, ...]:
@@ -398,14 +539,25 @@ def has_process_noise(system: System) -> bool:
     return bool(np.any(_density(system, system.parameters.values()) > 0))
 
 
-def process_noise(system: System, std: Mapping[str, float], present: Sequence[str], *, fixed: bool = False, scale: float = 1.0) -> ProcessNoise:
-    """Noise model for a System: noise levels started (or ``fixed``) at ``std``, those of the outputs in ``present`` estimated.
+def process_noise(
+    system: System,
+    std: Mapping[str, float],
+    present: Sequence[str],
+    *,
+    fixed: bool = False,
+    scale: float = 1.0,
+) -> ProcessNoise:
+    """Noise model for a System: noise levels started (or ``fixed``) at ``std``, those of the
+    outputs in ``present`` estimated.
 
     Process noise declared on states gets an unknown scale, unless fixed.
     """
     names = system.output_names
     levels = np.array([std[name] for name in names])
-    declared = any(value > 0 and name in system.state_names for name, value in system.declared_noise.process_density.items())
+    declared = any(
+        value > 0 and name in system.state_names
+        for name, value in system.declared_noise.process_density.items()
+    )
     estimated = () if fixed else tuple(i for i, name in enumerate(names) if name in present)
     return ProcessNoise(names, levels, estimated, scale, declared and not fixed)
 
@@ -430,7 +582,9 @@ def _at_nodes(problem: RecordProblem, values: np.ndarray) -> np.ndarray:
 
 
 def _at_samples(problem: RecordProblem, values: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(values[problem.grid.sample // problem.grid.substeps].transpose(1, 0, 2))
+    return np.ascontiguousarray(
+        values[problem.grid.sample // problem.grid.substeps].transpose(1, 0, 2)
+    )
 
 
 # ---- Restricted likelihood (REML)
@@ -441,9 +595,11 @@ _restricted_likelihood_MOST = 0.7  # change of a level's logarithm
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """All unknowns ``theta (n,)`` with the noise's own adjusted, and the ``factor (n,)`` by which they changed.
+    """All unknowns ``theta (n,)`` with the noise's own adjusted, and the ``factor (n,)`` by which
+    they changed.
 
-    ``spread (n,)`` : variance of the logarithm of each unknown's variance, through the noise levels that set it; zero for these.
+    ``spread (n,)`` : variance of the logarithm of each unknown's variance, through the noise levels
+    that set it; zero for these.
     """
 
     theta: np.ndarray
@@ -452,7 +608,9 @@ class Levels:
 
 
 def restricted_levels(fit: Fit, covariance: np.ndarray) -> Levels:
-    """Noise levels adjusted. ``covariance (n, n)`` is the fit's; a level at its bound stays. Sigmas of noise levels go with the levels."""
+    """Noise levels adjusted. ``covariance (n, n)`` is the fit's; a level at its bound stays. Sigmas
+    of noise levels go with the levels.
+    """
     noise_model, theta, low, high = fit.noise_model, fit.theta, fit.problem.low, fit.problem.high
     assert isinstance(noise_model, ProcessNoise)
     setting = noise_model.setting_noise(fit.layout, theta)
@@ -467,7 +625,9 @@ def restricted_levels(fit: Fit, covariance: np.ndarray) -> Levels:
         slope[i] = 0.5 * (determinant - base) / (_STEP * theta[position])
         moves[i] = np.log(other / variance) / (_STEP * theta[position])
     among = covariance[np.ix_(moved, moved)]
-    change = np.clip(-among @ slope / theta[moved], -_restricted_likelihood_MOST, _restricted_likelihood_MOST)
+    change = np.clip(
+        -among @ slope / theta[moved], -_restricted_likelihood_MOST, _restricted_likelihood_MOST
+    )
     factor, spread = np.ones(len(theta)), np.zeros(len(theta))
     if np.all(np.isfinite(change)):
         factor[moved] = np.exp(change)
@@ -479,12 +639,16 @@ def restricted_levels(fit: Fit, covariance: np.ndarray) -> Levels:
 
 
 def _determined(fit: Fit, theta: np.ndarray, positions: np.ndarray) -> tuple[float, np.ndarray]:
-    """Log determinant of the information on the unknowns at ``positions`` with the noise of ``theta``, and the diagonal of its inverse.
+    """Log determinant of the information on the unknowns at ``positions`` with the noise of
+    ``theta``, and the diagonal of its inverse.
 
     About the fit's trajectories; not a number where the noise has no likelihood.
     """
     layout, n = fit.layout, len(theta)
-    residuals = [np.where(problem.valid, problem.z - line.y, 0.0) for problem, line in zip(layout.problems, fit.lines, strict=True)]
+    residuals = [
+        np.where(problem.valid, problem.z - line.y, 0.0)
+        for problem, line in zip(layout.problems, fit.lines, strict=True)
+    ]
     weighted = fit.noise_model.weight_residuals(layout, theta, fit.lines, residuals, fit.counts)
     if weighted is None:
         return float("nan"), np.full(len(positions), np.nan)
@@ -496,5 +660,8 @@ def _determined(fit: Fit, theta: np.ndarray, positions: np.ndarray) -> tuple[flo
     part = information[np.ix_(positions, positions)]
     seen = np.flatnonzero(np.diag(part) > 0)
     size = np.sqrt(np.diag(part)[seen])
-    determinant = float(np.linalg.slogdet(part[np.ix_(seen, seen)] / np.outer(size, size))[1] + 2.0 * np.log(size).sum())
+    determinant = float(
+        np.linalg.slogdet(part[np.ix_(seen, seen)] / np.outer(size, size))[1]
+        + 2.0 * np.log(size).sum()
+    )
     return determinant, np.diag(inverse_information(part)[0])

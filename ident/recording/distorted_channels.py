@@ -1,10 +1,12 @@
 """Distorted channels: flat extremes, steps of the zero, hum, filtered channels.
 
-At each row a straight line through the samples before and one through those after are extrapolated to the middle between them; their
-difference forgets a level, a slope and a curvature. What inputs and other channels explain of it, by least squares, is taken off.
+At each row a straight line through the samples before and one through those after are extrapolated
+to the middle between them; their difference forgets a level, a slope and a curvature. What inputs
+and other channels explain of it, by least squares, is taken off.
 
-White noise of a sensor fills the spectrum up to half the sample rate, and a converter's rounding does so behind any filter. Where the
-spectrum is flat up to a cutoff and empty above it, what was written is not what was sampled.
+White noise of a sensor fills the spectrum up to half the sample rate, and a converter's rounding
+does so behind any filter. Where the spectrum is flat up to a cutoff and empty above it, what was
+written is not what was sampled.
 """
 
 from __future__ import annotations
@@ -26,12 +28,18 @@ IN_A_ROW = 3
 CHANCE = 1e-6
 KINK = 6.0  # times the usual bend: the corner where a moving signal meets a level
 SEVERAL_BITS = 3.0
-BEYOND = 6.0  # standard deviations of the noise, from the channel's middle, so that it is a motion that is cut and not the noise
-CONTINUOUS = 0.3  # share of samples of an input that differ from the one before: a commanded square is flat and no fault
+# standard deviations of the noise, from the channel's middle, so that it is a motion that is cut
+# and not the noise
+BEYOND = 6.0
+# share of samples of an input that differ from the one before: a commanded square is flat and no
+# fault
+CONTINUOUS = 0.3
 
 
 def clipped(series: Series, count: int, *, is_input: bool = False) -> list[RecordFinding]:
-    """Levels at which a channel is flat, the samples there masked; of an input, where it is only noted: it may stand at its stop."""
+    """Levels at which a channel is flat, the samples there masked; of an input, where it is only
+    noted: it may stand at its stop.
+    """
     if is_input and np.mean(np.diff(series.values) != 0.0) < CONTINUOUS:
         return []
     out = []
@@ -44,8 +52,19 @@ def clipped(series: Series, count: int, *, is_input: bool = False) -> list[Recor
         inside = [(b, e) for b, e in runs if b > 0 and e < len(values)]
         if np.count_nonzero(at) < FEWEST or not inside or max(e - b for b, e in inside) < IN_A_ROW:
             continue
-        if _piles_up(series, values, level, at) or any(_cornered(series, values, b, e) for b, e in inside):
-            out.append(_finding(series, at, sign * level, "highest" if sign > 0 else "lowest", count, is_input=is_input))
+        if _piles_up(series, values, level, at) or any(
+            _cornered(series, values, b, e) for b, e in inside
+        ):
+            out.append(
+                _finding(
+                    series,
+                    at,
+                    sign * level,
+                    "highest" if sign > 0 else "lowest",
+                    count,
+                    is_input=is_input,
+                )
+            )
     return out
 
 
@@ -67,25 +86,51 @@ def _cornered(series: Series, values: np.ndarray, begin: int, end: int) -> bool:
     before, behind = values[max(0, begin - 8) : begin], values[end : end + 8]
     bends = np.concatenate([np.abs(np.diff(before, 2)), np.abs(np.diff(behind, 2))])
     usual = float(np.median(bends)) if bends.size else math.inf
-    # The level cuts the slope at some place between two samples: the slope beside it is the one further out.
-    slopes = abs(float(values[begin - 1] - values[begin - 2])), abs(float(values[end + 1] - values[end]))
-    return len(around) > 8 and min(slopes) > max(KINK * usual, SEVERAL_BITS * series.least_bit, KINK * series.noise)
+    # The level cuts the slope at some place between two samples: the slope beside it is the one
+    # further out.
+    slopes = (
+        abs(float(values[begin - 1] - values[begin - 2])),
+        abs(float(values[end + 1] - values[end])),
+    )
+    return len(around) > 8 and min(slopes) > max(
+        KINK * usual, SEVERAL_BITS * series.least_bit, KINK * series.noise
+    )
 
 
-def _finding(series: Series, at: np.ndarray, level: float, word: str, count: int, *, is_input: bool) -> RecordFinding:
+def _finding(
+    series: Series, at: np.ndarray, level: float, word: str, count: int, *, is_input: bool
+) -> RecordFinding:
     runs = runs_of(at)
     times = tuple((float(series.time[b]), float(series.time[e - 1])) for b, e in runs if e - b > 1)
     numbers = {"level": Number(level, series.unit)}
-    told = f"flat at its {word} value, {shown(level, series.unit)}, for {int(np.count_nonzero(at))} samples"
+    told = (
+        f"flat at its {word} value, {shown(level, series.unit)}, for {int(np.count_nonzero(at))} "
+        "samples"
+    )
     if is_input:
         said = f"is {told}: at its stop, or clipped by the recorder"
         return RecordFinding(
-            series.name, Kind.CLIPPED, Certainty.NOTED, said, "say which, if you know: a stop is felt by the vehicle", times, numbers
+            series.name,
+            Kind.CLIPPED,
+            Certainty.NOTED,
+            said,
+            "say which, if you know: a stop is felt by the vehicle",
+            times,
+            numbers,
         )
     mask = np.zeros(count, dtype=bool)
     mask[series.rows[at]] = True
     remedy = "widen the channel's range, or fly a smaller maneuver"
-    return RecordFinding(series.name, Kind.CLIPPED, Certainty.COSTS_INFORMATION, f"is clipped: {told}", remedy, times, numbers, mask)
+    return RecordFinding(
+        series.name,
+        Kind.CLIPPED,
+        Certainty.COSTS_INFORMATION,
+        f"is clipped: {told}",
+        remedy,
+        times,
+        numbers,
+        mask,
+    )
 
 
 def _poisson_tail(count: int, mean: float) -> float:
@@ -100,22 +145,31 @@ def _poisson_tail(count: int, mean: float) -> float:
 
 REACH = 0.25  # s, of either line: a quarter of a quick short period
 ZERO_STEPS_FEWEST, MOST = 5, 25  # samples of a line
-# Standard deviations: the extreme of 3000 correlated Gaussian rows is 4.5; motion that lines do not follow makes the tails of a clean record longer.
+# Standard deviations: the extreme of 3000 correlated Gaussian rows is 4.5; motion that lines do not
+# follow makes the tails of a clean record longer.
 SURE = 8.0
-ABOVE_ITS_SURROUNDINGS = 3.0  # times the largest elsewhere within SURROUNDINGS, where the motion is as lively
+# times the largest elsewhere within SURROUNDINGS, where the motion is as lively
+ABOVE_ITS_SURROUNDINGS = 3.0
 SURROUNDINGS = 1.0  # s
 OTHERS_QUIET = 4.0  # standard deviations that no other channel's jump exceeds at that row
 INPUT_QUIET = 0.05  # of an input's span
-INPUT_APART = 0.6  # of a line's length, to which a step of an input must keep: kinks are followed to first order only
-PARTNER = 0.7  # of a jump: one of the other sign within two windows makes it a bump; a step by itself has side lobes of 0.35
+# of a line's length, to which a step of an input must keep: kinks are followed to first order only
+INPUT_APART = 0.6
+# of a jump: one of the other sign within two windows makes it a bump; a step by itself has side
+# lobes of 0.35
+PARTNER = 0.7
 CORNER, CORNER_REACH = 4.0, 0.8  # standard deviations; s on either side of a jump of nz
 MANY = 3  # jumps told of one channel
 
 
 def zero_steps(
-    series: Sequence[Series], inputs: Sequence[Series], masked: Mapping[str, np.ndarray], gravity_over_speed: float | None = None
+    series: Sequence[Series],
+    inputs: Sequence[Series],
+    masked: Mapping[str, np.ndarray],
+    gravity_over_speed: float | None = None,
 ) -> list[RecordFinding]:
-    """Jumps of single channels, a warning each; ``masked``: by channel the rows that are masked already. ``gravity_over_speed`` in 1/s:
+    """Jumps of single channels, a warning each; ``masked``: by channel the rows that are masked
+    already. ``gravity_over_speed`` in 1/s:
 
     with it a jump of nz is known for a load where the path of alpha bends as a load bends it.
     """
@@ -126,43 +180,83 @@ def zero_steps(
     rows = np.unique(np.concatenate([each.rows for each in series]))
     if len(rows) < 6 * length:
         return []
-    values = {each.name: _filtered(each, rows, masked.get(each.name)) for each in (*series, *inputs)}
+    values = {
+        each.name: _filtered(each, rows, masked.get(each.name)) for each in (*series, *inputs)
+    }
     jumps = {name: _jumps(column, length) for name, column in values.items()}
     # A step of the control is a kink of the pitch rate: the input's sum goes beside it.
-    driven = [_jumps(np.cumsum(values[each.name] - np.mean(values[each.name])), length) for each in inputs]
+    driven = [
+        _jumps(np.cumsum(values[each.name] - np.mean(values[each.name])), length) for each in inputs
+    ]
     weight = float(np.sqrt(2.0 * np.sum(_weights(length) ** 2)))
-    quiet = {each.name: max(weight * each.noise + each.least_bit, _usual(jumps[each.name])) for each in series}
+    quiet = {
+        each.name: max(weight * each.noise + each.least_bit, _usual(jumps[each.name]))
+        for each in series
+    }
     still = _still([values[each.name] for each in inputs], len(rows), round(INPUT_APART * length))
     out = []
     for each in series:
-        left = _unexplained(jumps[each.name], [*(jumps[name] for name in jumps if name != each.name), *driven])
-        for at in _peaks(left, weight * each.noise + each.least_bit, length, round(min(SURROUNDINGS / step, len(left)))):
+        left = _unexplained(
+            jumps[each.name], [*(jumps[name] for name in jumps if name != each.name), *driven]
+        )
+        for at in _peaks(
+            left,
+            weight * each.noise + each.least_bit,
+            length,
+            round(min(SURROUNDINGS / step, len(left))),
+        ):
             near = slice(max(0, at - 2), at + 3)
-            calm = all(np.max(np.abs(jumps[other.name][near])) < OTHERS_QUIET * quiet[other.name] for other in series if other is not each)
-            if each.name == "nz" and _is_load(series, values, rows[at + length], float(left[at]), gravity_over_speed):
+            calm = all(
+                np.max(np.abs(jumps[other.name][near])) < OTHERS_QUIET * quiet[other.name]
+                for other in series
+                if other is not each
+            )
+            if each.name == "nz" and _is_load(
+                series, values, rows[at + length], float(left[at]), gravity_over_speed
+            ):
                 continue
-            if calm and still[at + length] and not _touches(masked.get(each.name), rows[at : at + 2 * length]):
+            if (
+                calm
+                and still[at + length]
+                and not _touches(masked.get(each.name), rows[at : at + 2 * length])
+            ):
                 out.append(_zero_steps_finding(each, rows[at + length], float(left[at])))
     return out
 
 
-def _is_load(series: Sequence[Series], values: Mapping[str, np.ndarray], row: int, size: float, gravity_over_speed: float | None) -> bool:
-    """If alpha - int (q - (g/V) nz) dt goes straight through a jump of nz, as it does where the jump is a load; a zero that steps makes a corner.
+def _is_load(
+    series: Sequence[Series],
+    values: Mapping[str, np.ndarray],
+    row: int,
+    size: float,
+    gravity_over_speed: float | None,
+) -> bool:
+    """If alpha - int (q - (g/V) nz) dt goes straight through a jump of nz, as it does where the
+    jump is a load; a zero that steps makes a corner.
 
     The corner is told where it would be ``CORNER`` standard deviations of the noise of alpha.
     """
     known = {each.name: each for each in series}
     time = known["nz"].time
-    if gravity_over_speed is None or not {"alpha", "q"} <= set(known) or len(time) != len(values["nz"]):
+    if (
+        gravity_over_speed is None
+        or not {"alpha", "q"} <= set(known)
+        or len(time) != len(values["nz"])
+    ):
         return False
     at = time[np.searchsorted(known["nz"].rows, row)]
     near = np.abs(time - at) < CORNER_REACH
     t = time[near] - at
     rate = (values["q"] - gravity_over_speed * (values["nz"] - np.mean(values["nz"])))[near]
-    path = values["alpha"][near] - np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+    path = values["alpha"][near] - np.concatenate(
+        [[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))]
+    )
     matrix = np.stack([np.ones(len(t)), t, np.maximum(t, 0.0)])
     inverse = np.linalg.pinv(matrix @ matrix.T)
-    corner, std = float((inverse @ (matrix @ path))[2]), known["alpha"].noise * float(np.sqrt(inverse[2, 2]))
+    corner, std = (
+        float((inverse @ (matrix @ path))[2]),
+        known["alpha"].noise * float(np.sqrt(inverse[2, 2])),
+    )
     expected = abs(gravity_over_speed * size)
     return expected > CORNER * std and abs(corner) < 0.5 * expected
 
@@ -178,19 +272,32 @@ def _still(inputs: Sequence[np.ndarray], count: int, apart: int) -> np.ndarray:
 def _zero_steps_finding(series: Series, row: int, size: float) -> RecordFinding:
     time = float(series.time[min(int(np.searchsorted(series.rows, row)), len(series.time) - 1)])
     load = ", or a load did that nothing recorded" if series.name in ("nz", "az") else ""
-    told = f"jumps by {shown(size, series.unit)} at {time:.4g} s and stays, while no input and no other channel jumps: its zero stepped{load}"
+    told = (
+        f"jumps by {shown(size, series.unit)} at {time:.4g} s and stays, while no input and no "
+        f"other channel jumps: its zero stepped{load}"
+    )
     numbers = {"time": Number(time, "s"), "step": Number(size, series.unit)}
     remedy = "give the parts before and after as segments, --from and --to in pairs"
-    return RecordFinding(series.name, Kind.ZERO_STEP, Certainty.LIKELY, told, remedy, ((time, time),), numbers)
+    return RecordFinding(
+        series.name, Kind.ZERO_STEP, Certainty.LIKELY, told, remedy, ((time, time),), numbers
+    )
 
 
 def _filtered(series: Series, rows: np.ndarray, masked: np.ndarray | None) -> np.ndarray:
-    """A channel on common rows, gaps and masked samples bridged, lone wrong samples taken out by a median of three."""
+    """A channel on common rows, gaps and masked samples bridged, lone wrong samples taken out by a
+    median of three.
+    """
     good = np.ones(len(series.rows), dtype=bool) if masked is None else ~masked[series.rows]
     if np.count_nonzero(good) < 2:
         return np.zeros(len(rows))
     values = np.interp(rows, series.rows[good], series.values[good])
-    return np.concatenate([values[:1], np.median(np.stack([values[:-2], values[1:-1], values[2:]]), axis=0), values[-1:]])
+    return np.concatenate(
+        [
+            values[:1],
+            np.median(np.stack([values[:-2], values[1:-1], values[2:]]), axis=0),
+            values[-1:],
+        ]
+    )
 
 
 def _weights(length: int) -> np.ndarray:
@@ -201,7 +308,9 @@ def _weights(length: int) -> np.ndarray:
 
 
 def _jumps(values: np.ndarray, length: int) -> np.ndarray:
-    """Line after less line before, between rows ``k + length - 1`` and ``k + length``, for every k."""
+    """Line after less line before, between rows ``k + length - 1`` and ``k + length``, for every
+    k.
+    """
     weights = _weights(length)
     kernel = np.concatenate([-weights[::-1], weights])
     return np.asarray(np.correlate(values, kernel, mode="valid"))
@@ -229,7 +338,9 @@ def _usual(jump: np.ndarray) -> float:
 
 
 def _peaks(left: np.ndarray, noise: float, length: int, around: int) -> list[int]:
-    """Rows of jumps that stand above the noise and their surroundings and have no partner of the other sign."""
+    """Rows of jumps that stand above the noise and their surroundings and have no partner of the
+    other sign.
+    """
     size = np.abs(left)
     out: list[int] = []
     least = SURE * max(_usual(left), noise)
@@ -242,8 +353,15 @@ def _peaks(left: np.ndarray, noise: float, length: int, around: int) -> list[int
         taken[max(0, at - 2 * length) : at + 2 * length + 1] = True
         near = slice(max(0, at - 2 * length), at + 2 * length + 1)
         opposite = float(np.max(-np.sign(left[at]) * left[near]))
-        away = np.concatenate([size[max(0, at - around - length) : max(0, at - length)], size[at + length + 1 : at + length + around + 1]])
-        if opposite < PARTNER * size[at] and (not away.size or size[at] > ABOVE_ITS_SURROUNDINGS * float(np.max(away))):
+        away = np.concatenate(
+            [
+                size[max(0, at - around - length) : max(0, at - length)],
+                size[at + length + 1 : at + length + around + 1],
+            ]
+        )
+        if opposite < PARTNER * size[at] and (
+            not away.size or size[at] > ABOVE_ITS_SURROUNDINGS * float(np.max(away))
+        ):
             out.append(int(at))
     return out if len(out) <= MANY else []
 
@@ -257,33 +375,45 @@ def _touches(masked: np.ndarray | None, rows: np.ndarray) -> bool:
 LOWEST = 4.0  # Hz: short periods and first elastic modes of piloted aircraft lie below
 EVEN = 0.02  # of the usual step, within which steps are even
 HUM_FEWEST, LONGEST = 128, 20_000  # samples that are needed, and looked at
-AROUND, BESIDE = 24, 3  # frequencies whose median is the floor, and those next to a line that belong to it
-# Power over the floor's mean is exponentially distributed under noise: ln(number of frequencies/chance), a third more for the floor's own scatter.
+# frequencies whose median is the floor, and those next to a line that belong to it
+AROUND, BESIDE = 24, 3
+# Power over the floor's mean is exponentially distributed under noise: ln(number of
+# frequencies/chance), a third more for the floor's own scatter.
 HUM_CHANCE, MARGIN = 1e-5, 1.35
-PARTS, MOST_PARTS = 6, 16  # a strong line is looked at in finer parts, so that ringing after each step shows
+# a strong line is looked at in finer parts, so that ringing after each step shows
+PARTS, MOST_PARTS = 6, 16
 FINER = 80.0  # of N (amplitude/noise)^2 for a part: its amplitude is then known to a seventh
-COHERENT = 0.85  # share of the parts' power that their sum keeps: 1 for one phase and amplitude, 1/6 for noise
-STEADY = 2.5  # ratio of the largest to the smallest amplitude of 16 parts: 1.8 by noise at most once in a hundred hums
+# share of the parts' power that their sum keeps: 1 for one phase and amplitude, 1/6 for noise
+COHERENT = 0.85
+# ratio of the largest to the smallest amplitude of 16 parts: 1.8 by noise at most once in a hundred
+# hums
+STEADY = 2.5
 MATTERS = 0.3  # of the channel's noise, below which a line changes no estimate
 OF_BIT = 0.5  # of the least bit: rounding of a periodic motion makes lines below that
-IN_INPUT = 1e-4  # of an input's span, from which a line of one phase in it may be what the output answers to
+# of an input's span, from which a line of one phase in it may be what the output answers to
+IN_INPUT = 1e-4
 
 
 def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
-    """A warning of a line above the motion: frequency, amplitude. Structure rings down and follows its excitation; a hum does neither."""
+    """A warning of a line above the motion: frequency, amplitude. Structure rings down and follows
+    its excitation; a hum does neither.
+    """
     series = replace(series, time=series.time[:LONGEST], values=series.values[:LONGEST])
     step = np.diff(series.time)
     usual = float(np.median(step)) if step.size else 0.0
     n = len(series.values)
     if n < HUM_FEWEST or np.max(np.abs(step - usual)) > EVEN * usual or 0.5 / usual <= LOWEST:
         return None
-    # Differences take the motion down, which falls with frequency; what they do to a line is undone below.
+    # Differences take the motion down, which falls with frequency; what they do to a line is undone
+    # below.
     bent = np.diff(series.values, 2)
     window = np.hanning(len(bent) + 2)[1:-1]
     power = np.abs(np.fft.rfft(window * (bent - np.mean(bent)))) ** 2
     frequency = np.fft.rfftfreq(len(bent), usual)
     first = int(np.searchsorted(frequency, LOWEST))
-    ratio = _over_floor(power / np.maximum(2.0 * np.sin(math.pi * frequency * usual), 1e-3) ** 4, first)
+    ratio = _over_floor(
+        power / np.maximum(2.0 * np.sin(math.pi * frequency * usual), 1e-3) ** 4, first
+    )
     if not ratio.size:
         return None
     peak = first + int(np.argmax(ratio))
@@ -292,21 +422,35 @@ def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
     at = _refined(bent, usual, float(frequency[peak]), float(frequency[1]))
     amplitude = float(abs(np.mean(_parts(bent, usual, at, PARTS))))
     finer = n * (amplitude / max(series.noise, 1e-6 * amplitude)) ** 2 / FINER
-    parts = _parts(bent, usual, at, int(np.clip(min(finer, at * n * usual / 4.0), PARTS, MOST_PARTS)))
+    parts = _parts(
+        bent, usual, at, int(np.clip(min(finer, at * n * usual / 4.0), PARTS, MOST_PARTS))
+    )
     sizes = np.abs(parts)
-    if _coherence(parts) < COHERENT or np.max(sizes) > STEADY * np.min(sizes) or amplitude < max(MATTERS * series.noise, OF_BIT * series.least_bit):
+    if (
+        _coherence(parts) < COHERENT
+        or np.max(sizes) > STEADY * np.min(sizes)
+        or amplitude < max(MATTERS * series.noise, OF_BIT * series.least_bit)
+    ):
         return None
     if any(_in_input(other, at) for other in inputs):
         return None
-    told = f"hums at {at:.4g} Hz with an amplitude of {shown(amplitude, series.unit)}, the same in phase and size throughout"
+    told = (
+        f"hums at {at:.4g} Hz with an amplitude of {shown(amplitude, series.unit)}, the same in "
+        "phase and size throughout"
+    )
     told += f"; a hum above {0.5 / usual:.3g} Hz, half the sample rate, shows as a lower frequency"
     numbers = {"frequency": Number(at, "Hz"), "amplitude": Number(amplitude, series.unit)}
-    remedy = "filter all channels alike with --lowpass below it, or mend the wiring; mains is at 50 or 60 Hz, aircraft supply at 400 Hz"
+    remedy = (
+        "filter all channels alike with --lowpass below it, or mend the wiring; mains is at 50 or "
+        "60 Hz, aircraft supply at 400 Hz"
+    )
     return RecordFinding(series.name, Kind.HUM, Certainty.LIKELY, told, remedy, (), numbers)
 
 
 def _over_floor(power: np.ndarray, first: int) -> np.ndarray:
-    """Each frequency's power over the mean of its neighbours', from their median; from ``first`` on, the last left out."""
+    """Each frequency's power over the mean of its neighbours', from their median; from ``first``
+    on, the last left out.
+    """
     some = power[first:-1]
     if len(some) < AROUND:
         return np.zeros(0)
@@ -327,7 +471,9 @@ def _refined(bent: np.ndarray, step: float, near: float, apart: float) -> float:
 
 
 def _parts(bent: np.ndarray, step: float, at: float, count: int) -> np.ndarray:
-    """The line's complex amplitude in each part of the record, of the channel itself whose second differences are ``bent``."""
+    """The line's complex amplitude in each part of the record, of the channel itself whose second
+    differences are ``bent``.
+    """
     number = np.arange(len(bent))
     turned = bent * np.exp(-2j * math.pi * at * step * number)
     gain = (2.0 * math.sin(math.pi * at * step)) ** 2
@@ -344,7 +490,9 @@ def _coherence(parts: np.ndarray) -> float:
 
 
 def _in_input(other: Series, at: float) -> bool:
-    """Whether an input has the line itself, one phase throughout, as a periodic one has at its harmonics; at its own sample rate."""
+    """Whether an input has the line itself, one phase throughout, as a periodic one has at its
+    harmonics; at its own sample rate.
+    """
     step = float(np.median(np.diff(other.time)))
     parts = _parts(np.diff(other.values[:LONGEST], 2), step, at, PARTS)
     return abs(np.mean(parts)) > IN_INPUT * other.span and _coherence(parts) > 0.5
@@ -355,9 +503,11 @@ def _in_input(other: Series, at: float) -> bool:
 BAND_LIMITED_FEWEST, BAND_LIMITED_LONGEST = 256, 20_000  # samples that are needed, and looked at
 BAND_LIMITED_EVEN = 0.02  # of the usual step, within which steps are even
 BANDS = 40  # of equal width, up to half the sample rate
-EMPTY = 1e-4  # of the level below the cutoff, that no band above it exceeds: noise of a hundredth of the size
-# Ratio of the first empty frequency to the last flat one. Power falls by 1e-4 within 1.8 behind Butterworth filters of order
-# 4 that run both ways; behind an analog filter of order 4, as recorders have against aliasing, within 3.2.
+# of the level below the cutoff, that no band above it exceeds: noise of a hundredth of the size
+EMPTY = 1e-4
+# Ratio of the first empty frequency to the last flat one. Power falls by 1e-4 within 1.8 behind
+# Butterworth filters of order 4 that run both ways; behind an analog filter of order 4, as
+# recorders have against aliasing, within 3.2.
 STEEP = 1.8
 LEAST_FLAT, LEAST_EMPTY = 4, 4  # bands
 BAND_LIMITED_CHANCE = 1e-3  # that a part of a flat spectrum is called uneven
@@ -365,14 +515,19 @@ WIDENED = 2.0  # frequencies of a windowed spectrum for an independent one
 
 
 def band_limited(series: Series) -> RecordFinding | None:
-    """A note of a channel that has noise up to a cutoff and none above; None for any other, and where steps are uneven or few.
+    """A note of a channel that has noise up to a cutoff and none above; None for any other, and
+    where steps are uneven or few.
 
-    A filter that falls less steeply, and a channel whose noise does not show above its motion, are not recognised.
+    A filter that falls less steeply, and a channel whose noise does not show above its motion, are
+    not recognised.
     """
     time, values = series.time[:BAND_LIMITED_LONGEST], series.values[:BAND_LIMITED_LONGEST]
     step = np.diff(time)
     usual = float(np.median(step)) if step.size else 0.0
-    if len(values) < BAND_LIMITED_FEWEST or np.max(np.abs(step - usual)) > BAND_LIMITED_EVEN * usual:
+    if (
+        len(values) < BAND_LIMITED_FEWEST
+        or np.max(np.abs(step - usual)) > BAND_LIMITED_EVEN * usual
+    ):
         return None
     levels, bins = _levels(values), len(values) / 2.0 / BANDS
     for flat in range(BANDS - LEAST_EMPTY - 1, 2 * LEAST_FLAT - 1, -1):
@@ -383,30 +538,52 @@ def band_limited(series: Series) -> RecordFinding | None:
             continue
         cutoff = 0.5 * flat / BANDS / usual
         share = flat / BANDS
-        told = f"has noise up to about {cutoff:.3g} Hz and none above, of {0.5 / usual:.3g} Hz that its samples could hold"
-        told += f": it was filtered or resampled before it was written, and one sample in {1.0 / share:.2g} is independent"
-        remedy = "export the channel as it was recorded; else residuals are not white, and sigmas for white noise too small"
+        told = (
+            f"has noise up to about {cutoff:.3g} Hz and none above, of {0.5 / usual:.3g} Hz that "
+            "its samples could hold"
+        )
+        told += (
+            ": it was filtered or resampled before it was written, and one sample in "
+            f"{1.0 / share:.2g} is independent"
+        )
+        remedy = (
+            "export the channel as it was recorded; else residuals are not white, and sigmas for "
+            "white noise too small"
+        )
         numbers = {"cutoff": Number(cutoff, "Hz")}
         return RecordFinding(series.name, Kind.FILTERED, Certainty.NOTED, told, remedy, (), numbers)
     return None
 
 
 def _levels(values: np.ndarray) -> np.ndarray:
-    """Mean power of a channel in each band ``(BANDS,)``, by second differences, which take the motion down, and a window that leaks 1e-9."""
+    """Mean power of a channel in each band ``(BANDS,)``, by second differences, which take the
+    motion down, and a window that leaks 1e-9.
+    """
     bent = np.diff(values, 2)
     phase = 2.0 * np.pi * (np.arange(len(bent)) + 0.5) / len(bent)
-    window = 0.35875 - 0.48829 * np.cos(phase) + 0.14128 * np.cos(2.0 * phase) - 0.01168 * np.cos(3.0 * phase)
+    window = (
+        0.35875
+        - 0.48829 * np.cos(phase)
+        + 0.14128 * np.cos(2.0 * phase)
+        - 0.01168 * np.cos(3.0 * phase)
+    )
     power = np.abs(np.fft.rfft(window * (bent - np.mean(bent))))[1:] ** 2
     share = np.arange(1, len(power) + 1) / len(power)
     power = power / (2.0 * np.sin(0.5 * np.pi * share)) ** 4
     band = np.minimum((BANDS * share).astype(int), BANDS - 1)
-    return np.asarray(np.bincount(band, weights=power, minlength=BANDS) / np.bincount(band, minlength=BANDS))
+    return np.asarray(
+        np.bincount(band, weights=power, minlength=BANDS) / np.bincount(band, minlength=BANDS)
+    )
 
 
 def _flat(levels: np.ndarray, freedom: float) -> bool:
-    """Whether the halves of a part of the spectrum have one level, and its first and last quarter, for the degrees of freedom of a band."""
+    """Whether the halves of a part of the spectrum have one level, and its first and last quarter,
+    for the degrees of freedom of a band.
+    """
     for count in (len(levels) // 2, max(len(levels) // 4, 1)):
         ratio = float(np.mean(levels[:count]) / np.mean(levels[-count:]))
-        if max(ratio, 1.0 / ratio) > fdtri(count * freedom, count * freedom, 1.0 - BAND_LIMITED_CHANCE):
+        if max(ratio, 1.0 / ratio) > fdtri(
+            count * freedom, count * freedom, 1.0 - BAND_LIMITED_CHANCE
+        ):
             return False
     return True

@@ -1,8 +1,11 @@
-"""The record check: every kind of fault of raw columns in turn, misread columns and time base among them.
+"""The record check: every kind of fault of raw columns in turn, misread columns and time base among
+them.
 
-The columns are read as they stand and as each simple fault would have them; what counts is how well the kinematics then hold (``motion``).
-Sound sensors leave a tenth of the power unexplained or less, also with the sensor effects of the library; rough air may leave half, but
-then no other reading does better. A fault of this kind leaves a third to all of it, and its own reading takes that to a hundredth.
+The columns are read as they stand and as each simple fault would have them; what counts is how well
+the kinematics then hold (``motion``). Sound sensors leave a tenth of the power unexplained or less,
+also with the sensor effects of the library; rough air may leave half, but then no other reading
+does better. A fault of this kind leaves a third to all of it, and its own reading takes that to a
+hundredth.
 """
 
 from __future__ import annotations
@@ -36,40 +39,85 @@ from ident.recording.kinematic_relations import (
     unexplained_lift,
 )
 from ident.recording.missing_samples import dropouts, held, interpolated, missing_rows, stuck
-from ident.recording.series import FEWEST, Certainty, Expectations, Kind, Number, RecordFinding, Series, changing_noise, coarse, series_of
+from ident.recording.series import (
+    FEWEST,
+    Certainty,
+    Expectations,
+    Kind,
+    Number,
+    RecordFinding,
+    Series,
+    changing_noise,
+    coarse,
+    series_of,
+)
 from sim.record import Channel, Record
 
 # ---- A time base that runs grossly fast or slow
 
-SUSPECT, SUITS = 0.12, 0.06  # unexplained: a clock at twice its rate leaves 0.2, the right one as little as noise does
+# unexplained: a clock at twice its rate leaves 0.2, the right one as little as noise does
+SUSPECT, SUITS = 0.12, 0.06
 CLEARLY = 4.0  # times less than as read
-GROSS = 0.7  # of ln 2: scales of a sensor are nearer to one, and a clock that is less wrong is an effect for the fit
+# of ln 2: scales of a sensor are nearer to one, and a clock that is less wrong is an effect for the
+# fit
+GROSS = 0.7
 PER_OCTAVE, OCTAVES = 4, 4
-CLOSE = 0.7  # of a logarithm: starting values of a vehicle file and effects make up to a factor of two
+# of a logarithm: starting values of a vehicle file and effects make up to a factor of two
+CLOSE = 0.7
 
 
 def wrong_clock(columns: Columns, as_read: float, expected: Expectations) -> RecordFinding | None:
-    """Certain where the control's power, or pitch attitude, tell it from a scale of a sensor, else likely; None where time is right."""
-    factors = [2.0 ** (step / PER_OCTAVE) for step in range(-PER_OCTAVE * OCTAVES, PER_OCTAVE * OCTAVES + 1) if step]
-    left = {factor: max(disagreement(columns.times({"time": factor})).values()) for factor in factors}
+    """Certain where the control's power, or pitch attitude, tell it from a scale of a sensor, else
+    likely; None where time is right.
+    """
+    factors = [
+        2.0 ** (step / PER_OCTAVE)
+        for step in range(-PER_OCTAVE * OCTAVES, PER_OCTAVE * OCTAVES + 1)
+        if step
+    ]
+    left = {
+        factor: max(disagreement(columns.times({"time": factor})).values()) for factor in factors
+    }
     best = min(left, key=lambda factor: left[factor])
     if left[best] > SUITS or left[best] * CLEARLY > as_read or abs(math.log2(best)) < GROSS:
         return None
-    numbers = {"factor": Number(best, "1"), "unexplained": Number(as_read, "1"), "unexplained_otherwise": Number(left[best], "1")}
-    what = f"disagrees with the kinematics: they hold if time runs {best:.2g} times as long as the column says"
-    # Attitude rules out a scale of alpha; one of the pitch rate does the same to it as the clock, and is told by nz alone.
+    numbers = {
+        "factor": Number(best, "1"),
+        "unexplained": Number(as_read, "1"),
+        "unexplained_otherwise": Number(left[best], "1"),
+    }
+    what = (
+        f"disagrees with the kinematics: they hold if time runs {best:.2g} times as long as the "
+        "column says"
+    )
+    # Attitude rules out a scale of alpha; one of the pitch rate does the same to it as the clock,
+    # and is told by nz alone.
     attitude = {"theta", "alpha"} <= set(columns.outputs)
     by_rate = min(max(disagreement(columns.times({"q": factor})).values()) for factor in factors)
     if (attitude and CLEARLY * left[best] < by_rate) or _control_agrees(columns, best, expected):
         return RecordFinding(
-            "time", Kind.TIME_BASE, Certainty.CERTAIN, what, "mend the time column, or say its unit in a channel map", numbers=numbers
+            "time",
+            Kind.TIME_BASE,
+            Certainty.CERTAIN,
+            what,
+            "mend the time column, or say its unit in a channel map",
+            numbers=numbers,
         )
     what += f", or if the {'pitch rate' if attitude else 'angle of attack'} has a scale of its own"
-    return RecordFinding("time", Kind.TIME_BASE, Certainty.LIKELY, what, "check the sample rate and the units of the columns", numbers=numbers)
+    return RecordFinding(
+        "time",
+        Kind.TIME_BASE,
+        Certainty.LIKELY,
+        what,
+        "check the sample rate and the units of the columns",
+        numbers=numbers,
+    )
 
 
 def _control_agrees(columns: Columns, factor: float, expected: Expectations) -> bool:
-    """Whether the control's power is that of the vehicle's data only with the other clock: accelerations go with its square."""
+    """Whether the control's power is that of the vehicle's data only with the other clock:
+    accelerations go with its square.
+    """
     if expected.control_power is None or not expected.control_power or not expected.angular_control:
         return False
     apart = []
@@ -83,33 +131,55 @@ def _control_agrees(columns: Columns, factor: float, expected: Expectations) -> 
 
 # ---- Columns that are not what their header says
 
-# Chosen between the two: records with any effect of the library leave 0.12 at most, a wrong column 0.28 at least; the noise of a small motion
-# leaves 0.1 of the right reading, too.
+# Chosen between the two: records with any effect of the library leave 0.12 at most, a wrong column
+# 0.28 at least; the noise of a small motion leaves 0.1 of the right reading, too.
 WRONG, RIGHT, RIGHT_WITH_CONTROL = 0.2, 0.15, 0.1
 READINGS_CLEARLY = 4.0  # times less than as read, and than any reading of another kind
-NEAR = 3.0  # factor within which a control power is that of the vehicle's data; effects and starting values differ by 2, degrees by 57
-# Correlation of changes of nz and alpha: 0.88 at least with any effect of the library; a control moves otherwise.
+# factor within which a control power is that of the vehicle's data; effects and starting values
+# differ by 2, degrees by 57
+NEAR = 3.0
+# Correlation of changes of nz and alpha: 0.88 at least with any effect of the library; a control
+# moves otherwise.
 TOGETHER, APART = 0.85, 0.7
-# Rows of a lag: with two, a motion has four samples a period, and of 600 sound light aircraft one was read as in ms.
+# Rows of a lag: with two, a motion has four samples a period, and of 600 sound light aircraft one
+# was read as in ms.
 RESOLVED = 3
-CHANCE = -2.0 * math.log(1e-3)  # of twice the log likelihood: the level of significance is one in a thousand
-SMALL_ANGLES = ("alpha", "elevator", "beta", "aileron", "rudder")  # in rad, of a motion that linear equations describe
-LARGEST, REACHED = 1.5, 99.0  # rad away from the middle that a hundredth of the samples may reach, and the rest in per cent
+# of twice the log likelihood: the level of significance is one in a thousand
+CHANCE = -2.0 * math.log(1e-3)
+# in rad, of a motion that linear equations describe
+SMALL_ANGLES = ("alpha", "elevator", "beta", "aileron", "rudder")
+# rad away from the middle that a hundredth of the samples may reach, and the rest in per cent
+LARGEST, REACHED = 1.5, 99.0
 LEVEL = (9.0, 10.7)  # g, of a middle: level flight in m/s2, a little climbing, diving or turning
 LARGE = 0.6  # rad, of an angle of attack from end to end
 
 
 def misread(record: Record, expected: Expectations) -> list[RecordFinding]:
-    """Columns that are certainly, or likely, not what they are called; empty where all fit together or nothing joins them."""
-    far = [one for name in SMALL_ANGLES if name in (*record.input_names, *record.output_names) and (one := _far(record[name])) is not None]
-    far += [one for name in ("nz",) if name in record.output_names and (one := _gravity(record[name])) is not None]
+    """Columns that are certainly, or likely, not what they are called; empty where all fit together
+    or nothing joins them.
+    """
+    far = [
+        one
+        for name in SMALL_ANGLES
+        if name in (*record.input_names, *record.output_names)
+        and (one := _far(record[name])) is not None
+    ]
+    far += [
+        one
+        for name in ("nz",)
+        if name in record.output_names and (one := _gravity(record[name])) is not None
+    ]
     columns = columns_of(record, expected)
     if columns is None:
         return far
     found = _of_columns(columns, expected)
     if far and not any(one.kind is Kind.EXCHANGED for one in found):
         return far
-    return [_of_az(one) for one in found] if "az" in record.output_names and "nz" not in record.output_names else found
+    return (
+        [_of_az(one) for one in found]
+        if "az" in record.output_names and "nz" not in record.output_names
+        else found
+    )
 
 
 def _of_columns(columns: Columns, expected: Expectations) -> list[RecordFinding]:
@@ -124,35 +194,63 @@ def _of_columns(columns: Columns, expected: Expectations) -> list[RecordFinding]
 
 
 def _of_az(finding: RecordFinding) -> RecordFinding:
-    """What was found of nz, told of the column that it comes from: in m/s2 for nz is a factor of g0, that of g for az."""
+    """What was found of nz, told of the column that it comes from: in m/s2 for nz is a factor of
+    g0, that of g for az.
+    """
     if finding.kind is Kind.UNIT and finding.channel == "nz":
         return replace(finding, channel="az", remedy="check the unit of az: m/s2 is meant")
-    channel, sentence, remedy = (re.sub(r"\bnz\b", "az", text) for text in (finding.channel, finding.sentence, finding.remedy))
+    channel, sentence, remedy = (
+        re.sub(r"\bnz\b", "az", text)
+        for text in (finding.channel, finding.sentence, finding.remedy)
+    )
     return replace(finding, channel=channel, sentence=sentence, remedy=remedy)
 
 
 def _far(channel: Channel) -> RecordFinding | None:
     """A flow angle or a control that moves too far for radians."""
     values = channel.values[channel.valid]
-    reach = float(np.percentile(np.abs(values - np.median(values)), REACHED)) if len(values) else 0.0
+    reach = (
+        float(np.percentile(np.abs(values - np.median(values)), REACHED)) if len(values) else 0.0
+    )
     if reach <= LARGEST:
         return None
     told = f"moves by {reach:.3g} rad ({math.degrees(reach):.3g} deg)"
-    remedy = f"if the column is in degrees, name it {channel.name}_deg or say so in a channel map; if it is right, {channel.name} = false there"
-    return RecordFinding(channel.name, Kind.UNIT, Certainty.CERTAIN, told, remedy, numbers={"reach": Number(reach, "rad")})
+    remedy = (
+        f"if the column is in degrees, name it {channel.name}_deg or say so in a channel map; if "
+        f"it is right, {channel.name} = false there"
+    )
+    return RecordFinding(
+        channel.name,
+        Kind.UNIT,
+        Certainty.CERTAIN,
+        told,
+        remedy,
+        numbers={"reach": Number(reach, "rad")},
+    )
 
 
 def _gravity(channel: Channel) -> RecordFinding | None:
-    """A load factor whose middle is 9.8: nothing flies at that for half a record, and level flight reads that in m/s2."""
+    """A load factor whose middle is 9.8: nothing flies at that for half a record, and level flight
+    reads that in m/s2.
+    """
     middle = float(np.median(channel.values[channel.valid]))
     if not LEVEL[0] < abs(middle) < LEVEL[1]:
         return None
     told = f"is in m/s2, not in g: its middle is {middle:.3g}"
-    return RecordFinding(channel.name, Kind.UNIT, Certainty.CERTAIN, told, NZ_REMEDY, numbers={"middle": Number(middle, "g")})
+    return RecordFinding(
+        channel.name,
+        Kind.UNIT,
+        Certainty.CERTAIN,
+        told,
+        NZ_REMEDY,
+        numbers={"middle": Number(middle, "g")},
+    )
 
 
 def _of_lift(columns: Columns, as_read: float) -> RecordFinding | None:
-    """nz against alpha, which lift ties to each other: of turned sign, or exchanged with the control, where the kinematics say so too."""
+    """nz against alpha, which lift ties to each other: of turned sign, or exchanged with the
+    control, where the kinematics say so too.
+    """
     y = columns.outputs
     if not {"alpha", "q", "nz"} <= set(y):
         return None
@@ -164,55 +262,112 @@ def _of_lift(columns: Columns, as_read: float) -> RecordFinding | None:
         """The largest correlation of changes, either column up to ``SHIFTS`` late."""
         other = change(values, lag)
         with np.errstate(invalid="ignore"):
-            found = [float(np.nan_to_num(np.corrcoef(alpha[k:], other[: len(other) - k])[0, 1])) for k in shifts]
-            found += [float(np.nan_to_num(np.corrcoef(alpha[: len(alpha) - k], other[k:])[0, 1])) for k in shifts]
+            found = [
+                float(np.nan_to_num(np.corrcoef(alpha[k:], other[: len(other) - k])[0, 1]))
+                for k in shifts
+            ]
+            found += [
+                float(np.nan_to_num(np.corrcoef(alpha[: len(alpha) - k], other[k:])[0, 1]))
+                for k in shifts
+            ]
         return max(found, key=abs)
 
     together = goes_with_alpha(y["nz"])
     turned = max(disagreement(columns.times({"nz": -1.0})).values())
     if together < -TOGETHER and turned < RIGHT and turned < as_read:
-        told = f"has the sign turned: it falls when alpha rises (correlation {together:.2f}), and the kinematics hold better with the other sign"
+        told = (
+            f"has the sign turned: it falls when alpha rises (correlation {together:.2f}), and the "
+            "kinematics hold better with the other sign"
+        )
         return RecordFinding(
-            "nz", Kind.SIGN, Certainty.CERTAIN, told, "turn the sign of the column of nz", numbers={"correlation": Number(together, "1")}
+            "nz",
+            Kind.SIGN,
+            Certainty.CERTAIN,
+            told,
+            "turn the sign of the column of nz",
+            numbers={"correlation": Number(together, "1")},
         )
     if columns.control is None or together > APART or goes_with_alpha(columns.control) < TOGETHER:
         return None
     exchanged = columns.exchanged("nz", columns.control_name)
     other = max(disagreement(exchanged).values())
-    if other > RIGHT or READINGS_CLEARLY * other > as_read or not _likelier(unexplained_lift(columns), unexplained_lift(exchanged)):
+    if (
+        other > RIGHT
+        or READINGS_CLEARLY * other > as_read
+        or not _likelier(unexplained_lift(columns), unexplained_lift(exchanged))
+    ):
         return None
     name = columns.control_name
-    told = f"are exchanged: the column of {name} goes with alpha, that of nz does not, and the kinematics hold so"
-    return RecordFinding(f"nz and {name}", Kind.EXCHANGED, Certainty.CERTAIN, told, RENAME, numbers={"correlation": Number(together, "1")})
+    told = (
+        f"are exchanged: the column of {name} goes with alpha, that of nz does not, and the "
+        "kinematics hold so"
+    )
+    return RecordFinding(
+        f"nz and {name}",
+        Kind.EXCHANGED,
+        Certainty.CERTAIN,
+        told,
+        RENAME,
+        numbers={"correlation": Number(together, "1")},
+    )
 
 
 def _of_angles(columns: Columns, as_read: float) -> RecordFinding | None:
-    """All angles in degrees at once: they agree with each other, but not with nz, and move further than any aircraft's in radians."""
+    """All angles in degrees at once: they agree with each other, but not with nz, and move further
+    than any aircraft's in radians.
+    """
     names = [name for name in columns.outputs if name in UNITS]
-    if "alpha" not in names or len(names) < 2 or "nz" not in columns.outputs or float(np.ptp(columns.outputs["alpha"])) < LARGE:
+    if (
+        "alpha" not in names
+        or len(names) < 2
+        or "nz" not in columns.outputs
+        or float(np.ptp(columns.outputs["alpha"])) < LARGE
+    ):
         return None
-    other = max(disagreement(columns.times({name: 1.0 / DEGREES for name in names})).values(), default=math.inf)
+    other = max(
+        disagreement(columns.times({name: 1.0 / DEGREES for name in names})).values(),
+        default=math.inf,
+    )
     if other > SUITS or READINGS_CLEARLY * other > as_read:
         return None
     told = "are in degrees, not in radians: with nz the kinematics hold only so"
     return RecordFinding(
-        " and ".join(names), Kind.UNIT, Certainty.CERTAIN, told, "say their units in a channel map", numbers={"unexplained": Number(as_read, "1")}
+        " and ".join(names),
+        Kind.UNIT,
+        Certainty.CERTAIN,
+        told,
+        "say their units in a channel map",
+        numbers={"unexplained": Number(as_read, "1")},
     )
 
 
 def _best(columns: Columns, as_read: float, expected: Expectations) -> RecordFinding | None:
-    readings = sorted((one for one in all_readings(columns) if one.left < _right(one, columns)), key=lambda one: one.left)
+    readings = sorted(
+        (one for one in all_readings(columns) if one.left < _right(one, columns)),
+        key=lambda one: one.left,
+    )
     best = readings[0] if readings else None
     if best is not None and as_read > WRONG and best.left * READINGS_CLEARLY < as_read:
         near = [best, *(one for one in readings[1:] if one.left < READINGS_CLEARLY * best.left)]
-        possible = [one for one in near if _implausible_as_read(one, columns, expected) is not False]
+        possible = [
+            one for one in near if _implausible_as_read(one, columns, expected) is not False
+        ]
         if not possible:
             return wrong_clock(columns, as_read, expected)
         best, rivals = _by_control(possible, expected) if len(possible) > 1 else (possible[0], [])
-        numbers = {"unexplained": Number(as_read, "1"), "unexplained_otherwise": Number(best.left, "1")}
-        what = f"{best.sentence}: as read, the kinematics leave {_percent(as_read)} of the motion unexplained, read so {_percent(best.left)}"
-        # Without alpha nz stands for it, which an accelerometer off the centre of gravity does badly: only a sign is beyond that.
-        plain = ("alpha" in columns.outputs or best.kind is Kind.SIGN) and lag_of(columns) >= RESOLVED
+        numbers = {
+            "unexplained": Number(as_read, "1"),
+            "unexplained_otherwise": Number(best.left, "1"),
+        }
+        what = (
+            f"{best.sentence}: as read, the kinematics leave {_percent(as_read)} of the motion "
+            f"unexplained, read so {_percent(best.left)}"
+        )
+        # Without alpha nz stands for it, which an accelerometer off the centre of gravity does
+        # badly: only a sign is beyond that.
+        plain = ("alpha" in columns.outputs or best.kind is Kind.SIGN) and lag_of(
+            columns
+        ) >= RESOLVED
         shown = _implausible_as_read(best, columns, expected) is not None
         certainty = Certainty.CERTAIN if plain and shown else Certainty.LIKELY
         if rivals:
@@ -222,22 +377,27 @@ def _best(columns: Columns, as_read: float, expected: Expectations) -> RecordFin
 
 
 def _implausible_as_read(reading: Reading, columns: Columns, expected: Expectations) -> bool | None:
-    """Whether columns that a reading exchanges or turns are also implausible by what kinematics do not use; None where nothing else is known.
+    """Whether columns that a reading exchanges or turns are also implausible by what kinematics do
+    not use; None where nothing else is known.
 
-    A sensor that is wrong, or a gust, spoils the kinematics too, and a controller makes an elevator in the shape of what it feeds back:
-    that the kinematics hold for another column is not enough. Lift decides on alpha, nz and the control, the pitch acceleration that
-    the control makes on the pitch rate and the control.
+    A sensor that is wrong, or a gust, spoils the kinematics too, and a controller makes an elevator
+    in the shape of what it feeds back: that the kinematics hold for another column is not enough.
+    Lift decides on alpha, nz and the control, the pitch acceleration that the control makes on the
+    pitch rate and the control.
     """
     names, exchange = set(reading.channel.split(" and ")), reading.kind is Kind.EXCHANGED
     if not exchange and reading.kind is not Kind.SIGN:
         return True
     lift = unexplained_lift(columns)
-    if lift is not None and names & {"alpha", "nz"} and names != {"alpha", "nz"}:  # the law of lift is the same for these two exchanged
+    # the law of lift is the same for these two exchanged
+    if lift is not None and names & {"alpha", "nz"} and names != {"alpha", "nz"}:
         return _likelier(lift, unexplained_lift(reading.columns))
     by_control = exchange and columns.control_name in names
     if not by_control and "q" not in names:
         return True
-    (here, power), (there, other) = (_pitching(some, expected) for some in (columns, reading.columns))
+    (here, power), (there, other) = (
+        _pitching(some, expected) for some in (columns, reading.columns)
+    )
     if here is not None and there is not None and here is not there:
         return there
     if not by_control:
@@ -249,7 +409,9 @@ def _implausible_as_read(reading: Reading, columns: Columns, expected: Expectati
 
 
 def _pitching(columns: Columns, expected: Expectations) -> tuple[bool | None, ControlPower | None]:
-    """Whether the control has the power that the vehicle's data say, None where it cannot be relied on; and that power."""
+    """Whether the control has the power that the vehicle's data say, None where it cannot be relied
+    on; and that power.
+    """
     found = control_power(columns)
     if found is None or not sure(found) or not expected.control_power:
         return None, found
@@ -257,25 +419,39 @@ def _pitching(columns: Columns, expected: Expectations) -> tuple[bool | None, Co
 
 
 def _fits(power: float, expected: Expectations) -> bool:
-    """Whether a control power is that of the vehicle's data, or at least of its sign where only that is known."""
+    """Whether a control power is that of the vehicle's data, or at least of its sign where only
+    that is known.
+    """
     ratio = power / expected.control_power if expected.control_power else 0.0
     return 1.0 / NEAR < ratio < NEAR or (ratio > 0.0 and not expected.angular_control)
 
 
 def _likelier(before: tuple[float, float] | None, after: tuple[float, float] | None) -> bool:
-    """Whether the second share of what is left is smaller beyond chance; with each the number of independent stretches."""
+    """Whether the second share of what is left is smaller beyond chance; with each the number of
+    independent stretches.
+    """
     if before is None or after is None:
         return False
-    return min(before[1], after[1]) * math.log(max(before[0], FLOOR) / max(after[0], FLOOR)) > CHANCE
+    return (
+        min(before[1], after[1]) * math.log(max(before[0], FLOOR) / max(after[0], FLOOR)) > CHANCE
+    )
 
 
 def _right(reading: Reading, columns: Columns) -> float:
-    """What a reading may leave; less where the control takes part, which a feedback makes look like what it feeds back."""
-    return RIGHT_WITH_CONTROL if reading.kind is Kind.EXCHANGED and columns.control_name in reading.channel.split(" and ") else RIGHT
+    """What a reading may leave; less where the control takes part, which a feedback makes look like
+    what it feeds back.
+    """
+    return (
+        RIGHT_WITH_CONTROL
+        if reading.kind is Kind.EXCHANGED and columns.control_name in reading.channel.split(" and ")
+        else RIGHT
+    )
 
 
 def _by_control(rivals: Sequence[Reading], expected: Expectations) -> tuple[Reading, list[Reading]]:
-    """Of readings that the kinematics cannot tell apart, those that give the control the power that the vehicle's data say."""
+    """Of readings that the kinematics cannot tell apart, those that give the control the power that
+    the vehicle's data say.
+    """
     if expected.control_power is None:
         return rivals[0], list(rivals[1:])
     fitting = []
@@ -294,20 +470,51 @@ def _of_control(columns: Columns, expected: Expectations) -> list[RecordFinding]
     if found is None or not sure(found) or _contradicted(columns, found.value):
         return []
     ratio, name = found.value / expected.control_power, columns.control_name
-    told = f"its pitch acceleration is {found.value:+.3g} rad/s2 per unit, the vehicle file says {expected.control_power:+.3g}"
-    numbers = {"control_power": Number(found.value, "rad/s2"), "expected": Number(expected.control_power, "rad/s2")}
+    told = (
+        f"its pitch acceleration is {found.value:+.3g} rad/s2 per unit, the vehicle file says "
+        f"{expected.control_power:+.3g}"
+    )
+    numbers = {
+        "control_power": Number(found.value, "rad/s2"),
+        "expected": Number(expected.control_power, "rad/s2"),
+    }
     if ratio < 0.0:
-        remedy = f"turn the sign of the column of {name}, or that of its derivatives in the vehicle file"
-        return [RecordFinding(name, Kind.SIGN, Certainty.CERTAIN, f"has the sign turned: {told}", remedy, numbers=numbers)]
+        remedy = (
+            f"turn the sign of the column of {name}, or that of its derivatives in the vehicle file"
+        )
+        return [
+            RecordFinding(
+                name,
+                Kind.SIGN,
+                Certainty.CERTAIN,
+                f"has the sign turned: {told}",
+                remedy,
+                numbers=numbers,
+            )
+        ]
     if expected.angular_control and 1.0 / NEAR < ratio * DEGREES < NEAR:
         remedy = f"name the column {name}_deg, or say its unit in a channel map"
-        return [RecordFinding(name, Kind.UNIT, Certainty.CERTAIN, f"is in deg, not in rad: {told}", remedy, numbers=numbers)]
+        return [
+            RecordFinding(
+                name,
+                Kind.UNIT,
+                Certainty.CERTAIN,
+                f"is in deg, not in rad: {told}",
+                remedy,
+                numbers=numbers,
+            )
+        ]
     return []
 
 
 def _contradicted(columns: Columns, power: float) -> bool:
-    """Whether a control power has the other sign with nz in the place of alpha: a vane that is very late bends it so far."""
-    without = replace(columns, outputs={name: values for name, values in columns.outputs.items() if name != "alpha"})
+    """Whether a control power has the other sign with nz in the place of alpha: a vane that is very
+    late bends it so far.
+    """
+    without = replace(
+        columns,
+        outputs={name: values for name, values in columns.outputs.items() if name != "alpha"},
+    )
     other = control_power(without) if "alpha" in columns.outputs else None
     return other is not None and other.value * power < 0.0
 
@@ -329,11 +536,16 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Recor
     record : as it was read, before anything is done to it; SI and radians, nz in g.
     expected : what it is compared with beside itself; None: itself alone.
 
-    A few tens of milliseconds for a thousand rows of four channels. No finding is raised as an error; what follows from one is the caller's.
+    A few tens of milliseconds for a thousand rows of four channels. No finding is raised as an
+    error; what follows from one is the caller's.
     """
     expected = expected or Expectations()
     over = expected.gravity / expected.airspeed if expected.airspeed else None
-    outputs = [series_of(record, channel) for channel in record.outputs if np.count_nonzero(channel.valid) >= FEWEST]
+    outputs = [
+        series_of(record, channel)
+        for channel in record.outputs
+        if np.count_nonzero(channel.valid) >= FEWEST
+    ]
     inputs = [series_of(record, channel) for channel in record.inputs]
     masked: dict[str, np.ndarray] = {}
     found = missing_rows(record) if len(record) >= FEWEST else []
@@ -341,25 +553,48 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Recor
         others = [other for other in outputs if other is not series]
         found += _samples(series, others, inputs, len(record), masked)
     for series in inputs:
-        found += [*dropouts(series, len(record), is_input=True), *clipped(series, len(record), is_input=True)]
+        found += [
+            *dropouts(series, len(record), is_input=True),
+            *clipped(series, len(record), is_input=True),
+        ]
         filled = interpolated(series, len(record), is_input=True)
         found += [filled] if filled is not None else []
     limited = [one for series in inputs if (one := band_limited(series)) is not None]
     found += limited
     clean = _without(record, masked)
-    whole = [series_of(clean, clean[series.name]) for series in outputs if not _mostly(masked.get(series.name))]
+    whole = [
+        series_of(clean, clean[series.name])
+        for series in outputs
+        if not _mostly(masked.get(series.name))
+    ]
     for series in whole:
         others = [other for other in whole if other is not series]
-        looked = (coarse(series), changing_noise(series, len(record), inputs, others), hum(series, inputs), _band_limited(series, limited))
+        looked = (
+            coarse(series),
+            changing_noise(series, len(record), inputs, others),
+            hum(series, inputs),
+            _band_limited(series, limited),
+        )
         found += [one for one in looked if one is not None]
-    found += zero_steps([series for series in whole if series.least_bit <= 2.0 * max(series.noise, 1e-300)], inputs, masked, over)
+    found += zero_steps(
+        [series for series in whole if series.least_bit <= 2.0 * max(series.noise, 1e-300)],
+        inputs,
+        masked,
+        over,
+    )
     if expected.aircraft:
         found += misread(clean, expected)
     found += height_unit(clean, expected)
     return tuple(sorted(found, key=lambda one: ORDER.index(one.certainty)))
 
 
-def _samples(series: Series, others: Sequence[Series], inputs: Sequence[Series], count: int, masked: dict[str, np.ndarray]) -> list[RecordFinding]:
+def _samples(
+    series: Series,
+    others: Sequence[Series],
+    inputs: Sequence[Series],
+    count: int,
+    masked: dict[str, np.ndarray],
+) -> list[RecordFinding]:
     """What masks samples of one channel; a sample is masked once."""
     taken = np.zeros(count, dtype=bool)
     out = dropouts(series, count)
@@ -384,9 +619,19 @@ def _samples(series: Series, others: Sequence[Series], inputs: Sequence[Series],
 
 
 def _band_limited(series: Series, inputs: Sequence[RecordFinding]) -> RecordFinding | None:
-    """An output's end of the spectrum, unless that of an input explains it: a motion without noise ends where what excites it does."""
+    """An output's end of the spectrum, unless that of an input explains it: a motion without noise
+    ends where what excites it does.
+    """
     found = band_limited(series)
-    return None if found is None or any(0.5 < one.numbers["cutoff"].value / found.numbers["cutoff"].value < 2.0 for one in inputs) else found
+    return (
+        None
+        if found is None
+        or any(
+            0.5 < one.numbers["cutoff"].value / found.numbers["cutoff"].value < 2.0
+            for one in inputs
+        )
+        else found
+    )
 
 
 def _mostly(mask: np.ndarray | None) -> bool:
@@ -399,7 +644,9 @@ def _without(record: Record, masked: dict[str, np.ndarray]) -> Record:
     if not any(np.any(mask) for mask in masked.values()):
         return record
     outputs = tuple(
-        replace(channel, valid=channel.valid & ~masked[channel.name]) if np.any(masked.get(channel.name, False)) else channel
+        replace(channel, valid=channel.valid & ~masked[channel.name])
+        if np.any(masked.get(channel.name, False))
+        else channel
         for channel in record.outputs
     )
     return replace(record, outputs=outputs)

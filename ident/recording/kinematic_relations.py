@@ -1,10 +1,13 @@
-"""Relations between the channels of one motion, and alternative readings of columns that they can refute.
+"""Relations between the channels of one motion, and alternative readings of columns that they can
+refute.
 
-Over a lag h of about half the motion's rhythm, alpha(t + h) - alpha(t) = int (q - (g/V) (nz - nz_0)) dt and theta(t + h) - theta(t) = int q dt.
-Without nz the lift is a multiple of alpha (Z alpha, Z > 0); without alpha a change of nz is one of alpha (k > 0). A difference over a lag
-forgets biases and drifts.
+Over a lag h of about half the motion's rhythm, alpha(t + h) - alpha(t) = int (q - (g/V) (nz -
+nz_0)) dt and theta(t + h) - theta(t) = int q dt. Without nz the lift is a multiple of alpha (Z
+alpha, Z > 0); without alpha a change of nz is one of alpha (k > 0). A difference over a lag forgets
+biases and drifts.
 
-q(t + h) - q(t) = M_alpha int alpha dt + M_q int q dt + M_delta int delta(t - late) dt + c h, by least squares; nz stands in for an absent alpha.
+q(t + h) - q(t) = M_alpha int alpha dt + M_q int q dt + M_delta int delta(t - late) dt + c h, by
+least squares; nz stands in for an absent alpha.
 """
 
 from __future__ import annotations
@@ -29,14 +32,18 @@ FEWEST = 40  # rows
 LONGEST = 3000  # rows that a comparison looks at
 HALF = 0.5  # autocorrelation at which a lag is half a rhythm
 FLOOR = 1e-30
-SPARSE = 2  # rows of a lag for a row between two samples of a channel: with fewer, straight lines between them are not the motion
+# rows of a lag for a row between two samples of a channel: with fewer, straight lines between them
+# are not the motion
+SPARSE = 2
 SHIFTS = (0.0, 0.05, 0.1, 0.2)  # s: delays and lags of sensors
 LATE = 0.3  # s: delays, lags, and arms over the airspeed, which are effects of their own
 
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Channels as arrays on one time base, gaps bridged and lone wrong samples taken out, ``(N,)`` each; ``control`` is held between samples."""
+    """Channels as arrays on one time base, gaps bridged and lone wrong samples taken out, ``(N,)``
+    each; ``control`` is held between samples.
+    """
 
     time: np.ndarray
     outputs: Mapping[str, np.ndarray]
@@ -47,8 +54,12 @@ class Columns:
     def times(self, factors: Mapping[str, float]) -> Columns:
         """The same with some channels multiplied; ``control`` and ``time`` are names, too."""
         outputs = {name: values * factors.get(name, 1.0) for name, values in self.outputs.items()}
-        control = None if self.control is None else self.control * factors.get(self.control_name, 1.0)
-        return replace(self, time=self.time * factors.get("time", 1.0), outputs=outputs, control=control)
+        control = (
+            None if self.control is None else self.control * factors.get(self.control_name, 1.0)
+        )
+        return replace(
+            self, time=self.time * factors.get("time", 1.0), outputs=outputs, control=control
+        )
 
     def exchanged(self, first: str, second: str) -> Columns:
         """The same with two channels in each other's place."""
@@ -62,7 +73,9 @@ class Columns:
 
 
 def columns_of(record: Record, expected: Expectations) -> Columns | None:
-    """The channels that one motion joins; None where they are fewer than two or too short. ``az`` stands for nz as -az/g0."""
+    """The channels that one motion joins; None where they are fewer than two or too short. ``az``
+    stands for nz as -az/g0.
+    """
     if len(record) < FEWEST:
         return None
     rows = slice(0, LONGEST)
@@ -72,32 +85,59 @@ def columns_of(record: Record, expected: Expectations) -> Columns | None:
     if len(outputs) < 1:
         return None
     control = record.inputs[0] if record.inputs else None
-    known = [np.flatnonzero(record[name].valid) for name in (*JOINED, "az") if name in record.output_names]
+    known = [
+        np.flatnonzero(record[name].valid)
+        for name in (*JOINED, "az")
+        if name in record.output_names
+    ]
     sparse = max(int(np.median(np.diff(rows))) if len(rows) > 1 else len(record) for rows in known)
-    over = expected.gravity / expected.airspeed if expected.airspeed else _from_record(record, expected.gravity)
+    over = (
+        expected.gravity / expected.airspeed
+        if expected.airspeed
+        else _from_record(record, expected.gravity)
+    )
     values = control.values[rows] if control is not None else None
-    columns = Columns(record.time[rows], outputs, values, control.name if control is not None else "", over)
+    columns = Columns(
+        record.time[rows], outputs, values, control.name if control is not None else "", over
+    )
     return columns if sparse * SPARSE <= lag_of(columns) else None
 
 
 def disagreement(columns: Columns) -> dict[str, float]:
-    """For each relation the share of its power that it does not explain: 0 where it holds, 1 where its sides are unrelated, up to 2."""
+    """For each relation the share of its power that it does not explain: 0 where it holds, 1 where
+    its sides are unrelated, up to 2.
+    """
     lag = lag_of(columns)
     sides = relations(columns, lag)
     along = change(columns.outputs["q"], lag) if sides else np.zeros(0)
-    return {name: _share(left, right, along - np.mean(along)) for name, (left, right) in sides.items()}
+    return {
+        name: _share(left, right, along - np.mean(along)) for name, (left, right) in sides.items()
+    }
 
 
 def relations(columns: Columns, lag: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Both sides of every relation that the columns allow, about their means, shape ``(N - lag,)``."""
+    """Both sides of every relation that the columns allow, about their means, shape ``(N -
+    lag,)``.
+    """
     y = columns.outputs
     moved = {name: change(values, lag) for name, values in y.items()}
-    sums = {name: change(integral(columns.time, values - np.mean(values)), lag) for name, values in y.items()}
+    sums = {
+        name: change(integral(columns.time, values - np.mean(values)), lag)
+        for name, values in y.items()
+    }
     out = {}
     if "q" in y and "alpha" in y:
         if "nz" in y:
             over = columns.gravity_over_speed
-            factor = over if over is not None else float(np.clip(_slope(sums["nz"], sums["q"] - moved["alpha"]), 9.8 / FASTEST, 9.8 / SLOWEST))
+            factor = (
+                over
+                if over is not None
+                else float(
+                    np.clip(
+                        _slope(sums["nz"], sums["q"] - moved["alpha"]), 9.8 / FASTEST, 9.8 / SLOWEST
+                    )
+                )
+            )
             out["alpha"] = (moved["alpha"], sums["q"] - factor * sums["nz"])
         else:
             steep = float(np.clip(_slope(sums["alpha"], sums["q"] - moved["alpha"]), 0.0, STIFFEST))
@@ -107,22 +147,29 @@ def relations(columns: Columns, lag: int) -> dict[str, tuple[np.ndarray, np.ndar
         out["nz"] = (moved["nz"], max(_slope(rate, moved["nz"]), 0.0) * rate)
     if "q" in y and "theta" in y:
         out["theta"] = (moved["theta"], sums["q"])
-    return {name: (left - np.mean(left), right - np.mean(right)) for name, (left, right) in out.items()}
+    return {
+        name: (left - np.mean(left), right - np.mean(right)) for name, (left, right) in out.items()
+    }
 
 
 def unexplained_lift(columns: Columns) -> tuple[float, float] | None:
-    """Share of the load's change that lift leaves, and the number of independent stretches it is seen in; None without alpha or nz.
+    """Share of the load's change that lift leaves, and the number of independent stretches it is
+    seen in; None without alpha or nz.
 
-    nz - nz_0 = a alpha + b delta with a >= |b|: lift rises with the angle of attack, and a surface, which is a part of the wing's or
-    the tail's area, makes less of it per radian than the whole aircraft. Integrals over a lag are compared, since they average the
-    noise of both sides. Either side may be late by up to ``SHIFTS``.
+    nz - nz_0 = a alpha + b delta with a >= |b|: lift rises with the angle of attack, and a surface,
+    which is a part of the wing's or the tail's area, makes less of it per radian than the whole
+    aircraft. Integrals over a lag are compared, since they average the noise of both sides. Either
+    side may be late by up to ``SHIFTS``.
     """
     y = columns.outputs
     if not {"alpha", "nz"} <= set(y):
         return None
     lag, step = lag_of(columns), float(np.median(np.diff(columns.time)))
     control = np.zeros(len(columns.time)) if columns.control is None else columns.control
-    load, flow, surface = (change(integral(columns.time, values - np.mean(values)), lag) for values in (y["nz"], y["alpha"], control))
+    load, flow, surface = (
+        change(integral(columns.time, values - np.mean(values)), lag)
+        for values in (y["nz"], y["alpha"], control)
+    )
     shifts = sorted({min(round(late / step), len(load) // 4) for late in SHIFTS})
     pairs = [(load[: len(load) - k], flow[k:], surface[: len(load) - k]) for k in shifts]
     pairs += [(load[k:], flow[: len(load) - k], surface[: len(load) - k]) for k in shifts]
@@ -130,14 +177,19 @@ def unexplained_lift(columns: Columns) -> tuple[float, float] | None:
 
 
 def _share_of_lift(load: np.ndarray, flow: np.ndarray, surface: np.ndarray) -> float:
-    """What the best lift leaves of a load: of sums and differences of both angles with factors that are not negative."""
+    """What the best lift leaves of a load: of sums and differences of both angles with factors that
+    are not negative.
+    """
     load, flow, surface = (values - np.mean(values) for values in (load, flow, surface))
     power = float(load @ load)
     if power <= FLOOR:
         return 0.0
     both = np.stack([flow + surface, flow - surface])
     gram, right = both @ both.T, both @ load
-    single = [right[i] ** 2 / gram[i, i] if right[i] > 0.0 and gram[i, i] > FLOOR else 0.0 for i in range(2)]
+    single = [
+        right[i] ** 2 / gram[i, i] if right[i] > 0.0 and gram[i, i] > FLOOR else 0.0
+        for i in range(2)
+    ]
     explained = max(single)
     if np.linalg.det(gram) > FLOOR * max(gram[0, 0] * gram[1, 1], FLOOR):
         factors = np.linalg.solve(gram, right)
@@ -146,18 +198,29 @@ def _share_of_lift(load: np.ndarray, flow: np.ndarray, surface: np.ndarray) -> f
 
 
 def lag_of(columns: Columns) -> int:
-    """Rows over which the motion changes most of what it changes at once: where its autocorrelation has halved."""
+    """Rows over which the motion changes most of what it changes at once: where its autocorrelation
+    has halved.
+    """
     name = next((name for name in ("q", "alpha", "nz", "theta") if name in columns.outputs), None)
     if name is None:
         return 1
     values = columns.outputs[name] - np.mean(columns.outputs[name])
     most = max(3, min(len(values) // 8, 300))
     first = float(values[:-1] @ values[1:]) / (len(values) - 1)
-    return next((lag for lag in range(2, most) if float(values[:-lag] @ values[lag:]) / (len(values) - lag) < HALF * first), most - 1)
+    return next(
+        (
+            lag
+            for lag in range(2, most)
+            if float(values[:-lag] @ values[lag:]) / (len(values) - lag) < HALF * first
+        ),
+        most - 1,
+    )
 
 
 def _share(left: np.ndarray, right: np.ndarray, along: np.ndarray) -> float:
-    """What is left, over the power of both sides, once a late or an offset sensor (a multiple of the change of ``along``) is allowed for."""
+    """What is left, over the power of both sides, once a late or an offset sensor (a multiple of
+    the change of ``along``) is allowed for.
+    """
     power = float(left @ left + right @ right)
     if power <= FLOOR:
         return 0.0
@@ -207,7 +270,9 @@ NZ_REMEDY = "name the column nz [m/s2], or say its unit in a channel map"
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """One way to read the columns: what it would mean, the columns so, and the share of the motion that the kinematics then leave unexplained."""
+    """One way to read the columns: what it would mean, the columns so, and the share of the motion
+    that the kinematics then leave unexplained.
+    """
 
     kind: Kind
     channel: str
@@ -221,47 +286,89 @@ def all_readings(columns: Columns) -> list[Reading]:
     """Every simple fault that the columns could have."""
     names, out = list(columns.outputs), []
     for name in names:
-        out.append(_reading(Kind.SIGN, name, columns.times({name: -1.0}), "has the sign turned", f"turn the sign of the column of {name}"))
+        out.append(
+            _reading(
+                Kind.SIGN,
+                name,
+                columns.times({name: -1.0}),
+                "has the sign turned",
+                f"turn the sign of the column of {name}",
+            )
+        )
         if name in UNITS:
             remedy = f"name the column {name} [{UNITS[name]}], or say its unit in a channel map"
             what = f"is in {UNITS[name]}, not in {UNITS[name].replace('deg', 'rad')}"
-            out.append(_reading(Kind.UNIT, name, columns.times({name: 1.0 / DEGREES}), what, remedy))
+            out.append(
+                _reading(Kind.UNIT, name, columns.times({name: 1.0 / DEGREES}), what, remedy)
+            )
     if "nz" in names:
-        out.append(_reading(Kind.UNIT, "nz", columns.times({"nz": 1.0 / G0}), "is in m/s2, not in g", NZ_REMEDY))
-        out.append(_reading(Kind.UNIT, "nz", columns.times({"nz": G0}), f"is {G0:.2g} times too small", "check its unit"))
+        out.append(
+            _reading(
+                Kind.UNIT, "nz", columns.times({"nz": 1.0 / G0}), "is in m/s2, not in g", NZ_REMEDY
+            )
+        )
+        out.append(
+            _reading(
+                Kind.UNIT,
+                "nz",
+                columns.times({"nz": G0}),
+                f"is {G0:.2g} times too small",
+                "check its unit",
+            )
+        )
     pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
     pairs += [(name, columns.control_name) for name in names if columns.control is not None]
     for a, b in pairs:
-        out.append(_reading(Kind.EXCHANGED, f"{a} and {b}", columns.exchanged(a, b), "are exchanged", RENAME))
+        out.append(
+            _reading(
+                Kind.EXCHANGED, f"{a} and {b}", columns.exchanged(a, b), "are exchanged", RENAME
+            )
+        )
     step = float(np.median(np.diff(columns.time)))
     for factor, unit in PACES.items():
         if factor * step < QUICKEST:
             continue
         remedy = f"name the column time [{unit}], or say its unit in a channel map"
-        out.append(_reading(Kind.TIME_BASE, "time", columns.times({"time": factor}), f"is in {unit}, not in s", remedy))
+        out.append(
+            _reading(
+                Kind.TIME_BASE,
+                "time",
+                columns.times({"time": factor}),
+                f"is in {unit}, not in s",
+                remedy,
+            )
+        )
     return out
 
 
 def _reading(kind: Kind, channel: str, columns: Columns, sentence: str, remedy: str) -> Reading:
-    return Reading(kind, channel, columns, sentence, remedy, max(disagreement(columns).values(), default=2.0))
+    return Reading(
+        kind, channel, columns, sentence, remedy, max(disagreement(columns).values(), default=2.0)
+    )
 
 
 # ---- The pitch acceleration that a recorded control makes
 
 CONTROL_LATE = (0.0, 0.04, 0.08, 0.12, 0.16, 0.2, 0.25, 0.3)  # s, delays and lags of controls
 SURE = 8.0  # standard deviations; one lag for one sample is a rough count of what is independent
-EXPLAINED = 0.8  # share of q's change: 0.79 at least in a hundred records with any effect of the library
-RIVALLED = 0.25  # of what the other sign leaves: at 10 samples a second 0.37 of a light aircraft with the wrong sign, at 50 0.1 with the right one
-RESOLVED = 4  # rows of one lag: with fewer, a pulse that begins between two of them is worth as much as what the control does
+# share of q's change: 0.79 at least in a hundred records with any effect of the library
+EXPLAINED = 0.8
+# of what the other sign leaves: at 10 samples a second 0.37 of a light aircraft with the wrong
+# sign, at 50 0.1 with the right one
+RIVALLED = 0.25
+# rows of one lag: with fewer, a pulse that begins between two of them is worth as much as what the
+# control does
+RESOLVED = 4
 CONTROL_FEWEST = 12  # independent stretches of one lag
 
 
 @dataclass(frozen=True)
 class ControlPower:
-    """M_delta (rad/s2 per unit) with a standard deviation of as many samples as there are lags, and the share of q's change that the fit explains.
+    """M_delta (rad/s2 per unit) with a standard deviation of as many samples as there are lags, and
+    the share of q's change that the fit explains.
 
-    ``opposed`` : the largest share that a fit of the other sign explains, at another lateness of the control.
-    ``damped`` : the fit's M_q is negative, as of any aircraft.
+    ``opposed`` : the largest share that a fit of the other sign explains, at another lateness of
+    the control. ``damped`` : the fit's M_q is negative, as of any aircraft.
     """
 
     value: float
@@ -272,7 +379,9 @@ class ControlPower:
 
 
 def control_power(columns: Columns) -> ControlPower | None:
-    """M_delta of the columns; None where q, a control or a second output is not there, or too little of it."""
+    """M_delta of the columns; None where q, a control or a second output is not there, or too
+    little of it.
+    """
     y = columns.outputs
     partner = next((name for name in ("alpha", "nz") if name in y), None)
     if columns.control is None or "q" not in y or partner is None:
@@ -281,26 +390,49 @@ def control_power(columns: Columns) -> ControlPower | None:
     left = change(y["q"], lag)
     if lag < RESOLVED or len(left) // lag < CONTROL_FEWEST:
         return None
-    sums = [change(integral(columns.time, y[name] - np.mean(y[name])), lag) for name in (partner, "q")]
-    moved = np.concatenate([[0.0], np.cumsum((columns.control - np.mean(columns.control))[:-1] * np.diff(columns.time))])
-    found = [fitted for late in CONTROL_LATE if (fitted := _fitted(left, sums, change(_late(columns.time, moved, late), lag), lag)) is not None]
+    sums = [
+        change(integral(columns.time, y[name] - np.mean(y[name])), lag) for name in (partner, "q")
+    ]
+    moved = np.concatenate(
+        [
+            [0.0],
+            np.cumsum((columns.control - np.mean(columns.control))[:-1] * np.diff(columns.time)),
+        ]
+    )
+    found = [
+        fitted
+        for late in CONTROL_LATE
+        if (fitted := _fitted(left, sums, change(_late(columns.time, moved, late), lag), lag))
+        is not None
+    ]
     if not found:
         return None
     best = max(found, key=lambda one: one.explained)
-    return replace(best, opposed=max((one.explained for one in found if one.value * best.value < 0.0), default=0.0))
+    return replace(
+        best,
+        opposed=max((one.explained for one in found if one.value * best.value < 0.0), default=0.0),
+    )
 
 
 def sure(found: ControlPower) -> bool:
     """Whether sign and size of a control power can be relied on.
 
-    A few samples of a fast motion are explained as well by a control that is late by half its period and works the other way,
-    or by a motion that pitching feeds: of 1200 sound light aircraft at 8 to 50 samples a second one was told a turned sign so.
+    A few samples of a fast motion are explained as well by a control that is late by half its
+    period and works the other way, or by a motion that pitching feeds: of 1200 sound light aircraft
+    at 8 to 50 samples a second one was told a turned sign so.
     """
     unrivalled = 1.0 - found.explained < RIVALLED * (1.0 - found.opposed)
-    return found.damped and abs(found.value) > SURE * found.std and found.explained > EXPLAINED and unrivalled
+    return (
+        found.damped
+        and abs(found.value) > SURE * found.std
+        and found.explained > EXPLAINED
+        and unrivalled
+    )
 
 
-def _fitted(left: np.ndarray, sums: list[np.ndarray], moved: np.ndarray, lag: int) -> ControlPower | None:
+def _fitted(
+    left: np.ndarray, sums: list[np.ndarray], moved: np.ndarray, lag: int
+) -> ControlPower | None:
     rows = np.stack([*sums, moved, np.ones(len(left))])
     scale = np.sqrt(np.mean(rows**2, axis=1))
     if np.min(scale) <= 0.0:
@@ -332,16 +464,21 @@ def _late(time: np.ndarray, moved: np.ndarray, late: float) -> np.ndarray:
 
 HEIGHT = "altitude"
 LENGTHS = {"ft": 0.3048, "km": 1000.0, "cm": 0.01, "mm": 0.001}
-CLEARLY = 16.0  # times less power than in metres, and than in any other unit: four times the amplitude
-RIGHT = 0.01  # share of the power about a straight line that the right unit leaves; noise and drag that varies leave less
+# times less power than in metres, and than in any other unit: four times the amplitude
+CLEARLY = 16.0
+# share of the power about a straight line that the right unit leaves; noise and drag that varies
+# leave less
+RIGHT = 0.01
 SMOOTH = 40  # a velocity is the slope over two fortieths of the record
 
 
 def height_unit(record: Record, expected: Expectations) -> list[RecordFinding]:
-    """A finding where a height that falls under ``expected.gravity`` obeys it in another unit than metres, and not in metres.
+    """A finding where a height that falls under ``expected.gravity`` obeys it in another unit than
+    metres, and not in metres.
 
-    Of h(t) in a unit of f metres, f h = c0 + c1 t - g t^2/2 + k D(t), where D is the double integral of -v |v| exp(-f h/H), v = f dh/dt,
-    and the drag k is not negative. Near the terminal speed every unit fits as well as another, and nothing is found.
+    Of h(t) in a unit of f metres, f h = c0 + c1 t - g t^2/2 + k D(t), where D is the double
+    integral of -v |v| exp(-f h/H), v = f dh/dt, and the drag k is not negative. Near the terminal
+    speed every unit fits as well as another, and nothing is found.
     """
     if expected.scale_height is None or HEIGHT not in record.output_names:
         return []
@@ -349,19 +486,29 @@ def height_unit(record: Record, expected: Expectations) -> list[RecordFinding]:
     if np.count_nonzero(channel.valid) < 2 * FEWEST_SAMPLES:
         return []
     as_read = _unexplained(record.time, channel, 1.0, expected)
-    found = sorted((_unexplained(record.time, channel, factor, expected), unit) for unit, factor in LENGTHS.items())
+    found = sorted(
+        (_unexplained(record.time, channel, factor, expected), unit)
+        for unit, factor in LENGTHS.items()
+    )
     (best, unit), (second, _) = found[:2]
     if best > RIGHT or CLEARLY * best > min(as_read, second):
         return []
-    told = f"is in {unit}, not in m: it falls under gravity as heights in {unit} do (unexplained {100.0 * best:.2g} % of the motion)"
+    told = (
+        f"is in {unit}, not in m: it falls under gravity as heights in {unit} do (unexplained "
+        f"{100.0 * best:.2g} % of the motion)"
+    )
     told += f", not as heights in m ({100.0 * as_read:.2g} %)"
     numbers = {"unexplained": Number(as_read, "1"), "unexplained_otherwise": Number(best, "1")}
     remedy = f"name the column {HEIGHT} [{unit}], or say its unit in a channel map"
     return [RecordFinding(HEIGHT, Kind.UNIT, Certainty.CERTAIN, told, remedy, numbers=numbers)]
 
 
-def _unexplained(time: np.ndarray, channel: Channel, factor: float, expected: Expectations) -> float:
-    """Share of a height's power about a straight line that gravity and drag leave, were its unit ``factor`` metres."""
+def _unexplained(
+    time: np.ndarray, channel: Channel, factor: float, expected: Expectations
+) -> float:
+    """Share of a height's power about a straight line that gravity and drag leave, were its unit
+    ``factor`` metres.
+    """
     t, y = time[channel.valid] - time[channel.valid][0], factor * channel.values[channel.valid]
     velocity = _height_unit_slope(t, y)
     with np.errstate(over="ignore", under="ignore"):
@@ -383,9 +530,14 @@ def _off(line: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _height_unit_slope(t: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Slope of a line through the samples within a fortieth of the record on either side, by running sums."""
+    """Slope of a line through the samples within a fortieth of the record on either side, by
+    running sums.
+    """
     reach = max(2, len(t) // SMOOTH)
-    low, high = np.maximum(np.arange(len(t)) - reach, 0), np.minimum(np.arange(len(t)) + reach + 1, len(t))
+    low, high = (
+        np.maximum(np.arange(len(t)) - reach, 0),
+        np.minimum(np.arange(len(t)) + reach + 1, len(t)),
+    )
     y = y - y[0]
     sums = [np.concatenate([[0.0], np.cumsum(each)]) for each in (t, y, t * t, t * y)]
     st, sy, stt, sty = (each[high] - each[low] for each in sums)

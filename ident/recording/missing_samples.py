@@ -1,10 +1,11 @@
 """Samples that are no measurement: drop-outs, missing rows, held values, interpolated channels.
 
-An exact repeat is no fault where the least bit is coarse against the noise, or where the channel rests. So a run counts only if the channel's
-own noise forbids it while other channels are alive, if another channel moves meanwhile, or if the value catches up at its end.
+An exact repeat is no fault where the least bit is coarse against the noise, or where the channel
+rests. So a run counts only if the channel's own noise forbids it while other channels are alive, if
+another channel moves meanwhile, or if the value catches up at its end.
 
-Between updates a straight line has no second difference and a cubic no fourth one, to the last printed digit; at the updates the noise of
-the sensor bends them.
+Between updates a straight line has no second difference and a cubic no fourth one, to the last
+printed digit; at the updates the noise of the sensor bends them.
 """
 
 from __future__ import annotations
@@ -15,7 +16,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.recording.series import Certainty, Kind, Number, RecordFinding, Series, exact_step, runs_of
+from ident.recording.series import (
+    Certainty,
+    Kind,
+    Number,
+    RecordFinding,
+    Series,
+    exact_step,
+    runs_of,
+)
 from sim.record import Record
 
 # ---- Values that stand for no measurement: runs of exact zeros, and a fill value such as -999
@@ -28,7 +37,9 @@ BRIEF, FEW = 0.1, 5  # s and samples: no pilot's or computer's step to zero and 
 
 
 def dropouts(series: Series, count: int, *, is_input: bool = False) -> list[RecordFinding]:
-    """Zeros and fill values among samples that are elsewhere, masked; in an input, which must have no gap, a warning."""
+    """Zeros and fill values among samples that are elsewhere, masked; in an input, which must have
+    no gap, a warning.
+    """
     found = [("exact zeros", 0.0, _zeros(series))]
     fill, at = _fill(series)
     found.append((f"the fill value {fill:g}", fill, at))
@@ -38,32 +49,49 @@ def dropouts(series: Series, count: int, *, is_input: bool = False) -> list[Reco
             continue
         runs = runs_of(where)
         if is_input:
-            runs = np.array([(b, e) for b, e in runs if e - b <= FEW and _lasts(series, b, e) <= BRIEF]).reshape(-1, 2)
+            runs = np.array(
+                [(b, e) for b, e in runs if e - b <= FEW and _lasts(series, b, e) <= BRIEF]
+            ).reshape(-1, 2)
             if not len(runs):
                 continue
         out.append(_finding(series, runs, word, value, count, is_input=is_input))
     return out
 
 
-def _finding(series: Series, runs: np.ndarray, word: str, value: float, count: int, *, is_input: bool) -> RecordFinding:
+def _finding(
+    series: Series, runs: np.ndarray, word: str, value: float, count: int, *, is_input: bool
+) -> RecordFinding:
     times = tuple((float(series.time[b]), float(series.time[e - 1])) for b, e in runs)
     samples = int(sum(e - b for b, e in runs))
     first = ", ".join(f"{begin:.4g} s" for begin, _ in times[:3])
-    told = f"has {samples} sample(s) that are {word}, at {first}{' and so on' if len(times) > 3 else ''}, while it is elsewhere before and after"
+    told = (
+        f"has {samples} sample(s) that are {word}, at "
+        f"{first}{' and so on' if len(times) > 3 else ''}, while it is elsewhere before and after"
+    )
     numbers = {"value": Number(value, series.unit), "samples": Number(float(samples), "1")}
     if is_input:
         return RecordFinding(
-            series.name, Kind.DROPOUT, Certainty.LIKELY, told, "fill the dropouts of an input, or cut the record there", times, numbers
+            series.name,
+            Kind.DROPOUT,
+            Certainty.LIKELY,
+            told,
+            "fill the dropouts of an input, or cut the record there",
+            times,
+            numbers,
         )
     mask = np.zeros(count, dtype=bool)
     for b, e in runs:
         mask[series.rows[b:e]] = True
     remedy = "leave cells empty where there is no measurement"
-    return RecordFinding(series.name, Kind.DROPOUT, Certainty.COSTS_INFORMATION, told, remedy, times, numbers, mask)
+    return RecordFinding(
+        series.name, Kind.DROPOUT, Certainty.COSTS_INFORMATION, told, remedy, times, numbers, mask
+    )
 
 
 def _zeros(series: Series) -> np.ndarray:
-    """Runs of exact zeros that stand off both neighbours, which are alike: no signal goes to zero and back in one step each way."""
+    """Runs of exact zeros that stand off both neighbours, which are alike: no signal goes to zero
+    and back in one step each way.
+    """
     values = series.values
     where = np.zeros(len(values), dtype=bool)
     zero = values == 0.0
@@ -75,13 +103,19 @@ def _zeros(series: Series) -> np.ndarray:
         if begin == 0 or end == len(values):
             continue
         before, after = float(values[begin - 1]), float(values[end])
-        if min(abs(before), abs(after)) > least and before * after > 0.0 and _sudden(values, begin, end, least):
+        if (
+            min(abs(before), abs(after)) > least
+            and before * after > 0.0
+            and _sudden(values, begin, end, least)
+        ):
             where[begin:end] = True
     return where
 
 
 def _sudden(values: np.ndarray, begin: int, end: int, least: float) -> bool:
-    """Whether the channel was not on its way to zero: the step there is several of those before and after."""
+    """Whether the channel was not on its way to zero: the step there is several of those before and
+    after.
+    """
     before = np.abs(np.diff(values[max(0, begin - 4) : begin]))
     after = np.abs(np.diff(values[end : end + 4]))
     usual = float(np.max(np.concatenate([before, after]))) if before.size + after.size else 0.0
@@ -95,14 +129,19 @@ def _fill(series: Series) -> tuple[float, np.ndarray]:
 
 
 def fill_value(values: np.ndarray, noise: float = 0.0) -> float | None:
-    """The largest or smallest value where it comes twice at least and is far outside the range of all
-    others, as -999 for no measurement; else None. ``noise``: standard deviation, in their unit."""
+    """The largest or smallest value where it comes twice at least and is far outside the range of
+    all others, as -999 for no measurement; else None. ``noise``: standard deviation, in their
+    unit."""
     for value in (float(np.max(values)), float(np.min(values))) if values.size else ():
         at = values == value
         rest = values[~at]
         if value == 0.0 or np.count_nonzero(at) < 2 or len(rest) < len(values) // 2:
             continue
-        if float(np.min(np.abs(rest - value))) > OUTSIDE * max(float(np.ptp(rest)), 10.0 * noise) > 0.0:
+        if (
+            float(np.min(np.abs(rest - value)))
+            > OUTSIDE * max(float(np.ptp(rest)), 10.0 * noise)
+            > 0.0
+        ):
             return value
     return None
 
@@ -114,17 +153,22 @@ def _lasts(series: Series, begin: int, end: int) -> float:
 # ---- Rows that are missing: gaps in time, told where an input moves across them
 
 EVEN = 0.05  # of the usual step, within which nine tenths of an even record's steps lie
-MISSING, UNEVEN = 1.6, 4.0  # usual steps, from which rows are missing of an even record, and of an uneven one
+# usual steps, from which rows are missing of an even record, and of an uneven one
+MISSING, UNEVEN = 1.6, 4.0
 MOVES = 0.05  # of an input's span
 MOST = 1e15  # rows that are counted: a time that is wrong by more has no number of them
 
 
 def missing_rows(record: Record) -> list[RecordFinding]:
-    """Gaps in time: a warning where an input moves across them, since what it did inside is not known; else a note."""
+    """Gaps in time: a warning where an input moves across them, since what it did inside is not
+    known; else a note.
+    """
     steps = np.diff(record.time)
     usual = float(np.median(steps))
     even = float(np.mean(np.abs(steps - usual) < EVEN * usual)) > 0.9
-    least = MISSING * usual if even else max(UNEVEN * usual, 2.0 * float(np.percentile(steps, 98.0)))
+    least = (
+        MISSING * usual if even else max(UNEVEN * usual, 2.0 * float(np.percentile(steps, 98.0)))
+    )
     gaps = np.flatnonzero(steps > least)
     if not gaps.size:
         return []
@@ -135,23 +179,33 @@ def missing_rows(record: Record) -> list[RecordFinding]:
             lowest, highest = _range_about(channel.values, gaps)
             moving |= highest - lowest > MOVES * span
     out = []
-    for some, certainty, word in ((gaps[moving], Certainty.LIKELY, "while an input moves"), (gaps[~moving], Certainty.NOTED, "")):
+    for some, certainty, word in (
+        (gaps[moving], Certainty.LIKELY, "while an input moves"),
+        (gaps[~moving], Certainty.NOTED, ""),
+    ):
         if some.size:
             out.append(_rows_finding(record, some, usual, certainty, word))
     return out
 
 
-def _rows_finding(record: Record, gaps: np.ndarray, usual: float, certainty: Certainty, word: str) -> RecordFinding:
+def _rows_finding(
+    record: Record, gaps: np.ndarray, usual: float, certainty: Certainty, word: str
+) -> RecordFinding:
     steps = np.diff(record.time)
     times = tuple((float(record.time[gap]), float(record.time[gap + 1])) for gap in gaps)
     rows = int(np.sum(np.round(np.minimum(steps[gaps], MOST * usual) / usual) - 1))
     places = ", ".join(f"{begin:.4g} to {end:.4g} s" for begin, end in times[:3])
-    told = f"misses about {rows} row(s) {word + ' ' if word else ''}({places}{' and so on' if len(times) > 3 else ''})"
+    told = (
+        f"misses about {rows} row(s) "
+        f"{word + ' ' if word else ''}({places}{' and so on' if len(times) > 3 else ''})"
+    )
     likely = certainty is Certainty.LIKELY
     told += ": what the input did there is taken from the row before" if likely else ""
     if record.inputs and not likely:
         told += ": a simulation goes through with the inputs of the row before"
-    remedy = "give the parts before and after as segments, --from and --to in pairs" if likely else ""
+    remedy = (
+        "give the parts before and after as segments, --from and --to in pairs" if likely else ""
+    )
     numbers = {"rows": Number(float(rows), "1"), "longest": Number(float(np.max(steps[gaps])), "s")}
     return RecordFinding("time", Kind.ROWS_MISSING, certainty, told, remedy, times, numbers)
 
@@ -166,14 +220,18 @@ def _range_about(values: np.ndarray, gaps: np.ndarray) -> tuple[np.ndarray, np.n
 
 SHORTEST = 3  # repeats in a row: fewer cost nothing worth a word
 CHANCE = 1e-6  # of one such run in a record by chance
-UPDATES = 15  # updates without which no period is known; k^-14 is the chance that all of them fall on one phase of k
+# updates without which no period is known; k^-14 is the chance that all of them fall on one phase
+# of k
+UPDATES = 15
 SLOWEST = 60  # samples of the longest period looked for
 ON_PHASE = 0.97  # share of changes on one phase; the rest are lost rows
 SEVERAL_BITS = 3.0  # least bits, beyond which a step is no flicker of the last digit
 JITTER = 0.4  # samples of scatter about an even clock of any period: rounding alone gives 0.3
-# Differences of Gaussian noise, half of which exceed b bits, repeat with probability 0.27/b; three to four times as much is no chance.
+# Differences of Gaussian noise, half of which exceed b bits, repeat with probability 0.27/b; three
+# to four times as much is no chance.
 OFTEN = 1.0
-ABRUPT = 0.7  # share of the repeats that end with a step of several bits: those of a rest end with one
+# share of the repeats that end with a step of several bits: those of a rest end with one
+ABRUPT = 0.7
 IRREGULAR = 0.05  # share of samples that repeat, from which updates that come anyhow are told
 LEAD = 0.5  # s, by which one output may move before another: delays and lags of sensors
 REPEATS_MOVES = 6.0  # standard deviations of the noise and least bits that a motion exceeds
@@ -182,7 +240,9 @@ CATCHES_UP = 3.0  # times the usual step
 
 
 def held(series: Series, count: int) -> RecordFinding | None:
-    """Sample and hold at a lower rate: period and phase, the repeats masked; the first sample of each run is the fresh one. ``count`` rows in all."""
+    """Sample and hold at a lower rate: period and phase, the repeats masked; the first sample of
+    each run is the fresh one. ``count`` rows in all.
+    """
     same = np.diff(series.values) == 0.0
     changes = np.flatnonzero(~same) + 1
     if len(changes) < UPDATES or np.count_nonzero(same) < UPDATES // 2:
@@ -205,7 +265,11 @@ def held(series: Series, count: int) -> RecordFinding | None:
     grid = SEVERAL_BITS * series.least_bit
     leaves = np.abs(np.append(np.diff(series.values), 0.0))
     abrupt = [int(end - begin) for begin, end in runs_of(same) if leaves[end] > grid]
-    if not dense or np.mean(same) < max(IRREGULAR, OFTEN / bits) or sum(abrupt) < ABRUPT * np.count_nonzero(same):
+    if (
+        not dense
+        or np.mean(same) < max(IRREGULAR, OFTEN / bits)
+        or sum(abrupt) < ABRUPT * np.count_nonzero(same)
+    ):
         return None
     repeats = np.concatenate([[False], same])
     lengths = np.diff(changes)
@@ -219,14 +283,30 @@ def held(series: Series, count: int) -> RecordFinding | None:
     return None
 
 
-def stuck(series: Series, others: Sequence[Series], inputs: Sequence[Series], count: int, taken: np.ndarray) -> RecordFinding | None:
-    """Longer runs of one value that nothing but a fault explains, masked but for their first sample. ``taken``: rows that are masked already.
+def stuck(
+    series: Series,
+    others: Sequence[Series],
+    inputs: Sequence[Series],
+    count: int,
+    taken: np.ndarray,
+) -> RecordFinding | None:
+    """Longer runs of one value that nothing but a fault explains, masked but for their first
+    sample. ``taken``: rows that are masked already.
 
-    The first sample of a run is a measurement, but for exact zeros in a channel that has noise: those stand for none at all.
+    The first sample of a run is a measurement, but for exact zeros in a channel that has noise:
+    those stand for none at all.
     """
     same = np.diff(series.values) == 0.0
-    runs = [(int(b), int(e)) for b, e in runs_of(same) if e - b >= SHORTEST and not np.any(taken[series.rows[b + 1 : e + 1]])]
-    chosen = [run for run in runs if _impossible(series, others, *run) or _catches_up(series, inputs, *run)]
+    runs = [
+        (int(b), int(e))
+        for b, e in runs_of(same)
+        if e - b >= SHORTEST and not np.any(taken[series.rows[b + 1 : e + 1]])
+    ]
+    chosen = [
+        run
+        for run in runs
+        if _impossible(series, others, *run) or _catches_up(series, inputs, *run)
+    ]
     if not chosen:
         return None
     mask = np.zeros(count, dtype=bool)
@@ -240,19 +320,36 @@ def stuck(series: Series, others: Sequence[Series], inputs: Sequence[Series], co
     told = f"is stuck {places}{_between(times)}: {int(np.count_nonzero(mask))} samples {what}"
     numbers = {"longest": Number(longest, "s"), "runs": Number(float(len(times)), "1")}
     remedy = "see why the channel stood; cut the record there if much of a maneuver is lost"
-    return RecordFinding(series.name, Kind.STUCK, Certainty.COSTS_INFORMATION, told, remedy, times, numbers, mask)
+    return RecordFinding(
+        series.name, Kind.STUCK, Certainty.COSTS_INFORMATION, told, remedy, times, numbers, mask
+    )
 
 
-def _held(series: Series, repeats: np.ndarray, period: float, count: int, *, regular: bool = True) -> RecordFinding:
+def _held(
+    series: Series, repeats: np.ndarray, period: float, count: int, *, regular: bool = True
+) -> RecordFinding:
     step = float(np.median(np.diff(series.time)))
     mask = np.zeros(count, dtype=bool)
     mask[series.rows[repeats]] = True
     first = float(series.time[int(np.argmax(~repeats[1:])) + 1])
-    often = f"every {period:.3g} samples ({1.0 / (period * step):.3g} Hz)" if regular else f"irregularly, every {period:.2g} samples in the mean"
-    told = f"is updated {often}, held between: {int(np.count_nonzero(mask))} of {len(series.values)} samples repeat an older one"
-    numbers = {"period": Number(period * step, "s"), "samples": Number(period, "1"), "phase": Number(first - float(series.time[0]), "s")}
+    often = (
+        f"every {period:.3g} samples ({1.0 / (period * step):.3g} Hz)"
+        if regular
+        else f"irregularly, every {period:.2g} samples in the mean"
+    )
+    told = (
+        f"is updated {often}, held between: {int(np.count_nonzero(mask))} of {len(series.values)} "
+        "samples repeat an older one"
+    )
+    numbers = {
+        "period": Number(period * step, "s"),
+        "samples": Number(period, "1"),
+        "phase": Number(first - float(series.time[0]), "s"),
+    }
     remedy = "leave cells empty where there is no new sample, or record the channel at its own rate"
-    return RecordFinding(series.name, Kind.HELD, Certainty.COSTS_INFORMATION, told, remedy, (), numbers, mask)
+    return RecordFinding(
+        series.name, Kind.HELD, Certainty.COSTS_INFORMATION, told, remedy, (), numbers, mask
+    )
 
 
 def phase_period(changes: np.ndarray, count: int) -> int:
@@ -265,7 +362,9 @@ def phase_period(changes: np.ndarray, count: int) -> int:
 
 
 def _even(changes: np.ndarray, mean: float) -> bool:
-    """Whether changes come as from an even clock of another rate, stretch by stretch of a hundred."""
+    """Whether changes come as from an even clock of another rate, stretch by stretch of a
+    hundred.
+    """
     scatter = []
     for begin in range(0, len(changes) - UPDATES + 1, 100):
         some = changes[begin : begin + 100]
@@ -280,28 +379,46 @@ def _impossible(series: Series, others: Sequence[Series], begin: int, end: int) 
     """Whether the samples from ``begin`` to ``end`` cannot all be alike by noise, or by rest."""
     values, time = series.values, series.time
     if series.resolved and _alive(others, time[begin], time[end]):
-        # Twice the noise forgives its estimate: quantised noise is measured up to a factor of 1.5 too large.
-        alike = math.erf(series.least_bit / (series.noise * math.sqrt(2.0))) if series.least_bit else 0.0
+        # Twice the noise forgives its estimate: quantised noise is measured up to a factor of 1.5
+        # too large.
+        alike = (
+            math.erf(series.least_bit / (series.noise * math.sqrt(2.0)))
+            if series.least_bit
+            else 0.0
+        )
         if len(values) * alike ** (end - begin) < CHANCE:
             return True
     leaves = abs(float(values[end + 1] - values[end])) if end + 1 < len(values) else math.inf
     elsewhere = np.concatenate([np.diff(values[: begin + 1]), np.diff(values[end:])])
     lively = len(elsewhere) >= UPDATES and float(np.mean(elsewhere == 0.0)) < 0.5
-    return lively and leaves > SEVERAL_BITS * series.least_bit and time[end] - time[begin] > LEAD and _moving(others, time[begin], time[end] - LEAD)
+    return (
+        lively
+        and leaves > SEVERAL_BITS * series.least_bit
+        and time[end] - time[begin] > LEAD
+        and _moving(others, time[begin], time[end] - LEAD)
+    )
 
 
 def _catches_up(series: Series, inputs: Sequence[Series], begin: int, end: int) -> bool:
-    """Whether a moving channel leaves its run with a step several times its usual one, which no input makes there."""
+    """Whether a moving channel leaves its run with a step several times its usual one, which no
+    input makes there.
+    """
     values = series.values
     if series.white or begin == 0 or end + 2 >= len(values):
         return False
     around = np.abs(np.diff(values[max(0, begin - 15) : end + 17]))
     usual = float(np.median(around[around > 0.0]))
-    if abs(float(values[end + 1] - values[end])) < CATCHES_UP * max(usual, series.least_bit) or usual <= series.least_bit:
+    if (
+        abs(float(values[end + 1] - values[end])) < CATCHES_UP * max(usual, series.least_bit)
+        or usual <= series.least_bit
+    ):
         return False
     for other in inputs:
         near = (other.time >= series.time[end - 2]) & (other.time <= series.time[end + 2])
-        if np.count_nonzero(near) > 2 and float(np.max(np.abs(np.diff(other.values[near], 2)))) > INPUT_STEPS * other.span:
+        if (
+            np.count_nonzero(near) > 2
+            and float(np.max(np.abs(np.diff(other.values[near], 2)))) > INPUT_STEPS * other.span
+        ):
             return False
     return True
 
@@ -316,13 +433,17 @@ def _alive(others: Sequence[Series], begin: float, end: float) -> bool:
 
 
 def _moving(others: Sequence[Series], begin: float, end: float) -> bool:
-    """Whether another channel moves in that time, by more than its noise and by a tenth of all that it ever moves."""
+    """Whether another channel moves in that time, by more than its noise and by a tenth of all that
+    it ever moves.
+    """
     for other in others:
         inside = other.values[(other.time >= begin) & (other.time <= end)]
         if len(inside) < 5:
             continue
         smooth = np.median(np.lib.stride_tricks.sliding_window_view(inside, 5), axis=1)
-        if float(np.ptp(smooth)) > max(REPEATS_MOVES * (other.noise + other.least_bit), 0.1 * other.span):
+        if float(np.ptp(smooth)) > max(
+            REPEATS_MOVES * (other.noise + other.least_bit), 0.1 * other.span
+        ):
             return True
     return False
 
@@ -335,11 +456,13 @@ def _between(times: Sequence[tuple[float, float]]) -> str:
 # ---- Channels that a recorder or an exporter has interpolated
 
 SINGLE = 2e-7  # of the largest value: files of single precision round to that
-BENT = 8.0  # times the rounding that the bends at updates reach in the middle: white noise then looks straight at one sample in ten
+# times the rounding that the bends at updates reach in the middle: white noise then looks straight
+# at one sample in ten
+BENT = 8.0
 BETWEEN, INTERPOLATED_FEW = (
     4.0,
     0.05,
-)  # of all samples, which bend by one to four times the rounding: noise of any size leaves more than straight ones
+)  # of all samples, which bend by one to four times the rounding: noise of any size leaves more than straight ones  # noqa: E501
 STRAIGHT = 0.3  # share of straight samples where updates have no even clock
 INTERPOLATED_ON_PHASE = 0.97  # share of bends on their phases; lost rows shift the rest
 INTERPOLATED_EVEN = 0.02  # of the usual step, within which steps are even
@@ -348,17 +471,23 @@ ANSWERED = 0.9  # share of the bends at changes of an input: the vehicle answers
 
 @dataclass(frozen=True, eq=False)
 class _Pattern:
-    """Which samples ``(n,)`` were measured, every how many samples (mean), and by what the others were filled."""
+    """Which samples ``(n,)`` were measured, every how many samples (mean), and by what the others
+    were filled.
+    """
 
     fresh: np.ndarray
     period: float
     curve: str
 
 
-def interpolated(series: Series, count: int, inputs: Sequence[Series] = (), *, is_input: bool = False) -> RecordFinding | None:
-    """Interpolation between updates of a lower rate: the samples between are masked, of an input it is only noted.
+def interpolated(
+    series: Series, count: int, inputs: Sequence[Series] = (), *, is_input: bool = False
+) -> RecordFinding | None:
+    """Interpolation between updates of a lower rate: the samples between are masked, of an input it
+    is only noted.
 
-    Straight lines are found from two samples an update on, also of uneven updates from three on; cubics from four on, on an even clock.
+    Straight lines are found from two samples an update on, also of uneven updates from three on;
+    cubics from four on, on an even clock.
     """
     if len(series.values) < 2 * UPDATES:
         return None
@@ -368,14 +497,19 @@ def interpolated(series: Series, count: int, inputs: Sequence[Series] = (), *, i
     step = float(np.median(np.diff(series.time)))
     filled = int(np.count_nonzero(~found.fresh))
     rate = f"measured every {found.period:.3g} samples ({1.0 / (found.period * step):.3g} Hz)"
-    told = f"is interpolated: {rate}, with {found.curve} between: {filled} of {len(series.values)} samples follow from their neighbours"
+    told = (
+        f"is interpolated: {rate}, with {found.curve} between: {filled} of {len(series.values)} "
+        "samples follow from their neighbours"
+    )
     numbers = {"period": Number(found.period * step, "s"), "samples": Number(found.period, "1")}
     if is_input:
         return RecordFinding(series.name, Kind.INTERPOLATED, Certainty.NOTED, told, "", (), numbers)
     mask = np.zeros(count, dtype=bool)
     mask[series.rows[~found.fresh]] = True
     remedy = "export the channel at the rate at which it was measured"
-    return RecordFinding(series.name, Kind.INTERPOLATED, Certainty.COSTS_INFORMATION, told, remedy, (), numbers, mask)
+    return RecordFinding(
+        series.name, Kind.INTERPOLATED, Certainty.COSTS_INFORMATION, told, remedy, (), numbers, mask
+    )
 
 
 def _rounding(series: Series) -> float:
@@ -389,7 +523,12 @@ def _straight(series: Series, inputs: Sequence[Series]) -> _Pattern | None:
     off, least = np.abs(v[1:-1] - (1.0 - share) * v[:-2] - share * v[2:]), 2.0 * _rounding(series)
     bent = off > least
     moves = np.abs(v[2:] - v[:-2])[~bent] > least
-    if not _parted(off, least, bent) or not moves.size or np.mean(moves) < 0.5 or _answers(t[1:-1][bent], inputs):
+    if (
+        not _parted(off, least, bent)
+        or not moves.size
+        or np.mean(moves) < 0.5
+        or _answers(t[1:-1][bent], inputs)
+    ):
         return None
     at = np.flatnonzero(bent) + 1
     period = phase_period(at, len(v))
@@ -400,7 +539,8 @@ def _straight(series: Series, inputs: Sequence[Series]) -> _Pattern | None:
     pieces = runs_of(~bent)
     if np.mean(~bent) < STRAIGHT or len(pieces) < UPDATES:
         return None
-    # Updates lie between two rows: of each line its first sample serves for the measurement beside it.
+    # Updates lie between two rows: of each line its first sample serves for the measurement beside
+    # it.
     fresh[[begin for begin, _ in pieces]] = True
     return _Pattern(fresh, len(v) / len(pieces), "straight lines")
 
@@ -414,7 +554,8 @@ def _cubic(series: Series, inputs: Sequence[Series]) -> _Pattern | None:
     if not _parted(off, least, bent) or _answers(series.time[2:-2][bent], inputs):
         return None
     at = np.flatnonzero(bent) + 2
-    # Five samples cross an update at three places, next to each other; they are inside one piece at the others.
+    # Five samples cross an update at three places, next to each other; they are inside one piece at
+    # the others.
     for period in range(min(SLOWEST, len(off) // UPDATES), 3, -1):
         phases = np.bincount(at % period, minlength=period)
         around = phases + np.roll(phases, 1) + np.roll(phases, -1)
@@ -428,13 +569,19 @@ def _cubic(series: Series, inputs: Sequence[Series]) -> _Pattern | None:
 
 def _parted(off: np.ndarray, least: float, bent: np.ndarray) -> bool:
     """Whether samples are either straight or bent by far more than their digits round."""
-    if np.count_nonzero(bent) < UPDATES or np.count_nonzero(~bent) < UPDATES or np.median(off[bent]) < BENT * least:
+    if (
+        np.count_nonzero(bent) < UPDATES
+        or np.count_nonzero(~bent) < UPDATES
+        or np.median(off[bent]) < BENT * least
+    ):
         return False
     return bool(np.mean(bent & (off < BETWEEN * least)) < INTERPOLATED_FEW)
 
 
 def _answers(times: np.ndarray, inputs: Sequence[Series]) -> bool:
-    """Whether the bends come at the changes of an input that stands still between, as a motion without noise bends."""
+    """Whether the bends come at the changes of an input that stands still between, as a motion
+    without noise bends.
+    """
     for other in inputs:
         changes = other.time[np.flatnonzero(np.diff(other.values))]
         if not changes.size or len(changes) > 0.7 * len(other.time):

@@ -1,4 +1,6 @@
-"""One channel as it was sampled: valid samples, least bit, noise; and the findings of the record check."""
+"""One channel as it was sampled: valid samples, least bit, noise; and the findings of the record
+check.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ class Kind(Enum):
 
 
 class Certainty(Enum):
-    """What follows: a record is refused, the reader is warned, samples are set aside, or it is only said."""
+    """What follows: a record is refused, the reader is warned, samples are set aside, or it is only
+    said.
+    """
 
     CERTAIN = "certain"
     LIKELY = "likely"
@@ -62,9 +66,10 @@ class RecordFinding:
     Attributes
     ----------
     channel : the channel's name, several joined by " and ", or ``"time"``.
-    sentence : what is seen, as it goes on from the channel's name. remedy : what its user can do; empty where there is nothing to do.
-    times : from and to, s, of every place; empty where it is the whole record.
-    mask : shape ``(N,)`` of the record's rows, True at samples of ``channel`` that carry no information; of length zero where none are named.
+    sentence : what is seen, as it goes on from the channel's name. remedy : what its user can do;
+    empty where there is nothing to do. times : from and to, s, of every place; empty where it is
+    the whole record. mask : shape ``(N,)`` of the record's rows, True at samples of ``channel``
+    that carry no information; of length zero where none are named.
     """
 
     channel: str
@@ -84,15 +89,17 @@ class RecordFinding:
 
 @dataclass(frozen=True)
 class Expectations:
-    """What a record is compared with beside itself; all of it plain numbers, None where it is not known.
+    """What a record is compared with beside itself; all of it plain numbers, None where it is not
+    known.
 
     Attributes
     ----------
     airspeed : m/s. gravity : m/s2.
-    control_power : rad/s2 per unit of the control, the pitch acceleration that the first input makes, with its sign.
-    angular_control : the first input is an angle, so that ``control_power`` tells radians from degrees.
-    scale_height : m, of the air's density, of a body that falls through it; its height then obeys gravity and drag.
-    aircraft : channels named alpha, q, nz and so on are those of an aircraft, whose motion ties them together.
+    control_power : rad/s2 per unit of the control, the pitch acceleration that the first input
+    makes, with its sign. angular_control : the first input is an angle, so that ``control_power``
+    tells radians from degrees. scale_height : m, of the air's density, of a body that falls through
+    it; its height then obeys gravity and drag. aircraft : channels named alpha, q, nz and so on are
+    those of an aircraft, whose motion ties them together.
     """
 
     airspeed: float | None = None
@@ -105,25 +112,42 @@ class Expectations:
 
 def shown(value: float, unit: str) -> str:
     """A value in the unit in which people read it: angles in degrees."""
-    factor, label = (180.0 / math.pi, unit.replace("rad", "deg", 1)) if unit.startswith("rad") else (1.0, unit)
+    factor, label = (
+        (180.0 / math.pi, unit.replace("rad", "deg", 1)) if unit.startswith("rad") else (1.0, unit)
+    )
     return f"{factor * value:.3g}{'' if label in ('', '1') else f' {label}'}"
 
 
 # ---- One channel as it was sampled
 
 FEWEST = 20  # samples that a word on a channel needs
-ON_THE_GRID = 0.02  # of the least bit, within which a value lies on its grid: what rounding of a conversion leaves is far less
-WHITE = 1.5  # ratio of the noise by second and by fourth differences: 1 for white noise, 10 and more for motion alone
+# of the least bit, within which a value lies on its grid: what rounding of a conversion leaves is
+# far less
+ON_THE_GRID = 0.02
+# ratio of the noise by second and by fourth differences: 1 for white noise, 10 and more for motion
+# alone
+WHITE = 1.5
 RESOLVED = 0.7
-STEPPED = 0.1  # of a converter's step, within which nine tenths of the differences lie on its multiples; a fifth of them by chance
-BOTH_WAYS = 0.05  # share of the differences that rise or rest, and that fall or rest, in a signal that shows its converter
-LATTICE = 3.5  # steps of a converter up to which differences are compared: a calibration that drifts shifts larger ones
-# A converter behind a correction that moves on (an angle of attack brought to the c.g., an airspeed worked out from two
-# pressures): within a fifth of its step lie two fifths of any other differences, .7 to .97 of the ATTAS records'.
+# of a converter's step, within which nine tenths of the differences lie on its multiples; a fifth
+# of them by chance
+STEPPED = 0.1
+# share of the differences that rise or rest, and that fall or rest, in a signal that shows its
+# converter
+BOTH_WAYS = 0.05
+# steps of a converter up to which differences are compared: a calibration that drifts shifts larger
+# ones
+LATTICE = 3.5
+# A converter behind a correction that moves on (an angle of attack brought to the c.g., an airspeed
+# worked out from two pressures): within a fifth of its step lie two fifths of any other
+# differences, .7 to .97 of the ATTAS records'.
 SPREAD, SHARE, MOST_OTHERS, ENOUGH = 0.2, 0.65, 0.9, 100
-TURNS = 0.2  # share of the differences of other sign than the one before: of a motion without noise hardly any are
-FINE_DIGITS = 0.05  # of the usual difference: digits that are printed so coarsely have steps of their own
-FINEST = 1e-6  # of a channel's span: the step of a converter of twenty bits, finer than any sensor's noise
+# share of the differences of other sign than the one before: of a motion without noise hardly any
+# are
+TURNS = 0.2
+# of the usual difference: digits that are printed so coarsely have steps of their own
+FINE_DIGITS = 0.05
+# of a channel's span: the step of a converter of twenty bits, finer than any sensor's noise
+FINEST = 1e-6
 SMALLEST = 1e-9  # of a channel's span, below which a scatter is rounding
 
 
@@ -134,9 +158,10 @@ class Series:
     Attributes
     ----------
     time, values : shape ``(n,)``, s and the channel's unit. rows : their rows in the record.
-    least_bit : the step of a grid on which all values lie; 0 where there is none that the samples show.
-    noise : standard deviation of what changes from sample to sample without a motion, by fourth differences; robust.
-    white : whether second differences give the same noise, so that it is noise indeed and not fast motion.
+    least_bit : the step of a grid on which all values lie; 0 where there is none that the samples
+    show. noise : standard deviation of what changes from sample to sample without a motion, by
+    fourth differences; robust. white : whether second differences give the same noise, so that it
+    is noise indeed and not fast motion.
     """
 
     name: str
@@ -150,7 +175,9 @@ class Series:
 
     @property
     def resolved(self) -> bool:
-        """Whether the noise is seen above the least bit. Rounding makes noise of a third of a bit look like 0.6."""
+        """Whether the noise is seen above the least bit. Rounding makes noise of a third of a bit
+        look like 0.6.
+        """
         return self.white and self.noise > RESOLVED * self.least_bit
 
     @property
@@ -169,18 +196,21 @@ def series_of(record: Record, channel: Channel) -> Series:
 def least_bit(values: np.ndarray) -> float:
     """The step of the converter; 0 where the values show none.
 
-    It is the largest step of which all differences between values are multiples (Euclid's algorithm on floats), or the coarser one of
-    which neighbouring samples differ by multiples: a calibration after the converter, and printed digits, shift its levels a little.
+    It is the largest step of which all differences between values are multiples (Euclid's algorithm
+    on floats), or the coarser one of which neighbouring samples differ by multiples: a calibration
+    after the converter, and printed digits, shift its levels a little.
     """
     exact = exact_step(values)
     return max(exact, _converter_step(values, exact))
 
 
 def measurable_noise(level: float | None, values: Sequence[np.ndarray]) -> float | None:
-    """An estimate of a channel's noise that its samples can bear: at least the rounding of its converter, step/sqrt(12); None where they show none.
+    """An estimate of a channel's noise that its samples can bear: at least the rounding of its
+    converter, step/sqrt(12); None where they show none.
 
-    ``level``: the estimate, None where there is none. ``values``: the channel's valid samples in each record. An estimate below a millionth of
-    the channel's span without a converter's step is that of a computed or smoothed channel, or of an estimator at its limit.
+    ``level``: the estimate, None where there is none. ``values``: the channel's valid samples in
+    each record. An estimate below a millionth of the channel's span without a converter's step is
+    that of a computed or smoothed channel, or of an estimator at its limit.
     """
     if level is None:
         return None
@@ -190,7 +220,9 @@ def measurable_noise(level: float | None, values: Sequence[np.ndarray]) -> float
 
 
 def exact_step(values: np.ndarray) -> float:
-    """The largest step of which all differences between values are multiples: of a converter, or of the digits that were printed."""
+    """The largest step of which all differences between values are multiples: of a converter, or of
+    the digits that were printed.
+    """
     levels = np.unique(values)
     if levels.size < 2:
         return 0.0
@@ -209,11 +241,17 @@ def exact_step(values: np.ndarray) -> float:
 
 
 def _converter_step(values: np.ndarray, exact: float) -> float:
-    """The step of which small differences of neighbouring samples are multiples within a tenth of it; 0 where there is none."""
+    """The step of which small differences of neighbouring samples are multiples within a tenth of
+    it; 0 where there is none.
+    """
     differences = np.diff(values)
     sizes = np.abs(differences)
-    if sizes.size < FEWEST or min(np.mean(differences >= 0.0), np.mean(differences <= 0.0)) < BOTH_WAYS:
-        return 0.0  # a signal that only rises or falls has steps of its rate, which say nothing of a converter
+    if (
+        sizes.size < FEWEST
+        or min(np.mean(differences >= 0.0), np.mean(differences <= 0.0)) < BOTH_WAYS
+    ):
+        # a signal that only rises or falls has steps of its rate, which say nothing of a converter
+        return 0.0
     least = max(3.0 * exact, SMALLEST * float(np.ptp(values)))
     moving = np.sort(sizes[sizes > least])
     if moving.size < FEWEST:
@@ -221,11 +259,17 @@ def _converter_step(values: np.ndarray, exact: float) -> float:
     starts = np.quantile(moving, (0.02, 0.1, 0.2, 0.3, 0.4, 0.5))
     found = max(_lattice_step(sizes, start) for start in starts.tolist())
     turning = float(np.mean(differences[1:] * differences[:-1] < 0.0))
-    return found or (_blurred_step(moving) if exact < FINE_DIGITS * float(np.median(moving)) and turning > TURNS else 0.0)
+    return found or (
+        _blurred_step(moving)
+        if exact < FINE_DIGITS * float(np.median(moving)) and turning > TURNS
+        else 0.0
+    )
 
 
 def _lattice_step(sizes: np.ndarray, step: float) -> float:
-    """The step near a first guess on whose multiples nine tenths of the smaller sizes lie; 0 where they do not."""
+    """The step near a first guess on whose multiples nine tenths of the smaller sizes lie; 0 where
+    they do not.
+    """
     near, count = sizes, sizes
     for _ in range(3):
         near = sizes[sizes < LATTICE * step]
@@ -238,10 +282,11 @@ def _lattice_step(sizes: np.ndarray, step: float) -> float:
 
 
 def _blurred_step(moving: np.ndarray) -> float:
-    """The step on whose multiples, blurred by a correction behind the converter, most sizes lie; 0 where there is none.
+    """The step on whose multiples, blurred by a correction behind the converter, most sizes lie; 0
+    where there is none.
 
-    ``moving``: sizes of differences, zeros left out. The step is at most three times smaller than they usually are, and two
-    multiples of it or more occur: a triangle has one.
+    ``moving``: sizes of differences, zeros left out. The step is at most three times smaller than
+    they usually are, and two multiples of it or more occur: a triangle has one.
     """
     usual = float(np.median(moving))
     best, found = SHARE, 0.0
@@ -258,7 +303,9 @@ def _blurred_step(moving: np.ndarray) -> float:
 
 
 def scaled_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Each sample less the line between its neighbours, scaled to the noise of one sample; NaN across gaps; ``(n - 2,)``."""
+    """Each sample less the line between its neighbours, scaled to the noise of one sample; NaN
+    across gaps; ``(n - 2,)``.
+    """
     before, after = np.diff(time)[:-1], np.diff(time)[1:]
     share = before / (before + after)
     off = values[1:-1] - (1.0 - share) * values[:-2] - share * values[2:]
@@ -268,7 +315,9 @@ def scaled_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def fourth_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Differences of the second differences, scaled to the noise of one sample where sampling is even; ``(n - 4,)``."""
+    """Differences of the second differences, scaled to the noise of one sample where sampling is
+    even; ``(n - 4,)``.
+    """
     second = scaled_differences(time, values) * np.sqrt(1.5)
     return (second[1:-1] - 0.5 * (second[:-2] + second[2:])) * np.sqrt(16.0 / 70.0)
 
@@ -293,41 +342,57 @@ def runs_of(same: np.ndarray) -> np.ndarray:
 
 # ---- The least bit against the noise
 
-COARSE = 1.0  # least bits over noise: below it rounding adds a twelfth of the noise's variance at most
+# least bits over noise: below it rounding adds a twelfth of the noise's variance at most
+COARSE = 1.0
 DISTINCT = 4  # levels, fewer of which make no measurement
 PARTS = (8, 4)
 BITS = 2.0  # least bits of noise, below which a median of its size is one of few levels
 NOISE_LEVEL_FEWEST = 30  # samples of a part
 FACTOR = 2.0  # chosen: weights that are wrong by four in the variance are worth a word
-# Scatter of the logarithm of a robust sigma of n fourth differences, times sqrt(n): 1.17 for independent ones, 1.58 by simulation for these.
+# Scatter of the logarithm of a robust sigma of n fourth differences, times sqrt(n): 1.17 for
+# independent ones, 1.58 by simulation for these.
 SCATTER = 1.6
-SURE = 4.5  # of its standard deviations, between the quietest and the loudest of eight parts: by chance once in 5000 channels
-LOUD = 4.0  # chosen: a sample four times as uncertain as others carries a sixteenth of their information and weighs as much in a fit
+# of its standard deviations, between the quietest and the loudest of eight parts: by chance once in
+# 5000 channels
+SURE = 4.5
+# chosen: a sample four times as uncertain as others carries a sixteenth of their information and
+# weighs as much in a fit
+LOUD = 4.0
 WINDOW = 25  # samples to both sides, over which a local level is taken
 MOST = 0.5  # of a channel may be set aside: beyond it the loud part is the record
-MOTION = 1.4  # ratio of the noise by second and fourth differences, beyond which a part shows motion
+# ratio of the noise by second and fourth differences, beyond which a part shows motion
+MOTION = 1.4
 
 
 def coarse(series: Series) -> RecordFinding | None:
-    """A note where the least bit is coarse against the noise, so that residuals are rounding and not Gaussian."""
+    """A note where the least bit is coarse against the noise, so that residuals are rounding and
+    not Gaussian.
+    """
     bit = series.least_bit
     if not bit or series.span < DISTINCT * bit or bit < COARSE * series.noise:
         return None
-    told = f"has a least bit of {shown(bit, series.unit)}, coarse against its noise: smaller things are not in the record, and rounding is not white"
-    numbers = {"least_bit": Number(bit, series.unit)} | ({"noise": Number(series.noise, series.unit)} if series.noise else {})
+    told = (
+        f"has a least bit of {shown(bit, series.unit)}, coarse against its noise: smaller things "
+        "are not in the record, and rounding is not white"
+    )
+    numbers = {"least_bit": Number(bit, series.unit)} | (
+        {"noise": Number(series.noise, series.unit)} if series.noise else {}
+    )
     return RecordFinding(series.name, Kind.RESOLUTION, Certainty.NOTED, told, "", (), numbers)
 
 
 @dataclass(frozen=True)
 class _NoisePart:
-    """A part of a channel: the standard deviation of its noise, were all roughness noise, and what else may have made that.
+    """A part of a channel: the standard deviation of its noise, were all roughness noise, and what
+    else may have made that.
 
     Attributes
     ----------
-    slow : the motion between two samples is less than the roughness, in the mean square and robustly, so that it cannot have made it.
-    motion : root mean square of the change from sample to sample, beyond that of white noise as rough.
-    rough : by input its own noise level or roughness. samples : how many the level is taken from. times : begin and end, s.
-    white : whether second and fourth differences show the same level, as those of noise do.
+    slow : the motion between two samples is less than the roughness, in the mean square and
+    robustly, so that it cannot have made it. motion : root mean square of the change from sample to
+    sample, beyond that of white noise as rough. rough : by input its own noise level or roughness.
+    samples : how many the level is taken from. times : begin and end, s. white : whether second and
+    fourth differences show the same level, as those of noise do.
     """
 
     level: float
@@ -339,17 +404,23 @@ class _NoisePart:
     times: tuple[float, float]
 
 
-def changing_noise(series: Series, count: int, inputs: Sequence[Series] = (), others: Sequence[Series] = ()) -> RecordFinding | None:
-    """Noise of one part of a record ``count`` rows long that is several times that of another: from ``LOUD`` times on its samples are named.
+def changing_noise(
+    series: Series, count: int, inputs: Sequence[Series] = (), others: Sequence[Series] = ()
+) -> RecordFinding | None:
+    """Noise of one part of a record ``count`` rows long that is several times that of another: from
+    ``LOUD`` times on its samples are named.
 
-    Roughness that the motion or an input can have made is no noise of the sensor: a loud part counts where the motion is slow against the
-    sampling, or against a quiet part that moved as much; and only by as much as no ``inputs`` were rougher there. Where ``others``, the
-    remaining outputs, became rougher in the same part, it is the air or the structure.
+    Roughness that the motion or an input can have made is no noise of the sensor: a loud part
+    counts where the motion is slow against the sampling, or against a quiet part that moved as
+    much; and only by as much as no ``inputs`` were rougher there. Where ``others``, the remaining
+    outputs, became rougher in the same part, it is the air or the structure.
     """
     if not series.white or series.noise < BITS * series.least_bit:
         return None
     for parts in PARTS:
-        found = _between_parts(series, min(parts, len(series.values) // NOISE_LEVEL_FEWEST), count, (inputs, others))
+        found = _between_parts(
+            series, min(parts, len(series.values) // NOISE_LEVEL_FEWEST), count, (inputs, others)
+        )
         if found is not None:
             return found
     return None
@@ -357,26 +428,48 @@ def changing_noise(series: Series, count: int, inputs: Sequence[Series] = (), ot
 
 def _parts(series: Series, parts: int, inputs: Sequence[Series]) -> list[_NoisePart]:
     """The parts of a channel that have enough samples."""
-    second, fourth = scaled_differences(series.time, series.values)[1:-1], fourth_differences(series.time, series.values)
+    second, fourth = (
+        scaled_differences(series.time, series.values)[1:-1],
+        fourth_differences(series.time, series.values),
+    )
     out = []
     for rows in np.array_split(np.arange(len(fourth)), parts):
         known = np.isfinite(fourth[rows])
         if np.count_nonzero(known) < NOISE_LEVEL_FEWEST // 2:
             continue
-        level = max(robust_sigma_about_zero(fourth[rows][known]), 0.5 * series.least_bit, SMALLEST * series.span)
+        level = max(
+            robust_sigma_about_zero(fourth[rows][known]),
+            0.5 * series.least_bit,
+            SMALLEST * series.span,
+        )
         if level > 0.0:
             white = robust_sigma_about_zero(second[rows][known]) < MOTION * level
             begin, end = float(series.time[rows[0]]), float(series.time[rows[-1] + 4])
             steps, rough4 = np.diff(series.values[rows[0] : rows[-1] + 5]), fourth[rows][known]
             power = float(np.mean(steps**2) - 2.0 * np.mean(rough4**2))
-            slow = power < float(np.mean(rough4**2)) and robust_sigma_about_zero(steps) ** 2 < 3.0 * level**2
+            slow = (
+                power < float(np.mean(rough4**2))
+                and robust_sigma_about_zero(steps) ** 2 < 3.0 * level**2
+            )
             rough = tuple(_roughness(other, begin, end) for other in inputs)
-            out.append(_NoisePart(level, white, slow, float(np.sqrt(max(power, 0.0))), rough, int(np.count_nonzero(known)), (begin, end)))
+            out.append(
+                _NoisePart(
+                    level,
+                    white,
+                    slow,
+                    float(np.sqrt(max(power, 0.0))),
+                    rough,
+                    int(np.count_nonzero(known)),
+                    (begin, end),
+                )
+            )
     return out
 
 
 def _roughness(other: Series, begin: float, end: float) -> float:
-    """Size of the fourth differences of a channel between two times, half a step of its converter at least."""
+    """Size of the fourth differences of a channel between two times, half a step of its converter
+    at least.
+    """
     inside = (other.time >= begin) & (other.time <= end)
     if np.count_nonzero(inside) < NOISE_LEVEL_FEWEST // 2:
         return 0.0
@@ -386,7 +479,9 @@ def _roughness(other: Series, begin: float, end: float) -> float:
 
 
 def _beyond_inputs(quiet: _NoisePart, loud: _NoisePart) -> float:
-    """Ratio of two levels, less the ratio by which an input was rougher: a linear system makes no more of it. Zero where the motion made it."""
+    """Ratio of two levels, less the ratio by which an input was rougher: a linear system makes no
+    more of it. Zero where the motion made it.
+    """
     if not loud.slow and quiet.motion < loud.motion:
         return 0.0
     more = 1.0
@@ -398,31 +493,46 @@ def _beyond_inputs(quiet: _NoisePart, loud: _NoisePart) -> float:
 
 def _shared(quiet: _NoisePart, loud: _NoisePart, others: Sequence[Series]) -> bool:
     """Whether another output is rougher as well, by more than its roughness scatters."""
-    least = max(FACTOR, float(np.exp(SURE * SCATTER * np.sqrt(1.0 / quiet.samples + 1.0 / loud.samples))))
-    return any(_roughness(other, *loud.times) > least * _roughness(other, *quiet.times) > 0.0 for other in others)
+    least = max(
+        FACTOR, float(np.exp(SURE * SCATTER * np.sqrt(1.0 / quiet.samples + 1.0 / loud.samples)))
+    )
+    return any(
+        _roughness(other, *loud.times) > least * _roughness(other, *quiet.times) > 0.0
+        for other in others
+    )
 
 
 def _sure(quiet: _NoisePart, loud: _NoisePart) -> bool:
-    """Whether the noise of a part is larger than that of another by more than its estimates scatter."""
+    """Whether the noise of a part is larger than that of another by more than its estimates
+    scatter.
+    """
     ratio = _beyond_inputs(quiet, loud)
     scatter = SCATTER * np.sqrt(1.0 / quiet.samples + 1.0 / loud.samples)
     return bool(ratio >= FACTOR and np.log(ratio) >= SURE * scatter)
 
 
-def _between_parts(series: Series, parts: int, count: int, beside: tuple[Sequence[Series], Sequence[Series]]) -> RecordFinding | None:
+def _between_parts(
+    series: Series, parts: int, count: int, beside: tuple[Sequence[Series], Sequence[Series]]
+) -> RecordFinding | None:
     if parts < 3:
         return None
     inputs, others = beside
     every = _parts(series, parts, inputs)
     found = [one for one in every if one.white]
     pairs = [
-        (quiet, loud) for quiet in found for loud in found if loud.level > quiet.level and _sure(quiet, loud) and not _shared(quiet, loud, others)
+        (quiet, loud)
+        for quiet in found
+        for loud in found
+        if loud.level > quiet.level and _sure(quiet, loud) and not _shared(quiet, loud, others)
     ]
     if len(found) < 3 or not pairs:
         return None
     low, high = max(pairs, key=lambda pair: pair[1].level / pair[0].level)
     told = "has noise that changes along the record: "
-    told += ", ".join(f"{shown(one.level, series.unit)} from {one.times[0]:.4g} to {one.times[1]:.4g} s" for one in (low, high))
+    told += ", ".join(
+        f"{shown(one.level, series.unit)} from {one.times[0]:.4g} to {one.times[1]:.4g} s"
+        for one in (low, high)
+    )
     numbers = {"least": Number(low.level, series.unit), "greatest": Number(high.level, series.unit)}
     mask = np.zeros(count, dtype=bool)
     between = float(np.sqrt(low.level * high.level))
@@ -430,12 +540,30 @@ def _between_parts(series: Series, parts: int, count: int, beside: tuple[Sequenc
     below = [one.level for one in found if one.level <= between]
     if np.median(above) > LOUD * np.median(below):
         loud = _loud(fourth_differences(series.time, series.values), between, len(series.values))
-        moved = [one for one in every if one.level > between and not any(one is other for _, other in pairs)]
+        moved = [
+            one
+            for one in every
+            if one.level > between and not any(one is other for _, other in pairs)
+        ]
         mask[series.rows[loud & ~_inside(series.time, moved)]] = True
     if 0.0 < np.count_nonzero(mask) < MOST * len(series.values):
-        return RecordFinding(series.name, Kind.NOISE_LEVEL, Certainty.COSTS_INFORMATION, told, "", (high.times,), numbers, mask)
-    remedy = "one noise level is fitted to the whole record: sigmas are a mean; cut out the noisy part if it is a fault"
-    return RecordFinding(series.name, Kind.NOISE_LEVEL, Certainty.LIKELY, told, remedy, (high.times,), numbers)
+        return RecordFinding(
+            series.name,
+            Kind.NOISE_LEVEL,
+            Certainty.COSTS_INFORMATION,
+            told,
+            "",
+            (high.times,),
+            numbers,
+            mask,
+        )
+    remedy = (
+        "one noise level is fitted to the whole record: sigmas are a mean; cut out the noisy part "
+        "if it is a fault"
+    )
+    return RecordFinding(
+        series.name, Kind.NOISE_LEVEL, Certainty.LIKELY, told, remedy, (high.times,), numbers
+    )
 
 
 def _inside(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
@@ -450,7 +578,9 @@ def _loud(fourth: np.ndarray, above: float, count: int) -> np.ndarray:
     """Which of ``count`` samples lie where the noise, over a short window, is above a level."""
     known = np.isfinite(fourth)
     padded = np.pad(np.where(known, np.abs(fourth), np.nan), WINDOW, mode="reflect")
-    local = ROBUST * np.nanmedian(np.lib.stride_tricks.sliding_window_view(padded, 2 * WINDOW + 1), axis=1)
+    local = ROBUST * np.nanmedian(
+        np.lib.stride_tricks.sliding_window_view(padded, 2 * WINDOW + 1), axis=1
+    )
     loud = np.zeros(count, dtype=bool)
     loud[2 : len(local) + 2] = local > above
     return loud

@@ -1,14 +1,18 @@
-"""Equation error: regression of measured rates on the equations of motion, by least squares or with instrumental variables.
+"""Equation error: regression of measured rates on the equations of motion, by least squares or with
+instrumental variables.
 
-Rates are slopes of local straight lines. A slope over a window is a weighted mean of the rate over that window,
-sum_j w_j x_j = sum_j K_j (x_{j+1} - x_j), K_j = -sum_{i<=j} w_i, so the right-hand side is averaged with the same K:
-a jump of the input inside a window then does no harm, and no frequency is lost on one side only.
+Rates are slopes of local straight lines. A slope over a window is a weighted mean of the rate over
+that window, sum_j w_j x_j = sum_j K_j (x_{j+1} - x_j), K_j = -sum_{i<=j} w_i, so the right-hand
+side is averaged with the same K: a jump of the input inside a window then does no harm, and no
+frequency is lost on one side only.
 
-Least squares needs no integration, so any start will do, and an unstable aircraft is as easy as a stable one (Klein and Morelli,
-Aircraft System Identification, ch. 5). But the states in its regressors carry noise, and smoothing rounds them off: both bias the estimate,
-by up to several sigmas. With instrumental variables (Young, Recursive Estimation and Time-Series Analysis, 2nd ed., ch. 8; Soderstrom and
-Stoica, Instrumental Variable Methods for System Identification, 1983) the regressors are the measured states as they are, and what they are
-multiplied with are those of a simulation at the last estimate: it follows the inputs, not the noise, so no bias is left.
+Least squares needs no integration, so any start will do, and an unstable aircraft is as easy as a
+stable one (Klein and Morelli, Aircraft System Identification, ch. 5). But the states in its
+regressors carry noise, and smoothing rounds them off: both bias the estimate, by up to several
+sigmas. With instrumental variables (Young, Recursive Estimation and Time-Series Analysis, 2nd ed.,
+ch. 8; Soderstrom and Stoica, Instrumental Variable Methods for System Identification, 1983) the
+regressors are the measured states as they are, and what they are multiplied with are those of a
+simulation at the last estimate: it follows the inputs, not the noise, so no bias is left.
 """
 
 from __future__ import annotations
@@ -21,7 +25,14 @@ import numpy as np
 
 from ident.estimate import LARGEST, Estimate, Outcome
 from ident.regression.state_histories import StateData, state_data, windows
-from ident.statistics.information import UNDETERMINED, add_normal_equations, conditional_scale, determined_and_open, inverse_information, unresolved
+from ident.statistics.information import (
+    UNDETERMINED,
+    add_normal_equations,
+    conditional_scale,
+    determined_and_open,
+    inverse_information,
+    unresolved,
+)
 from ident.statistics.residual_spectrum import RecordScores, corrected_covariance, sandwich
 from sim.declaration.model import System
 from sim.errors import ModelError
@@ -31,7 +42,9 @@ from sim.record import Channel, Record
 
 SIMULATED_STEP = 0.02  # s, of the simulation that gives instruments
 RUNAWAY = 3.0  # scatters of a state by which its simulation may leave the record and still serve
-SIMULATIONS = 2  # at least squares and at the first estimate without its bias: a better instrument is no better estimate
+# at least squares and at the first estimate without its bias: a better instrument is no better
+# estimate
+SIMULATIONS = 2
 NARROWER = (1.0, 0.5, 0.25, 0.125)  # shares of a slope's window that are tried with instruments
 PAIRS = 6  # of added noise and its negative, from which the bias of least squares is found
 
@@ -42,11 +55,13 @@ class RegressionSettings:
 
     Attributes
     ----------
-    iterations : limit of Gauss-Newton steps; equations linear in the parameters take three (weights settle).
-    tolerance : settled when a step moves no parameter by more than this share of its sigma.
-    coloured : correct the covariance for residuals that are not white; they never are, windows overlap.
-    instruments : go on from least squares with instrumental variables. Where no simulation stays with a record (an unstable aircraft)
-        least squares stay, less their bias by noise as far as added noise shows it, and sigmas are larger by that bias.
+    iterations : limit of Gauss-Newton steps; equations linear in the parameters take three (weights
+    settle). tolerance : settled when a step moves no parameter by more than this share of its
+    sigma. coloured : correct the covariance for residuals that are not white; they never are,
+    windows overlap. instruments : go on from least squares with instrumental variables. Where no
+    simulation stays with a record (an unstable aircraft)
+        least squares stay, less their bias by noise as far as added noise shows it, and sigmas are
+        larger by that bias.
     """
 
     iterations: int = 30
@@ -57,7 +72,9 @@ class RegressionSettings:
 
 @dataclass(frozen=True, eq=False)
 class _Equations:
-    """Residuals of one record: ``residual``, ``valid`` ``(e, N)``, ``jacobian (e, N, c)`` of the right-hand side, ``fitted (m, N)``."""
+    """Residuals of one record: ``residual``, ``valid`` ``(e, N)``, ``jacobian (e, N, c)`` of the
+    right-hand side, ``fitted (m, N)``.
+    """
 
     residual: np.ndarray
     valid: np.ndarray
@@ -67,7 +84,9 @@ class _Equations:
 
 @dataclass(frozen=True, eq=False)
 class _Layout:
-    """Unknowns: shared parameters, then the biases of each record. ``order`` are their positions among all parameters."""
+    """Unknowns: shared parameters, then the biases of each record. ``order`` are their positions
+    among all parameters.
+    """
 
     system: System
     shared: tuple[str, ...]
@@ -77,23 +96,31 @@ class _Layout:
     order: list[int] = field(default_factory=list)
 
     def columns(self, r: int) -> np.ndarray:
-        return np.concatenate([np.arange(len(self.shared)), len(self.shared) + r * len(self.local) + np.arange(len(self.local))])
+        return np.concatenate(
+            [
+                np.arange(len(self.shared)),
+                len(self.shared) + r * len(self.local) + np.arange(len(self.local)),
+            ]
+        )
 
 
-def run_equation_error(records: Sequence[Record], system: System, settings: RegressionSettings | None = None) -> Estimate:
+def run_equation_error(
+    records: Sequence[Record], system: System, settings: RegressionSettings | None = None
+) -> Estimate:
     """Regress rates and further outputs on the equations of a System.
 
     Parameters
     ----------
     records : one or more; ``bias_*`` parameters belong to one record each.
-    system : every state must be measured under its own name or be the rate of one that is (see ``state_data``).
+    system : every state must be measured under its own name or be the rate of one that is (see
+    ``state_data``).
         Outputs that are no states (nz) give one equation each. Bounds are kept, priors not used.
 
     Returns
     -------
-    Estimate of the shared free parameters. ``noise_std`` holds for a state's channel what its smoothing left, for any
-    other output what its equation left. The log-likelihood is that of the equation residuals: it compares with
-    no other method's. Outcomes as of ``fit_output_error``.
+    Estimate of the shared free parameters. ``noise_std`` holds for a state's channel what its
+    smoothing left, for any other output what its equation left. The log-likelihood is that of the
+    equation residuals: it compares with no other method's. Outcomes as of ``fit_output_error``.
 
     Raises
     ------
@@ -112,15 +139,22 @@ def run_equation_error(records: Sequence[Record], system: System, settings: Regr
 def _bounds(layout: _Layout) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Start, lowest and highest values of all unknowns."""
     parameters, count = layout.system.parameters, len(layout.records)
-    items = [parameters[name] for name in layout.shared] + [parameters[name] for name in layout.local] * count
-    low, high = np.array([item.bounds[0] for item in items]), np.array([item.bounds[1] for item in items])
+    items = [parameters[name] for name in layout.shared] + [
+        parameters[name] for name in layout.local
+    ] * count
+    low, high = (
+        np.array([item.bounds[0] for item in items]),
+        np.array([item.bounds[1] for item in items]),
+    )
     return np.array([item.value for item in items]), low, high
 
 
 def _least_squares(
     layout: _Layout, settings: RegressionSettings, start: np.ndarray | None = None
 ) -> tuple[np.ndarray, list[_Equations] | None, Outcome, int]:
-    """Unknowns, their residuals (None where the start has no finite ones), the outcome and the number of steps."""
+    """Unknowns, their residuals (None where the start has no finite ones), the outcome and the
+    number of steps.
+    """
     declared, low, high = _bounds(layout)
     theta = declared if start is None else start
     parts = _evaluate(layout, theta)
@@ -147,26 +181,59 @@ def _least_squares(
 
 def _layout(records: Sequence[Record], system: System) -> _Layout:
     if system.sensor_stages:
-        raise ModelError(f"effect {system.sensor_stages[0]} keeps a memory on the sensor path", where="equation error", remedy="use output-error")
+        raise ModelError(
+            f"effect {system.sensor_stages[0]} keeps a memory on the sensor path",
+            where="equation error",
+            remedy="use output-error",
+        )
     recorded = {name for record in records for name in record.output_names}
-    free = [name for name in system.parameters.free_names if not name.startswith("bias_") or name.removeprefix("bias_") in recorded]
+    free = [
+        name
+        for name in system.parameters.free_names
+        if not name.startswith("bias_") or name.removeprefix("bias_") in recorded
+    ]
     shared = tuple(name for name in free if not name.startswith("bias_"))
     local = tuple(name for name in free if name.startswith("bias_"))
     if not shared:
-        raise ModelError("no parameter is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one")
+        raise ModelError(
+            "no parameter is free",
+            where=f"model with {', '.join(system.parameters.names)}",
+            remedy="release at least one",
+        )
     order = [system.parameters.index(name) for name in (*shared, *local)]
-    return _Layout(system, shared, local, tuple(records), tuple(state_data(record, system) for record in records), order)
+    return _Layout(
+        system,
+        shared,
+        local,
+        tuple(records),
+        tuple(state_data(record, system) for record in records),
+        order,
+    )
 
 
-def _evaluate(layout: _Layout, theta: np.ndarray, histories: Sequence[Sequence[np.ndarray]] | None = None) -> list[_Equations] | None:
-    """Residuals of all records; ``histories`` in place of the smoothed states, the biases of their sensors taken off already."""
+def _evaluate(
+    layout: _Layout, theta: np.ndarray, histories: Sequence[Sequence[np.ndarray]] | None = None
+) -> list[_Equations] | None:
+    """Residuals of all records; ``histories`` in place of the smoothed states, the biases of their
+    sensors taken off already.
+    """
     with np.errstate(all="ignore"):
-        parts = [_equations(layout, r, theta[layout.columns(r)], None if histories is None else histories[r]) for r in range(len(layout.records))]
-    sound = all(np.all(np.abs(part.residual) < LARGEST) and np.all(np.abs(part.jacobian) < LARGEST) for part in parts)
+        parts = [
+            _equations(
+                layout, r, theta[layout.columns(r)], None if histories is None else histories[r]
+            )
+            for r in range(len(layout.records))
+        ]
+    sound = all(
+        np.all(np.abs(part.residual) < LARGEST) and np.all(np.abs(part.jacobian) < LARGEST)
+        for part in parts
+    )
     return parts if sound else None
 
 
-def _equations(layout: _Layout, r: int, mine: np.ndarray, history: Sequence[np.ndarray] | None = None) -> _Equations:
+def _equations(
+    layout: _Layout, r: int, mine: np.ndarray, history: Sequence[np.ndarray] | None = None
+) -> _Equations:
     """Residuals of record ``r`` and their derivatives by complex step, a column an unknown."""
     system, record, data, c = layout.system, layout.records[r], layout.data[r], len(mine)
     p: list[Any] = list(system.parameters.values())
@@ -178,11 +245,17 @@ def _equations(layout: _Layout, r: int, mine: np.ndarray, history: Sequence[np.n
     if history is None:
         x = [_deep(state.smooth) - (0.0 if state.bias is None else p[state.bias]) for state in data]
     else:
-        x = [_deep(row) - (0.0 if state.bias is None else 1j * np.imag(p[state.bias])) for row, state in zip(history, data, strict=True)]
+        x = [
+            _deep(row) - (0.0 if state.bias is None else 1j * np.imag(p[state.bias]))
+            for row, state in zip(history, data, strict=True)
+        ]
     n = len(time)
     before = system.f(time[:-1, None], [row[:-1] for row in x], [row[:-1] for row in u_begin], p)
     after = system.f(time[1:, None], [row[1:] for row in x], u_end, p)
-    gained = [np.broadcast_to(0.5 * np.diff(time)[:, None] * (a + b), (n - 1, c)) for a, b in zip(before, after, strict=True)]
+    gained = [
+        np.broadcast_to(0.5 * np.diff(time)[:, None] * (a + b), (n - 1, c))
+        for a, b in zip(before, after, strict=True)
+    ]
     z, there = record.output_array(system.output_names)
     y = [np.broadcast_to(row, (n, c)) for row in system.h(time[:, None], x, u_begin, p)]
 
@@ -202,19 +275,32 @@ def _equations(layout: _Layout, r: int, mine: np.ndarray, history: Sequence[np.n
             valid.append(there[i])
     fitted = np.array([row.real[:, 0] for row in y])
     mask = np.array(valid)
-    return _Equations(np.where(mask, np.array(residual), 0.0), mask, np.where(mask[:, :, None], np.array(right), 0.0), fitted)
+    return _Equations(
+        np.where(mask, np.array(residual), 0.0),
+        mask,
+        np.where(mask[:, :, None], np.array(right), 0.0),
+        fitted,
+    )
 
 
 def _inputs(record: Record, system: System, p: Sequence[Any]) -> tuple[list[Any], list[Any]]:
-    """Inputs at the vehicle just after each sample ``(N, ...)``, and just before the next ``(N - 1, ...)``."""
+    """Inputs at the vehicle just after each sample ``(N, ...)``, and just before the next ``(N - 1,
+    ...)``.
+    """
     grid = make_grid(record.time, float(np.diff(record.time).max()))
-    drive = drive_from_record(system, p, record.input_array(system.input_names), record.time, record.hold, grid)
+    drive = drive_from_record(
+        system, p, record.input_array(system.input_names), record.time, record.hold, grid
+    )
     # A gap has nodes of its own between the samples.
-    return [row[grid.sample] for row in drive.begin], [row[grid.sample[1:] - 1] for row in drive.end]
+    return [row[grid.sample] for row in drive.begin], [
+        row[grid.sample[1:] - 1] for row in drive.end
+    ]
 
 
 def _averaged(slope: np.ndarray, first: np.ndarray, increments: np.ndarray) -> np.ndarray:
-    """What the slope weights ``(N, W)`` make of a signal with the given increments between rows, ``(N, c)``."""
+    """What the slope weights ``(N, W)`` make of a signal with the given increments between rows,
+    ``(N, c)``.
+    """
     kernel = -np.cumsum(slope, axis=1)[:, :-1]
     total = np.zeros((len(slope), increments.shape[1]), dtype=complex)
     for j in range(kernel.shape[1]):
@@ -234,19 +320,30 @@ def _cost(parts: list[_Equations]) -> float:
     return 0.5 * float(counts @ np.log(variance))
 
 
-def _normal_equations(layout: _Layout, parts: list[_Equations], n: int) -> tuple[np.ndarray, np.ndarray]:
+def _normal_equations(
+    layout: _Layout, parts: list[_Equations], n: int
+) -> tuple[np.ndarray, np.ndarray]:
     variance, _ = _variances(parts)
     information, gradient = np.zeros((n, n)), np.zeros(n)
     for r, part in enumerate(parts):
         weight = np.broadcast_to(1.0 / variance[:, None], part.residual.shape)
-        add_normal_equations(information, gradient, layout.columns(r), part.jacobian, part.residual, weight)
+        add_normal_equations(
+            information, gradient, layout.columns(r), part.jacobian, part.residual, weight
+        )
     return information, gradient
 
 
 def _descend(
-    layout: _Layout, theta: np.ndarray, step: np.ndarray, low: np.ndarray, high: np.ndarray, parts: list[_Equations]
+    layout: _Layout,
+    theta: np.ndarray,
+    step: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    parts: list[_Equations],
 ) -> tuple[np.ndarray, list[_Equations], float]:
-    """The step, halved until the cost does not rise; the point, its residuals, and the share of the step that was taken."""
+    """The step, halved until the cost does not rise; the point, its residuals, and the share of the
+    step that was taken.
+    """
     cost, share, resolved = _cost(parts), 1.0, unresolved(float(_variances(parts)[1].sum()))
     for _ in range(12):
         trial = np.clip(theta + share * step, low, high)
@@ -257,7 +354,14 @@ def _descend(
     return theta, parts, 0.0
 
 
-def _finished(layout: _Layout, theta: np.ndarray, parts: list[_Equations], outcome: Outcome, done: int, settings: RegressionSettings) -> Estimate:
+def _finished(
+    layout: _Layout,
+    theta: np.ndarray,
+    parts: list[_Equations],
+    outcome: Outcome,
+    done: int,
+    settings: RegressionSettings,
+) -> Estimate:
     system, n = layout.system, len(layout.shared)
     information, _ = _normal_equations(layout, parts, len(theta))
     variance, counts = _variances(parts)
@@ -265,8 +369,13 @@ def _finished(layout: _Layout, theta: np.ndarray, parts: list[_Equations], outco
     if not determined:
         outcome = Outcome.NOT_IDENTIFIABLE
     if settings.coloured:
-        coloured = [(layout.columns(r), part.jacobian, part.residual, part.valid) for r, part in enumerate(parts)]
-        known, unknown = (covariance, 0.0) if determined else determined_and_open(information, theta)
+        coloured = [
+            (layout.columns(r), part.jacobian, part.residual, part.valid)
+            for r, part in enumerate(parts)
+        ]
+        known, unknown = (
+            (covariance, 0.0) if determined else determined_and_open(information, theta)
+        )
         covariance = corrected_covariance(known, coloured, variance) + unknown
     log_likelihood = -_cost(parts) - 0.5 * float(counts.sum()) * (1.0 + np.log(2.0 * np.pi))
     units = tuple(system.parameters[name].unit for name in layout.shared)
@@ -286,9 +395,16 @@ def _finished(layout: _Layout, theta: np.ndarray, parts: list[_Equations], outco
 
 
 def _with_instruments(
-    layout: _Layout, theta: np.ndarray, parts: list[_Equations], outcome: Outcome, done: int, settings: RegressionSettings
+    layout: _Layout,
+    theta: np.ndarray,
+    parts: list[_Equations],
+    outcome: Outcome,
+    done: int,
+    settings: RegressionSettings,
 ) -> Estimate:
-    """The estimate with instrumental variables, or the corrected one of least squares where a simulation does not stay with the records."""
+    """The estimate with instrumental variables, or the corrected one of least squares where a
+    simulation does not stay with the records.
+    """
     squares = _finished(layout, theta, parts, outcome, done, replace(settings, coloured=False))
     settled = squares.outcome is Outcome.CONVERGED
     found = _instrumental(layout, theta, settings) if settled else None
@@ -311,8 +427,12 @@ def _with_instruments(
     )
 
 
-def _instrumental(layout: _Layout, theta: np.ndarray, settings: RegressionSettings) -> tuple[np.ndarray, np.ndarray, Outcome, int] | None:
-    """Unknowns, their covariance, outcome and steps with instrumental variables; None where no simulation gives any."""
+def _instrumental(
+    layout: _Layout, theta: np.ndarray, settings: RegressionSettings
+) -> tuple[np.ndarray, np.ndarray, Outcome, int] | None:
+    """Unknowns, their covariance, outcome and steps with instrumental variables; None where no
+    simulation gives any.
+    """
     _, low, high = _bounds(layout)
     simulated = _simulated(layout, theta)
     if simulated is None:
@@ -330,13 +450,20 @@ def _instrumental(layout: _Layout, theta: np.ndarray, settings: RegressionSettin
         if np.max(np.abs(step) / posed.size) < settings.tolerance:
             outcome = Outcome.CONVERGED
         if outcome is Outcome.CONVERGED or done >= settings.iterations:
-            return theta, sandwich(posed.inverse, posed.scores, coloured=settings.coloured), outcome, done
+            return (
+                theta,
+                sandwich(posed.inverse, posed.scores, coloured=settings.coloured),
+                outcome,
+                done,
+            )
         theta = theta + step
 
 
 @dataclass(frozen=True, eq=False)
 class _NormalProblem:
-    """``inverse @ gradient`` is the step of all unknowns, ``size`` their sigmas with the others known, ``scores`` what each record adds."""
+    """``inverse @ gradient`` is the step of all unknowns, ``size`` their sigmas with the others
+    known, ``scores`` what each record adds.
+    """
 
     inverse: np.ndarray
     gradient: np.ndarray
@@ -344,9 +471,15 @@ class _NormalProblem:
     scores: list[RecordScores]
 
 
-def _normal_problem(layout: _Layout, theta: np.ndarray, simulated: list[list[np.ndarray]]) -> _NormalProblem | None:
-    """The equations of instrumental variables at ``theta``; None where they are not finite or not regular."""
-    measured = _evaluate(layout, theta, [_measured(layout, r, theta) for r in range(len(layout.records))])
+def _normal_problem(
+    layout: _Layout, theta: np.ndarray, simulated: list[list[np.ndarray]]
+) -> _NormalProblem | None:
+    """The equations of instrumental variables at ``theta``; None where they are not finite or not
+    regular.
+    """
+    measured = _evaluate(
+        layout, theta, [_measured(layout, r, theta) for r in range(len(layout.records))]
+    )
     instruments = _evaluate(layout, theta, simulated)
     if measured is None or instruments is None:
         return None
@@ -365,10 +498,17 @@ def _normal_problem(layout: _Layout, theta: np.ndarray, simulated: list[list[np.
     return _NormalProblem(np.linalg.inv(scaled) * np.outer(size, size), gradient, size, scores)
 
 
-def _sharpest(layout: _Layout, theta: np.ndarray, simulated: list[list[np.ndarray]], settings: RegressionSettings) -> _Layout:
-    """The layout with slopes over those windows, of several widths, with which the covariance of the shared parameters is least.
+def _sharpest(
+    layout: _Layout,
+    theta: np.ndarray,
+    simulated: list[list[np.ndarray]],
+    settings: RegressionSettings,
+) -> _Layout:
+    """The layout with slopes over those windows, of several widths, with which the covariance of
+    the shared parameters is least.
 
-    Wide windows leave little noise in a slope, but noise that is much alike from sample to sample; other equations then count too little.
+    Wide windows leave little noise in a slope, but noise that is much alike from sample to sample;
+    other equations then count too little.
     """
     n, best, least = len(layout.shared), layout, np.inf
     for share in NARROWER:
@@ -390,14 +530,22 @@ def _sharpest(layout: _Layout, theta: np.ndarray, simulated: list[list[np.ndarra
 
 
 def _narrower(record: Record, state: StateData, share: float) -> StateData:
-    """The state with its slopes over windows of a ``share`` of the half width, of two samples at least."""
+    """The state with its slopes over windows of a ``share`` of the half width, of two samples at
+    least.
+    """
     half = (state.slopes.value.shape[1] - 1) // 2
     width = max(2, round(share * half))
-    return state if share == 1.0 or width >= half else replace(state, slopes=windows(record.time, state.valid, width, 1))
+    return (
+        state
+        if share == 1.0 or width >= half
+        else replace(state, slopes=windows(record.time, state.valid, width, 1))
+    )
 
 
 def _measured(layout: _Layout, r: int, theta: np.ndarray) -> list[np.ndarray]:
-    """States of record ``r`` as measured, smoothed ones where a sample is missing, the biases of their sensors taken off."""
+    """States of record ``r`` as measured, smoothed ones where a sample is missing, the biases of
+    their sensors taken off.
+    """
     p = _parameters(layout, r, theta)
     out = []
     for state in layout.data[r]:
@@ -413,14 +561,28 @@ def _parameters(layout: _Layout, r: int, theta: np.ndarray) -> np.ndarray:
 
 
 def _simulated(layout: _Layout, theta: np.ndarray) -> list[list[np.ndarray]] | None:
-    """States of all records simulated from their first smoothed ones; None where one leaves its record by ``RUNAWAY`` of its scatter."""
+    """States of all records simulated from their first smoothed ones; None where one leaves its
+    record by ``RUNAWAY`` of its scatter.
+    """
     out = []
     for r, (record, data) in enumerate(zip(layout.records, layout.data, strict=True)):
         p = _parameters(layout, r, theta)
         grid = make_grid(record.time, min(SIMULATED_STEP, float(np.diff(record.time).max())))
-        drive = drive_from_record(layout.system, p, record.input_array(layout.system.input_names), record.time, record.hold, grid)
+        drive = drive_from_record(
+            layout.system,
+            p,
+            record.input_array(layout.system.input_names),
+            record.time,
+            record.hold,
+            grid,
+        )
         measured = [state.smooth - (0.0 if state.bias is None else p[state.bias]) for state in data]
-        states = [row[grid.sample] for row in propagate(layout.system, p.tolist(), [float(row[0]) for row in measured], drive, grid)]
+        states = [
+            row[grid.sample]
+            for row in propagate(
+                layout.system, p.tolist(), [float(row[0]) for row in measured], drive, grid
+            )
+        ]
         for here, there in zip(states, measured, strict=True):
             if not np.all(np.isfinite(here)) or np.std(here - there) > RUNAWAY * np.std(there):
                 return None
@@ -428,20 +590,33 @@ def _simulated(layout: _Layout, theta: np.ndarray) -> list[list[np.ndarray]] | N
     return out
 
 
-def _less_bias(layout: _Layout, theta: np.ndarray, squares: Estimate, settings: RegressionSettings) -> Estimate:
+def _less_bias(
+    layout: _Layout, theta: np.ndarray, squares: Estimate, settings: RegressionSettings
+) -> Estimate:
     """Least squares less the bias by noise in the regressors, which is added to the sigmas.
 
-    Noise of the size that is there already moves the estimate by as much again; of noise and its negative the mean of the moves is the
-    bias alone (SIMEX: Cook and Stefanski, J. American Statistical Association 89, 1994, with antithetic pairs).
+    Noise of the size that is there already moves the estimate by as much again; of noise and its
+    negative the mean of the moves is the bias alone (SIMEX: Cook and Stefanski, J. American
+    Statistical Association 89, 1994, with antithetic pairs).
     """
     rng, n = np.random.default_rng(0), len(layout.shared)
     moves = []
     for _ in range(PAIRS):
-        noise = [squares.noise_std[:, None] * rng.standard_normal((len(squares.noise_std), len(record))) for record in layout.records]
+        noise = [
+            squares.noise_std[:, None] * rng.standard_normal((len(squares.noise_std), len(record)))
+            for record in layout.records
+        ]
         both = []
         for sign in (1.0, -1.0):
-            noisy = tuple(_noisier(record, squares.output_names, sign * each) for record, each in zip(layout.records, noise, strict=True))
-            again = replace(layout, records=noisy, data=tuple(state_data(record, layout.system) for record in noisy))
+            noisy = tuple(
+                _noisier(record, squares.output_names, sign * each)
+                for record, each in zip(layout.records, noise, strict=True)
+            )
+            again = replace(
+                layout,
+                records=noisy,
+                data=tuple(state_data(record, layout.system) for record in noisy),
+            )
             found, parts, outcome, _ = _least_squares(again, settings, theta)
             if parts is None or outcome is not Outcome.CONVERGED:
                 return squares
@@ -449,7 +624,11 @@ def _less_bias(layout: _Layout, theta: np.ndarray, squares: Estimate, settings: 
         moves.append(0.5 * (both[0] + both[1]) - theta[:n])
     bias = np.mean(moves, axis=0)
     uncertain = np.cov(np.array(moves).T).reshape(n, n) / PAIRS
-    return replace(squares, values=squares.values - bias, covariance=squares.covariance + np.outer(bias, bias) + uncertain)
+    return replace(
+        squares,
+        values=squares.values - bias,
+        covariance=squares.covariance + np.outer(bias, bias) + uncertain,
+    )
 
 
 def _noisier(record: Record, names: Sequence[str], noise: np.ndarray) -> Record:
@@ -457,12 +636,18 @@ def _noisier(record: Record, names: Sequence[str], noise: np.ndarray) -> Record:
     channels = []
     for channel in record.outputs:
         more = noise[names.index(channel.name)] if channel.name in names else 0.0
-        channels.append(Channel.of(channel.name, channel.unit, np.where(channel.valid, channel.values + more, np.nan)))
+        channels.append(
+            Channel.of(
+                channel.name, channel.unit, np.where(channel.valid, channel.values + more, np.nan)
+            )
+        )
     return replace(record, outputs=tuple(channels))
 
 
 def _noise_std(layout: _Layout, parts: list[_Equations]) -> np.ndarray:
-    """Scatter of each channel about what the equations and the smoothed states say, one where it was not recorded."""
+    """Scatter of each channel about what the equations and the smoothed states say, one where it
+    was not recorded.
+    """
     squares, counts = np.zeros(len(layout.system.outputs)), np.zeros(len(layout.system.outputs))
     for record, part in zip(layout.records, parts, strict=True):
         z, valid = record.output_array(layout.system.output_names)
@@ -478,7 +663,18 @@ def _unfinished(layout: _Layout, theta: np.ndarray) -> Estimate:
     blank = tuple(np.zeros((len(system.outputs), len(record))) for record in layout.records)
     wide = np.diag(np.maximum(1.0, theta[:n] ** 2))
     ones = np.ones(len(system.outputs))
-    return Estimate("equation-error", layout.shared, units, theta[:n], wide, Outcome.DIVERGED, -LARGEST, system.output_names, ones, blank)
+    return Estimate(
+        "equation-error",
+        layout.shared,
+        units,
+        theta[:n],
+        wide,
+        Outcome.DIVERGED,
+        -LARGEST,
+        system.output_names,
+        ones,
+        blank,
+    )
 
 
 def _deep(row: Any) -> np.ndarray:

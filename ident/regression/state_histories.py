@@ -1,10 +1,11 @@
 """State histories for equation error from a record alone, by local polynomials.
 
-Savitzky and Golay, Analytical Chemistry 36(8), 1964, with the weights of every window formed anew, so that sampling may
-be uneven and samples may be missing. At the ends of a record the window stays whole and the fit is read off its side.
+Savitzky and Golay, Analytical Chemistry 36(8), 1964, with the weights of every window formed anew,
+so that sampling may be uneven and samples may be missing. At the ends of a record the window stays
+whole and the fit is read off its side.
 
-A state that is measured under its own name is taken from its channel; a state that equals the rate of a known one
-(velocity of an altitude) is that one's slope. Nothing is simulated.
+A state that is measured under its own name is taken from its channel; a state that equals the rate
+of a known one (velocity of an altitude) is that one's slope. Nothing is simulated.
 """
 
 from __future__ import annotations
@@ -33,8 +34,9 @@ class Windows:
     Attributes
     ----------
     first : ``(N,)`` first row of each window.
-    value, slope : ``(N, W)`` weights that give the fit and its derivative (1/s) at each row; zero for missing samples.
-    usable : ``(N,)`` False where fewer than half the window's samples are there, or a gap stretches it to more than
+    value, slope : ``(N, W)`` weights that give the fit and its derivative (1/s) at each row; zero
+    for missing samples. usable : ``(N,)`` False where fewer than half the window's samples are
+    there, or a gap stretches it to more than
         twice its usual length; its weights are then zero.
     """
 
@@ -49,7 +51,9 @@ class Windows:
 
 
 def windows(time: np.ndarray, valid: np.ndarray, half_width: int, degree: int) -> Windows:
-    """Windows of ``2 half_width + 1`` rows about each row of ``time (N,)``, polynomials of ``degree``."""
+    """Windows of ``2 half_width + 1`` rows about each row of ``time (N,)``, polynomials of
+    ``degree``.
+    """
     n = len(time)
     width = min(2 * half_width + 1, n)
     first = np.clip(np.arange(n) - half_width, 0, n - width)
@@ -65,7 +69,9 @@ def windows(time: np.ndarray, valid: np.ndarray, half_width: int, degree: int) -
     offset = time[rows] - time[:, None]
     span = np.abs(offset).max(axis=1)
     usable = there.sum(axis=1) >= max(degree + 2, (width + 1) // 2)
-    usable &= (time[rows[:, -1]] - time[rows[:, 0]]) <= 2.0 * (width - 1) * float(np.median(np.diff(time)))
+    usable &= (time[rows[:, -1]] - time[rows[:, 0]]) <= 2.0 * (width - 1) * float(
+        np.median(np.diff(time))
+    )
     powers = (offset / span[:, None])[:, :, None] ** np.arange(degree + 1) * there[:, :, None]
     normal = np.swapaxes(powers, 1, 2) @ powers
     normal[~usable] = np.eye(degree + 1)
@@ -74,16 +80,26 @@ def windows(time: np.ndarray, valid: np.ndarray, half_width: int, degree: int) -
     return Windows(first, weights[:, 0], slope, usable)
 
 
-def smoothed(time: np.ndarray, values: np.ndarray, valid: np.ndarray, half_width: int, degree: int = 2) -> np.ndarray:
+def smoothed(
+    time: np.ndarray, values: np.ndarray, valid: np.ndarray, half_width: int, degree: int = 2
+) -> np.ndarray:
     """Fit at every row, ``(N,)``; where no window is usable, linear between the samples."""
     fit = windows(time, valid, half_width, degree)
-    return np.where(fit.usable, np.sum(fit.value * fit.gather(values), axis=1), np.interp(time, time[valid], values[valid]))
+    return np.where(
+        fit.usable,
+        np.sum(fit.value * fit.gather(values), axis=1),
+        np.interp(time, time[valid], values[valid]),
+    )
 
 
-def half_width_by_cross_validation(time: np.ndarray, values: np.ndarray, valid: np.ndarray, degree: int = 2) -> int:
-    """The half width of ``HALF_WIDTHS``, of at most a sixth of the record, that best predicts each sample from the others.
+def half_width_by_cross_validation(
+    time: np.ndarray, values: np.ndarray, valid: np.ndarray, degree: int = 2
+) -> int:
+    """The half width of ``HALF_WIDTHS``, of at most a sixth of the record, that best predicts each
+    sample from the others.
 
-    Least mean square of (z - fit) / (1 - own weight), the residual with the sample left out (Allen 1974, Stone 1974).
+    Least mean square of (z - fit) / (1 - own weight), the residual with the sample left out (Allen
+    1974, Stone 1974).
     """
     best, least = HALF_WIDTHS[0], np.inf
     for half_width in HALF_WIDTHS:
@@ -94,7 +110,9 @@ def half_width_by_cross_validation(time: np.ndarray, values: np.ndarray, valid: 
         if at.size == 0:
             continue
         own = fit.value[at, at - fit.first[at]]
-        left_out = (values[at] - np.sum(fit.value * fit.gather(values), axis=1)[at]) / np.maximum(1.0 - own, 1e-6)
+        left_out = (values[at] - np.sum(fit.value * fit.gather(values), axis=1)[at]) / np.maximum(
+            1.0 - own, 1e-6
+        )
         score = float(np.mean(left_out**2))
         if score < least:
             best, least = half_width, score
@@ -117,7 +135,8 @@ class StateData:
     smooth : ``(N,)`` what enters the regressors.
     slopes : windows whose ``slope`` weights give the left-hand side of its equation.
     bias : position among all parameters of the bias of its channel; None without one.
-    defines : the name of the state that was taken from this one's slope, so that this equation says nothing more.
+    defines : the name of the state that was taken from this one's slope, so that this equation says
+    nothing more.
     """
 
     raw: np.ndarray
@@ -131,7 +150,8 @@ class StateData:
 def state_data(record: Record, system: System) -> list[StateData]:
     """Data of every state of the System.
 
-    Half widths: of a channel by cross-validation (``half_width_by_cross_validation``), twice that for slopes.
+    Half widths: of a channel by cross-validation (``half_width_by_cross_validation``), twice that
+    for slopes.
 
     Raises
     ------
@@ -145,14 +165,26 @@ def state_data(record: Record, system: System) -> list[StateData]:
             _require_plain_reading(system, name, record.time)
             channel = record[name]
             half = half_width_by_cross_validation(record.time, channel.values, channel.valid)
-            bias = system.parameters.index(f"bias_{name}") if f"bias_{name}" in system.parameters else None
+            bias = (
+                system.parameters.index(f"bias_{name}")
+                if f"bias_{name}" in system.parameters
+                else None
+            )
             smooth = smoothed(record.time, channel.values, channel.valid, half)
             slopes = windows(record.time, channel.valid, SLOPE_FACTOR * half, 1)
-            found[name], widths[name] = StateData(channel.values, channel.valid, smooth, slopes, bias), half
+            found[name], widths[name] = (
+                StateData(channel.values, channel.valid, smooth, slopes, bias),
+                half,
+            )
     relations = rate_relations(system, record.time)
     waiting = [name for name in names if name not in found]
     while waiting:
-        derived = [(name, source) for name in waiting for source, rate in relations.items() if rate == name and source in found]
+        derived = [
+            (name, source)
+            for name in waiting
+            for source, rate in relations.items()
+            if rate == name and source in found
+        ]
         if not derived:
             state = waiting[0]
             raise ModelError(
@@ -169,43 +201,69 @@ def state_data(record: Record, system: System) -> list[StateData]:
 
 
 def rate_relations(system: System, times: np.ndarray) -> dict[str, str]:
-    """States whose rate is exactly another state: ``{"altitude": "velocity"}``; found from the Jacobian of f, and its values at all ``times``."""
+    """States whose rate is exactly another state: ``{"altitude": "velocity"}``; found from the
+    Jacobian of f, and its values at all ``times``.
+    """
     names, n_x, n_u = system.state_names, len(system.states), len(system.inputs)
     p = system.parameters.values()
     relations: dict[str, str] = {}
     for shift in (0.37, 0.71):
-        point = np.concatenate([_away(system.initial.values(), shift), np.full(n_u, 0.1 + shift), p])
+        point = np.concatenate(
+            [_away(system.initial.values(), shift), np.full(n_u, 0.1 + shift), p]
+        )
 
         def rates(a: list, n_x: int = n_x, n_u: int = n_u) -> list:
             return system.f(float(times[0]), a[:n_x], a[n_x : n_x + n_u], a[n_x + n_u :])
 
-        values, jacobian = _at_all_times(system.f, point, n_x, n_u, times), complex_step_jacobian(rates, point.tolist())
+        values, jacobian = (
+            _at_all_times(system.f, point, n_x, n_u, times),
+            complex_step_jacobian(rates, point.tolist()),
+        )
         here = {}
         for i, name in enumerate(names):
             for j in range(n_x):
                 wanted = np.zeros(len(point))
                 wanted[j] = 1.0
-                if i != j and np.array_equal(jacobian[i], wanted) and bool(np.all(values[i] == point[j])):
+                if (
+                    i != j
+                    and np.array_equal(jacobian[i], wanted)
+                    and bool(np.all(values[i] == point[j]))
+                ):
                     here[name] = names[j]
-        relations = here if shift == 0.37 else {key: value for key, value in relations.items() if here.get(key) == value}
+        relations = (
+            here
+            if shift == 0.37
+            else {key: value for key, value in relations.items() if here.get(key) == value}
+        )
     return relations
 
 
-def _from_slope(time: np.ndarray, source: StateData, half: int, name: str) -> tuple[StateData, StateData]:
+def _from_slope(
+    time: np.ndarray, source: StateData, half: int, name: str
+) -> tuple[StateData, StateData]:
     """The state that is the rate of ``source``, and ``source`` marked as used up."""
     fit = windows(time, source.valid, half, 3)
     if not np.any(fit.usable):
-        raise ModelError(f"too few samples for the slope that gives state {name}", where="equation error", remedy="use a longer record")
+        raise ModelError(
+            f"too few samples for the slope that gives state {name}",
+            where="equation error",
+            remedy="use a longer record",
+        )
     slope = np.sum(fit.slope * fit.gather(source.raw), axis=1)
-    # Its own equation is averaged over a window as wide again, so that neighbouring slopes are not differenced.
+    # Its own equation is averaged over a window as wide again, so that neighbouring slopes are not
+    # differenced.
     slopes = windows(time, fit.usable, half, 1)
     smooth = np.interp(time, time[fit.usable], slope[fit.usable])
     used = StateData(source.raw, source.valid, source.smooth, source.slopes, source.bias, name)
     return StateData(np.where(fit.usable, slope, 0.0), fit.usable, smooth, slopes, None), used
 
 
-def _at_all_times(function: Function, point: np.ndarray, n_x: int, n_u: int, times: np.ndarray) -> list[np.ndarray]:
-    """Values of ``f`` or ``h`` at one point of states, inputs and parameters, an array over the times (or a number) for each."""
+def _at_all_times(
+    function: Function, point: np.ndarray, n_x: int, n_u: int, times: np.ndarray
+) -> list[np.ndarray]:
+    """Values of ``f`` or ``h`` at one point of states, inputs and parameters, an array over the
+    times (or a number) for each.
+    """
     a = point.tolist()
     return [np.asarray(row) for row in function(times, a[:n_x], a[n_x : n_x + n_u], a[n_x + n_u :])]
 
@@ -213,7 +271,9 @@ def _at_all_times(function: Function, point: np.ndarray, n_x: int, n_u: int, tim
 def _require_plain_reading(system: System, name: str, times: np.ndarray) -> None:
     """The output must be the state itself at all times, apart from its own bias."""
     n_x, n_u = len(system.states), len(system.inputs)
-    point = np.concatenate([_away(system.initial.values(), 0.37), np.full(n_u, 0.1), system.parameters.values()])
+    point = np.concatenate(
+        [_away(system.initial.values(), 0.37), np.full(n_u, 0.1), system.parameters.values()]
+    )
     row = system.output_names.index(name)
 
     def reading(a: list) -> list:

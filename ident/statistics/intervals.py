@@ -1,8 +1,10 @@
 """Confidence intervals: profile likelihood, shares, chi-square.
 
-A sigma is the curvature at the maximum; where the likelihood is no parabola (a quotient, a delay, a lag that hardly shows) the interval of
-2 (ln L_max - ln L) = 4 is what two sigmas stand for. Venzon and Moolgavkar, Applied Statistics 37(1), 1988; Raue et al., Bioinformatics
-25(15), 2009. The signed root of that drop is nearly a straight line along the parameter, so a secant finds the end in a few refits.
+A sigma is the curvature at the maximum; where the likelihood is no parabola (a quotient, a delay, a
+lag that hardly shows) the interval of 2 (ln L_max - ln L) = 4 is what two sigmas stand for. Venzon
+and Moolgavkar, Applied Statistics 37(1), 1988; Raue et al., Bioinformatics 25(15), 2009. The signed
+root of that drop is nearly a straight line along the parameter, so a secant finds the end in a few
+refits.
 """
 
 from __future__ import annotations
@@ -19,13 +21,18 @@ import numpy as np
 DROP = 4.0  # of twice the log likelihood: what two sigmas are where it is a parabola; 95.4 %
 LEVEL = math.erf(math.sqrt(DROP / 2.0))
 CLOSE = 0.02  # of the root, to which an end is found: a hundredth of the interval
-REACH = 16.0  # times two sigmas (or the value itself, where that is less), beyond which a side is open: farther out simulations fail first
+# times two sigmas (or the value itself, where that is less), beyond which a side is open: farther
+# out simulations fail first
+REACH = 16.0
 GROWTH = 4.0  # of a step outwards at most
 TRIES = 14  # refits of a side
-SKEWED, OTHER = 1.25, 0.25  # ratio of the sides, and share by which they differ from two sigmas, from which a sigma does not tell the interval
+# ratio of the sides, and share by which they differ from two sigmas, from which a sigma does not
+# tell the interval
+SKEWED, OTHER = 1.25, 0.25
 
 State = TypeVar("State")
-# Minus the log likelihood with the parameter held at a value, all others at their best, and where those are; None where there is none.
+# Minus the log likelihood with the parameter held at a value, all others at their best, and where
+# those are; None where there is none.
 Refit = Callable[[float, State | None], tuple[float, State] | None]
 
 
@@ -33,8 +40,8 @@ Refit = Callable[[float, State | None], tuple[float, State] | None]
 class ProfileInterval:
     """Where the likelihood has dropped by what two sigmas stand for; None where it never does.
 
-    ``low_bound`` and ``high_bound``: the end is a bound of the parameter, not the likelihood's. ``better``: by how much a refit was likelier
-    than the estimate, which then is no maximum.
+    ``low_bound`` and ``high_bound``: the end is a bound of the parameter, not the likelihood's.
+    ``better``: by how much a refit was likelier than the estimate, which then is no maximum.
     """
 
     name: str
@@ -58,7 +65,9 @@ class ProfileInterval:
 
 @dataclass
 class _Side(Generic[State]):
-    """One side of a profile while its end is looked for: roots of the drop at values, and the state of the last refit."""
+    """One side of a profile while its end is looked for: roots of the drop at values, and the state
+    of the last refit.
+    """
 
     refit: Refit[State]
     value: float
@@ -67,7 +76,9 @@ class _Side(Generic[State]):
     better: float = 0.0
 
     def root(self, at: float) -> float:
-        """Square root of twice the drop, over that of the inflated threshold's unit; infinite where there is no refit."""
+        """Square root of twice the drop, over that of the inflated threshold's unit; infinite where
+        there is no refit.
+        """
         found = self.refit(at, self.state)
         if found is None or not math.isfinite(found[0]):
             return math.inf
@@ -84,25 +95,40 @@ def profile_intervals(
     bounds: tuple[np.ndarray, np.ndarray],
     refit_along: Callable[[int, np.ndarray], Refit[State]],
 ) -> tuple[ProfileInterval, ...]:
-    """Intervals of several parameters of a fit at ``theta (n,)`` with minus the log likelihood ``cost``.
+    """Intervals of several parameters of a fit at ``theta (n,)`` with minus the log likelihood
+    ``cost``.
 
     Parameters
     ----------
     names : with their places in ``theta``. bounds : lowest and highest ``theta``.
-    covariances : as printed, and of white residuals, ``(n, n)`` or more; where the first is larger the threshold is too.
-    refit_along : the refits of the parameter at a place, and how the others go with it by the curvature at the maximum, ``(n,)``.
+    covariances : as printed, and of white residuals, ``(n, n)`` or more; where the first is larger
+    the threshold is too. refit_along : the refits of the parameter at a place, and how the others
+    go with it by the curvature at the maximum, ``(n,)``.
     """
     printed, white = covariances
     out = []
     for name, j in names.items():
         sigma, sharp = (float(np.sqrt(max(each[j, j], 1e-300))) for each in (printed, white))
-        refit, limits = refit_along(j, white[:, j] / white[j, j]), (float(bounds[0][j]), float(bounds[1][j]))
-        out.append(profile_interval(name, float(theta[j]), sigma, cost, refit, limits, max((sigma / sharp) ** 2, 1.0)))
+        refit, limits = (
+            refit_along(j, white[:, j] / white[j, j]),
+            (float(bounds[0][j]), float(bounds[1][j])),
+        )
+        out.append(
+            profile_interval(
+                name, float(theta[j]), sigma, cost, refit, limits, max((sigma / sharp) ** 2, 1.0)
+            )
+        )
     return tuple(out)
 
 
 def profile_interval(
-    name: str, value: float, sigma: float, cost: float, refit: Refit[State], bounds: tuple[float, float], inflation: float = 1.0
+    name: str,
+    value: float,
+    sigma: float,
+    cost: float,
+    refit: Refit[State],
+    bounds: tuple[float, float],
+    inflation: float = 1.0,
 ) -> ProfileInterval:
     """Both ends of a parameter's interval.
 
@@ -110,17 +136,25 @@ def profile_interval(
     ----------
     value, sigma : estimate and its standard deviation. cost : minus the log likelihood there.
     refit : see ``Refit``; handed the state of the refit before it on the same side, None first.
-    inflation : variance of the estimate over that which the likelihood's curvature gives: the drop is as many times ``DROP``, since a
+    inflation : variance of the estimate over that which the likelihood's curvature gives: the drop
+    is as many times ``DROP``, since a
         likelihood that takes coloured residuals for white is too sharp by that.
     """
     sigma = sigma if math.isfinite(sigma) and sigma > 0.0 else abs(value) or 1.0
-    ends = [_end(_Side(refit, value, cost), sigma, sign, bounds[sign > 0], math.sqrt(DROP * inflation)) for sign in (-1.0, 1.0)]
+    ends = [
+        _end(_Side(refit, value, cost), sigma, sign, bounds[sign > 0], math.sqrt(DROP * inflation))
+        for sign in (-1.0, 1.0)
+    ]
     (low, low_bound, down), (high, high_bound, up) = ends
     return ProfileInterval(name, value, sigma, low, high, low_bound, high_bound, max(down, up))
 
 
-def _end(side: _Side[State], sigma: float, sign: float, bound: float, goal: float) -> tuple[float | None, bool, float]:
-    """The end of one side (None: open), whether it is the bound, and by how much a refit was likelier."""
+def _end(
+    side: _Side[State], sigma: float, sign: float, bound: float, goal: float
+) -> tuple[float | None, bool, float]:
+    """The end of one side (None: open), whether it is the bound, and by how much a refit was
+    likelier.
+    """
     size = min(sigma, abs(side.value)) or sigma
     inside, r_inside, outside, r_outside = 0.0, 0.0, math.inf, math.inf
     farthest = abs(bound - side.value)
@@ -138,12 +172,17 @@ def _end(side: _Side[State], sigma: float, sign: float, bound: float, goal: floa
             if step >= REACH * goal * max(size, sigma if sigma < REACH * size else size):
                 return None, False, side.better
         step = _next(inside, r_inside, outside, r_outside, goal, farthest)
-    # Where the only way out leads to values that cannot be computed, the likelihood has not said no.
+    # Where the only way out leads to values that cannot be computed, the likelihood has not said
+    # no.
     return (None if math.isinf(r_outside) else side.value + sign * outside), False, side.better
 
 
-def _next(inside: float, r_inside: float, outside: float, r_outside: float, goal: float, farthest: float) -> float:
-    """Where the straight line through what is known reaches the goal; half way where one end has no number."""
+def _next(
+    inside: float, r_inside: float, outside: float, r_outside: float, goal: float, farthest: float
+) -> float:
+    """Where the straight line through what is known reaches the goal; half way where one end has no
+    number.
+    """
     if math.isinf(outside):
         reached = inside * goal / r_inside if r_inside > goal / GROWTH else GROWTH * inside
         return min(1.02 * reached, GROWTH * inside, farthest)
@@ -160,9 +199,11 @@ DRAWS = 2000  # of a bootstrap: the ends of a 95 % interval rest on its 50 outer
 
 
 def clopper_pearson(count: float, of: float, level: float = SHARES_LEVEL) -> tuple[float, float]:
-    """Exact binomial interval of a share seen ``count`` times in ``of`` independent trials (Clopper and Pearson, Biometrika 26, 1934).
+    """Exact binomial interval of a share seen ``count`` times in ``of`` independent trials (Clopper
+    and Pearson, Biometrika 26, 1934).
 
-    Both ends are the shares at which so few, or so many, would be seen with half of ``1 - level``. Without a trial it is 0 to 1.
+    Both ends are the shares at which so few, or so many, would be seen with half of ``1 - level``.
+    Without a trial it is 0 to 1.
     """
     from scipy.special import betaincinv
 
@@ -174,12 +215,17 @@ def clopper_pearson(count: float, of: float, level: float = SHARES_LEVEL) -> tup
     return low, high
 
 
-def clustered_share(counts: np.ndarray, of: np.ndarray, rng: np.random.Generator, level: float = SHARES_LEVEL) -> tuple[float, float]:
-    """Interval of the share ``sum(counts) / sum(of)`` over runs ``(N,)``, each with ``counts`` hits in ``of`` trials that may be correlated.
+def clustered_share(
+    counts: np.ndarray, of: np.ndarray, rng: np.random.Generator, level: float = SHARES_LEVEL
+) -> tuple[float, float]:
+    """Interval of the share ``sum(counts) / sum(of)`` over runs ``(N,)``, each with ``counts`` hits
+    in ``of`` trials that may be correlated.
 
-    Percentiles of the share over runs drawn with replacement, a run always whole (cluster bootstrap; Efron and Tibshirani, An
-    Introduction to the Bootstrap, 1993, section 8). Where each run has one trial the trials are independent, and where all runs have the
-    same share there is nothing to resample: then the interval of Clopper and Pearson, a run as one trial. Runs without a trial are left out.
+    Percentiles of the share over runs drawn with replacement, a run always whole (cluster
+    bootstrap; Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 8). Where each
+    run has one trial the trials are independent, and where all runs have the same share there is
+    nothing to resample: then the interval of Clopper and Pearson, a run as one trial. Runs without
+    a trial are left out.
     """
     some = np.asarray(of) > 0
     counts, of = np.asarray(counts, dtype=float)[some], np.asarray(of, dtype=float)[some]
@@ -196,28 +242,38 @@ def clustered_share(counts: np.ndarray, of: np.ndarray, rng: np.random.Generator
 
 
 def quantile(share: float, degrees: float) -> float:
-    """The value below which chi-square with ``degrees`` of freedom lies with the probability ``share``; without the second of scipy.stats."""
+    """The value below which chi-square with ``degrees`` of freedom lies with the probability
+    ``share``; without the second of scipy.stats.
+    """
     from scipy.special import gammaincinv
 
     return 2.0 * float(gammaincinv(0.5 * degrees, share))
 
 
 def deviation_factors(count: int, level: float = SHARES_LEVEL) -> tuple[float, float]:
-    """By what a standard deviation of ``count`` independent normal numbers is multiplied to give the ends of its interval; infinite of one number."""
+    """By what a standard deviation of ``count`` independent normal numbers is multiplied to give
+    the ends of its interval; infinite of one number.
+    """
     if count < 2:
         return 0.0, float("inf")
     degrees, tail = count - 1, 0.5 * (1.0 - level)
-    return (degrees / quantile(1.0 - tail, degrees)) ** 0.5, (degrees / quantile(tail, degrees)) ** 0.5
+    return (degrees / quantile(1.0 - tail, degrees)) ** 0.5, (
+        degrees / quantile(tail, degrees)
+    ) ** 0.5
 
 
 def mean_square_interval(degrees: float, level: float = SHARES_LEVEL) -> tuple[float, float]:
-    """Where a sum of squares of chi-square with ``degrees`` of freedom lies, over ``degrees``: about one."""
+    """Where a sum of squares of chi-square with ``degrees`` of freedom lies, over ``degrees``:
+    about one.
+    """
     tail = 0.5 * (1.0 - level)
     return quantile(tail, degrees) / degrees, quantile(1.0 - tail, degrees) / degrees
 
 
 def inside(squares: np.ndarray, degrees: np.ndarray, level: float = SHARES_LEVEL) -> np.ndarray:
-    """Which of ``squares (N,)`` lie within the interval of chi-square with their ``degrees (N,)``, half of the rest to either side."""
+    """Which of ``squares (N,)`` lie within the interval of chi-square with their ``degrees (N,)``,
+    half of the rest to either side.
+    """
     from scipy.special import gammainc
 
     share, tail = gammainc(0.5 * degrees, 0.5 * squares), 0.5 * (1.0 - level)

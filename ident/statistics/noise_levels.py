@@ -1,21 +1,26 @@
-"""Noise levels of a series: robust deviations, sensor noise, envelopes, levels that change along a record.
+"""Noise levels of a series: robust deviations, sensor noise, envelopes, levels that change along a
+record.
 
-The coefficients of the orthonormal cosine transform (DCT-II) of white noise are independent, each with the noise's variance; what a
-model leaves of a motion is smooth and has its power at low frequencies. With x = 4 sin^2(w / 2), w the frequency in rad a sample, the
-squared coefficients have the expectation
+The coefficients of the orthonormal cosine transform (DCT-II) of white noise are independent, each
+with the noise's variance; what a model leaves of a motion is smooth and has its power at low
+frequencies. With x = 4 sin^2(w / 2), w the frequency in rad a sample, the squared coefficients have
+the expectation
 
     S(w) = s^2 + a / x,    s, a >= 0,
 
-the spectrum of white noise and of a random walk beside it (Harvey, Forecasting, Structural Time Series Models and the Kalman Filter,
-1989, sections 2.4 and 4.3), to which that of any motion of first order comes down above its corner. s^2 and a are those of Whittle's
-likelihood: I(w) / S(w) is chi-square with one degree of freedom. The band begins at half the Nyquist frequency and is extended
-downwards as long as the next block has the power that the band foretells. The cosine transform as a sieve of noise from what is smooth:
-Garcia, Computational Statistics and Data Analysis 54, 2010, p. 1167.
+the spectrum of white noise and of a random walk beside it (Harvey, Forecasting, Structural Time
+Series Models and the Kalman Filter, 1989, sections 2.4 and 4.3), to which that of any motion of
+first order comes down above its corner. s^2 and a are those of Whittle's likelihood: I(w) / S(w) is
+chi-square with one degree of freedom. The band begins at half the Nyquist frequency and is extended
+downwards as long as the next block has the power that the band foretells. The cosine transform as a
+sieve of noise from what is smooth: Garcia, Computational Statistics and Data Analysis 54, 2010, p.
+1167.
 
-As NASA TM-101722 did by eye on time histories; here the smooth part is taken out by a third difference first.
+As NASA TM-101722 did by eye on time histories; here the smooth part is taken out by a third
+difference first.
 
-White noise with a burst of four times its level fails tests for whiteness more often than not, since a few loud samples weigh as much as
-all others; divided by its local level it passes.
+White noise with a burst of four times its level fails tests for whiteness more often than not,
+since a few loud samples weigh as much as all others; divided by its local level it passes.
 """
 
 from __future__ import annotations
@@ -40,14 +45,17 @@ def robust_sigma(values: np.ndarray) -> float:
 
 
 def robust_sigma_about_zero(values: np.ndarray) -> float:
-    """The same of values whose middle is known to be zero, such as differences of a signal that moves both ways."""
+    """The same of values whose middle is known to be zero, such as differences of a signal that
+    moves both ways.
+    """
     return float(ROBUST * np.median(np.abs(values)))
 
 
 # ---- The white noise of a sensor
 
 SHORTEST = 16  # samples of a run that is looked at
-FEWEST = 32  # coefficients in the band; a standard deviation of fewer is known to worse than an eighth
+# coefficients in the band; a standard deviation of fewer is known to worse than an eighth
+FEWEST = 32
 BEGIN = 0.5  # of the Nyquist frequency, above which no residual of a rigid body's motion has power
 BLOCKS = 12  # in which the band grows to the whole spectrum
 CHANCE = 0.01  # that a block of what belongs to the band is left out
@@ -57,14 +65,17 @@ NOTHING = 1e-9  # of the power, below which none of it is white
 
 
 def sensor_noise(series: Sequence[np.ndarray]) -> float | None:
-    """Standard deviation of the white part of residuals; None where they are too short to tell, or have no white part.
+    """Standard deviation of the white part of residuals; None where they are too short to tell, or
+    have no white part.
 
-    ``series``: runs of residuals at even intervals, each ``(N,)`` and finite; of several, as of several records, one noise is estimated.
+    ``series``: runs of residuals at even intervals, each ``(N,)`` and finite; of several, as of
+    several records, one noise is estimated.
     """
     runs = [np.asarray(each, dtype=float) for each in series if len(each) >= SHORTEST]
     if not runs:
         return None
-    share = np.concatenate([np.arange(1, len(run)) / len(run) for run in runs])  # of the Nyquist frequency
+    # of the Nyquist frequency
+    share = np.concatenate([np.arange(1, len(run)) / len(run) for run in runs])
     power = np.concatenate([_cosine_transform(run)[1:] ** 2 for run in runs])
     order = np.argsort(-share, kind="stable")
     share, power = share[order], power[order]
@@ -83,16 +94,22 @@ def sensor_noise(series: Sequence[np.ndarray]) -> float | None:
 
 
 def _cosine_transform(x: np.ndarray) -> np.ndarray:
-    """The orthonormal cosine transform of the second kind, ``(N,)`` from ``(N,)``, but for its first coefficient, which is larger by root two.
+    """The orthonormal cosine transform of the second kind, ``(N,)`` from ``(N,)``, but for its
+    first coefficient, which is larger by root two.
 
-    By NumPy's Fourier transform of the even samples, then the odd ones backwards (Makhoul 1980); loading scipy.fft takes a tenth of a second.
+    By NumPy's Fourier transform of the even samples, then the odd ones backwards (Makhoul 1980);
+    loading scipy.fft takes a tenth of a second.
     """
     turned = np.exp(-0.5j * np.pi * np.arange(len(x)) / len(x))
-    return np.asarray(np.sqrt(2.0 / len(x)) * (np.fft.fft(np.concatenate([x[::2], x[1::2][::-1]])) * turned).real)
+    return np.asarray(
+        np.sqrt(2.0 / len(x)) * (np.fft.fft(np.concatenate([x[::2], x[1::2][::-1]])) * turned).real
+    )
 
 
 def used_runs(time: np.ndarray, residual: np.ndarray, used: np.ndarray) -> list[np.ndarray]:
-    """The used samples of a residual ``(N,)`` at ``time`` (s), as runs without a long pause; what was set aside in between is closed up."""
+    """The used samples of a residual ``(N,)`` at ``time`` (s), as runs without a long pause; what
+    was set aside in between is closed up.
+    """
     t, r = time[used], residual[used]
     if len(t) < 2:
         return []
@@ -101,7 +118,9 @@ def used_runs(time: np.ndarray, residual: np.ndarray, used: np.ndarray) -> list[
 
 
 def _fitted(power: np.ndarray, walk: np.ndarray) -> tuple[float, float]:
-    """s^2 and a of Whittle's likelihood, by weighted least squares with the weights of the last step; neither below zero."""
+    """s^2 and a of Whittle's likelihood, by weighted least squares with the weights of the last
+    step; neither below zero.
+    """
     white, random = float(np.mean(power)), 0.0
     for _ in range(ITERATIONS):
         weight = (white + random * walk) ** -2.0
@@ -124,33 +143,48 @@ _FEWEST = 20
 _STENCIL = np.array([-1.0, 3.0, -3.0, 1.0])
 
 
-def noise_envelope(record: Record, start: float | None = None, stop: float | None = None) -> dict[str, float]:
-    """Standard deviation of the noise on each output: a quarter of the width of the band that holds 95.45 % of it.
+def noise_envelope(
+    record: Record, start: float | None = None, stop: float | None = None
+) -> dict[str, float]:
+    """Standard deviation of the noise on each output: a quarter of the width of the band that holds
+    95.45 % of it.
 
     Parameters
     ----------
     record : measured data, samples taken as evenly spaced.
-    start, stop : a quiet stretch, s; the whole record when None, which is as good as long as the motion is slow against
-        the sampling: a third difference lets a motion at w rad/s pass by (w dt)^3/4.5 of its amplitude.
+    start, stop : a quiet stretch, s; the whole record when None, which is as good as long as the
+    motion is slow against
+        the sampling: a third difference lets a motion at w rad/s pass by (w dt)^3/4.5 of its
+        amplitude.
 
-    Four samples in a row enter as d = (-y[k] + 3 y[k+1] - 3 y[k+2] + y[k+3]) / sqrt(20), which has the variance of white
-    noise. The band is central (quantiles), so that isolated spikes and switches do not widen it.
+    Four samples in a row enter as d = (-y[k] + 3 y[k+1] - 3 y[k+2] + y[k+3]) / sqrt(20), which has
+    the variance of white noise. The band is central (quantiles), so that isolated spikes and
+    switches do not widen it.
 
     Raises
     ------
-    RecordError : fewer than twenty such runs of valid samples in a channel, or a channel without any noise.
+    RecordError : fewer than twenty such runs of valid samples in a channel, or a channel without
+    any noise.
     """
     stretch = record if start is None and stop is None else record.window(start, stop)
     out = {}
     for channel in stretch.outputs:
         whole = np.convolve(~channel.valid, np.ones(len(_STENCIL)), mode="valid") < 0.5
-        d = np.convolve(channel.values, _STENCIL[::-1], mode="valid")[whole] / np.sqrt(np.sum(_STENCIL**2))
+        d = np.convolve(channel.values, _STENCIL[::-1], mode="valid")[whole] / np.sqrt(
+            np.sum(_STENCIL**2)
+        )
         where = f"{record.name}, channel {channel.name}"
         if d.size < _FEWEST:
-            raise RecordError(f"{d.size} runs of four samples are too few for a noise envelope", where=where, remedy="give a longer stretch")
+            raise RecordError(
+                f"{d.size} runs of four samples are too few for a noise envelope",
+                where=where,
+                remedy="give a longer stretch",
+            )
         half_width = float(np.quantile(np.abs(d - np.median(d)), WITHIN_TWO_SIGMA))
         if half_width == 0.0:
-            raise RecordError("shows no noise at all", where=where, remedy="declare the noise level")
+            raise RecordError(
+                "shows no noise at all", where=where, remedy="declare the noise level"
+            )
         out[channel.name] = half_width / 2.0
     return out
 
@@ -160,16 +194,24 @@ def noise_envelope(record: Record, start: float | None = None, stop: float | Non
 PARTS = 8
 LOCAL_LEVEL_FEWEST = 40  # differences of a part
 FACTOR = 1.5  # chosen: weights that are wrong by two in the variance hardly change a test
-SCATTER = 1.6  # standard deviation of the logarithm of a robust sigma of n fourth differences, times sqrt(n), by simulation
-SURE = 4.5  # of its standard deviations between the quietest and the loudest part: by chance once in 5000 series
-MOTION = 1.25  # level by second over level by fourth differences, beyond which a part holds motion and tells no noise
+# standard deviation of the logarithm of a robust sigma of n fourth differences, times sqrt(n), by
+# simulation
+SCATTER = 1.6
+# of its standard deviations between the quietest and the loudest part: by chance once in 5000
+# series
+SURE = 4.5
+# level by second over level by fourth differences, beyond which a part holds motion and tells no
+# noise
+MOTION = 1.25
 
 
 def levelled(series: np.ndarray) -> np.ndarray:
-    """A series ``(N,)`` over its local noise level, of the same mean level; itself where that does not change beyond chance.
+    """A series ``(N,)`` over its local noise level, of the same mean level; itself where that does
+    not change beyond chance.
 
-    What varies slowly against the sampling stays as it is, so that a residual that is not noise is not hidden: a part whose second
-    differences are larger than its fourth's takes its level from the others.
+    What varies slowly against the sampling stays as it is, so that a residual that is not noise is
+    not hidden: a part whose second differences are larger than its fourth's takes its level from
+    the others.
     """
     count = len(series)
     parts = min(PARTS, count // LOCAL_LEVEL_FEWEST)
@@ -193,12 +235,18 @@ def levelled(series: np.ndarray) -> np.ndarray:
 
 
 def _differences(series: np.ndarray, order: int) -> np.ndarray:
-    """Differences of an order, scaled so that white noise keeps its standard deviation: 6 and 70 are sums of squared binomials."""
+    """Differences of an order, scaled so that white noise keeps its standard deviation: 6 and 70
+    are sums of squared binomials.
+    """
     return np.diff(series, order) / np.sqrt({2: 6.0, 4: 70.0}[order])
 
 
 def _running_level(fourth: np.ndarray, half: int) -> np.ndarray:
-    """Robust sigma over windows of ``half`` to both sides, at every tenth of a window and linear between."""
-    at = np.unique(np.linspace(0, len(fourth) - 1, max(2, 20 * len(fourth) // (2 * half))).astype(int))
+    """Robust sigma over windows of ``half`` to both sides, at every tenth of a window and linear
+    between.
+    """
+    at = np.unique(
+        np.linspace(0, len(fourth) - 1, max(2, 20 * len(fourth) // (2 * half))).astype(int)
+    )
     rough = [robust_sigma_about_zero(fourth[max(0, k - half) : k + half + 1]) for k in at]
     return np.interp(np.arange(len(fourth)), at, rough)

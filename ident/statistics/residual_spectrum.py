@@ -1,4 +1,5 @@
-"""Power spectra of residuals by autoregressions, and parameter covariance corrected for coloured residuals.
+"""Power spectra of residuals by autoregressions, and parameter covariance corrected for coloured
+residuals.
 
 The residuals of a fit are the noise less what the fitted unknowns have followed of it. Of noise
 with a long memory that is a large part of its power at low frequency, where maneuvers have theirs
@@ -9,9 +10,10 @@ paper 197, 1996): of each output by itself, or of all together, as gusts move th
 autocovariance is moved by the difference between noise and residual that this autoregression
 itself leads to, until both agree.
 
-Morelli and Klein, "Accuracy of Aerodynamic Model Parameters Estimated from Flight Test Data", J. Guidance,
-Control and Dynamics 20(1), 1997: the information matrix stays, the scatter of the gradient is formed with the
-spectrum of the residuals instead of that of white noise (`ident.statistics.residual_spectrum`).
+Morelli and Klein, "Accuracy of Aerodynamic Model Parameters Estimated from Flight Test Data", J.
+Guidance, Control and Dynamics 20(1), 1997: the information matrix stays, the scatter of the
+gradient is formed with the spectrum of the residuals instead of that of white noise
+(`ident.statistics.residual_spectrum`).
 """
 
 from __future__ import annotations
@@ -26,12 +28,14 @@ from scipy.special import ndtr, stdtrit
 # ---- Power spectra of the residuals of a fit
 
 _PASSES = 8  # of the autocovariance towards that of the noise, at most
-_SETTLED = 0.01  # of each variance of the gradient, by which a pass moves it at the end: half a percent of a sigma
+# of each variance of the gradient, by which a pass moves it at the end: half a percent of a sigma
+_SETTLED = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class Autoregression:
-    """``w[k] = e[k] + sum A[j] e[k - 1 - j]`` is white with ``covariance (m, m)``, for m outputs ``e``.
+    """``w[k] = e[k] + sum A[j] e[k - 1 - j]`` is white with ``covariance (m, m)``, for m outputs
+    ``e``.
 
     ``coefficients`` A ``(p, m, m)``; ``free (p, m, m)`` True where one was fitted. ``count``:
     samples of an output.
@@ -49,7 +53,9 @@ class Autoregression:
         return float(self.count * log + 2.0 * np.count_nonzero(self.free)) if sign > 0 else np.inf
 
     def transfer(self, size: int) -> np.ndarray:
-        """``1 + sum A[j] exp(-i w (j + 1))`` at the frequencies of a real transform of ``size``, ``(F, m, m)``."""
+        """``1 + sum A[j] exp(-i w (j + 1))`` at the frequencies of a real transform of ``size``,
+        ``(F, m, m)``.
+        """
         p, m, _ = self.coefficients.shape
         padded = np.zeros((p + 1, m, m))
         padded[0] = np.eye(m)
@@ -78,7 +84,9 @@ class RecordScores:
 
 @dataclass(frozen=True, eq=False)
 class ScoreCovariance:
-    """Covariance ``middle (n, n)`` of the gradient, and the variance ``spread (n,)`` of each diagonal entry of ``inverse middle inverse^T``."""
+    """Covariance ``middle (n, n)`` of the gradient, and the variance ``spread (n,)`` of each
+    diagonal entry of ``inverse middle inverse^T``.
+    """
 
     middle: np.ndarray
     spread: np.ndarray
@@ -112,14 +120,17 @@ def score_covariance(records: Sequence[RecordScores], inverse: np.ndarray) -> Sc
 
 
 def common_disturbance(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> bool:
-    """Whether one cause moves the residuals of several outputs, as gusts do, and not the noise of each sensor by itself.
+    """Whether one cause moves the residuals of several outputs, as gusts do, and not the noise of
+    each sensor by itself.
 
     Akaike's criterion of an autoregression of all outputs ``(m, N)`` together, against one of
     each, in any record.
     """
     for residual, known in zip(residuals, valid, strict=True):
         blank = np.zeros((*residual.shape, 0))
-        scores = RecordScores(np.zeros(0, dtype=int), blank, blank, np.where(known, residual, 0.0), known)
+        scores = RecordScores(
+            np.zeros(0, dtype=int), blank, blank, np.where(known, residual, 0.0), known
+        )
         if np.any(scores.residual) and _Record(scores).joint:
             return True
     return False
@@ -134,15 +145,23 @@ class _Record:
 
     def __init__(self, scores: RecordScores) -> None:
         self.scores = scores
-        rows = [i for i in range(len(scores.residual)) if np.any(scores.valid[i]) and np.any(scores.residual[i])]
+        rows = [
+            i
+            for i in range(len(scores.residual))
+            if np.any(scores.valid[i]) and np.any(scores.residual[i])
+        ]
         self.count = scores.residual.shape[1]
         self.size = good_length(2 * self.count)
         self.valid = scores.valid[rows]
         self.samples = float(np.count_nonzero(self.valid)) / max(len(rows), 1)
         self.share = max(float(np.mean(self.valid)) if rows else 1.0, 1e-12)
-        scale = np.sqrt((scores.residual[rows] ** 2).sum(axis=1) / np.maximum(self.valid.sum(axis=1), 1))
+        scale = np.sqrt(
+            (scores.residual[rows] ** 2).sum(axis=1) / np.maximum(self.valid.sum(axis=1), 1)
+        )
         self.residual = np.where(self.valid, scores.residual[rows] / scale[:, None], 0.0)
-        self.jacobian = np.where(self.valid[:, :, None], scores.jacobian[rows] / scale[:, None, None], 0.0)
+        self.jacobian = np.where(
+            self.valid[:, :, None], scores.jacobian[rows] / scale[:, None, None], 0.0
+        )
         weights = np.where(self.valid[:, :, None], scores.weights[rows] * scale[:, None, None], 0.0)
         # (F, m, c)
         self.weights = np.fft.rfft(weights, self.size, axis=1).transpose(1, 0, 2)
@@ -155,7 +174,9 @@ class _Record:
         self._fit(self.measured)
 
     def _fit(self, autocovariance: np.ndarray) -> None:
-        """The better, by Akaike's criterion, of one autoregression an output and one of all outputs together."""
+        """The better, by Akaike's criterion, of one autoregression an output and one of all outputs
+        together.
+        """
         self.autocovariance = autocovariance
         apart = self._apart(autocovariance)
         self.model = min(
@@ -169,7 +190,9 @@ class _Record:
     @property
     def joint(self) -> bool:
         """Whether the autoregression is one of all outputs together."""
-        return len(self.residual) > 1 and bool(np.any(self.model.free[:, ~np.eye(len(self.residual), dtype=bool)]))
+        return len(self.residual) > 1 and bool(
+            np.any(self.model.free[:, ~np.eye(len(self.residual), dtype=bool)])
+        )
 
     def _apart(self, autocovariance: np.ndarray) -> Autoregression:
         """An autoregression of each output, their white noises correlated at the same sample."""
@@ -193,7 +216,9 @@ class _Record:
         )
 
     def driven(self) -> np.ndarray:
-        """Transforms ``(F, m, c)`` of the covariance between each output's noise and the gradient."""
+        """Transforms ``(F, m, c)`` of the covariance between each output's noise and the
+        gradient.
+        """
         return np.asarray(self.density @ self.weights)
 
     def middle(self) -> np.ndarray:
@@ -204,20 +229,29 @@ class _Record:
         return 0.5 * (total + total.T)
 
     def refit(self, inverse: np.ndarray, covariance: np.ndarray) -> None:
-        """Autoregressions anew, of the autocovariances that the noise must have for the residuals to have theirs."""
+        """Autoregressions anew, of the autocovariances that the noise must have for the residuals
+        to have theirs.
+        """
         m, n = self.residual.shape
-        following = np.fft.irfft(self.driven(), self.size, axis=0)[:n].transpose(1, 0, 2) @ inverse.T
+        following = (
+            np.fft.irfft(self.driven(), self.size, axis=0)[:n].transpose(1, 0, 2) @ inverse.T
+        )
         half = self.jacobian @ covariance
         taken = np.empty((self.lags + 1, m, m))
         for k in range(self.lags + 1):
             ahead, now = np.s_[:, k:], np.s_[:, : n - k]
             J_ahead, J_now = self.jacobian[ahead].reshape(m, -1), self.jacobian[now].reshape(m, -1)
-            both = J_ahead @ following[now].reshape(m, -1).T + following[ahead].reshape(m, -1) @ J_now.T
+            both = (
+                J_ahead @ following[now].reshape(m, -1).T
+                + following[ahead].reshape(m, -1) @ J_now.T
+            )
             taken[k] = both - J_ahead @ half[now].reshape(m, -1).T
         self._fit(self.measured + taken / (self.share * n))
 
     def spread(self, inverse: np.ndarray) -> np.ndarray:
-        """Variance of the diagonal of ``inverse middle inverse^T`` ``(n,)`` through what the autoregressions do not know exactly."""
+        """Variance of the diagonal of ``inverse middle inverse^T`` ``(n,)`` through what the
+        autoregressions do not know exactly.
+        """
         model = self.model
         p, m, _ = model.coefficients.shape
         seen = np.einsum("fmc,nc->nfm", self.weights, inverse, optimize=True)
@@ -228,9 +262,23 @@ class _Record:
         if p == 0:
             return np.asarray(total)
         right = np.einsum("fab,nfb->nfa", self.density, seen, optimize=True)
-        angles = np.exp(-2j * np.pi * np.outer(np.arange(1, p + 1), np.arange(self.size // 2 + 1)) / self.size)
-        slopes = np.array([-2.0 * np.einsum("nfa,f,nfb->nab", np.conj(left), self.parseval * turn, right, optimize=True).real for turn in angles])
-        slopes = np.where(model.free[:, None], slopes, 0.0).transpose(1, 2, 0, 3).reshape(len(inverse), m, p * m)
+        angles = np.exp(
+            -2j * np.pi * np.outer(np.arange(1, p + 1), np.arange(self.size // 2 + 1)) / self.size
+        )
+        slopes = np.array(
+            [
+                -2.0
+                * np.einsum(
+                    "nfa,f,nfb->nab", np.conj(left), self.parseval * turn, right, optimize=True
+                ).real
+                for turn in angles
+            ]
+        )
+        slopes = (
+            np.where(model.free[:, None], slopes, 0.0)
+            .transpose(1, 2, 0, 3)
+            .reshape(len(inverse), m, p * m)
+        )
         lag = np.subtract.outer(np.arange(p), np.arange(p))
         blocks = np.where(
             (lag <= 0)[:, :, None, None],
@@ -238,18 +286,29 @@ class _Record:
             self.autocovariance[np.abs(lag)].transpose(0, 1, 3, 2),
         )
         if self.joint:
-            inside = np.linalg.pinv(blocks.transpose(0, 2, 1, 3).reshape(p * m, p * m), hermitian=True)
-            return np.asarray(total + np.einsum("nak,kl,nbl,ab->n", slopes, inside, slopes, model.covariance, optimize=True) / model.count)
+            inside = np.linalg.pinv(
+                blocks.transpose(0, 2, 1, 3).reshape(p * m, p * m), hermitian=True
+            )
+            return np.asarray(
+                total
+                + np.einsum(
+                    "nak,kl,nbl,ab->n", slopes, inside, slopes, model.covariance, optimize=True
+                )
+                / model.count
+            )
         for i in range(m):
             own = np.flatnonzero(model.free[:, i, i])
             mine = slopes[:, i, own * m + i]
             inside = np.linalg.pinv(blocks[np.ix_(own, own)][:, :, i, i], hermitian=True)
-            total = total + model.covariance[i, i] / model.count * np.einsum("nk,kl,nl->n", mine, inside, mine)
+            total = total + model.covariance[i, i] / model.count * np.einsum(
+                "nk,kl,nl->n", mine, inside, mine
+            )
         return np.asarray(total)
 
 
 def autoregression(autocovariance: np.ndarray, count: float) -> tuple[np.ndarray, float]:
-    """Coefficients ``(p,)`` and variance of the autoregression of least Akaike criterion, by Levinson and Durbin.
+    """Coefficients ``(p,)`` and variance of the autoregression of least Akaike criterion, by
+    Levinson and Durbin.
 
     Of an autocovariance at lags 0 to P of ``count`` samples.
     """
@@ -269,7 +328,8 @@ def autoregression(autocovariance: np.ndarray, count: float) -> tuple[np.ndarray
 
 
 def joint_autoregressions(autocovariance: np.ndarray, count: float) -> Iterator[Autoregression]:
-    """Autoregressions of all outputs together, of rising order, from autocovariances ``(P + 1, m, m)``: Yule and Walker's equations.
+    """Autoregressions of all outputs together, of rising order, from autocovariances ``(P + 1, m,
+    m)``: Yule and Walker's equations.
 
     Up to ten samples a coefficient, and as long as the noise's covariance is one.
     """
@@ -292,15 +352,20 @@ def joint_autoregressions(autocovariance: np.ndarray, count: float) -> Iterator[
             return
         flat = -np.linalg.solve(whole.T, right.T).T
         coefficients = flat.reshape(m, p, m).transpose(1, 0, 2)
-        covariance = autocovariance[0] + np.einsum("kab,kcb->ac", coefficients, autocovariance[1 : p + 1])
+        covariance = autocovariance[0] + np.einsum(
+            "kab,kcb->ac", coefficients, autocovariance[1 : p + 1]
+        )
         covariance = 0.5 * (covariance + covariance.T)
         if np.linalg.eigvalsh(covariance)[0] <= 0.0:
             return
-        yield Autoregression(coefficients, np.ones_like(coefficients, dtype=bool), covariance, count)
+        yield Autoregression(
+            coefficients, np.ones_like(coefficients, dtype=bool), covariance, count
+        )
 
 
 def paired_autocovariance(residual: np.ndarray, valid: np.ndarray, lags: int) -> np.ndarray:
-    """Autocovariances ``R[k] = mean of r[t + k] r[t]^T`` ``(lags + 1, m, m)`` of series ``(m, N)`` with missing samples.
+    """Autocovariances ``R[k] = mean of r[t + k] r[t]^T`` ``(lags + 1, m, m)`` of series ``(m, N)``
+    with missing samples.
 
     Tapered as those of complete series, the sum over N - k pairs by N.
     """
@@ -316,7 +381,9 @@ def paired_autocovariance(residual: np.ndarray, valid: np.ndarray, lags: int) ->
 
 @lru_cache(maxsize=64)
 def good_length(least: int) -> int:
-    """The smallest product of twos, threes and fives that is not less: of such lengths transforms are quick."""
+    """The smallest product of twos, threes and fives that is not less: of such lengths transforms
+    are quick.
+    """
     found, fives = 1 << (least - 1).bit_length(), 1
     while fives < found:
         threes = fives
@@ -329,7 +396,8 @@ def good_length(least: int) -> int:
 
 # ---- Parameter covariance corrected for residuals that are not white
 
-_MANY, _FEWEST = 1e6, 2.0  # degrees of freedom: normal from there on; fewer give quantiles that say nothing
+# degrees of freedom: normal from there on; fewer give quantiles that say nothing
+_MANY, _FEWEST = 1e6, 2.0
 
 
 def autocovariance(residual: np.ndarray, lags: int) -> np.ndarray:
@@ -351,16 +419,18 @@ def corrected_covariance(
     Parameters
     ----------
     inverse : ``(n, n)`` inverse information matrix under white noise, that of the prior included.
-    parts : for each record the positions of its columns in theta, its jacobian ``(m, N, c)``, residuals and validity
+    parts : for each record the positions of its columns in theta, its jacobian ``(m, N, c)``,
+    residuals and validity
         ``(m, N)``; missing samples count as zero.
     variance : ``(m,)`` noise variance of each output.
     prior : ``(n, n)`` information of the prior, which no colour touches; None where there is none.
 
     Returns
     -------
-    ``(n, n)``; each diagonal entry is at least that of white noise of the same variance, so that a lucky record
-    does not shrink a sigma. Where the spectrum of the residuals is itself uncertain, sigmas are Student's: two of
-    them hold as much as two of a normal distribution do (``student_factor``).
+    ``(n, n)``; each diagonal entry is at least that of white noise of the same variance, so that a
+    lucky record does not shrink a sigma. Where the spectrum of the residuals is itself uncertain,
+    sigmas are Student's: two of them hold as much as two of a normal distribution do
+    (``student_factor``).
     """
     records = []
     for at, jacobian, residual, valid in parts:
@@ -376,10 +446,14 @@ def corrected_covariance(
     return corrected * np.outer(factor, factor) + np.diag(np.where(shown, 0.0, white))
 
 
-def sandwich(inverse: np.ndarray, records: Sequence[RecordScores], *, coloured: bool = True) -> np.ndarray:
-    """Covariance ``(n, n)`` of an estimate of which ``inverse (n, n)`` times the gradient is a step: instrumental variables, say.
+def sandwich(
+    inverse: np.ndarray, records: Sequence[RecordScores], *, coloured: bool = True
+) -> np.ndarray:
+    """Covariance ``(n, n)`` of an estimate of which ``inverse (n, n)`` times the gradient is a
+    step: instrumental variables, say.
 
-    ``coloured`` : with the spectra of the residuals and Student's quantiles as in ``corrected_covariance``; else as of white noise.
+    ``coloured`` : with the spectra of the residuals and Student's quantiles as in
+    ``corrected_covariance``; else as of white noise.
     """
     if coloured:
         found = score_covariance(records, inverse)
@@ -390,21 +464,31 @@ def sandwich(inverse: np.ndarray, records: Sequence[RecordScores], *, coloured: 
     for each in records:
         count = np.maximum(each.valid.sum(axis=1), 1)
         level = (each.residual**2).sum(axis=1) / count
-        middle[np.ix_(each.at, each.at)] += np.einsum("eni,e,enj->ij", each.weights, level, each.weights)
+        middle[np.ix_(each.at, each.at)] += np.einsum(
+            "eni,e,enj->ij", each.weights, level, each.weights
+        )
     return np.asarray(inverse @ middle @ inverse.T)
 
 
 def student_factor(variance: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """By how much sigmas grow whose own ``variance (n,)`` is an estimate with the variance ``spread (n,)``: ``(n,)``.
+    """By how much sigmas grow whose own ``variance (n,)`` is an estimate with the variance ``spread
+    (n,)``: ``(n,)``.
 
-    Satterthwaite's degrees of freedom 2 variance^2/spread, and Student's quantile of 97.7 % over the normal one of two sigmas.
+    Satterthwaite's degrees of freedom 2 variance^2/spread, and Student's quantile of 97.7 % over
+    the normal one of two sigmas.
     """
-    freedom = 2.0 * np.divide(variance**2, spread, out=np.full_like(variance, np.inf), where=spread > 0)
-    return np.where(freedom < _MANY, stdtrit(np.clip(freedom, _FEWEST, _MANY), ndtr(2.0)) / 2.0, 1.0)
+    freedom = 2.0 * np.divide(
+        variance**2, spread, out=np.full_like(variance, np.inf), where=spread > 0
+    )
+    return np.where(
+        freedom < _MANY, stdtrit(np.clip(freedom, _FEWEST, _MANY), ndtr(2.0)) / 2.0, 1.0
+    )
 
 
 def filtered_product(sensitivity: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Sum over i, j of s_i R(i - j) s_j^T for a symmetric autocovariance: over frequencies, by Parseval, of spectra of padded series."""
+    """Sum over i, j of s_i R(i - j) s_j^T for a symmetric autocovariance: over frequencies, by
+    Parseval, of spectra of padded series.
+    """
     n, lags = len(sensitivity), len(covariance) - 1
     size = good_length(n + 2 * lags + 1)
     kernel = np.zeros(size)
@@ -418,10 +502,12 @@ def filtered_product(sensitivity: np.ndarray, covariance: np.ndarray) -> np.ndar
 
 
 def effective_share(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> float:
-    """Share of the samples that count as independent where squares of residuals are compared, 0 to 1.
+    """Share of the samples that count as independent where squares of residuals are compared, 0 to
+    1.
 
-    1/(1 + 2 sum rho_k^2) over a fifth of the record, rho the residual's correlation (Bartlett, 1946), the mean over channels and records
-    by their samples. Residuals and validity ``(m, N)`` a record; missing samples count as zero.
+    1/(1 + 2 sum rho_k^2) over a fifth of the record, rho the residual's correlation (Bartlett,
+    1946), the mean over channels and records by their samples. Residuals and validity ``(m, N)`` a
+    record; missing samples count as zero.
     """
     weight, total = 0.0, 0.0
     for residual, mask in zip(residuals, valid, strict=True):

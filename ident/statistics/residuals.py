@@ -28,16 +28,22 @@ class ResidualTest:
 
     @property
     def passed(self) -> bool:
-        """True where noise alone gives such a statistic more often than once in a thousand records."""
+        """True where noise alone gives such a statistic more often than once in a thousand
+        records.
+        """
         return self.p_value > 1e-3
 
 
-def ljung_box(residual: np.ndarray, valid: np.ndarray, channel: str, lags: int = 25) -> ResidualTest:
-    """Whiteness of a series ``(N,)`` over ``lags`` lags (Ljung and Box, Biometrika 65(2), 1978); missing samples are skipped.
+def ljung_box(
+    residual: np.ndarray, valid: np.ndarray, channel: str, lags: int = 25
+) -> ResidualTest:
+    """Whiteness of a series ``(N,)`` over ``lags`` lags (Ljung and Box, Biometrika 65(2), 1978);
+    missing samples are skipped.
 
-    Where the level of the noise changes along the series it is divided out first (``levelled``). The p-value is that of a shifted gamma
-    distribution with the mean, variance and skewness that the statistic has on records of this length: chi-squared, its limit, calls white
-    noise of 300 samples coloured seven times too often at 1e-4.
+    Where the level of the noise changes along the series it is divided out first (``levelled``).
+    The p-value is that of a shifted gamma distribution with the mean, variance and skewness that
+    the statistic has on records of this length: chi-squared, its limit, calls white noise of 300
+    samples coloured seven times too often at 1e-4.
     """
     n = int(np.count_nonzero(valid))
     series = levelled(residual[valid])
@@ -49,24 +55,34 @@ def ljung_box(residual: np.ndarray, valid: np.ndarray, channel: str, lags: int =
     r = np.array([series[lag:] @ series[: n - lag] for lag in range(1, lags + 1)]) / power
     statistic = float(n * (n + 2) * np.sum(r**2 / (n - np.arange(1, lags + 1))))
     p_value = _ljung_box_tail(statistic, lags, n)
-    sentence = f"{'white' if p_value > 1e-3 else 'not white'} over {lags} lags, lag-1 correlation {r[0]:.2f}"
+    sentence = (
+        f"{'white' if p_value > 1e-3 else 'not white'} over {lags} lags, lag-1 correlation "
+        f"{r[0]:.2f}"
+    )
     return ResidualTest("ljung-box", channel, statistic, p_value, sentence)
 
 
 def _ljung_box_tail(statistic: float, lags: int, n: int) -> float:
-    """Probability of a larger statistic on white noise; the terms in lags/n are fitted to simulated noise of 60 to 3000 samples."""
+    """Probability of a larger statistic on white noise; the terms in lags/n are fitted to simulated
+    noise of 60 to 3000 samples.
+    """
     from scipy.special import chdtrc
 
-    variance, skewness = 2.0 * lags * (1.0 + 1.8 * lags / n), np.sqrt(8.0 / lags) * (1.0 + 5.5 * lags / n)
+    variance, skewness = (
+        2.0 * lags * (1.0 + 1.8 * lags / n),
+        np.sqrt(8.0 / lags) * (1.0 + 5.5 * lags / n),
+    )
     degrees = 8.0 / skewness**2
     scale = np.sqrt(variance / (2.0 * degrees))
     return float(chdtrc(degrees, max(0.0, (statistic - lags) / scale + degrees)))
 
 
 def residual_size(residual: np.ndarray, valid: np.ndarray, channel: str) -> ResidualTest | None:
-    """A failed test where a series ``(N,)`` is far larger than its own noise: wild points are white, and no noise; None where it is not.
+    """A failed test where a series ``(N,)`` is far larger than its own noise: wild points are
+    white, and no noise; None where it is not.
 
-    Its root mean square against the robust standard deviation, whose logarithm scatters by 0.93/sqrt(N) on Gaussian noise.
+    Its root mean square against the robust standard deviation, whose logarithm scatters by
+    0.93/sqrt(N) on Gaussian noise.
     """
     from scipy.special import erfc
 
@@ -77,11 +93,19 @@ def residual_size(residual: np.ndarray, valid: np.ndarray, channel: str) -> Resi
     if ratio < FAR_ABOVE:
         return None
     p_value = float(erfc(np.log(ratio) * np.sqrt(n / 2.0) / 0.93))
-    return ResidualTest("size", channel, ratio, p_value, f"{ratio:.3g} times as large as its own noise: a few samples are far off")
+    return ResidualTest(
+        "size",
+        channel,
+        ratio,
+        p_value,
+        f"{ratio:.3g} times as large as its own noise: a few samples are far off",
+    )
 
 
 def innovation_size(history: FilterHistory) -> ResidualTest:
-    """Summed normalised innovation squared against chi-squared, both sides: are the filter's own sigmas right?"""
+    """Summed normalised innovation squared against chi-squared, both sides: are the filter's own
+    sigmas right?
+    """
     from scipy.special import chdtr, chdtrc
 
     total, degrees = float(history.nis.sum()), int(history.degrees.sum())
@@ -89,32 +113,56 @@ def innovation_size(history: FilterHistory) -> ResidualTest:
         return ResidualTest("nis", "all", 0.0, 1.0, "no sample was used")
     p_value = float(min(1.0, 2.0 * min(chdtr(degrees, total), chdtrc(degrees, total))))
     ratio = total / degrees
-    return ResidualTest("nis", "all", total, p_value, f"innovations are {np.sqrt(ratio):.3f} times the size that the filter expects")
+    return ResidualTest(
+        "nis",
+        "all",
+        total,
+        p_value,
+        f"innovations are {np.sqrt(ratio):.3f} times the size that the filter expects",
+    )
 
 
-def residual_tests(estimate: Estimate, residuals: np.ndarray, valid: np.ndarray) -> tuple[ResidualTest, ...]:
-    """All tests of an estimate: innovations of a filter, else the residuals ``(m, N)`` of a whole-record fit."""
+def residual_tests(
+    estimate: Estimate, residuals: np.ndarray, valid: np.ndarray
+) -> tuple[ResidualTest, ...]:
+    """All tests of an estimate: innovations of a filter, else the residuals ``(m, N)`` of a
+    whole-record fit.
+    """
     history = estimate.history
     if history is None:
         rows = [(residuals[i], valid[i]) for i in range(len(residuals))]
     else:
-        rows = [(history.innovation[i] / history.innovation_std[i], history.valid[i]) for i in range(len(history.innovation))]
-    tests = [ljung_box(row, mask, name) for (row, mask), name in zip(rows, estimate.output_names, strict=True) if np.any(mask)]
-    tests += [found for (row, mask), name in zip(rows, estimate.output_names, strict=True) if (found := residual_size(row, mask, name)) is not None]
+        rows = [
+            (history.innovation[i] / history.innovation_std[i], history.valid[i])
+            for i in range(len(history.innovation))
+        ]
+    tests = [
+        ljung_box(row, mask, name)
+        for (row, mask), name in zip(rows, estimate.output_names, strict=True)
+        if np.any(mask)
+    ]
+    tests += [
+        found
+        for (row, mask), name in zip(rows, estimate.output_names, strict=True)
+        if (found := residual_size(row, mask, name)) is not None
+    ]
     return tuple(tests) if history is None else (*tests, innovation_size(history))
 
 
 # ---- Whether an estimated derivative can be believed beside the value that was declared of it
 
 SIGMAS = 2.0  # to either side: what an estimate may be by its own account
-THREEFOLD = 3.0  # a vehicle file is possibly 30 % wrong: ten of its sigmas from zero, as far as from a turned sign
+# a vehicle file is possibly 30 % wrong: ten of its sigmas from zero, as far as from a turned sign
+THREEFOLD = 3.0
 
 
 def contradiction(value: float, std: float, declared: float) -> str:
-    """What speaks against an estimate with its sigma where another value was declared; empty where nothing does.
+    """What speaks against an estimate with its sigma where another value was declared; empty where
+    nothing does.
 
-    An estimate contradicts where no value within two sigmas has the declared sign and less than three times the declared size. Nothing speaks where
-    zero was declared, or where value or sigma are not finite: that tells of no derivative.
+    An estimate contradicts where no value within two sigmas has the declared sign and less than
+    three times the declared size. Nothing speaks where zero was declared, or where value or sigma
+    are not finite: that tells of no derivative.
     """
     if declared == 0.0 or not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
         return ""
@@ -127,17 +175,21 @@ def contradiction(value: float, std: float, declared: float) -> str:
 
 
 def shortfall(value: float, std: float, declared: float) -> str:
-    """By how much an estimate falls short of a declared value: ``"is 12 times smaller"``; empty where it does not.
+    """By how much an estimate falls short of a declared value: ``"is 12 times smaller"``; empty
+    where it does not.
 
-    It falls short where no value within two sigmas reaches a third of the declared size: a constant of the vehicle file that is too large,
-    such as its chord, makes derivatives too small by the same factor. A value of the other sign is for ``contradiction``.
+    It falls short where no value within two sigmas reaches a third of the declared size: a constant
+    of the vehicle file that is too large, such as its chord, makes derivatives too small by the
+    same factor. A value of the other sign is for ``contradiction``.
     """
     if declared == 0.0 or not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
         return ""
     share, sigma = value / declared, abs(std / declared)
     if abs(share) + SIGMAS * sigma >= 1.0 / THREEFOLD or share + SIGMAS * sigma < 0.0:
         return ""
-    return f"is {1.0 / share:.2g} times smaller" if share > SIGMAS * sigma else "is not told from zero"
+    return (
+        f"is {1.0 / share:.2g} times smaller" if share > SIGMAS * sigma else "is not told from zero"
+    )
 
 
 # ---- What differs between two estimates by more than their uncertainty
@@ -152,8 +204,8 @@ class Difference:
     Attributes
     ----------
     first, second : values, in ``unit``; ``first_std``, ``second_std`` their standard deviations.
-    z : second minus first over the root of both variances' sum; zero where both are without variance and equal.
-    beyond : |z| exceeds the limit asked for.
+    z : second minus first over the root of both variances' sum; zero where both are without
+    variance and equal. beyond : |z| exceeds the limit asked for.
     """
 
     name: str
@@ -168,8 +220,9 @@ class Difference:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Differences of the common parameters, largest |z| first, and the joint test: ``statistic`` is d^T (P1 + P2)^-1 d with
-    ``degrees`` of freedom and ``p_value`` that the two estimates differ by chance only. Estimates from independent records."""
+    """Differences of the common parameters, largest |z| first, and the joint test: ``statistic`` is
+    d^T (P1 + P2)^-1 d with ``degrees`` of freedom and ``p_value`` that the two estimates differ by
+    chance only. Estimates from independent records."""
 
     differences: tuple[Difference, ...]
     statistic: float
@@ -193,8 +246,15 @@ def compare_estimates(first: Estimate, second: Estimate, limit: float = BEYOND) 
 
     common = [name for name in first.names if name in second.names]
     if not common:
-        raise ModelError("no parameter in common", where="comparison of two estimates", remedy="compare estimates of one model")
-    a, b = [first.names.index(name) for name in common], [second.names.index(name) for name in common]
+        raise ModelError(
+            "no parameter in common",
+            where="comparison of two estimates",
+            remedy="compare estimates of one model",
+        )
+    a, b = (
+        [first.names.index(name) for name in common],
+        [second.names.index(name) for name in common],
+    )
     for name, i, j in zip(common, a, b, strict=True):
         if first.units[i] != second.units[j]:
             what = f"one is in {first.units[i]}, the other in {second.units[j]}"
@@ -204,12 +264,26 @@ def compare_estimates(first: Estimate, second: Estimate, limit: float = BEYOND) 
     scale = np.sqrt(np.maximum(np.diag(P), 0.0))
     rows = []
     for k, name in enumerate(common):
-        z = float(d[k] / scale[k]) if scale[k] > 0 else (0.0 if d[k] == 0 else float(np.copysign(1e9, d[k])))
-        values = (float(first.values[a[k]]), float(first.std[a[k]]), float(second.values[b[k]]), float(second.std[b[k]]))
+        z = (
+            float(d[k] / scale[k])
+            if scale[k] > 0
+            else (0.0 if d[k] == 0 else float(np.copysign(1e9, d[k])))
+        )
+        values = (
+            float(first.values[a[k]]),
+            float(first.std[a[k]]),
+            float(second.values[b[k]]),
+            float(second.std[b[k]]),
+        )
         rows.append(Difference(name, first.units[a[k]], *values, z, abs(z) > limit))
     kept = scale > 0
     whole = P[np.ix_(kept, kept)] / np.outer(scale[kept], scale[kept])
     white = d[kept] / scale[kept]
-    statistic, degrees = float(white @ np.linalg.pinv(whole, hermitian=True) @ white), int(np.linalg.matrix_rank(whole, hermitian=True))
+    statistic, degrees = (
+        float(white @ np.linalg.pinv(whole, hermitian=True) @ white),
+        int(np.linalg.matrix_rank(whole, hermitian=True)),
+    )
     ordered = tuple(sorted(rows, key=lambda item: -abs(item.z)))
-    return Comparison(ordered, statistic, degrees, float(chdtrc(degrees, statistic)) if degrees else 1.0)
+    return Comparison(
+        ordered, statistic, degrees, float(chdtrc(degrees, statistic)) if degrees else 1.0
+    )

@@ -31,10 +31,15 @@ class Verdict(Enum):
 
 _SENTENCES = {
     Verdict.CONSISTENT: "the residual is what the noise alone would give: nothing is missing",
-    Verdict.TRACED: "the effects listed explain what was missing: what remains is noise, also on data that were not fitted",
+    Verdict.TRACED: (
+        "the effects listed explain what was missing: what remains is noise, also on data that "
+        "were not fitted"
+    ),
     Verdict.PARTIAL: "the records need the effects listed, but what remains is not noise",
     Verdict.AMBIGUOUS: "an effect is needed, but these data cannot tell it from its alternatives",
-    Verdict.UNEXPLAINED: "something is missing, and no effect of the library can be named as its cause",
+    Verdict.UNEXPLAINED: (
+        "something is missing, and no effect of the library can be named as its cause"
+    ),
 }
 
 
@@ -52,9 +57,9 @@ class Requirement:
 
     Attributes
     ----------
-    asked : the quantity that is asked about, in words. value : what was found. bar : what is required.
-    at_least : whether the value has to reach the bar; else it must not exceed it. unit : of both.
-    effects : names of the effects that it keeps from being claimed; empty for all of them.
+    asked : the quantity that is asked about, in words. value : what was found. bar : what is
+    required. at_least : whether the value has to reach the bar; else it must not exceed it. unit :
+    of both. effects : names of the effects that it keeps from being claimed; empty for all of them.
     """
 
     asked: str
@@ -74,7 +79,8 @@ class Requirement:
 
 @dataclass(frozen=True)
 class Caution:
-    """What speaks against more than the verdict says: its kind, a sentence, and the residual test where one failed.
+    """What speaks against more than the verdict says: its kind, a sentence, and the residual test
+    where one failed.
 
     ``requirement`` : what was asked, with its number; None where the sentence has all there is.
     """
@@ -98,14 +104,16 @@ class Quantity:
 class Claim:
     """One effect of the verdict.
 
-    ``parameters`` by local name; ``alternatives`` (two at most) fit these data as well; ``claimed`` False marks a hint.
-    ``records`` numbers those it acts on (from 0) where it does not act on all.
-    ``by_record`` : its parameters as each fitted record has them, where what remains is not noise; empty where all share less.
-    ``derivatives_under`` : the declared parameters with it, and with each alternative in its place, by effect name; empty without any.
-    ``probability`` that it acts, and of each that could take its place, by name; empty of hints.
-    ``spread`` : where what remains is not noise, its log evidence over the scatter of that between blocks of time (z of Vuong's test).
-    ``one_step_gains`` : by how much it raises the log likelihood of one-step predictions of each record that was not fitted, where that decided.
-    ``reasons`` : of a hint, why it is not claimed, a sentence each with the number and the bar.
+    ``parameters`` by local name; ``alternatives`` (two at most) fit these data as well; ``claimed``
+    False marks a hint. ``records`` numbers those it acts on (from 0) where it does not act on all.
+    ``by_record`` : its parameters as each fitted record has them, where what remains is not noise;
+    empty where all share less. ``derivatives_under`` : the declared parameters with it, and with
+    each alternative in its place, by effect name; empty without any. ``probability`` that it acts,
+    and of each that could take its place, by name; empty of hints. ``spread`` : where what remains
+    is not noise, its log evidence over the scatter of that between blocks of time (z of Vuong's
+    test). ``one_step_gains`` : by how much it raises the log likelihood of one-step predictions of
+    each record that was not fitted, where that decided. ``reasons`` : of a hint, why it is not
+    claimed, a sentence each with the number and the bar.
     """
 
     name: str
@@ -124,10 +132,12 @@ class Claim:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One candidate added to one fitted set of the search; ``within`` names the effects that were already in it.
+    """One candidate added to one fitted set of the search; ``within`` names the effects that were
+    already in it.
 
-    ``gain`` of the log evidence; ``weight`` the same with its prior odds: above zero it is more probable that it acts than that it does not.
-    ``fitted`` False: both are those of the linearised signature, and parameters are not told.
+    ``gain`` of the log evidence; ``weight`` the same with its prior odds: above zero it is more
+    probable that it acts than that it does not. ``fitted`` False: both are those of the linearised
+    signature, and parameters are not told.
     """
 
     round: int
@@ -142,7 +152,9 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Step:
-    """One step of the search: the most probable set after it, its log evidence and log likelihood, and what was done in words."""
+    """One step of the search: the most probable set after it, its log evidence and log likelihood,
+    and what was done in words.
+    """
 
     effects: tuple[str, ...]
     log_evidence: float
@@ -152,7 +164,9 @@ class Step:
 
 @dataclass(frozen=True)
 class ErrorFigures:
-    """Simulation error by channel: root mean square, that over the measured spread, R squared, Theil's coefficient."""
+    """Simulation error by channel: root mean square, that over the measured spread, R squared,
+    Theil's coefficient.
+    """
 
     rmse: Mapping[str, float]
     nrmse: Mapping[str, float]
@@ -172,9 +186,11 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """What the fitted records say of a model with effects: all that a free simulation of another record takes from them.
+    """What the fitted records say of a model with effects: all that a free simulation of another
+    record takes from them.
 
-    ``shared`` by parameter; ``own``, one mapping a fitted record, by the parameters that are each record's own and by ``STATE(0)``.
+    ``shared`` by parameter; ``own``, one mapping a fitted record, by the parameters that are each
+    record's own and by ``STATE(0)``.
     """
 
     effects: tuple[Traceable, ...]
@@ -186,7 +202,9 @@ class Trained:
 
 @dataclass(frozen=True, eq=False)
 class FittedRecord:
-    """A training record with the residuals ``(m, N)`` before and after; ``used`` False where a sample was set aside."""
+    """A training record with the residuals ``(m, N)`` before and after; ``used`` False where a
+    sample was set aside.
+    """
 
     record: Record
     channels: tuple[str, ...]
@@ -201,17 +219,19 @@ class Diagnosis:
 
     Attributes
     ----------
-    before, after : derivatives of the declared model and of the final one. derived_before, derived_after : frequency, damping, ...
-    error_before, error_after : on ``predictions``; ``held_out`` False where these were fitted.
-    noise_floor : sensor noise by channel: the level of the fit where its residual is white, else estimated from the residual's high
+    before, after : derivatives of the declared model and of the final one. derived_before,
+    derived_after : frequency, damping, ... error_before, error_after : on ``predictions``;
+    ``held_out`` False where these were fitted. noise_floor : sensor noise by channel: the level of
+    the fit where its residual is white, else estimated from the residual's high
         frequencies. residual_std : the level of the fit, whatever is in it.
     tests_before, tests_after : residual tests. steps, candidates : how the search went.
-    seconds : time by stage. scatter : standard deviation of declared parameters between fits of single records, where they were made.
-    modes_before, modes_after : numbers of the modes from which levels of flying qualities follow, None where there are none.
-    stopped : a search used all its fits.
-    trained_before, trained_after : what another record is predicted with.
-    not_met : requirements that were not met, where something is not claimed or not all is explained.
-    inflation : the factor that differences between records put on sigmas of these parameters, after; those before have one of their own.
+    seconds : time by stage. scatter : standard deviation of declared parameters between fits of
+    single records, where they were made. modes_before, modes_after : numbers of the modes from
+    which levels of flying qualities follow, None where there are none. stopped : a search used all
+    its fits. trained_before, trained_after : what another record is predicted with. not_met :
+    requirements that were not met, where something is not claimed or not all is explained.
+    inflation : the factor that differences between records put on sigmas of these parameters,
+    after; those before have one of their own.
     """
 
     verdict: Verdict
@@ -243,5 +263,10 @@ class Diagnosis:
     not_met: tuple[Requirement, ...] = ()
 
     def __repr__(self) -> str:
-        named = ", ".join(claim.name for claim in self.effects if claim.claimed) or "no effect claimed"
-        return f"<Diagnosis: {self.verdict.value}, {named}, {len(self.fitted)} records fitted and {len(self.predictions)} predicted>"
+        named = (
+            ", ".join(claim.name for claim in self.effects if claim.claimed) or "no effect claimed"
+        )
+        return (
+            f"<Diagnosis: {self.verdict.value}, {named}, {len(self.fitted)} records fitted and "
+            f"{len(self.predictions)} predicted>"
+        )

@@ -1,4 +1,6 @@
-"""A record that took no part in a search, predicted later; samples that count in the errors of what was predicted."""
+"""A record that took no part in a search, predicted later; samples that count in the errors of what
+was predicted.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,13 @@ class Predicted:
     finite: bool
 
 
-def predict(before: Trained, after: Trained, declared: Model, parts: Sequence[Record], spiked: Sequence[str] = ()) -> Predicted:
+def predict(
+    before: Trained,
+    after: Trained,
+    declared: Model,
+    parts: Sequence[Record],
+    spiked: Sequence[str] = (),
+) -> Predicted:
     """Predict a record, or its parts between gaps, with the declared model as fitted, and with the
     effects found.
 
@@ -59,9 +67,19 @@ def predict(before: Trained, after: Trained, declared: Model, parts: Sequence[Re
     masks = held_out_masks(frozen_on(before, declared, mended, None), mended, outputs)
     fits = [frozen_on(trained, declared, mended, masks).frozen for trained in (before, after)]
     channels = tuple(name for name in outputs if any(name in part.output_names for part in parts))
-    rows = [[prediction(fit, number, part, channels) for number, part in enumerate(parts)] for fit in fits]
-    every = spike_masks_of(fits[1], measured_masks(parts, outputs)) if fits[1] is not None else measured_masks(parts, outputs)
+    rows = [
+        [prediction(fit, number, part, channels) for number, part in enumerate(parts)]
+        for fit in fits
+    ]
+    every = (
+        spike_masks_of(fits[1], measured_masks(parts, outputs))
+        if fits[1] is not None
+        else measured_masks(parts, outputs)
+    )
     counted = tuple(mask[[*map(outputs.index, channels)]] for mask in every)
     figures = [error_figures(of_fit, parts, counted, channels) for of_fit in rows]
-    predictions = tuple(Prediction(part, channels, rows[0][number], rows[1][number]) for number, part in enumerate(parts))
+    predictions = tuple(
+        Prediction(part, channels, rows[0][number], rows[1][number])
+        for number, part in enumerate(parts)
+    )
     return Predicted(predictions, figures[0], figures[1], counted, fits[1] is not None)

@@ -70,7 +70,11 @@ def diagnose(
     ModelError : a record without any output of the model, or a model that cannot be fitted at all.
     """
     watch = Stopwatch()
-    outputs = [signal.name for signal in model.equations.outputs if any(signal.name in record.output_names for record in records)]
+    outputs = [
+        signal.name
+        for signal in model.equations.outputs
+        if any(signal.name in record.output_names for record in records)
+    ]
     masks = measured_masks(records, outputs)
     offered = (*candidates, *guards)
     settings = settings or TraceSettings()
@@ -128,7 +132,9 @@ class Stopwatch:
         self.seconds[name] = clock.perf_counter() - self.started - sum(self.seconds.values())
 
 
-def if_nothing_is_found(declared: Declared, held: HeldOutData, validation: Sequence[Record]) -> Diagnosis:
+def if_nothing_is_found(
+    declared: Declared, held: HeldOutData, validation: Sequence[Record]
+) -> Diagnosis:
     """What there is to report of the declared model alone, called consistent without a search."""
     root, scatter = declared.root, RecordScatter()
     tests = residual_tests(root, HeldOut(None, None))
@@ -137,7 +143,9 @@ def if_nothing_is_found(declared: Declared, held: HeldOutData, validation: Seque
     return reported(declared.problem, before, after, held, validation, {})
 
 
-def _still_needed(spikes: Sequence[Claim], problem: TraceProblem, records: Sequence[Record], best: FittedModel) -> Sequence[Claim]:
+def _still_needed(
+    spikes: Sequence[Claim], problem: TraceProblem, records: Sequence[Record], best: FittedModel
+) -> Sequence[Claim]:
     """Wrong samples of inputs, where the set that was found needs them mended as well."""
     if not spikes:
         return ()
@@ -146,7 +154,9 @@ def _still_needed(spikes: Sequence[Claim], problem: TraceProblem, records: Seque
     return spikes if brought > -np.log(ODDS / FEWEST) else ()
 
 
-def _scatter(problem: TraceProblem, root: FittedModel, judgement: Judgement, held: HeldOutData) -> tuple[RecordScatter, RecordScatter]:
+def _scatter(
+    problem: TraceProblem, root: FittedModel, judgement: Judgement, held: HeldOutData
+) -> tuple[RecordScatter, RecordScatter]:
     """By how much records differ, before and after: asked where what remains is not noise."""
     if judgement.verdict not in (Verdict.UNEXPLAINED, Verdict.PARTIAL):
         return RecordScatter(), RecordScatter()

@@ -1,4 +1,6 @@
-"""What a fit leaves, by channel: how coloured, at which frequencies, when, and what it goes with."""
+"""What a fit leaves, by channel: how coloured, at which frequencies, when, and what it goes
+with.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ SURE = 4.0  # standard deviations of chance (Bartlett), the best of a few dozen 
 class Company:
     """What a residual goes with: a signal's ``name``, its ``form``, the correlation.
 
-    ``form``: ``"itself"``, ``"rate"``, ``"square"``, or ``"product"`` with the record's first input.
+    ``form``: ``"itself"``, ``"rate"``, ``"square"``, or ``"product"`` with the record's first
+    input.
 
     ``later``: by how many s the residual is behind it.
     """
@@ -41,9 +44,10 @@ class Company:
 class Leftover:
     """What is left in one channel over all fitted records.
 
-    ``rms`` in the channel's unit; ``correlation`` of neighbouring samples. ``peak`` (Hz): largest power per frequency; ``below`` (Hz):
-    four fifths of the power lie below it. ``record`` (from 0), ``begin``, ``end`` (s): the ``WINDOW`` with the largest mean square, ``times``
-    its root over ``rms``. ``company``: None where it goes with nothing that was looked at.
+    ``rms`` in the channel's unit; ``correlation`` of neighbouring samples. ``peak`` (Hz): largest
+    power per frequency; ``below`` (Hz): four fifths of the power lie below it. ``record`` (from 0),
+    ``begin``, ``end`` (s): the ``WINDOW`` with the largest mean square, ``times`` its root over
+    ``rms``. ``company``: None where it goes with nothing that was looked at.
     """
 
     channel: str
@@ -60,13 +64,18 @@ class Leftover:
 
 
 def left_over(fitted: Sequence[FittedRecord], channel: str) -> Leftover | None:
-    """Describe the residuals of one channel after the fit; None where fewer than 20 samples of it were used.
+    """Describe the residuals of one channel after the fit; None where fewer than 20 samples of it
+    were used.
 
-    It is compared with inputs and simulated outputs (which hold no noise), their rates, squares and products with the first input,
-    shifted by up to half a second either way.
-    What chance does to a correlation of two coloured series is Bartlett's sum of the products of their autocorrelations.
+    It is compared with inputs and simulated outputs (which hold no noise), their rates, squares and
+    products with the first input, shifted by up to half a second either way. What chance does to a
+    correlation of two coloured series is Bartlett's sum of the products of their autocorrelations.
     """
-    parts = [_part(item, channel) for item in fitted if channel in item.channels and channel in item.record.output_names]
+    parts = [
+        _part(item, channel)
+        for item in fitted
+        if channel in item.channels and channel in item.record.output_names
+    ]
     parts = [part for part in parts if np.count_nonzero(part.used) >= thresholds.FEWEST_SAMPLES]
     if not parts:
         return None
@@ -79,34 +88,71 @@ def left_over(fitted: Sequence[FittedRecord], channel: str) -> Leftover | None:
     peak, below = _frequencies(parts)
     where, begin, end, times = _when(parts, rms)
     number = next(n for n, item in enumerate(fitted) if item is where)
-    return Leftover(channel, where.record[channel].unit, rms, neighbours, peak, below, number, begin, end, times, _company(parts))
+    return Leftover(
+        channel,
+        where.record[channel].unit,
+        rms,
+        neighbours,
+        peak,
+        below,
+        number,
+        begin,
+        end,
+        times,
+        _company(parts),
+    )
 
 
-def noise_floors(fitted: Sequence[FittedRecord], tests: Sequence[ResidualTest], levels: Mapping[str, float]) -> dict[str, float]:
-    """Sensor noise by channel: the fit's own ``levels`` where its residual is white, else that of the residual's high frequencies.
+def noise_floors(
+    fitted: Sequence[FittedRecord], tests: Sequence[ResidualTest], levels: Mapping[str, float]
+) -> dict[str, float]:
+    """Sensor noise by channel: the fit's own ``levels`` where its residual is white, else that of
+    the residual's high frequencies.
 
-    A residual that shows none keeps its level; no noise is larger than it, or smaller than the rounding of the channel's converter.
+    A residual that shows none keeps its level; no noise is larger than it, or smaller than the
+    rounding of the channel's converter.
     """
     coloured = {test.channel.partition(",")[0] for test in tests if not test.passed}
     out = dict(levels)
     for name in coloured & set(levels):
-        parts = [_part(item, name) for item in fitted if name in item.channels and name in item.record.output_names]
-        runs = [run for part in parts for run in used_runs(part.item.record.time, part.residual, part.used)]
-        found = measurable_noise(sensor_noise(runs), [part.item.record[name].values[part.item.record[name].valid] for part in parts])
+        parts = [
+            _part(item, name)
+            for item in fitted
+            if name in item.channels and name in item.record.output_names
+        ]
+        runs = [
+            run
+            for part in parts
+            for run in used_runs(part.item.record.time, part.residual, part.used)
+        ]
+        found = measurable_noise(
+            sensor_noise(runs),
+            [part.item.record[name].values[part.item.record[name].valid] for part in parts],
+        )
         out[name] = min(levels[name], found) if found is not None else levels[name]
     return out
 
 
 def noise_shown(fit: Fit, name: str) -> float | None:
-    """Sensor noise that high frequencies of a fit's residuals of one output show; None where they tell none."""
+    """Sensor noise that high frequencies of a fit's residuals of one output show; None where they
+    tell none.
+    """
     i = fit.layout.system.output_names.index(name)
     each = zip(fit.layout.problems, fit.residuals, strict=True)
-    return sensor_noise([run for problem, residual in each for run in used_runs(problem.record.time, residual[i], problem.valid[i])])
+    return sensor_noise(
+        [
+            run
+            for problem, residual in each
+            for run in used_runs(problem.record.time, residual[i], problem.valid[i])
+        ]
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Residual of one channel in one record ``(N,)``, zero where unused, with the mean taken off."""
+    """Residual of one channel in one record ``(N,)``, zero where unused, with the mean taken
+    off.
+    """
 
     item: FittedRecord
     residual: np.ndarray
@@ -127,7 +173,9 @@ def _part(item: FittedRecord, channel: str) -> _Part:
 
 
 def _frequencies(parts: Sequence[_Part]) -> tuple[float, float]:
-    """Frequency of the largest power and that below which four fifths lie, Hz; Hann window, mean over records, three neighbours smoothed."""
+    """Frequency of the largest power and that below which four fifths lie, Hz; Hann window, mean
+    over records, three neighbours smoothed.
+    """
     highest = min(0.5 / part.interval for part in parts)
     lowest = max(1.0 / (part.interval * len(part.residual)) for part in parts)
     hertz = np.arange(lowest, highest, lowest)
@@ -136,19 +184,29 @@ def _frequencies(parts: Sequence[_Part]) -> tuple[float, float]:
     total = np.zeros(len(hertz))
     for part in parts:
         found = np.abs(np.fft.rfft(part.residual * np.hanning(len(part.residual)))) ** 2
-        total += np.interp(hertz, np.fft.rfftfreq(len(part.residual), part.interval), found) * part.interval
+        total += (
+            np.interp(hertz, np.fft.rfftfreq(len(part.residual), part.interval), found)
+            * part.interval
+        )
     smooth = np.convolve(np.pad(total, 1, mode="edge"), np.ones(3) / 3.0, mode="valid")
     share = np.cumsum(total) / total.sum()
-    return float(hertz[np.argmax(smooth)]), float(hertz[min(int(np.searchsorted(share, 0.8)), len(hertz) - 1)])
+    return float(hertz[np.argmax(smooth)]), float(
+        hertz[min(int(np.searchsorted(share, 0.8)), len(hertz) - 1)]
+    )
 
 
 def _when(parts: Sequence[_Part], rms: float) -> tuple[FittedRecord, float, float, float]:
-    """Record, begin, end and size of the window with the largest mean square; half of it at least must be measured."""
+    """Record, begin, end and size of the window with the largest mean square; half of it at least
+    must be measured.
+    """
     best = (parts[0].item, 0.0, 0.0, -1.0)
     for part in parts:
         time = part.item.record.time
         size = min(max(3, round(WINDOW / part.interval)), len(time))
-        squares, counts = (np.convolve(x, np.ones(size), mode="valid") for x in (part.residual**2, part.used.astype(float)))
+        squares, counts = (
+            np.convolve(x, np.ones(size), mode="valid")
+            for x in (part.residual**2, part.used.astype(float))
+        )
         mean = np.where(counts >= 0.5 * size, squares / np.maximum(counts, 1.0), -1.0)
         at = int(np.argmax(mean))
         if mean[at] > best[3]:
@@ -167,26 +225,52 @@ def _company(parts: Sequence[_Part]) -> Company | None:
         interval = max(part.interval for part in parts)
         shifts = np.arange(-int(SHIFT / interval), int(SHIFT / interval) + 1)
         scale = np.sqrt(sum(sizes) * sum(float(part.residual @ part.residual) for part in parts))
-        r = sum(_correlations(part, s, shifts * interval) for part, s in zip(parts, series, strict=True)) / scale
-        chance = np.sqrt(sum(_chance(part.residual, s) for part, s in zip(parts, series, strict=True))) / scale
+        r = (
+            sum(
+                _correlations(part, s, shifts * interval)
+                for part, s in zip(parts, series, strict=True)
+            )
+            / scale
+        )
+        chance = (
+            np.sqrt(sum(_chance(part.residual, s) for part, s in zip(parts, series, strict=True)))
+            / scale
+        )
         at = int(np.argmax(np.abs(r)))
         if abs(r[at]) > WORTH_A_WORD and abs(r[at]) > SURE * chance:
-            found.append((abs(r[at]) / chance, Company(name, form, float(r[at]), float(shifts[at] * interval))))
+            found.append(
+                (
+                    abs(r[at]) / chance,
+                    Company(name, form, float(r[at]), float(shifts[at] * interval)),
+                )
+            )
     # Of what is about as certain, the plainer: a signal before its rate, that before a square.
     best = max((sure for sure, _ in found), default=0.0)
     return next((company for sure, company in found if sure >= 0.9 * best), None)
 
 
 def _signals(parts: Sequence[_Part]) -> list[tuple[str, str]]:
-    shared = [set(part.item.record.input_names) | set(part.item.channels) & set(part.item.record.output_names) for part in parts]
+    shared = [
+        set(part.item.record.input_names)
+        | set(part.item.channels) & set(part.item.record.output_names)
+        for part in parts
+    ]
     first = parts[0].item
-    names = [name for name in (*first.record.input_names, *first.channels) if all(name in each for each in shared)]
-    products = [(name, "product") for name in names if first.record.input_names[:1] not in ((), (name,))]
+    names = [
+        name
+        for name in (*first.record.input_names, *first.channels)
+        if all(name in each for each in shared)
+    ]
+    products = [
+        (name, "product") for name in names if first.record.input_names[:1] not in ((), (name,))
+    ]
     return [*((name, form) for form in ("itself", "rate", "square") for name in names), *products]
 
 
 def _signal(part: _Part, name: str, form: str) -> np.ndarray:
-    """An input, or an output as the fit has it, away from its mean; its rate, square, or product with the first input; mean taken off."""
+    """An input, or an output as the fit has it, away from its mean; its rate, square, or product
+    with the first input; mean taken off.
+    """
     item = part.item
     if name in item.record.input_names:
         values = item.record[name].values
@@ -196,7 +280,11 @@ def _signal(part: _Part, name: str, form: str) -> np.ndarray:
         if np.count_nonzero(known) < thresholds.FEWEST_SAMPLES:
             return np.zeros(len(part.residual))
         time = item.record.time
-        values = np.clip(np.interp(time, time[known], (item.record[name].values - item.after[row])[known]), -LARGEST, LARGEST)
+        values = np.clip(
+            np.interp(time, time[known], (item.record[name].values - item.after[row])[known]),
+            -LARGEST,
+            LARGEST,
+        )
     values = values - values.mean()
     if form == "rate":
         values = np.gradient(values, item.record.time)
@@ -212,13 +300,21 @@ def _correlations(part: _Part, signal: np.ndarray, later: np.ndarray) -> np.ndar
     """Sum of products of the residual with the signal ``later`` seconds before it."""
     n = len(signal)
     size = 1 << int(np.ceil(np.log2(2 * n)))
-    every = np.fft.irfft(np.fft.rfft(part.residual, size) * np.conj(np.fft.rfft(signal, size)), size)
+    every = np.fft.irfft(
+        np.fft.rfft(part.residual, size) * np.conj(np.fft.rfft(signal, size)), size
+    )
     return np.asarray(every[np.round(later / part.interval).astype(int) % size])
 
 
 def _chance(a: np.ndarray, b: np.ndarray) -> float:
-    """Variance of the sum of products of two series that have nothing to do with each other (Bartlett, 1946)."""
+    """Variance of the sum of products of two series that have nothing to do with each other
+    (Bartlett, 1946).
+    """
     lags = max(10, len(a) // 5)
     return len(a) * max(
-        float(2.0 * np.sum(autocovariance(a, lags) * autocovariance(b, lags)) - autocovariance(a, 0)[0] * autocovariance(b, 0)[0]), 1e-300
+        float(
+            2.0 * np.sum(autocovariance(a, lags) * autocovariance(b, lags))
+            - autocovariance(a, 0)[0] * autocovariance(b, 0)[0]
+        ),
+        1e-300,
     )

@@ -1,4 +1,6 @@
-"""From fitted models and their predictions to a Diagnosis: derivatives with sigmas, error figures, what was fitted and predicted."""
+"""From fitted models and their predictions to a Diagnosis: derivatives with sigmas, error figures,
+what was fitted and predicted.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +11,27 @@ from types import MappingProxyType
 import numpy as np
 
 from ident.estimate import Estimate
-from ident.flying_qualities.modes import MODAL_UNITS, Characteristics, characteristics, modal_estimate
+from ident.flying_qualities.modes import (
+    MODAL_UNITS,
+    Characteristics,
+    characteristics,
+    modal_estimate,
+)
 from ident.process_noise.best_start import levels_at_limit
 from ident.process_noise.filter_error import filter_error_estimate, noise_levels
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
-from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity, Requirement, Verdict
+from ident.tracing.diagnosis import (
+    Claim,
+    Diagnosis,
+    FittedRecord,
+    Prediction,
+    Quantity,
+    Requirement,
+    Verdict,
+)
 from ident.tracing.later_record import spike_masks_of
 from ident.tracing.residual_structure import noise_floors, noise_shown
 from ident.tracing.spikes.masks import measured_masks
@@ -42,9 +57,11 @@ def _under_each(
     inflation: Mapping[str, float],
     spread: Callable[[FittedModel], Mapping[str, float]],
 ) -> Claim:
-    """A claim with the derivatives under its own name and under each alternative in its place, all with sigmas of one kind.
+    """A claim with the derivatives under its own name and under each alternative in its place, all
+    with sigmas of one kind.
 
-    ``under`` : those of the set that was judged. ``spread`` : by how much those of a set move with the form of its effects.
+    ``under`` : those of the set that was judged. ``spread`` : by how much those of a set move with
+    the form of its effects.
     """
     offered, members = {each.name: each for each in problem.candidates}, {}
     rest = [each for each in best.effects if each.name != claim.name]
@@ -73,22 +90,39 @@ class Outcome:
 
 
 def _tests_of_floor(before: Before, judgement: Judgement) -> tuple[ResidualTest, ...]:
-    """Tests that say which residuals are noise: where nothing is named, those of the declared model."""
-    # A guard or turbulence that won leaves white innovations: its tests would pass the declared model's residual off as sensor noise.
+    """Tests that say which residuals are noise: where nothing is named, those of the declared
+    model.
+    """
+    # A guard or turbulence that won leaves white innovations: its tests would pass the declared
+    # model's residual off as sensor noise.
     return before.tests if judgement.verdict is Verdict.UNEXPLAINED else judgement.tests.all
 
 
 def reported(
-    problem: TraceProblem, before: Before, after: Outcome, held: HeldOutData, validation: Sequence[Record], seconds: Mapping[str, float]
+    problem: TraceProblem,
+    before: Before,
+    after: Outcome,
+    held: HeldOutData,
+    validation: Sequence[Record],
+    seconds: Mapping[str, float],
 ) -> Diagnosis:
-    """All that a Diagnosis holds. ``validation`` are the records that are not fitted as they were given, spikes of their inputs included."""
+    """All that a Diagnosis holds. ``validation`` are the records that are not fitted as they were
+    given, spikes of their inputs included.
+    """
     judgement, root = after.judgement, before.root
     best, inflation = judgement.best, after.scatter.inflation
     shown = validation or problem.records
     fits = (held.declared.frozen, judgement.out.frozen) if validation else (root.fit, best.fit)
-    channels = [name for name in problem.outputs if any(name in record.output_names for record in shown)]
+    channels = [
+        name for name in problem.outputs if any(name in record.output_names for record in shown)
+    ]
     predictions = [
-        Prediction(record, tuple(channels), prediction(fits[0], r, record, channels), prediction(fits[1], r, record, channels))
+        Prediction(
+            record,
+            tuple(channels),
+            prediction(fits[0], r, record, channels),
+            prediction(fits[1], r, record, channels),
+        )
         for r, record in enumerate(shown)
     ]
     masks = _shown_masks(problem, channels, shown, fits[1] if validation else None)
@@ -101,14 +135,22 @@ def reported(
     every_level = _noise_levels(root, best)
     levels = {name: std for name, std in every_level.items() if name in channels}
     fitted = tuple(
-        FittedRecord(record, best.system.output_names, root.fit.residuals[r], _in_units(best, r, every_level), problem.masks[r])
+        FittedRecord(
+            record,
+            best.system.output_names,
+            root.fit.residuals[r],
+            _in_units(best, r, every_level),
+            problem.masks[r],
+        )
         for r, record in enumerate(problem.records)
     )
     not_met = requirements_not_met(judgement)
     claims = tuple(with_reasons(claim, judgement, not_met) for claim in judgement.claims)
     return Diagnosis(
         verdict=judgement.verdict,
-        effects=tuple(_under_each(problem, best, claim, under, inflation, spread) for claim in claims),
+        effects=tuple(
+            _under_each(problem, best, claim, under, inflation, spread) for claim in claims
+        ),
         before=_derivatives(problem, root, before.scatter.inflation),
         after=under,
         trained_before=root.trained,
@@ -137,28 +179,51 @@ def reported(
 
 
 def requirements_not_met(judgement: Judgement) -> tuple[Requirement, ...]:
-    """Requirements that were not met; of residual tests the one with the smallest p-value, which counts the others."""
+    """Requirements that were not met; of residual tests the one with the smallest p-value, which
+    counts the others.
+    """
     cautions = [caution for caution in judgement.cautions if caution.requirement is not None]
-    tests = [caution.requirement for caution in cautions if caution.test is not None and caution.requirement is not None]
-    others = [caution.requirement for caution in cautions if caution.test is None and caution.requirement is not None]
+    tests = [
+        caution.requirement
+        for caution in cautions
+        if caution.test is not None and caution.requirement is not None
+    ]
+    others = [
+        caution.requirement
+        for caution in cautions
+        if caution.test is None and caution.requirement is not None
+    ]
     if tests:
         worst = min(tests, key=lambda each: each.value)
-        many = f"{len(tests)} of {len(judgement.tests.all)} residual tests fail, and the smallest p-value"
+        many = (
+            f"{len(tests)} of {len(judgement.tests.all)} residual tests fail, and the smallest "
+            "p-value"
+        )
         tests = [replace(worst, asked=many) if len(tests) > 1 else worst]
     return (*others, *tests)
 
 
 def with_reasons(claim: Claim, judgement: Judgement, not_met: Sequence[Requirement]) -> Claim:
-    """A hint with the reasons why it is not claimed: what was not met of it or of all, and cautions that have no number."""
+    """A hint with the reasons why it is not claimed: what was not met of it or of all, and cautions
+    that have no number.
+    """
     if claim.claimed or claim.reasons:
         return claim
-    mine = [requirement.sentence for requirement in not_met if not requirement.effects or claim.name in requirement.effects]
+    mine = [
+        requirement.sentence
+        for requirement in not_met
+        if not requirement.effects or claim.name in requirement.effects
+    ]
     plain = [caution.sentence for caution in judgement.cautions if caution.requirement is None]
     return replace(claim, reasons=(*mine, *(plain if not mine else [])))
 
 
-def _shown_masks(problem: TraceProblem, channels: Sequence[str], shown: Sequence[Record], fit: Fit | None) -> list[np.ndarray]:
-    """Samples that errors are counted over, ``(channels, N)`` a record; ``fit`` of records that were not fitted."""
+def _shown_masks(
+    problem: TraceProblem, channels: Sequence[str], shown: Sequence[Record], fit: Fit | None
+) -> list[np.ndarray]:
+    """Samples that errors are counted over, ``(channels, N)`` a record; ``fit`` of records that
+    were not fitted.
+    """
     masks = measured_masks(shown, problem.outputs)
     if shown is problem.records:
         masks = [mask & used for mask, used in zip(masks, problem.masks, strict=True)]
@@ -169,9 +234,13 @@ def _shown_masks(problem: TraceProblem, channels: Sequence[str], shown: Sequence
 
 
 def _derivatives(
-    problem: TraceProblem, fitted: FittedModel, inflation: Mapping[str, float] = _NONE, form: Mapping[str, float] = _NONE
+    problem: TraceProblem,
+    fitted: FittedModel,
+    inflation: Mapping[str, float] = _NONE,
+    form: Mapping[str, float] = _NONE,
 ) -> dict[str, Quantity]:
-    """Shared parameters of the declared model, with sigmas corrected for colour, inflated by what records differ by, and by ``form``.
+    """Shared parameters of the declared model, with sigmas corrected for colour, inflated by what
+    records differ by, and by ``form``.
 
     ``form`` is what the form of an effect leaves open, added in squares.
     """
@@ -183,30 +252,46 @@ def _derivatives(
 
     return {
         name: Quantity(float(value), sigma(name, float(std)), unit)
-        for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values, estimate.std, strict=True)
+        for name, unit, value, std in zip(
+            estimate.names, estimate.units, estimate.values, estimate.std, strict=True
+        )
         if name in declared
     }
 
 
 def _derived(fitted: FittedModel, inflation: Mapping[str, float] = _NONE) -> dict[str, Quantity]:
-    """Frequency, damping and delay, with sigmas that follow from those of the derivatives as they are reported."""
+    """Frequency, damping and delay, with sigmas that follow from those of the derivatives as they
+    are reported.
+    """
     if not fitted.system.inputs:
         return {}
     estimate = _inflated_estimate(fitted, inflation)
     modes = modal_estimate(fitted.system, estimate, _slow(fitted))
-    out = {name: Quantity(value, max(std, 1e-300), MODAL_UNITS[name]) for name, (value, std) in modes.items()}
+    out = {
+        name: Quantity(value, max(std, 1e-300), MODAL_UNITS[name])
+        for name, (value, std) in modes.items()
+    }
     if "delay" in estimate.names:
         out["delay"] = Quantity(estimate.value("delay"), max(estimate.sigma("delay"), 1e-300), "s")
     return out
 
 
 def _characteristics(fitted: FittedModel, inflation: Mapping[str, float]) -> Characteristics | None:
-    return characteristics(fitted.system, _inflated_estimate(fitted, inflation), _slow(fitted)) if fitted.system.inputs else None
+    return (
+        characteristics(fitted.system, _inflated_estimate(fitted, inflation), _slow(fitted))
+        if fitted.system.inputs
+        else None
+    )
 
 
 def _slow(fitted: FittedModel) -> set[str]:
     """The short period is meant, at one speed: what any record may have beside it is slower."""
-    return {state.name for effect in fitted.background if isinstance(effect, DynamicsEffect) for state in effect.states}
+    return {
+        state.name
+        for effect in fitted.background
+        if isinstance(effect, DynamicsEffect)
+        for state in effect.states
+    }
 
 
 def _inflated_estimate(fitted: FittedModel, inflation: Mapping[str, float]) -> Estimate:
@@ -216,11 +301,17 @@ def _inflated_estimate(fitted: FittedModel, inflation: Mapping[str, float]) -> E
 
 
 def _estimate(fitted: FittedModel) -> Estimate:
-    return filter_error_estimate(fitted.fit) if has_process_noise(fitted.system) else estimate_of(fitted.fit)
+    return (
+        filter_error_estimate(fitted.fit)
+        if has_process_noise(fitted.system)
+        else estimate_of(fitted.fit)
+    )
 
 
 def _noise_levels(root: FittedModel, best: FittedModel) -> dict[str, float]:
-    """Measurement noise by output; where a fit with process noise lost it, what high frequencies of the declared model's residual show."""
+    """Measurement noise by output; where a fit with process noise lost it, what high frequencies of
+    the declared model's residual show.
+    """
     levels = noise_levels(best.fit)
     if has_process_noise(best.system):
         lost = set(levels_at_limit(best.fit))
@@ -233,7 +324,12 @@ def _noise_levels(root: FittedModel, best: FittedModel) -> dict[str, float]:
 
 
 def _in_units(fitted: FittedModel, r: int, levels: Mapping[str, float]) -> np.ndarray:
-    """Residuals in the outputs' units; innovations, which have variance one, times the noise of their output."""
+    """Residuals in the outputs' units; innovations, which have variance one, times the noise of
+    their output.
+    """
     if not has_process_noise(fitted.system):
         return fitted.fit.residuals[r]
-    return fitted.fit.residuals[r] * np.array([levels[name] for name in fitted.system.output_names])[:, None]
+    return (
+        fitted.fit.residuals[r]
+        * np.array([levels[name] for name in fitted.system.output_names])[:, None]
+    )

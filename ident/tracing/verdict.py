@@ -14,7 +14,9 @@ from ident.tracing.validation.whiteness import whiteness
 
 @dataclass(frozen=True, eq=False)
 class ResidualTests:
-    """Residual tests of the fitted records, and of held-out ones under what the fitted ones taught."""
+    """Residual tests of the fitted records, and of held-out ones under what the fitted ones
+    taught.
+    """
 
     fitted: tuple[ResidualTest, ...]
     others: tuple[ResidualTest, ...] = ()

@@ -1,7 +1,9 @@
-"""Unknowns of a whole-record fit laid out over its records, start trajectories, and the noise model.
+"""Unknowns of a whole-record fit laid out over its records, start trajectories, and the noise
+model.
 
-A NoiseModel turns residuals and sensitivities into those of independent samples. It may have unknowns of its own, which stand
-behind those of the layout in theta. `ident.process_noise.innovations_model` is the one with a Kalman filter.
+A NoiseModel turns residuals and sensitivities into those of independent samples. It may have
+unknowns of its own, which stand behind those of the layout in theta.
+`ident.process_noise.innovations_model` is the one with a Kalman filter.
 """
 
 from __future__ import annotations
@@ -17,7 +19,12 @@ import numpy as np
 from ident.estimate import LARGEST
 from ident.regression.state_histories import rate_relations, windows
 from ident.whole_record.linearise import Linearisation, join_intervals, linearise
-from ident.whole_record.record_problem import RecordProblem, driven_by, interval_ends, record_problem
+from ident.whole_record.record_problem import (
+    RecordProblem,
+    driven_by,
+    interval_ends,
+    record_problem,
+)
 from sim.declaration.effect import Parameter
 from sim.declaration.model import System
 from sim.errors import ModelError
@@ -30,18 +37,24 @@ from sim.record import Record
 SPAN = 60  # a slope is taken over two sixtieths of the record
 
 
-def known_states(record: Record, system: System, p: Sequence[float] | np.ndarray | None = None) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+def known_states(
+    record: Record, system: System, p: Sequence[float] | np.ndarray | None = None
+) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """Position of a state -> times ``(k,)`` and values ``(k,)``; good enough to begin a fit with.
 
-    Of a measured state the bias of its sensor is taken off, at parameters ``p`` (the System's own when None). Slopes are those of
-    straight lines over a window, after a running median of five against spikes.
+    Of a measured state the bias of its sensor is taken off, at parameters ``p`` (the System's own
+    when None). Slopes are those of straight lines over a window, after a running median of five
+    against spikes.
     """
     names = system.state_names
     found: dict[int, tuple[np.ndarray, np.ndarray]] = {}
     for i, name in enumerate(names):
         if name in record.output_names:
             channel = record[name]
-            found[i] = record.time[channel.valid], channel.values[channel.valid] - _bias(system, name, p)
+            found[i] = (
+                record.time[channel.valid],
+                channel.values[channel.valid] - _bias(system, name, p),
+            )
     if len(found) in (0, len(names)):
         return found
     for source, rate in rate_relations(system, record.time).items():
@@ -65,16 +78,24 @@ def _bias(system: System, name: str, p: Sequence[float] | np.ndarray | None) -> 
 
 # ---- Where a whole-record fit takes its states from before there is a trajectory
 
-_CLOSED = 1e-9  # of a state's size: gaps that are left where the states simulated are linear in themselves
+# of a state's size: gaps that are left where the states simulated are linear in themselves
+_CLOSED = 1e-9
 
 
-def guess_states(problem: RecordProblem, p: Sequence[float] | np.ndarray, x0: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Trajectory guess ``(nx, K + 1)``: measured states from the record, the others simulated between.
+def guess_states(
+    problem: RecordProblem, p: Sequence[float] | np.ndarray, x0: Sequence[float] | np.ndarray
+) -> np.ndarray:
+    """Trajectory guess ``(nx, K + 1)``: measured states from the record, the others simulated
+    between.
 
-    Bounded also where the model alone would run away, which a simulation from a wrong start would not be.
+    Bounded also where the model alone would run away, which a simulation from a wrong start would
+    not be.
     """
     system, grid, record = problem.system, problem.grid, problem.record
-    measured = {i: np.interp(grid.nodes, time, values) for i, (time, values) in known_states(record, system, p).items()}
+    measured = {
+        i: np.interp(grid.nodes, time, values)
+        for i, (time, values) in known_states(record, system, p).items()
+    }
     if len(measured) == len(system.states):
         return np.array([measured[i] for i in range(len(measured))])
     drive = driven_by(record, system, p, grid)
@@ -85,9 +106,15 @@ def guess_states(problem: RecordProblem, p: Sequence[float] | np.ndarray, x0: Se
 
 
 def simulated_at_once(
-    problem: RecordProblem, measured: Mapping[int, np.ndarray], drive: Drive, p: Sequence[float] | np.ndarray, x0: Sequence[float] | np.ndarray
+    problem: RecordProblem,
+    measured: Mapping[int, np.ndarray],
+    drive: Drive,
+    p: Sequence[float] | np.ndarray,
+    x0: Sequence[float] | np.ndarray,
 ) -> np.ndarray | None:
-    """States ``(nx, K + 1)``, those that are not measured by one banded solve over all intervals; None where they are not linear in themselves."""
+    """States ``(nx, K + 1)``, those that are not measured by one banded solve over all intervals;
+    None where they are not linear in themselves.
+    """
     free = [i for i in range(len(x0)) if i not in measured]
     X = np.repeat(np.array(x0, dtype=float)[:, None], len(problem.grid.nodes), axis=1)
     for i, values in measured.items():
@@ -100,21 +127,41 @@ def simulated_at_once(
             if not np.all(np.abs(ends) < LARGEST):
                 return None
             if last:
-                return X if np.all(np.abs(defects) <= _CLOSED * np.max(np.abs(X[free]), axis=1, keepdims=True)) else None
+                return (
+                    X
+                    if np.all(
+                        np.abs(defects) <= _CLOSED * np.max(np.abs(X[free]), axis=1, keepdims=True)
+                    )
+                    else None
+                )
             slopes = ends[:, 1:].imag / COMPLEX_STEP
-            X[free] += join_intervals(slopes, np.zeros((len(free), 0, len(defects[0]))), defects, (), start - X[free, 0])[:, 0]
+            X[free] += join_intervals(
+                slopes, np.zeros((len(free), 0, len(defects[0]))), defects, (), start - X[free, 0]
+            )[:, 0]
     return None
 
 
-def _ends(problem: RecordProblem, X: np.ndarray, drive: Drive, p: Sequence[float] | np.ndarray, free: Sequence[int]) -> np.ndarray:
-    """The states ``free`` at the end of each interval, from ``X`` at its beginning and from a complex step of each: ``(f, 1 + f, K)``."""
+def _ends(
+    problem: RecordProblem,
+    X: np.ndarray,
+    drive: Drive,
+    p: Sequence[float] | np.ndarray,
+    free: Sequence[int],
+) -> np.ndarray:
+    """The states ``free`` at the end of each interval, from ``X`` at its beginning and from a
+    complex step of each: ``(f, 1 + f, K)``.
+    """
     start = np.repeat(X[:, None, :-1].astype(complex), 1 + len(free), axis=1)
     start[free, 1 + np.arange(len(free))] += 1j * COMPLEX_STEP
     return interval_ends(problem, list(start), drive, [float(v) for v in p])[list(free)]
 
 
 def simulated_in_turn(
-    problem: RecordProblem, measured: Mapping[int, np.ndarray], drive: Drive, p: Sequence[float] | np.ndarray, x0: Sequence[float] | np.ndarray
+    problem: RecordProblem,
+    measured: Mapping[int, np.ndarray],
+    drive: Drive,
+    p: Sequence[float] | np.ndarray,
+    x0: Sequence[float] | np.ndarray,
 ) -> np.ndarray:
     """States ``(nx, K + 1)``, node by node; beyond the range of numbers a state stays."""
     grid = problem.grid
@@ -127,8 +174,13 @@ def simulated_in_turn(
         out[:, k] = x
         if k < len(grid.nodes) - 1:
             for s in range(k * grid.substeps, (k + 1) * grid.substeps):
-                u = ([row[s] for row in stages[0]], [row[s] for row in stages[1]], [row[s] for row in stages[2]])
-                with suppress(ArithmeticError, ValueError):  # beyond the range of floats the last state serves as well as any
+                u = (
+                    [row[s] for row in stages[0]],
+                    [row[s] for row in stages[1]],
+                    [row[s] for row in stages[2]],
+                )
+                # beyond the range of floats the last state serves as well as any
+                with suppress(ArithmeticError, ValueError):
                     x = problem.step(problem.system.f, times[s], x, u, p, steps[s])
     return out
 
@@ -146,14 +198,16 @@ class FitSettings:
     ----------
     max_step : longest integration sub-step, s.
     iterations : limit of accepted and rejected steps together.
-    tolerance : the fit has settled when a step moves no parameter by more than this share of its sigma.
-    use_priors : add the Gaussian priors of parameters and initial states to the cost.
-    coloured : correct the covariance for residuals that are not white.
-    enough : the fit also ends when a step lowers the cost by less than this: for comparing models it need not be lower.
-    quick : leave out how derivatives move the gains of a filter with process noise: for comparing models, its optimum hardly moves.
-    exact : derivatives by complex steps; ten times dearer than differences, which are good to a millionth.
-    least_damping : of a step where noise levels are unknowns: less is of no use there and would have to be undone after a step too far. Only
-        a motion that grows needs less: what its records know best they know by e^15 better than the rest.
+    tolerance : the fit has settled when a step moves no parameter by more than this share of its
+    sigma. use_priors : add the Gaussian priors of parameters and initial states to the cost.
+    coloured : correct the covariance for residuals that are not white. enough : the fit also ends
+    when a step lowers the cost by less than this: for comparing models it need not be lower. quick
+    : leave out how derivatives move the gains of a filter with process noise: for comparing models,
+    its optimum hardly moves. exact : derivatives by complex steps; ten times dearer than
+    differences, which are good to a millionth. least_damping : of a step where noise levels are
+    unknowns: less is of no use there and would have to be undone after a step too far. Only
+        a motion that grows needs less: what its records know best they know by e^15 better than the
+        rest.
     """
 
     max_step: float = 0.01
@@ -169,7 +223,9 @@ class FitSettings:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Gaussian knowledge of some unknowns: ``mean (k,)`` and ``information (k, k)`` at ``positions`` of theta."""
+    """Gaussian knowledge of some unknowns: ``mean (k,)`` and ``information (k, k)`` at
+    ``positions`` of theta.
+    """
 
     positions: np.ndarray
     mean: np.ndarray
@@ -178,14 +234,16 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class FitLayout:
-    """The unknowns of a fit: shared parameters, then for each record its local parameters and initial states.
+    """The unknowns of a fit: shared parameters, then for each record its local parameters and
+    initial states.
 
     Attributes
     ----------
-    problems : the records laid out. shared, local : names of parameters. starts : positions of free initial states.
-    start, low, high : of all unknowns, ``(n,)``. order : positions of shared and local among the System's parameters.
-    prior : None where no unknown has one. used : ``(m,)`` outputs with at least one sample.
-    smallest : ``(m,)`` variance below which an output is exact to rounding.
+    problems : the records laid out. shared, local : names of parameters. starts : positions of free
+    initial states. start, low, high : of all unknowns, ``(n,)``. order : positions of shared and
+    local among the System's parameters. prior : None where no unknown has one. used : ``(m,)``
+    outputs with at least one sample. smallest : ``(m,)`` variance below which an output is exact to
+    rounding.
     """
 
     system: System
@@ -209,10 +267,16 @@ class FitLayout:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all unknowns; those of one record carry its number from 1 where there are several records."""
+        """Names of all unknowns; those of one record carry its number from 1 where there are
+        several records.
+        """
         mine = [*self.local, *(f"{self.system.state_names[i]}(0)" for i in self.starts)]
         many = len(self.problems) > 1
-        each = (f"{name}, record {r + 1}" if many else name for r in range(len(self.problems)) for name in mine)
+        each = (
+            f"{name}, record {r + 1}" if many else name
+            for r in range(len(self.problems))
+            for name in mine
+        )
         return (*self.shared, *each)
 
     def columns(self, r: int) -> np.ndarray:
@@ -232,7 +296,9 @@ class FitLayout:
 
     def guesses(self, theta: np.ndarray) -> list[np.ndarray]:
         """Trajectory guesses from the measured channels, one a record."""
-        return [guess_states(problem, *self.split(theta, r)) for r, problem in enumerate(self.problems)]
+        return [
+            guess_states(problem, *self.split(theta, r)) for r, problem in enumerate(self.problems)
+        ]
 
 
 def lay_out(
@@ -259,27 +325,55 @@ def lay_out(
     parameters, initial = system.parameters, system.initial
     for record in records:
         if not any(name in record.output_names for name in system.output_names):
-            raise ModelError(f"it has none of the outputs {', '.join(system.output_names)}", where=record.name, remedy="name or map its columns")
+            raise ModelError(
+                f"it has none of the outputs {', '.join(system.output_names)}",
+                where=record.name,
+                remedy="name or map its columns",
+            )
     recorded = {name for record in records for name in record.output_names}
-    free = [n for n in parameters.free_names if not (n.startswith("bias_") and n.removeprefix("bias_") not in recorded)]
+    free = [
+        n
+        for n in parameters.free_names
+        if not (n.startswith("bias_") and n.removeprefix("bias_") not in recorded)
+    ]
     apart = {name for name in free if name.startswith("bias_") or name in local}
     shared, own = tuple(n for n in free if n not in apart), tuple(n for n in free if n in apart)
     starts = tuple(i for i, item in enumerate(initial) if item.free)
     if not free and not starts:
-        raise ModelError("no parameter is free", where=f"model with {', '.join(parameters.names)}", remedy="release at least one")
+        raise ModelError(
+            "no parameter is free",
+            where=f"model with {', '.join(parameters.names)}",
+            remedy="release at least one",
+        )
     order = tuple(parameters.index(name) for name in (*shared, *own))
     problems = tuple(
-        record_problem(record, system, settings.max_step, order, starts, valid=None if masks is None else masks[r], exact=settings.exact)
+        record_problem(
+            record,
+            system,
+            settings.max_step,
+            order,
+            starts,
+            valid=None if masks is None else masks[r],
+            exact=settings.exact,
+        )
         for r, record in enumerate(records)
     )
     mine = [parameters[name] for name in own] + [initial.items[i] for i in starts]
     items = [parameters[name] for name in shared] + mine * len(records)
-    low, high = np.array([item.bounds[0] for item in items]), np.array([item.bounds[1] for item in items])
+    low, high = (
+        np.array([item.bounds[0] for item in items]),
+        np.array([item.bounds[1] for item in items]),
+    )
     first = np.array([item.value for item in items], dtype=float)
     if start is None and not settings.use_priors:
         _seed_initial_states(first, records, system, starts, len(shared), len(own))
     first = np.clip(first if start is None else start, low, high)
-    size = np.array([max(np.max(np.abs(problem.z[i]), initial=0.0) for problem in problems) for i in range(len(system.outputs))])
+    size = np.array(
+        [
+            max(np.max(np.abs(problem.z[i]), initial=0.0) for problem in problems)
+            for i in range(len(system.outputs))
+        ]
+    )
     return FitLayout(
         system,
         settings,
@@ -292,7 +386,12 @@ def lay_out(
         low,
         high,
         _declared_prior(items) if settings.use_priors else None,
-        np.array([any(np.any(problem.valid[i]) for problem in problems) for i in range(len(system.outputs))]),
+        np.array(
+            [
+                any(np.any(problem.valid[i]) for problem in problems)
+                for i in range(len(system.outputs))
+            ]
+        ),
         np.maximum(ROUNDING * size, 1e-30) ** 2,
     )
 
@@ -305,7 +404,14 @@ def _declared_prior(items: Sequence[Parameter]) -> Prior | None:
     return Prior(np.array(known), np.array([items[i].value for i in known]), information)
 
 
-def _seed_initial_states(theta: np.ndarray, records: Sequence[Record], system: System, starts: Sequence[int], shared: int, local: int) -> None:
+def _seed_initial_states(
+    theta: np.ndarray,
+    records: Sequence[Record],
+    system: System,
+    starts: Sequence[int],
+    shared: int,
+    local: int,
+) -> None:
     for r, record in enumerate(records):
         known = known_states(record, system)
         for c, i in enumerate(starts):
@@ -318,12 +424,16 @@ def _seed_initial_states(theta: np.ndarray, records: Sequence[Record], system: S
 MAX_STEP = 0.01  # longest sub-step, s: that of the whole-record fits
 
 
-def weighted_sensitivities(record: Record, system: System, noise_std: np.ndarray, max_step: float = MAX_STEP) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names of the free parameters and the slopes ``(M, n)`` of all measured samples by them, over the noise standard deviation ``(m,)``.
+def weighted_sensitivities(
+    record: Record, system: System, noise_std: np.ndarray, max_step: float = MAX_STEP
+) -> tuple[tuple[str, ...], np.ndarray]:
+    """Names of the free parameters and the slopes ``(M, n)`` of all measured samples by them, over
+    the noise standard deviation ``(m,)``.
 
-    At the parameters of ``system``, by complex steps. Biases and initial states are nuisances: what they could explain is projected out,
-    with the priors that the system declares of them. The information of the record is ``S' S``; singular values of ``S`` tell directions
-    without influence to rounding, of which those of ``S' S`` would leave half the digits.
+    At the parameters of ``system``, by complex steps. Biases and initial states are nuisances: what
+    they could explain is projected out, with the priors that the system declares of them. The
+    information of the record is ``S' S``; singular values of ``S`` tell directions without
+    influence to rounding, of which those of ``S' S`` would leave half the digits.
 
     Raises
     ------
@@ -335,10 +445,18 @@ def weighted_sensitivities(record: Record, system: System, noise_std: np.ndarray
     line = linearise(problem, p, x0, layout.guesses(layout.start)[0])
     line = linearise(problem, p, x0, line.states)
     if not np.all(np.isfinite(line.jacobian)):
-        raise ModelError("the simulation leaves all measure", where=record.name, remedy="give starting values of a model that stays finite")
+        raise ModelError(
+            "the simulation leaves all measure",
+            where=record.name,
+            remedy="give starting values of a model that stays finite",
+        )
     slopes = (line.jacobian / np.asarray(noise_std)[:, None, None])[problem.valid]
-    items = [system.parameters[name] for name in layout.local] + [system.initial.items[i] for i in layout.starts]
-    known = np.array([1.0 / item.prior_std if np.isfinite(item.prior_std) else 0.0 for item in items])
+    items = [system.parameters[name] for name in layout.local] + [
+        system.initial.items[i] for i in layout.starts
+    ]
+    known = np.array(
+        [1.0 / item.prior_std if np.isfinite(item.prior_std) else 0.0 for item in items]
+    )
     nuisance = np.vstack([slopes[:, n:], np.diag(known)])
     shared = np.vstack([slopes[:, :n], np.zeros((len(items), n))])
     basis = np.linalg.qr(nuisance / np.maximum(np.linalg.norm(nuisance, axis=0), 1e-300))[0]
@@ -373,7 +491,9 @@ class ResidualFilter(Protocol):
     """What makes the residuals of one record independent."""
 
     def whiten(self, columns: np.ndarray) -> np.ndarray:
-        """Columns ``(m, N, c)`` in the outputs' units as those of independent samples of variance one, zero where a sample is missing."""
+        """Columns ``(m, N, c)`` in the outputs' units as those of independent samples of variance
+        one, zero where a sample is missing.
+        """
         ...
 
 
@@ -383,10 +503,9 @@ class WeightedResiduals:
 
     Attributes
     ----------
-    residuals, jacobians : ``(m, N)`` and ``(m, N, c)`` a record; residuals are zero where a sample is missing.
-    variance : ``(m,)`` of the residuals.
-    cost : minus the log likelihood, without 0.5 (1 + ln 2 pi) a sample.
-    filters : one a record, for further columns.
+    residuals, jacobians : ``(m, N)`` and ``(m, N, c)`` a record; residuals are zero where a sample
+    is missing. variance : ``(m,)`` of the residuals. cost : minus the log likelihood, without 0.5
+    (1 + ln 2 pi) a sample. filters : one a record, for further columns.
     """
 
     residuals: tuple[np.ndarray, ...]
@@ -399,10 +518,11 @@ class WeightedResiduals:
 class NoiseModel(Protocol):
     """The model of what is random in the data.
 
-    ``names``, ``start``, ``low``, ``high`` describe its own unknowns. ``weight_residuals`` returns None where its likelihood is not
-    finite. ``covariance_terms`` are gradient ``(n,)`` and expected information ``(n, n)`` of the log likelihood through the dependence
-    of the residuals' covariance on the unknowns; None where there is none.
-    ``step_bounds`` of one step of a fit from ``theta``: lowest and highest values of all unknowns, ``(n,)`` each.
+    ``names``, ``start``, ``low``, ``high`` describe its own unknowns. ``weight_residuals`` returns
+    None where its likelihood is not finite. ``covariance_terms`` are gradient ``(n,)`` and expected
+    information ``(n, n)`` of the log likelihood through the dependence of the residuals' covariance
+    on the unknowns; None where there is none. ``step_bounds`` of one step of a fit from ``theta``:
+    lowest and highest values of all unknowns, ``(n,)`` each.
     """
 
     @property
@@ -414,10 +534,19 @@ class NoiseModel(Protocol):
     @property
     def high(self) -> np.ndarray: ...
     def weight_residuals(
-        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], residuals: Sequence[np.ndarray], counts: np.ndarray
+        self,
+        layout: LaidOut,
+        theta: np.ndarray,
+        lines: Sequence[Linearisation],
+        residuals: Sequence[np.ndarray],
+        counts: np.ndarray,
     ) -> WeightedResiduals | None: ...
     def covariance_terms(
-        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], weighted: WeightedResiduals
+        self,
+        layout: LaidOut,
+        theta: np.ndarray,
+        lines: Sequence[Linearisation],
+        weighted: WeightedResiduals,
     ) -> tuple[np.ndarray, np.ndarray] | None: ...
     def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
 
@@ -437,7 +566,9 @@ class Standardised:
 
 @dataclass(frozen=True)
 class White:
-    """Independent Gaussian noise on each output, its variance concentrated out: the mean square of the residual."""
+    """Independent Gaussian noise on each output, its variance concentrated out: the mean square of
+    the residual.
+    """
 
     names: tuple[str, ...] = ()
 
@@ -448,20 +579,32 @@ class White:
     low = high = start
 
     def weight_residuals(
-        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], residuals: Sequence[np.ndarray], counts: np.ndarray
+        self,
+        layout: LaidOut,
+        theta: np.ndarray,
+        lines: Sequence[Linearisation],
+        residuals: Sequence[np.ndarray],
+        counts: np.ndarray,
     ) -> WeightedResiduals | None:
         """Residuals and sensitivities as they are."""
         squares = np.sum([(residual**2).sum(axis=1) for residual in residuals], axis=0)
         found = squares / np.maximum(counts, 1)
         variance = np.where(layout.used, np.maximum(found, layout.smallest), 1.0)
-        # A variance held at its least is no unknown: without its squares the cost would not have the gradient that is followed.
+        # A variance held at its least is no unknown: without its squares the cost would not have
+        # the gradient that is followed.
         held = np.where(found < layout.smallest, squares / variance - counts, 0.0)
         cost = 0.5 * float(np.sum(np.where(layout.used, counts * np.log(variance) + held, 0.0)))
         filters = tuple(Standardised(problem.valid, variance) for problem in layout.problems)
-        return WeightedResiduals(tuple(residuals), tuple(line.jacobian for line in lines), variance, cost, filters)
+        return WeightedResiduals(
+            tuple(residuals), tuple(line.jacobian for line in lines), variance, cost, filters
+        )
 
     def covariance_terms(
-        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], weighted: WeightedResiduals
+        self,
+        layout: LaidOut,
+        theta: np.ndarray,
+        lines: Sequence[Linearisation],
+        weighted: WeightedResiduals,
     ) -> tuple[np.ndarray, np.ndarray] | None:
         """None: the variances are concentrated out."""
         return None
@@ -479,7 +622,9 @@ WHITE = White()
 
 @dataclass(frozen=True, eq=False)
 class FitProblem:
-    """A layout and a noise model; in theta the noise model's own unknowns stand behind those of the layout."""
+    """A layout and a noise model; in theta the noise model's own unknowns stand behind those of the
+    layout.
+    """
 
     layout: FitLayout
     noise_model: NoiseModel = WHITE

@@ -1,10 +1,11 @@
 """A whole record linearised at once: outputs and all their sensitivities about a trajectory guess.
 
-Every node interval is integrated at the same time, for the base and one complex-step column a state and
-parameter; one banded triangular solve then joins the intervals. The guess need not obey the equations:
-its defects are corrected to first order by the same solve (a multiple-shooting Gauss-Newton step with
-the intermediate states condensed out; Bock 1981). For equations linear in the states one correction is
-exact, and at convergence the trajectory equals the sequential simulation to rounding.
+Every node interval is integrated at the same time, for the base and one complex-step column a state
+and parameter; one banded triangular solve then joins the intervals. The guess need not obey the
+equations: its defects are corrected to first order by the same solve (a multiple-shooting
+Gauss-Newton step with the intermediate states condensed out; Bock 1981). For equations linear in
+the states one correction is exact, and at convergence the trajectory equals the sequential
+simulation to rounding.
 """
 
 from __future__ import annotations
@@ -15,7 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from ident.whole_record.record_problem import INCREMENT, RecordProblem, changed_rows, driven_by, interval_ends, linear_record, sample_outputs
+from ident.whole_record.record_problem import (
+    INCREMENT,
+    RecordProblem,
+    changed_rows,
+    driven_by,
+    interval_ends,
+    linear_record,
+    sample_outputs,
+)
 from sim.maths import COMPLEX_STEP
 from sim.propagation import Drive
 
@@ -24,8 +33,9 @@ from sim.propagation import Drive
 class Linearisation:
     """Outputs and sensitivities at a point.
 
-    ``y (m, N)`` of the defect-corrected trajectory; ``jacobian (m, N, c)`` by the wanted parameters, then the wanted
-    initial states; ``states (nx, K + 1)`` at the nodes, defect-corrected; ``by_state (nx, K + 1, c)``.
+    ``y (m, N)`` of the defect-corrected trajectory; ``jacobian (m, N, c)`` by the wanted
+    parameters, then the wanted initial states; ``states (nx, K + 1)`` at the nodes,
+    defect-corrected; ``by_state (nx, K + 1, c)``.
     """
 
     y: np.ndarray
@@ -34,11 +44,15 @@ class Linearisation:
     by_state: np.ndarray
 
 
-def linearise(problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: np.ndarray) -> Linearisation:
-    """Outputs and sensitivities about the parameters ``p``, initial state ``x0`` and a trajectory guess.
+def linearise(
+    problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: np.ndarray
+) -> Linearisation:
+    """Outputs and sensitivities about the parameters ``p``, initial state ``x0`` and a trajectory
+    guess.
 
-    One batch with the base in column 0, then a column a state, then one a parameter that acts in the dynamics. A column's numbers
-    stand side by side in memory, ``(c, K)``: whatever is the same for all columns then meets long rows.
+    One batch with the base in column 0, then a column a state, then one a parameter that acts in
+    the dynamics. A column's numbers stand side by side in memory, ``(c, K)``: whatever is the same
+    for all columns then meets long rows.
     """
     linear = linear_record(problem, p, x0, guess)
     if linear is not None:
@@ -51,7 +65,12 @@ def linearise(problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: np.n
     X[:] = guess[:, None, :-1]
     X[np.arange(n_x), 1 + np.arange(n_x)] += by_state[:, None]
     driven = _drive(problem, p, by_parameter)
-    ends = interval_ends(problem, list(X), driven.spread(columns, width), _shifted(problem, p, columns, by_parameter, width))
+    ends = interval_ends(
+        problem,
+        list(X),
+        driven.spread(columns, width),
+        _shifted(problem, p, columns, by_parameter, width),
+    )
     base = ends[:, 0].real
     A = _slopes(problem, ends[:, 1 : 1 + n_x], base, by_state)
     B = np.zeros((n_x, n_p, guess.shape[1] - 1))
@@ -60,7 +79,9 @@ def linearise(problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: np.n
     states, sensitivity = guess + corrections[:, 0], corrections[:, 1:]
     steps = np.concatenate([by_parameter, by_state[list(problem.starts)]])
     y, jacobian = _outputs(problem, p, driven, states, sensitivity, steps)
-    return Linearisation(y, np.ascontiguousarray(jacobian.swapaxes(1, 2)), states, sensitivity.swapaxes(1, 2))
+    return Linearisation(
+        y, np.ascontiguousarray(jacobian.swapaxes(1, 2)), states, sensitivity.swapaxes(1, 2)
+    )
 
 
 def _increments(problem: RecordProblem, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -71,12 +92,22 @@ def _increments(problem: RecordProblem, guess: np.ndarray) -> tuple[np.ndarray, 
     return problem.increment, INCREMENT * np.where(size > 0, size, 1.0)
 
 
-def _slopes(problem: RecordProblem, moved: np.ndarray, base: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Derivatives by what moved each column of ``moved (..., c, n)``; ``base (..., n)`` is what did not move."""
-    return moved.imag / COMPLEX_STEP if problem.exact else (moved - base[..., None, :]) / steps[:, None]
+def _slopes(
+    problem: RecordProblem, moved: np.ndarray, base: np.ndarray, steps: np.ndarray
+) -> np.ndarray:
+    """Derivatives by what moved each column of ``moved (..., c, n)``; ``base (..., n)`` is what did
+    not move.
+    """
+    return (
+        moved.imag / COMPLEX_STEP
+        if problem.exact
+        else (moved - base[..., None, :]) / steps[:, None]
+    )
 
 
-def _shifted(problem: RecordProblem, p: np.ndarray, columns: Mapping[int, int], steps: np.ndarray, width: int) -> list[Any]:
+def _shifted(
+    problem: RecordProblem, p: np.ndarray, columns: Mapping[int, int], steps: np.ndarray, width: int
+) -> list[Any]:
     """Parameters as rows: a column's own parameter moved there, all else as it is."""
     rows: list[Any] = p.tolist()
     for position, column in columns.items():
@@ -88,13 +119,17 @@ def _shifted(problem: RecordProblem, p: np.ndarray, columns: Mapping[int, int], 
 
 @dataclass(frozen=True, eq=False)
 class _Driven:
-    """Inputs at the vehicle; ``acting`` are positions of the wanted parameters that move them, each with a column behind the base's."""
+    """Inputs at the vehicle; ``acting`` are positions of the wanted parameters that move them, each
+    with a column behind the base's.
+    """
 
     drive: Drive
     acting: tuple[int, ...]
 
     def spread(self, columns: Mapping[int, int], width: int) -> Drive:
-        """The same with a column for each of the batch's, of which ``columns`` tells where a parameter's own stands: rows ``(c, M)``."""
+        """The same with a column for each of the batch's, of which ``columns`` tells where a
+        parameter's own stands: rows ``(c, M)``.
+        """
         if not self.acting:
             return self.drive
         take = np.zeros(width, dtype=int)
@@ -109,15 +144,25 @@ def _drive(problem: RecordProblem, p: np.ndarray, steps: np.ndarray) -> _Driven:
     if problem.drive is not None:
         return _Driven(problem.drive, ())
     system = problem.system
-    acting = tuple(q for q, index in enumerate(problem.free) if system.parameters.items[index].name in system.input_parameters)
-    few = _shifted(problem, p, {q: 1 + column for column, q in enumerate(acting)}, steps, 1 + len(acting))
+    acting = tuple(
+        q
+        for q, index in enumerate(problem.free)
+        if system.parameters.items[index].name in system.input_parameters
+    )
+    few = _shifted(
+        problem, p, {q: 1 + column for column, q in enumerate(acting)}, steps, 1 + len(acting)
+    )
     return _Driven(driven_by(problem.record, system, few, problem.grid), acting)
 
 
-def join_intervals(A: np.ndarray, B: np.ndarray, defects: np.ndarray, starts: Sequence[int], first: np.ndarray) -> np.ndarray:
-    """Solve dx[k+1] = A[k] dx[k] + B[k] dp + d[k] for all right-hand sides: ``(nx, 1 + np + ns, K + 1)``.
+def join_intervals(
+    A: np.ndarray, B: np.ndarray, defects: np.ndarray, starts: Sequence[int], first: np.ndarray
+) -> np.ndarray:
+    """Solve dx[k+1] = A[k] dx[k] + B[k] dp + d[k] for all right-hand sides: ``(nx, 1 + np + ns, K +
+    1)``.
 
-    ``A (nx, nx, K)`` with the state it starts from in the middle, ``B (nx, np, K)``, ``defects (nx, K)``.
+    ``A (nx, nx, K)`` with the state it starts from in the middle, ``B (nx, np, K)``, ``defects (nx,
+    K)``.
     """
     from scipy.linalg.lapack import dtbtrs
 
@@ -140,9 +185,16 @@ def join_intervals(A: np.ndarray, B: np.ndarray, defects: np.ndarray, starts: Se
 
 
 def _outputs(
-    problem: RecordProblem, p: np.ndarray, driven: _Driven, states: np.ndarray, by_state: np.ndarray, steps: np.ndarray
+    problem: RecordProblem,
+    p: np.ndarray,
+    driven: _Driven,
+    states: np.ndarray,
+    by_state: np.ndarray,
+    steps: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs at the samples and their derivatives ``(m, c, N)`` along each column of ``by_state (nx, c, K + 1)``."""
+    """Outputs at the samples and their derivatives ``(m, c, N)`` along each column of ``by_state
+    (nx, c, K + 1)``.
+    """
     c = 1 + len(steps)
     columns = {position: 1 + position for position in range(len(problem.free))}
     rows_p, drive = _shifted(problem, p, columns, steps, c), driven.spread(columns, c)

@@ -1,9 +1,10 @@
 """Output-error fit: maximum likelihood without process noise; its starts, and failed fits.
 
-Equation error needs no simulation, so an unstable aircraft is as easy for it as a stable one; output error goes on from there.
+Equation error needs no simulation, so an unstable aircraft is as easy for it as a stable one;
+output error goes on from there.
 
-Maine and Iliff, NASA RP-1138; Jategaonkar, Flight Vehicle System Identification, ch. 4. Parameters are
-shared by all records; initial states and the parameters named local belong to one record each.
+Maine and Iliff, NASA RP-1138; Jategaonkar, Flight Vehicle System Identification, ch. 4. Parameters
+are shared by all records; initial states and the parameters named local belong to one record each.
 """
 
 from __future__ import annotations
@@ -18,48 +19,75 @@ import numpy as np
 
 from ident.estimate import LARGEST, Estimate, Outcome
 from ident.regression.equation_error import run_equation_error
-from ident.statistics.information import add_normal_equations, determined_and_open, inverse_information
+from ident.statistics.information import (
+    add_normal_equations,
+    determined_and_open,
+    inverse_information,
+)
 from ident.statistics.residual_spectrum import corrected_covariance
 from ident.statistics.residuals import THREEFOLD
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records, with_integration_error
 from ident.whole_record.layout import FitLayout, FitProblem, FitSettings, lay_out
-from ident.whole_record.unstable_motion import GROWN, fastest, fit_unstable, growth, projected_covariance
+from ident.whole_record.unstable_motion import (
+    GROWN,
+    fastest,
+    fit_unstable,
+    growth,
+    projected_covariance,
+)
 from sim.declaration.model import System
 from sim.errors import FlightidError, ModelError
 from sim.record import Record
 
 # ---- Where an output-error fit begins
 
-FOLLOWED = 10.0  # e-foldings up to which a record is followed whole: with 15 and a faint motion fits take 50 steps, cut in two they take 4
-PIECE = 8.0  # e-foldings of a piece at most, of a record that is not; sigmas grow by a tenth at most, with 6 by half
+# e-foldings up to which a record is followed whole: with 15 and a faint motion fits take 50 steps,
+# cut in two they take 4
+FOLLOWED = 10.0
+# e-foldings of a piece at most, of a record that is not; sigmas grow by a tenth at most, with 6 by
+# half
+PIECE = 8.0
 FEWEST = 50  # samples of a piece, which has five unknowns or more of its own
 SAME = 0.1  # of log likelihood, by which two fits in one minimum may differ
-RUNAWAY = 10.0  # rms of a residual, in those of the channel about its mean, from which a simulation has run away; one at rest leaves about 1
+# rms of a residual, in those of the channel about its mean, from which a simulation has run away;
+# one at rest leaves about 1
+RUNAWAY = 10.0
 
 
 def fit_from_best_start(layout: FitLayout) -> Fit | None:
     """The output-error fit of a layout; None where no start has a finite cost.
 
-    From the declared values where their simulation stays with the record and settles. Otherwise from equation error as well, where the record has
-    all states and no prior speaks; the first fit that settles, else the one of least cost.
+    From the declared values where their simulation stays with the record and settles. Otherwise
+    from equation error as well, where the record has all states and no prior speaks; the first fit
+    that settles, else the one of least cost.
     """
     begun = None
     if layout.shared and layout.prior is None and quiet(layout):
         begun = evaluate(FitProblem(layout), layout.start, layout.guesses(layout.start))
-    if not layout.shared or layout.prior is not None or (begun is not None and not runs_away(begun)):
+    if (
+        not layout.shared
+        or layout.prior is not None
+        or (begun is not None and not runs_away(begun))
+    ):
         first = fit_whole_records(FitProblem(layout), begun=begun)
-        if (first is not None and first.outcome is Outcome.CONVERGED) or not layout.shared or layout.prior is not None:
+        if (
+            (first is not None and first.outcome is Outcome.CONVERGED)
+            or not layout.shared
+            or layout.prior is not None
+        ):
             return first
         return _better([first], from_regression(layout))
     return _better([], from_regression(layout), iter([layout]))
 
 
 def fits_at_their_least(first: FitLayout, second: FitLayout) -> tuple[Fit | None, Fit | None]:
-    """Output-error fits of two models of the same records, each at the least minimum that any start of either leads to.
+    """Output-error fits of two models of the same records, each at the least minimum that any start
+    of either leads to.
 
-    Each is fitted from the declared values and from where the other one has ended: a fit in a minimum beside the least one would say more of
-    its start than of its model. Where one has settled for more than it need, equation error gives a further start to both.
-    None for a model of which no start has a finite cost.
+    Each is fitted from the declared values and from where the other one has ended: a fit in a
+    minimum beside the least one would say more of its start than of its model. Where one has
+    settled for more than it need, equation error gives a further start to both. None for a model of
+    which no start has a finite cost.
     """
     old, new = fit_from_best_start(first), fit_from_best_start(second)
     if not first.shared or first.prior is not None or second.prior is not None:
@@ -71,18 +99,31 @@ def fits_at_their_least(first: FitLayout, second: FitLayout) -> tuple[Fit | None
         return old, new
     for each in from_regression(first):
         regressed = dict(zip(each.shared, each.start.tolist(), strict=False))
-        old, new = _least(old, [_started(first, regressed)]), _least(new, [_started(second, regressed)])
+        old, new = (
+            _least(old, [_started(first, regressed)]),
+            _least(new, [_started(second, regressed)]),
+        )
     return old, new
 
 
 def _settled(begun: Fit | None, best: Fit | None) -> bool:
     """Whether a fit was at its least minimum already."""
-    return begun is best or (begun is not None and best is not None and begun.cost - best.cost <= max(best.layout.settings.enough, SAME))
+    return begun is best or (
+        begun is not None
+        and best is not None
+        and begun.cost - best.cost <= max(best.layout.settings.enough, SAME)
+    )
 
 
 def _least(found: Fit | None, starts: Sequence[FitLayout]) -> Fit | None:
     """Of a fit and those from further starts the one of least cost."""
-    fits = [found, *(fit_whole_records(FitProblem(each)) if quiet(each) else fit_unstable(each) for each in starts)]
+    fits = [
+        found,
+        *(
+            fit_whole_records(FitProblem(each)) if quiet(each) else fit_unstable(each)
+            for each in starts
+        ),
+    ]
     known = [fit for fit in fits if fit is not None and np.isfinite(fit.cost)]
     return min(known, key=lambda fit: fit.cost, default=None)
 
@@ -100,12 +141,18 @@ def _started(layout: FitLayout, values: Mapping[str, float]) -> FitLayout:
 
 
 def in_pieces(
-    records: Sequence[Record], system: System, settings: FitSettings, local: Collection[str] = (), whole: FitLayout | None = None
+    records: Sequence[Record],
+    system: System,
+    settings: FitSettings,
+    local: Collection[str] = (),
+    whole: FitLayout | None = None,
 ) -> list[list[Record]]:
-    """Each record as what is fitted of it: itself, or pieces along which a motion that grows by itself can be followed.
+    """Each record as what is fitted of it: itself, or pieces along which a motion that grows by
+    itself can be followed.
 
-    Each piece has its own initial state and biases. Models whose input has a memory, and fits with priors, keep their records whole.
-    ``whole`` is the layout of the records as they are, where there is one already.
+    Each piece has its own initial state and biases. Models whose input has a memory, and fits with
+    priors, keep their records whole. ``whole`` is the layout of the records as they are, where
+    there is one already.
     """
     layout = whole or lay_out(records, system, settings, local=local)
     if not layout.shared or layout.prior is not None or system.input_stages or quiet(layout):
@@ -114,10 +161,14 @@ def in_pieces(
     return [_cut(record, rate * _duration(record)) for record in records]
 
 
-def started_unstable(records: Sequence[Record], system: System, settings: FitSettings, local: Collection[str] = ()) -> System | None:
-    """The System started at the derivatives of equation error, where its motion grows at these and not at the declared values; else None.
+def started_unstable(
+    records: Sequence[Record], system: System, settings: FitSettings, local: Collection[str] = ()
+) -> System | None:
+    """The System started at the derivatives of equation error, where its motion grows at these and
+    not at the declared values; else None.
 
-    Declared values may say nothing of an aircraft being unstable. Asked where a fit from them has not settled.
+    Declared values may say nothing of an aircraft being unstable. Asked where a fit from them has
+    not settled.
     """
     layout = lay_out(records, system, settings, local=local)
     if not layout.shared or layout.prior is not None or not quiet(layout):
@@ -133,7 +184,9 @@ def started_at(system: System, values: Mapping[str, float]) -> System:
     return replace(system, parameters=system.parameters.with_values(values))
 
 
-def put_together(parts: Sequence[np.ndarray], pieces: Sequence[Sequence[Record]]) -> tuple[np.ndarray, ...]:
+def put_together(
+    parts: Sequence[np.ndarray], pieces: Sequence[Sequence[Record]]
+) -> tuple[np.ndarray, ...]:
     """Rows ``(m, N)`` of pieces as those of the records that they were cut from."""
     left = iter(parts)
     return tuple(np.concatenate([next(left) for _ in each], axis=1) for each in pieces)
@@ -144,15 +197,23 @@ def said_of_pieces(pieces: Sequence[Sequence[Record]]) -> str:
     count = sum(len(each) for each in pieces)
     if count == len(pieces):
         return ""
-    return f"the motion is unstable by itself: it is followed in {count} pieces, each with its own initial state and biases"
+    return (
+        f"the motion is unstable by itself: it is followed in {count} pieces, each with its own "
+        "initial state and biases"
+    )
 
 
 def _cut(record: Record, grown: float) -> list[Record]:
-    """Pieces of a record along which a motion grows by ``grown`` e-foldings, none with fewer than ``FEWEST`` samples."""
+    """Pieces of a record along which a motion grows by ``grown`` e-foldings, none with fewer than
+    ``FEWEST`` samples.
+    """
     count = min(ceil(min(grown, 1e6) / PIECE), len(record) // FEWEST)
     if grown <= FOLLOWED or count < 2:
         return [record]
-    return [record.window(record.time[rows[0]], record.time[rows[-1]]) for rows in np.array_split(np.arange(len(record)), count)]
+    return [
+        record.window(record.time[rows[0]], record.time[rows[-1]])
+        for rows in np.array_split(np.arange(len(record)), count)
+    ]
 
 
 def _duration(record: Record) -> float:
@@ -160,7 +221,9 @@ def _duration(record: Record) -> float:
 
 
 def quiet(layout: FitLayout, theta: np.ndarray | None = None) -> bool:
-    """Whether no mode of the motion grows enough to be met in parts, at ``theta`` (the start when None)."""
+    """Whether no mode of the motion grows enough to be met in parts, at ``theta`` (the start when
+    None).
+    """
     return _start_growth(layout) <= GROWN if theta is None else growth(layout, theta) <= GROWN
 
 
@@ -184,12 +247,18 @@ def runs_away(fit: Fit) -> bool:
 
 
 def from_regression(layout: FitLayout) -> Iterator[FitLayout]:
-    """The layout started at the values of equation error; nothing where a record does not give its states or they did not settle."""
+    """The layout started at the values of equation error; nothing where a record does not give its
+    states or they did not settle.
+    """
     try:
         found = run_equation_error([problem.record for problem in layout.problems], layout.system)
     except FlightidError:
         return
-    if found.outcome is not Outcome.CONVERGED or found.names != layout.shared or not np.all(np.isfinite(found.values)):
+    if (
+        found.outcome is not Outcome.CONVERGED
+        or found.names != layout.shared
+        or not np.all(np.isfinite(found.values))
+    ):
         return
     n, start = len(layout.shared), layout.start.copy()
     start[:n] = np.clip(found.values, layout.low[:n], layout.high[:n])
@@ -197,11 +266,17 @@ def from_regression(layout: FitLayout) -> Iterator[FitLayout]:
 
 
 def _better(found: list[Fit | None], *starts: Iterator[FitLayout]) -> Fit | None:
-    """The first fit from the starts that settles, else the best of all; of those that are ``found`` already none has."""
+    """The first fit from the starts that settles, else the best of all; of those that are ``found``
+    already none has.
+    """
     fits = list(found)
     for begun in (each for some in starts for each in some):
         fit = fit_whole_records(FitProblem(begun)) if quiet(begun) else fit_unstable(begun)
-        if fit is not None and fit.outcome is Outcome.CONVERGED and all(fit.cost <= other.cost for other in fits if other is not None):
+        if (
+            fit is not None
+            and fit.outcome is Outcome.CONVERGED
+            and all(fit.cost <= other.cost for other in fits if other is not None)
+        ):
             return fit
         fits.append(fit)
     known = [fit for fit in fits if fit is not None]
@@ -215,7 +290,13 @@ _NOISY = 1e3  # roundings from which a residual is one: nearly exact data leave 
 __all__ = ["FitSettings", "fit_output_error"]
 
 
-def fit_output_error(records: Sequence[Record], system: System, settings: FitSettings | None = None, *, local: Collection[str] = ()) -> Estimate:
+def fit_output_error(
+    records: Sequence[Record],
+    system: System,
+    settings: FitSettings | None = None,
+    *,
+    local: Collection[str] = (),
+) -> Estimate:
     """Fit the free parameters of a System to records by whole-record simulation.
 
     Parameters
@@ -226,11 +307,13 @@ def fit_output_error(records: Sequence[Record], system: System, settings: FitSet
 
     Returns
     -------
-    Estimate of the shared free parameters; biases and initial states are nuisances, projected out of the covariance.
-    Outcome ``NOT_IDENTIFIABLE`` when a direction of the parameters has no influence, ``DIVERGED`` when no finite
-    cost was found, ``MAX_ITERATIONS`` when it had not settled, ``DEGENERATE`` when an output is met exactly and another is not.
-    Where the start is unstable or its simulation runs away, or a fit from it does not settle, the fit begins from equation error, and a
-    motion that grows beyond what can be followed is cut, which ``message`` tells: see `ident.whole_record.output_error`.
+    Estimate of the shared free parameters; biases and initial states are nuisances, projected out
+    of the covariance. Outcome ``NOT_IDENTIFIABLE`` when a direction of the parameters has no
+    influence, ``DIVERGED`` when no finite cost was found, ``MAX_ITERATIONS`` when it had not
+    settled, ``DEGENERATE`` when an output is met exactly and another is not. Where the start is
+    unstable or its simulation runs away, or a fit from it does not settle, the fit begins from
+    equation error, and a motion that grows beyond what can be followed is cut, which ``message``
+    tells: see `ident.whole_record.output_error`.
 
     Raises
     ------
@@ -245,13 +328,21 @@ def fit_output_error(records: Sequence[Record], system: System, settings: FitSet
     return again if again.outcome is Outcome.CONVERGED else found
 
 
-def _fitted(records: Sequence[Record], system: System, settings: FitSettings, local: Collection[str]) -> Estimate:
+def _fitted(
+    records: Sequence[Record], system: System, settings: FitSettings, local: Collection[str]
+) -> Estimate:
     layout = lay_out(records, system, settings, local=local)
     pieces = in_pieces(records, system, settings, local, layout)
     if sum(len(each) for each in pieces) > len(records):
-        layout = lay_out([piece for each in pieces for piece in each], system, settings, local=local)
+        layout = lay_out(
+            [piece for each in pieces for piece in each], system, settings, local=local
+        )
     if not layout.shared:
-        raise ModelError("no parameter is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one")
+        raise ModelError(
+            "no parameter is free",
+            where=f"model with {', '.join(system.parameters.names)}",
+            remedy="release at least one",
+        )
     fit = fit_from_best_start(layout)
     found = failed_estimate(layout) if fit is None else estimate_of(fit)
     said = "; ".join(sentence for sentence in (said_of_pieces(pieces), found.message) if sentence)
@@ -259,7 +350,9 @@ def _fitted(records: Sequence[Record], system: System, settings: FitSettings, lo
 
 
 def shared_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
-    """Covariance of the shared parameters ``(s, s)`` and whether all are determined; of a motion that grows without squaring its sensitivities."""
+    """Covariance of the shared parameters ``(s, s)`` and whether all are determined; of a motion
+    that grows without squaring its sensitivities.
+    """
     n = len(fit.layout.shared)
     if fit.layout.prior is None and n and not quiet(fit.layout, fit.theta):
         return projected_covariance(fit)
@@ -268,26 +361,41 @@ def shared_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
 
 
 def degenerate(fit: Fit) -> bool:
-    """Whether some output is met to rounding while another is far from it: the one without noise outweighs all others without bound."""
+    """Whether some output is met to rounding while another is far from it: the one without noise
+    outweighs all others without bound.
+    """
     above = np.sqrt(fit.variance / fit.layout.smallest)[fit.layout.used]
     return bool(np.any(above <= 1.0) and np.any(above > _NOISY))
 
 
 def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
-    """Covariance of all unknowns ``(n, n)``, corrected for coloured residuals as the settings say, and whether all are determined."""
+    """Covariance of all unknowns ``(n, n)``, corrected for coloured residuals as the settings say,
+    and whether all are determined.
+    """
     normal, _ = fit.normal_equations()
     inverse, determined = inverse_information(normal, fit.theta)
     if not fit.layout.settings.coloured:
         return inverse, determined
     layout = fit.layout
-    parts = [(layout.columns(r), fit.jacobians[r], fit.residuals[r], problem.valid) for r, problem in enumerate(layout.problems)]
+    parts = [
+        (layout.columns(r), fit.jacobians[r], fit.residuals[r], problem.valid)
+        for r, problem in enumerate(layout.problems)
+    ]
     known = prior_information(fit)
     if fit.noise_model.names:
-        # What innovation covariances say of the unknowns, and the prior: no colour of the residuals changes that.
+        # What innovation covariances say of the unknowns, and the prior: no colour of the residuals
+        # changes that.
         known = np.array(normal)
         for r, problem in enumerate(layout.problems):
             weight = np.where(problem.valid, -1.0 / fit.variance[:, None], 0.0)
-            add_normal_equations(known, np.zeros(len(known)), layout.columns(r), fit.jacobians[r], fit.residuals[r], weight)
+            add_normal_equations(
+                known,
+                np.zeros(len(known)),
+                layout.columns(r),
+                fit.jacobians[r],
+                fit.residuals[r],
+                weight,
+            )
     if determined:
         return corrected_covariance(inverse, parts, fit.variance, known), True
     resolved, unknown = determined_and_open(normal, fit.theta)
@@ -305,10 +413,18 @@ def prior_information(fit: Fit) -> np.ndarray | None:
 
 
 def estimate_of(fit: Fit) -> Estimate:
-    """The shared parameters of a fit as an Estimate; its covariance holds the error of the integration where that counts."""
+    """The shared parameters of a fit as an Estimate; its covariance holds the error of the
+    integration where that counts.
+    """
     layout, n = fit.layout, len(fit.layout.shared)
     covariance, determined = shared_covariance(fit)
-    outcome = Outcome.DEGENERATE if degenerate(fit) else fit.outcome if determined else Outcome.NOT_IDENTIFIABLE
+    outcome = (
+        Outcome.DEGENERATE
+        if degenerate(fit)
+        else fit.outcome
+        if determined
+        else Outcome.NOT_IDENTIFIABLE
+    )
     found = Estimate(
         METHOD,
         layout.shared,
@@ -347,22 +463,30 @@ def failed_estimate(layout: FitLayout, method: str = METHOD) -> Estimate:
 UNDETERMINED = "the records determine none of the derivatives"
 
 
-def failed_simulation(channels: Mapping[str, str], measured: Sequence[np.ndarray], residuals: Sequence[np.ndarray]) -> str:
+def failed_simulation(
+    channels: Mapping[str, str], measured: Sequence[np.ndarray], residuals: Sequence[np.ndarray]
+) -> str:
     """Why simulated outputs are no fit of what was measured; empty where they are one.
 
-    A simulation has run away where it leaves a channel by ten times the channel's own motion. A fit is worse than none where a level of
-    each channel by itself would be likelier: an aircraft that does not move is among the models, so that no minimum lies above it.
+    A simulation has run away where it leaves a channel by ten times the channel's own motion. A fit
+    is worse than none where a level of each channel by itself would be likelier: an aircraft that
+    does not move is among the models, so that no minimum lies above it.
 
     Parameters
     ----------
-    channels : units by name. measured, residuals : of each channel the valid samples of all records, ``(K,)``; measured ones about
+    channels : units by name. measured, residuals : of each channel the valid samples of all
+    records, ``(K,)``; measured ones about
         each record's mean.
     """
     apart = []
     for values, left in zip(measured, residuals, strict=True):
         motion, error = float(np.sqrt(np.mean(values**2))), float(np.sqrt(np.mean(left**2)))
         apart.append((motion, error, len(values)))
-    known = [(name, unit, *each) for (name, unit), each in zip(channels.items(), apart, strict=True) if each[0] > 0.0]
+    known = [
+        (name, unit, *each)
+        for (name, unit), each in zip(channels.items(), apart, strict=True)
+        if each[0] > 0.0
+    ]
     worst = max(known, key=lambda each: each[3] / each[2], default=None)
     if worst is None:
         return ""
@@ -370,35 +494,57 @@ def failed_simulation(channels: Mapping[str, str], measured: Sequence[np.ndarray
     said = f"{name} error {error:.2g} {unit}, of a motion of {motion:.2g} {unit}"
     if not error <= RUNAWAY * motion:
         return f"the free simulation runs away from the record ({said})"
-    likelier = sum(count * math.log(max(error, 1e-300) / motion) for _, _, motion, error, count in known)
-    return f"the fit explains nothing: constant levels are likelier ({said})" if likelier > 0.0 else ""
+    likelier = sum(
+        count * math.log(max(error, 1e-300) / motion) for _, _, motion, error, count in known
+    )
+    return (
+        f"the fit explains nothing: constant levels are likelier ({said})" if likelier > 0.0 else ""
+    )
 
 
 def none_determined(sigmas: Iterable[tuple[float, float]]) -> bool:
-    """Whether no derivative is known within three times its declared size, from pairs of a standard deviation and the declared value.
+    """Whether no derivative is known within three times its declared size, from pairs of a standard
+    deviation and the declared value.
 
-    A vehicle file may be 30 % wrong: a sigma of ten times that says nothing that the file does not say. Values declared as zero do not
-    count.
+    A vehicle file may be 30 % wrong: a sigma of ten times that says nothing that the file does not
+    say. Values declared as zero do not count.
     """
     known = [(std, abs(declared)) for std, declared in sigmas if declared != 0.0]
     return bool(known) and all(not std <= THREEFOLD * size for std, size in known)
 
 
 def failed_fit(fit: Fit, declared: Mapping[str, float]) -> tuple[str, str]:
-    """Why an output-error fit has failed and what to do; both empty where it has not. ``declared`` values by parameter."""
+    """Why an output-error fit has failed and what to do; both empty where it has not. ``declared``
+    values by parameter.
+    """
     layout = fit.layout
     names, problems = layout.system.output_names, layout.problems
     units = {output.name: output.unit for output in layout.system.outputs}
     used = [i for i in range(len(names)) if any(np.any(problem.valid[i]) for problem in problems)]
-    known = [[(problem.z[i, row] - np.mean(problem.z[i, row])) for problem in problems if np.any(row := problem.valid[i])] for i in used]
-    left = [[fit.residuals[r][i, problem.valid[i]] for r, problem in enumerate(problems)] for i in used]
+    known = [
+        [
+            (problem.z[i, row] - np.mean(problem.z[i, row]))
+            for problem in problems
+            if np.any(row := problem.valid[i])
+        ]
+        for i in used
+    ]
+    left = [
+        [fit.residuals[r][i, problem.valid[i]] for r, problem in enumerate(problems)] for i in used
+    ]
     channels = {names[i]: units[names[i]] for i in used}
-    why = failed_simulation(channels, [np.concatenate(each) for each in known], [np.concatenate(each) for each in left])
+    why = failed_simulation(
+        channels, [np.concatenate(each) for each in known], [np.concatenate(each) for each in left]
+    )
     if not why:
         with np.errstate(all="ignore"):
             covariance, _ = fit_covariance(fit)
         sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        pairs = [(float(sigmas[i]), declared[name]) for i, name in enumerate(layout.shared) if name in declared]
+        pairs = [
+            (float(sigmas[i]), declared[name])
+            for i, name in enumerate(layout.shared)
+            if name in declared
+        ]
         why = UNDETERMINED if none_determined(pairs) else ""
     return (why, _remedy(fit)) if why else ("", "")
 
@@ -407,14 +553,21 @@ def _remedy(fit: Fit) -> str:
     """What to do about a failed fit; of a motion that grows by itself, how long a record may be."""
     layout = fit.layout
     rate = max(fastest(layout), fastest(layout, fit.theta))
-    longest = max(float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems)
+    longest = max(
+        float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems
+    )
     if GROWN < rate * longest < math.inf:
-        cut = f"cut the records to single maneuvers of at most {FOLLOWED / rate:.2g} s (--from, --to)"
+        cut = (
+            f"cut the records to single maneuvers of at most {FOLLOWED / rate:.2g} s (--from, --to)"
+        )
         return (
-            f"the motion is unstable and grows e-fold every {1.0 / rate:.2g} s, as of an aircraft that a controller holds: estimate with "
-            f"flightid identify --method filter-error or equation-error, which simulate nothing freely, or {cut}"
+            f"the motion is unstable and grows e-fold every {1.0 / rate:.2g} s, as of an aircraft "
+            "that a controller holds: estimate with "
+            "flightid identify --method filter-error or equation-error, which simulate nothing "
+            f"freely, or {cut}"
         )
     return (
-        "check units, signs and the declared values; use records or maneuvers that are shorter or smaller; an unstable aircraft that a "
+        "check units, signs and the declared values; use records or maneuvers that are shorter or "
+        "smaller; an unstable aircraft that a "
         "controller holds needs flightid identify --method filter-error or equation-error"
     )

@@ -1,11 +1,13 @@
-"""One record laid out for a fit: grid and inputs, interval transitions, exact simulation of linear equations.
+"""One record laid out for a fit: grid and inputs, interval transitions, exact simulation of linear
+equations.
 
-Rows of states and of driven inputs have their columns first and the times last, so that one step of an integrator serves every interval and
-every column together.
+Rows of states and of driven inputs have their columns first and the times last, so that one step of
+an integrator serves every interval and every column together.
 
-Where the rates are linear in the states with coefficients that are at most products of two parameters, one table holds them all
-(`ident.bilinear_table`). A step of the integrator is then one matrix on (states, 1, inputs), and its derivatives by the parameters are
-matrices too: simulation and sensitivities are two solutions of one banded recursion, exact to rounding.
+Where the rates are linear in the states with coefficients that are at most products of two
+parameters, one table holds them all (`ident.bilinear_table`). A step of the integrator is then one
+matrix on (states, 1, inputs), and its derivatives by the parameters are matrices too: simulation
+and sensitivities are two solutions of one banded recursion, exact to rounding.
 """
 
 from __future__ import annotations
@@ -20,7 +22,16 @@ import numpy as np
 from ident.bilinear_table import held_within_steps, system_tables
 from sim.declaration.model import System
 from sim.maths import COMPLEX_STEP
-from sim.propagation import Drive, Grid, Step, drive_from_record, euler_step, make_grid, recorded_drive, rk4_step
+from sim.propagation import (
+    Drive,
+    Grid,
+    Step,
+    drive_from_record,
+    euler_step,
+    make_grid,
+    recorded_drive,
+    rk4_step,
+)
 from sim.record import Record
 
 # ---- One record laid out for a whole-record fit
@@ -30,11 +41,13 @@ INCREMENT = 1e-6  # of a parameter's or state's size, for forward differences
 
 @dataclass(frozen=True, eq=False)
 class RecordProblem:
-    """A record laid out for whole-record fits: ``z``, ``valid`` ``(m, N)``, grid, and the columns wanted.
+    """A record laid out for whole-record fits: ``z``, ``valid`` ``(m, N)``, grid, and the columns
+    wanted.
 
-    ``free`` are positions of the wanted parameters among all, ``starts`` those of the wanted initial states; ``moving`` are
-    those of ``free`` that act in the dynamics. ``exact`` differentiates by complex steps, else by forward differences
-    of ``increment (np,)``: a few times cheaper, good to about a millionth. ``drive`` is kept where no parameter moves it.
+    ``free`` are positions of the wanted parameters among all, ``starts`` those of the wanted
+    initial states; ``moving`` are those of ``free`` that act in the dynamics. ``exact``
+    differentiates by complex steps, else by forward differences of ``increment (np,)``: a few times
+    cheaper, good to about a millionth. ``drive`` is kept where no parameter moves it.
     """
 
     record: Record
@@ -63,22 +76,42 @@ def record_problem(
     exact: bool = True,
     step: Step = rk4_step,
 ) -> RecordProblem:
-    """Lay out a record; sub-steps of at most ``max_step`` s; ``valid (m, N)`` replaces the record's own mask.
+    """Lay out a record; sub-steps of at most ``max_step`` s; ``valid (m, N)`` replaces the record's
+    own mask.
 
-    ``at (np,)``: parameters that the input path has where none of it is free; those of the system when None.
+    ``at (np,)``: parameters that the input path has where none of it is free; those of the system
+    when None.
     """
     z, measured = record.output_array(system.output_names)
     grid, recorded = _recorded(record, system.input_names, max_step)
     items = [system.parameters.items[index] for index in free]
-    sizes = [abs(item.value) or (item.prior_std if np.isfinite(item.prior_std) else 1.0) for item in items]
-    acting = [position for position, item in enumerate(items) if item.name not in system.output_parameters]
+    sizes = [
+        abs(item.value) or (item.prior_std if np.isfinite(item.prior_std) else 1.0)
+        for item in items
+    ]
+    acting = [
+        position for position, item in enumerate(items) if item.name not in system.output_parameters
+    ]
     drive = None
     if not system.input_parameters.intersection(item.name for item in items):
         held = system.parameters.values() if at is None else at
         drive = driven_by(record, system, held.tolist(), grid) if system.input_stages else recorded
     mask = measured if valid is None else measured & valid
     increment = INCREMENT * np.array(sizes, dtype=float)
-    return RecordProblem(record, system, grid, z, mask, tuple(free), tuple(starts), tuple(acting), increment, exact, drive, step)
+    return RecordProblem(
+        record,
+        system,
+        grid,
+        z,
+        mask,
+        tuple(free),
+        tuple(starts),
+        tuple(acting),
+        increment,
+        exact,
+        drive,
+        step,
+    )
 
 
 @lru_cache(maxsize=16)  # a search lays out the same few records hundreds of times
@@ -89,53 +122,81 @@ def _recorded(record: Record, inputs: tuple[str, ...], max_step: float) -> tuple
 
 def driven_by(record: Record, system: System, p: Sequence[Any] | np.ndarray, grid: Grid) -> Drive:
     """A record's inputs at the vehicle, through the input path at parameters ``p``."""
-    return drive_from_record(system, p, record.input_array(system.input_names), record.time, record.hold, grid)
+    return drive_from_record(
+        system, p, record.input_array(system.input_names), record.time, record.hold, grid
+    )
 
 
 # ---- Interval transitions
 
-_AT_ONCE = 16_000  # numbers of a state that are integrated together: more do not stay in a processor's cache
+# numbers of a state that are integrated together: more do not stay in a processor's cache
+_AT_ONCE = 16_000
 
 
 def changed_rows(drive: Drive, change: Callable[[Any], Any]) -> Drive:
-    """A drive with every row changed; one that stands in several places, as held inputs do, is changed once."""
+    """A drive with every row changed; one that stands in several places, as held inputs do, is
+    changed once.
+    """
     begun, middle, ended, begin, end = _changed([*drive.stages, drive.begin, drive.end], change)
     return Drive((begun, middle, ended), begin, end)
 
 
 def _changed(lists: Sequence[list[Any]], change: Callable[[Any], Any]) -> list[list[Any]]:
     done: dict[int, Any] = {}
-    return [[done[id(row)] if id(row) in done else done.setdefault(id(row), change(row)) for row in rows] for rows in lists]
+    return [
+        [
+            done[id(row)] if id(row) in done else done.setdefault(id(row), change(row))
+            for row in rows
+        ]
+        for rows in lists
+    ]
 
 
-def sample_outputs(problem: RecordProblem, p: Sequence[Any], X: list[Any], drive: Drive, apart: Sequence[int]) -> np.ndarray:
-    """Outputs at the record's samples ``(m, c, N)`` from states at the nodes, rows ``(c, K + 1)``; rows of the drive ``(c, M)``.
+def sample_outputs(
+    problem: RecordProblem, p: Sequence[Any], X: list[Any], drive: Drive, apart: Sequence[int]
+) -> np.ndarray:
+    """Outputs at the record's samples ``(m, c, N)`` from states at the nodes, rows ``(c, K + 1)``;
+    rows of the drive ``(c, M)``.
 
-    ``apart`` are the columns that may move otherwise than column 0, which is the first of them: the others differ after the dynamics only.
+    ``apart`` are the columns that may move otherwise than column 0, which is the first of them: the
+    others differ after the dynamics only.
     """
     system, grid, upright, c = problem.system, problem.grid, _upright(p), len(X[0])
     sample = grid.sample
     if not system.sensor_stages:
         nodes, out = sample // grid.substeps, None
         for at in _parts(c, len(sample)):
-            here = [row[:, at] if len(sample) == len(grid.nodes) else row[:, nodes[at]] for row in X]
-            y = system.h(grid.edges[sample[at]], here, [row[..., sample[at]] for row in drive.begin], upright)
+            here = [
+                row[:, at] if len(sample) == len(grid.nodes) else row[:, nodes[at]] for row in X
+            ]
+            y = system.h(
+                grid.edges[sample[at]], here, [row[..., sample[at]] for row in drive.begin], upright
+            )
             out = _put(out, y, (c, len(sample)), at)
         assert out is not None
         return out
     edges = _all_edges(problem, p, X, drive, apart)
     last = [row[:, -1:] for row in X]
-    begin_x = [np.concatenate([_in_a_row(rows), row], axis=1) for rows, row in zip(zip(*edges[:-1], strict=True), last, strict=True)]
+    begin_x = [
+        np.concatenate([_in_a_row(rows), row], axis=1)
+        for rows, row in zip(zip(*edges[:-1], strict=True), last, strict=True)
+    ]
     end_x = [_in_a_row(rows) for rows in zip(*edges[1:], strict=True)]
     begin = stacked(system.h(grid.edges, begin_x, drive.begin, upright), (c, len(grid.edges)))
     end = stacked(system.h(grid.edges[1:], end_x, drive.end, upright), (c, len(grid.edges) - 1))
     # A sensor's memory runs over the time, which is the first axis to it.
     rows, _ = system.sensor_path(p, [row.T for row in begin], [row.T for row in end], grid.steps)
-    return stacked([np.broadcast_to(row, (len(grid.edges), c)).T[:, sample] for row in rows], (c, len(sample)))
+    return stacked(
+        [np.broadcast_to(row, (len(grid.edges), c)).T[:, sample] for row in rows], (c, len(sample))
+    )
 
 
-def _all_edges(problem: RecordProblem, p: Sequence[Any], X: list[Any], drive: Drive, apart: Sequence[int]) -> list[list[Any]]:
-    """As ``cross_intervals`` from ``X (c, K + 1)``, worked out for the columns ``apart`` alone; the others move as column 0 does."""
+def _all_edges(
+    problem: RecordProblem, p: Sequence[Any], X: list[Any], drive: Drive, apart: Sequence[int]
+) -> list[list[Any]]:
+    """As ``cross_intervals`` from ``X (c, K + 1)``, worked out for the columns ``apart`` alone; the
+    others move as column 0 does.
+    """
     starts, c = [row[:, :-1] for row in X], len(X[0])
     if len(apart) == c:
         return cross_intervals(problem, starts, drive, p)
@@ -145,7 +206,10 @@ def _all_edges(problem: RecordProblem, p: Sequence[Any], X: list[Any], drive: Dr
     place = np.zeros(c, dtype=int)
     place[chosen] = np.arange(len(chosen))
     shape = (len(chosen), starts[0].shape[1])
-    return [[np.broadcast_to(row, shape)[place] for row in rows] for rows in cross_intervals(problem, [row[chosen] for row in starts], fewer, few)]
+    return [
+        [np.broadcast_to(row, shape)[place] for row in rows]
+        for rows in cross_intervals(problem, [row[chosen] for row in starts], fewer, few)
+    ]
 
 
 def _in_a_row(rows: Sequence[np.ndarray]) -> np.ndarray:
@@ -153,8 +217,11 @@ def _in_a_row(rows: Sequence[np.ndarray]) -> np.ndarray:
     return np.stack(rows, axis=2).reshape(len(rows[0]), -1)
 
 
-def interval_ends(problem: RecordProblem, x: Sequence[Any], drive: Drive, p: Sequence[Any], columns: int = 0) -> np.ndarray:
-    """States after all node intervals ``(nx, c, K)`` from those before, rows ``(c, K)``; rows of the drive ``(c, M)``.
+def interval_ends(
+    problem: RecordProblem, x: Sequence[Any], drive: Drive, p: Sequence[Any], columns: int = 0
+) -> np.ndarray:
+    """States after all node intervals ``(nx, c, K)`` from those before, rows ``(c, K)``; rows of
+    the drive ``(c, M)``.
 
     ``columns`` : c, where a state that all columns begin at may be given as a row ``(1, K)``.
     """
@@ -171,8 +238,12 @@ def _parts(c: int, K: int) -> list[slice]:
     return [slice(k, min(k + rows, K)) for k in range(0, max(K, 1), rows)]
 
 
-def _put(out: np.ndarray | None, rows: Sequence[Any], shape: tuple[int, ...], at: slice) -> np.ndarray:
-    """Rows of one part at its place in the whole, ``(len(rows), *shape)``, which the first part makes; a row may be the same for all columns."""
+def _put(
+    out: np.ndarray | None, rows: Sequence[Any], shape: tuple[int, ...], at: slice
+) -> np.ndarray:
+    """Rows of one part at its place in the whole, ``(len(rows), *shape)``, which the first part
+    makes; a row may be the same for all columns.
+    """
     if out is None:
         out = np.empty((len(rows), *shape), dtype=np.result_type(float, *rows))
     for i, row in enumerate(rows):
@@ -180,8 +251,12 @@ def _put(out: np.ndarray | None, rows: Sequence[Any], shape: tuple[int, ...], at
     return out
 
 
-def cross_intervals(problem: RecordProblem, x: list[Any], drive: Drive, p: Sequence[Any]) -> list[list[Any]]:
-    """States before the first and after every sub-step of all node intervals, rows ``(c, K)``; rows of the drive ``(c, M)``."""
+def cross_intervals(
+    problem: RecordProblem, x: list[Any], drive: Drive, p: Sequence[Any]
+) -> list[list[Any]]:
+    """States before the first and after every sub-step of all node intervals, rows ``(c, K)``; rows
+    of the drive ``(c, M)``.
+    """
     c, K = x[0].shape
     parts = _parts(c, K)
     if len(parts) == 1:
@@ -190,12 +265,16 @@ def cross_intervals(problem: RecordProblem, x: list[Any], drive: Drive, p: Seque
     shapes = [part[0][0].shape for part in done]
 
     def joined(rows: Sequence[Any]) -> np.ndarray:
-        return np.concatenate([np.broadcast_to(row, shape) for row, shape in zip(rows, shapes, strict=True)], axis=1)
+        return np.concatenate(
+            [np.broadcast_to(row, shape) for row, shape in zip(rows, shapes, strict=True)], axis=1
+        )
 
     return [[joined(rows) for rows in zip(*edge, strict=True)] for edge in zip(*done, strict=True)]
 
 
-def _crossed(problem: RecordProblem, x: list[Any], drive: Drive, p: Sequence[Any], at: slice) -> list[list[Any]]:
+def _crossed(
+    problem: RecordProblem, x: list[Any], drive: Drive, p: Sequence[Any], at: slice
+) -> list[list[Any]]:
     """The same for some of the intervals, whose states are ``x``."""
     grid, substeps, upright = problem.grid, problem.grid.substeps, _upright(p)
     path = [x]
@@ -205,13 +284,22 @@ def _crossed(problem: RecordProblem, x: list[Any], drive: Drive, p: Sequence[Any
             return np.ascontiguousarray(row.reshape(*row.shape[:-1], -1, substeps)[..., at, s])
 
         begun, middle, ended = _changed(drive.stages, mine)
-        x = problem.step(problem.system.f, mine(grid.edges[:-1]), x, (begun, middle, ended), upright, mine(grid.steps))
+        x = problem.step(
+            problem.system.f,
+            mine(grid.edges[:-1]),
+            x,
+            (begun, middle, ended),
+            upright,
+            mine(grid.steps),
+        )
         path.append(x)
     return path
 
 
 def stacked(rows: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
-    """Rows of which some may be the same for all columns, or numbers, in one array ``(len(rows), *shape)``."""
+    """Rows of which some may be the same for all columns, or numbers, in one array ``(len(rows),
+    *shape)``.
+    """
     out = np.empty((len(rows), *shape), dtype=np.result_type(float, *rows))
     for i, row in enumerate(rows):
         out[i] = row
@@ -232,12 +320,16 @@ _EVEN = 1e-9  # of a step: what time stamps may differ by for all steps to be on
 Line = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
-def linear_record(problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: np.ndarray) -> Line | None:
-    """``y``, ``jacobian``, ``states`` and ``by_state`` of a ``Linearisation`` at parameters ``p (np,)`` and initial state ``x0``.
+def linear_record(
+    problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: np.ndarray
+) -> Line | None:
+    """``y``, ``jacobian``, ``states`` and ``by_state`` of a ``Linearisation`` at parameters ``p
+    (np,)`` and initial state ``x0``.
 
-    States are simulated; their sensitivities are formed along the ``guess (nx, K + 1)`` as in `ident.whole_record.linearise`, which is
-    what brings a fit from a poor start home: measured states are nearer to the truth than its simulation.
-    None where the equations are not of this kind, a parameter moves the inputs, a sensor has a memory, or steps are not even.
+    States are simulated; their sensitivities are formed along the ``guess (nx, K + 1)`` as in
+    `ident.whole_record.linearise`, which is what brings a fit from a poor start home: measured
+    states are nearer to the truth than its simulation. None where the equations are not of this
+    kind, a parameter moves the inputs, a sensor has a memory, or steps are not even.
     """
     system = problem.system
     if problem.drive is None or system.sensor_stages or problem.step not in _ORDERS:
@@ -252,14 +344,17 @@ def linear_record(problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: 
     moves, by_moves = _step_matrices(both[:n_x], by_both[:, :n_x], step.dt, _ORDERS[problem.step])
     n_p, m, c, count = len(by_both), len(reading), len(by_both) + len(starts), len(step.fed)
 
-    # Rows of time: what a step is fed with is (states, 1, inputs), of which every right-hand side of the recursion is a product.
+    # Rows of time: what a step is fed with is (states, 1, inputs), of which every right-hand side
+    # of the recursion is a product.
     band = _band(moves[:, :n_x], count)
     right = np.empty((1, count + 1, n_x))
     right[0, 0] = x0
     np.matmul(step.fed, moves[:, n_x:].T, out=right[0, 1:])
     states = _solved(band, right)[0]
     right = np.zeros((c, count + 1, n_x))
-    np.matmul(_along(guess, moves, step.fed, substeps), by_moves.transpose(0, 2, 1), out=right[:n_p, 1:])
+    np.matmul(
+        _along(guess, moves, step.fed, substeps), by_moves.transpose(0, 2, 1), out=right[:n_p, 1:]
+    )
     right[n_p + np.arange(len(starts)), 0, starts] = 1.0
     by_state = np.ascontiguousarray(_solved(band, right).transpose(2, 1, 0))
 
@@ -272,7 +367,9 @@ def linear_record(problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: 
 
 
 def _along(guess: np.ndarray, moves: np.ndarray, fed: np.ndarray, substeps: int) -> np.ndarray:
-    """What each step is fed with, (states, 1, inputs) ``(M, l)``, its states from the guess at the node before."""
+    """What each step is fed with, (states, 1, inputs) ``(M, l)``, its states from the guess at the
+    node before.
+    """
     n_x = len(guess)
     out = np.empty((len(fed), n_x + fed.shape[1]))
     out[:, n_x:] = fed
@@ -283,7 +380,9 @@ def _along(guess: np.ndarray, moves: np.ndarray, fed: np.ndarray, substeps: int)
 
 
 def _band(Phi: np.ndarray, count: int) -> np.ndarray:
-    """The matrix of x[k] - Phi x[k - 1] over so many steps, ``(2 n, (count + 1) n)`` in diagonals as LAPACK wants it."""
+    """The matrix of x[k] - Phi x[k - 1] over so many steps, ``(2 n, (count + 1) n)`` in diagonals
+    as LAPACK wants it.
+    """
     n = len(Phi)
     band = np.zeros((2 * n, count + 1, n))
     band[0] = 1.0
@@ -294,19 +393,27 @@ def _band(Phi: np.ndarray, count: int) -> np.ndarray:
 
 
 def _solved(band: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """x of x[k] - Phi x[k - 1] = right[k], x[0] = right[0], for every right-hand side ``(c, count + 1, n)``, which is overwritten."""
+    """x of x[k] - Phi x[k - 1] = right[k], x[0] = right[0], for every right-hand side ``(c, count +
+    1, n)``, which is overwritten.
+    """
     from scipy.linalg.lapack import dtbtrs
 
     if not len(right):
         return right
-    solution, _ = dtbtrs(band, right.reshape(len(right), -1).T, uplo="L", diag="U", overwrite_b=True)
+    solution, _ = dtbtrs(
+        band, right.reshape(len(right), -1).T, uplo="L", diag="U", overwrite_b=True
+    )
     return np.asarray(solution.T.reshape(right.shape))
 
 
-def _step_matrices(rates: np.ndarray, by_rates: np.ndarray, dt: float, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of a step of so many terms its matrix ``(n_x, l)`` on (states, 1, inputs) and the derivatives ``(c, n_x, l)``, from those of the rates.
+def _step_matrices(
+    rates: np.ndarray, by_rates: np.ndarray, dt: float, order: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of a step of so many terms its matrix ``(n_x, l)`` on (states, 1, inputs) and the derivatives
+    ``(c, n_x, l)``, from those of the rates.
 
-    I + A + A^2/2 + ... of the square matrix with the rates in its first rows and zeros below, which holds 1 and the inputs.
+    I + A + A^2/2 + ... of the square matrix with the rates in its first rows and zeros below, which
+    holds 1 and the inputs.
     """
     n_x, size = rates.shape
     A = np.zeros((1 + len(by_rates), size, size), dtype=complex)
@@ -321,8 +428,8 @@ def _step_matrices(rates: np.ndarray, by_rates: np.ndarray, dt: float, order: in
 
 @dataclass(frozen=True, eq=False)
 class _Held:
-    """Steps that are all of one size ``dt`` (s), what they are fed with, ``(M, 1 + n_u)``: 1 and the inputs; ``seen (N, 1 + n_u)`` at the
-    ``samples`` among the edges."""
+    """Steps that are all of one size ``dt`` (s), what they are fed with, ``(M, 1 + n_u)``: 1 and
+    the inputs; ``seen (N, 1 + n_u)`` at the ``samples`` among the edges."""
 
     dt: float
     fed: np.ndarray
@@ -336,15 +443,23 @@ def _held(drive: Drive, grid: Grid) -> _Held | None:
         return None
     at = grid.sample
     every = slice(None, None, grid.substeps) if len(at) == len(grid.nodes) else at
-    fed, seen = ([np.ones(count), *rows] for count, rows in ((len(grid.steps), drive.stages[0]), (len(at), [row[at] for row in drive.begin])))
+    fed, seen = (
+        [np.ones(count), *rows]
+        for count, rows in (
+            (len(grid.steps), drive.stages[0]),
+            (len(at), [row[at] for row in drive.begin]),
+        )
+    )
     return _Held(float(grid.steps.mean()), np.stack(fed, axis=1), np.stack(seen, axis=1), every)
 
 
 @dataclass(frozen=True, eq=False)
 class _Line:
-    """Rates and outputs, linear in (states, 1, inputs): ``r`` values of ``l`` entries, ``P`` parameters that are ``free`` (positions among all).
+    """Rates and outputs, linear in (states, 1, inputs): ``r`` values of ``l`` entries, ``P``
+    parameters that are ``free`` (positions among all).
 
-    ``matrix (r, l)`` at zero, ``by_parameter (P, r, l)``, and of the column of the 1, at ``one``, second derivatives ``(P, r, P)``, None without.
+    ``matrix (r, l)`` at zero, ``by_parameter (P, r, l)``, and of the column of the 1, at ``one``,
+    second derivatives ``(P, r, P)``, None without.
     """
 
     free: tuple[int, ...]
@@ -354,9 +469,13 @@ class _Line:
     one: int
 
     def at(self, p: np.ndarray, wanted: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-        """The matrix at all parameters ``p (np,)`` and its derivatives ``(c, r, l)`` by the ``wanted`` of the free ones, positions among all."""
+        """The matrix at all parameters ``p (np,)`` and its derivatives ``(c, r, l)`` by the
+        ``wanted`` of the free ones, positions among all.
+        """
         theta, order = p[list(self.free)], [self.free.index(index) for index in wanted]
-        matrix = self.matrix + (theta @ self.by_parameter.reshape(len(theta), self.matrix.size)).reshape(self.matrix.shape)
+        matrix = self.matrix + (
+            theta @ self.by_parameter.reshape(len(theta), self.matrix.size)
+        ).reshape(self.matrix.shape)
         derivatives = self.by_parameter[order]
         if self.squares is not None:
             bent = self.squares @ theta
@@ -366,7 +485,9 @@ class _Line:
 
 
 def _held_values(system: System, p: np.ndarray) -> tuple[float, ...]:
-    return tuple(p[[index for index, item in enumerate(system.parameters.items) if not item.free]].tolist())
+    return tuple(
+        p[[index for index, item in enumerate(system.parameters.items) if not item.free]].tolist()
+    )
 
 
 @lru_cache(maxsize=64)  # a fit asks for the same one again and again
@@ -380,7 +501,9 @@ def _line(system: System, held: tuple[float, ...]) -> _Line | None:
         return None
     n_x, n, width = len(system.states), found[0].n, len(found[0].table)
     # Halves of the slopes by every entry of (1, states, parameters, inputs), what is linear whole.
-    halves = np.concatenate([table.table.reshape(width, -1, n + width)[:, :, n:] for table in found], axis=1)
+    halves = np.concatenate(
+        [table.table.reshape(width, -1, n + width)[:, :, n:] for table in found], axis=1
+    )
     slopes = 2.0 * halves
     slopes[0] = halves[0]
     parameters, order = slice(1 + n_x, 1 + n), [*range(1, 1 + n_x), 0, *range(1 + n, width)]

@@ -1,9 +1,12 @@
-"""Whole-record fits of a motion that grows by itself: an aircraft that only its flight control system holds.
+"""Whole-record fits of a motion that grows by itself: an aircraft that only its flight control
+system holds.
 
-Of a mode that grows by e^15 along a record, every derivative and the initial state move the end of the trajectory by millions of times what the
-middle feels, nearly all of it alike. Levenberg-Marquardt in all unknowns then creeps along a bent valley. Here what belongs to one record
-(initial state, biases) is projected out of the sensitivities of the shared parameters (variable projection: Golub and Pereyra 1973;
-Kaufman 1975), damping acts on what is left, and it is solved for again after every step. The record is met in growing parts.
+Of a mode that grows by e^15 along a record, every derivative and the initial state move the end of
+the trajectory by millions of times what the middle feels, nearly all of it alike.
+Levenberg-Marquardt in all unknowns then creeps along a bent valley. Here what belongs to one record
+(initial state, biases) is projected out of the sensitivities of the shared parameters (variable
+projection: Golub and Pereyra 1973; Kaufman 1975), damping acts on what is left, and it is solved
+for again after every step. The record is met in growing parts.
 """
 
 from __future__ import annotations
@@ -23,15 +26,21 @@ from ident.whole_record.layout import FitLayout, FitProblem
 from sim.declaration.model import System
 from sim.maths import complex_step_jacobian
 
-GROWN = 3.0  # e-foldings along a record from which a motion is met in parts: below, a fit of the whole has no trouble
+# e-foldings along a record from which a motion is met in parts: below, a fit of the whole has no
+# trouble
+GROWN = 3.0
 _FIRST = 3.0  # e-foldings of the first part; each further part is twice as long
 _ROUGH = 0.3  # tolerance, in sigmas, of all parts but the whole
 _STEEPEST = 1e8  # damping from which no descent is left
-_OWN_STEPS, _OWN_GAIN = 12, 0.1  # to a record's own unknowns, at most; of log likelihood: what gains less is left to the next step of all
+# to a record's own unknowns, at most; of log likelihood: what gains less is left to the next step
+# of all
+_OWN_STEPS, _OWN_GAIN = 12, 0.1
 
 
 def fastest(layout: FitLayout, theta: np.ndarray | None = None) -> float:
-    """Growth rate (1/s) of the fastest mode at rest, at ``theta`` (the start when None); zero where none grows, infinite where they overflow."""
+    """Growth rate (1/s) of the fastest mode at rest, at ``theta`` (the start when None); zero where
+    none grows, infinite where they overflow.
+    """
     theta = layout.start if theta is None else theta
     system, most = layout.system, 0.0
     for r in range(len(layout.problems)):
@@ -49,16 +58,23 @@ def _rates_at_rest(system: System, p: list[float], x: list[Any]) -> Sequence[Any
 
 
 def growth(layout: FitLayout, theta: np.ndarray | None = None) -> float:
-    """E-foldings of the fastest mode along the longest record, at ``theta`` (the start when None)."""
-    return fastest(layout, theta) * max(float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems)
+    """E-foldings of the fastest mode along the longest record, at ``theta`` (the start when
+    None).
+    """
+    return fastest(layout, theta) * max(
+        float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems
+    )
 
 
 def fit_unstable(layout: FitLayout) -> Fit | None:
-    """Minimise the cost of output error from ``layout.start`` by parts of the records that grow to the whole; None where no cost was finite.
+    """Minimise the cost of output error from ``layout.start`` by parts of the records that grow to
+    the whole; None where no cost was finite.
 
     Outcomes as of ``fit_whole_records``. No priors, and at least one shared parameter.
     """
-    exact = replace(layout, problems=tuple(replace(problem, exact=True) for problem in layout.problems))
+    exact = replace(
+        layout, problems=tuple(replace(problem, exact=True) for problem in layout.problems)
+    )
     found, spent, left = None, 0, layout.settings.iterations
     for part in _parts(exact):
         found = _fit_part(replace(part, start=exact.start if found is None else found.theta), left)
@@ -71,20 +87,28 @@ def fit_unstable(layout: FitLayout) -> Fit | None:
 
 def projectable(layout: FitLayout) -> bool:
     """Whether there are shared parameters, and each prior is of one unknown by itself."""
-    tied = layout.prior is not None and np.count_nonzero(layout.prior.information) > len(layout.prior.mean)
+    tied = layout.prior is not None and np.count_nonzero(layout.prior.information) > len(
+        layout.prior.mean
+    )
     return bool(layout.shared) and not tied
 
 
 def fit_projected(layout: FitLayout, guesses: list[np.ndarray] | None = None) -> Fit | None:
-    """As ``fit_unstable`` for a start that is near, so that the whole is met at once; priors are counted, if ``projectable``."""
-    exact = replace(layout, problems=tuple(replace(problem, exact=True) for problem in layout.problems))
+    """As ``fit_unstable`` for a start that is near, so that the whole is met at once; priors are
+    counted, if ``projectable``.
+    """
+    exact = replace(
+        layout, problems=tuple(replace(problem, exact=True) for problem in layout.problems)
+    )
     return _fit_part(exact, layout.settings.iterations, guesses)
 
 
 def projected_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
-    """Covariance of the shared parameters ``(s, s)`` with all others projected out, corrected for colour as the settings say; all determined?
+    """Covariance of the shared parameters ``(s, s)`` with all others projected out, corrected for
+    colour as the settings say; all determined?
 
-    The same as the block of ``fit_covariance``, but not squared before it is projected, which a motion that grows would not survive.
+    The same as the block of ``fit_covariance``, but not squared before it is projected, which a
+    motion that grows would not survive.
     """
     n, left = len(fit.layout.shared), _projected(fit)
     inverse, determined = inverse_information(left.information, fit.theta[:n])
@@ -92,7 +116,9 @@ def projected_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
         return inverse, determined
     sigma = np.sqrt(fit.variance)[:, None, None]
     parts, count = [], n
-    for jacobian, own, residual, problem in zip(left.jacobians, left.own, fit.residuals, fit.layout.problems, strict=True):
+    for jacobian, own, residual, problem in zip(
+        left.jacobians, left.own, fit.residuals, fit.layout.problems, strict=True
+    ):
         # What a record's own unknowns follow of the noise is missing from its residuals too.
         both = np.concatenate([jacobian, own[: residual.size].reshape(*residual.shape, -1)], axis=2)
         at = np.concatenate([np.arange(n), count + np.arange(own.shape[1])])
@@ -105,10 +131,11 @@ def projected_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
 
 @dataclass(frozen=True, eq=False)
 class _Projected:
-    """Shared sensitivities of each record less what its own unknowns can imitate, in sigmas of the outputs.
+    """Shared sensitivities of each record less what its own unknowns can imitate, in sigmas of the
+    outputs.
 
-    ``jacobians (m, N, s)``; ``information (s, s)`` and ``gradient (s,)``. ``own`` of each record: orthonormal columns ``(mN, o)``; ``back``:
-    what leads back to its unknowns ``(o, mN)``.
+    ``jacobians (m, N, s)``; ``information (s, s)`` and ``gradient (s,)``. ``own`` of each record:
+    orthonormal columns ``(mN, o)``; ``back``: what leads back to its unknowns ``(o, mN)``.
     """
 
     jacobians: tuple[np.ndarray, ...]
@@ -118,7 +145,9 @@ class _Projected:
     back: tuple[np.ndarray, ...]
 
     def own_steps(self, fit: Fit, shared: np.ndarray) -> np.ndarray:
-        """Step of all unknowns ``(n,)`` where the shared ones take a given one ``(s,)`` and each record's own follow."""
+        """Step of all unknowns ``(n,)`` where the shared ones take a given one ``(s,)`` and each
+        record's own follow.
+        """
         step, n = np.zeros(len(fit.theta)), len(shared)
         step[:n] = shared
         for r, back in enumerate(self.back):
@@ -128,19 +157,25 @@ class _Projected:
 
 
 def _weighted(fit: Fit, r: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sensitivities ``(mN, c)`` and residual ``(mN,)`` of a record over the sigma of each output, zero where a sample is missing.
+    """Sensitivities ``(mN, c)`` and residual ``(mN,)`` of a record over the sigma of each output,
+    zero where a sample is missing.
 
     What is known beforehand of the record's own unknowns stands below, a row each.
     """
     weight = np.where(fit.layout.problems[r].valid, 1.0 / np.sqrt(fit.variance)[:, None], 0.0)
-    jacobian, residual = (fit.jacobians[r] * weight[:, :, None]).reshape(weight.size, -1), (fit.residuals[r] * weight).ravel()
+    jacobian, residual = (
+        (fit.jacobians[r] * weight[:, :, None]).reshape(weight.size, -1),
+        (fit.residuals[r] * weight).ravel(),
+    )
     prior, columns = fit.layout.prior, fit.layout.columns(r)
     if prior is None:
         return jacobian, residual
     n, size = len(fit.layout.shared), np.sqrt(np.diag(prior.information))
     mine = [k for k, position in enumerate(prior.positions) if position in columns[n:]]
     rows = np.zeros((len(mine), len(columns)))
-    rows[np.arange(len(mine)), [int(np.flatnonzero(columns == prior.positions[k])[0]) for k in mine]] = size[mine]
+    rows[
+        np.arange(len(mine)), [int(np.flatnonzero(columns == prior.positions[k])[0]) for k in mine]
+    ] = size[mine]
     away = size[mine] * (prior.mean[mine] - fit.theta[prior.positions[mine]])
     return np.vstack([jacobian, rows]), np.concatenate([residual, away])
 
@@ -173,21 +208,38 @@ def _projected(fit: Fit) -> _Projected:
 
 
 def _parts(layout: FitLayout) -> Iterator[FitLayout]:
-    """Layouts that see the records' beginnings, each twice as long as the one before, then the whole."""
-    length = max(float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems)
-    span, rough = _FIRST * length / max(growth(layout), _FIRST), replace(layout.settings, tolerance=max(_ROUGH, layout.settings.tolerance))
+    """Layouts that see the records' beginnings, each twice as long as the one before, then the
+    whole.
+    """
+    length = max(
+        float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems
+    )
+    span, rough = (
+        _FIRST * length / max(growth(layout), _FIRST),
+        replace(layout.settings, tolerance=max(_ROUGH, layout.settings.tolerance)),
+    )
     while 0.0 < span < length:  # a growth beyond all numbers leaves no part
-        problems = tuple(replace(each, valid=each.valid & (each.record.time - each.record.time[0] <= span)) for each in layout.problems)
-        if all(np.all(each.valid.any(axis=1) == whole.valid.any(axis=1)) for each, whole in zip(problems, layout.problems, strict=True)):
+        problems = tuple(
+            replace(each, valid=each.valid & (each.record.time - each.record.time[0] <= span))
+            for each in layout.problems
+        )
+        if all(
+            np.all(each.valid.any(axis=1) == whole.valid.any(axis=1))
+            for each, whole in zip(problems, layout.problems, strict=True)
+        ):
             yield replace(layout, settings=rough, problems=problems)
         span *= 2.0
     yield layout
 
 
 def _fit_part(layout: FitLayout, limit: int, guesses: list[np.ndarray] | None = None) -> Fit | None:
-    """Levenberg-Marquardt in the shared parameters, each record's own solved for after every step; at most ``limit`` steps."""
+    """Levenberg-Marquardt in the shared parameters, each record's own solved for after every step;
+    at most ``limit`` steps.
+    """
     problem, n, settings = FitProblem(layout), len(layout.shared), layout.settings
-    begun = evaluate(problem, layout.start, layout.guesses(layout.start) if guesses is None else guesses)
+    begun = evaluate(
+        problem, layout.start, layout.guesses(layout.start) if guesses is None else guesses
+    )
     if begun is None and guesses is not None:
         begun = evaluate(problem, layout.start, layout.guesses(layout.start))
     if begun is None:
@@ -209,17 +261,23 @@ def _fit_part(layout: FitLayout, limit: int, guesses: list[np.ndarray] | None = 
             break
         else:
             damping *= 10.0
-    outcome = Outcome.CONVERGED if arrived(model, fit.theta[:n], settings) else Outcome.MAX_ITERATIONS
+    outcome = (
+        Outcome.CONVERGED if arrived(model, fit.theta[:n], settings) else Outcome.MAX_ITERATIONS
+    )
     return replace(joined_up(fit), outcome=outcome, iterations=done)
 
 
 def _model(fit: Fit, left: _Projected) -> LocalModel:
     n = len(fit.layout.shared)
-    return local_model(left.information, left.gradient, fit.theta[:n], fit.layout.low[:n], fit.layout.high[:n])
+    return local_model(
+        left.information, left.gradient, fit.theta[:n], fit.layout.low[:n], fit.layout.high[:n]
+    )
 
 
 def _settled(fit: Fit) -> Fit:
-    """The same shared parameters with the own unknowns of each record at their best: one step where the motion is linear, a few where it is not."""
+    """The same shared parameters with the own unknowns of each record at their best: one step where
+    the motion is linear, a few where it is not.
+    """
     for _ in range(_OWN_STEPS):
         step = _projected(fit).own_steps(fit, np.zeros(len(fit.layout.shared)))
         theta = np.clip(fit.theta + step, fit.layout.low, fit.layout.high)

@@ -15,7 +15,17 @@ from ident.frequency_response import LEAST_COHERENCE
 from scenarios import maneuvers
 from scenarios.api import plot, tables
 from scenarios.api.records import Choices, choices_of
-from scenarios.api.requests import KEPT, Found, Named, Source, Times, file_of, plan_from, request_of, with_parts
+from scenarios.api.requests import (
+    KEPT,
+    Found,
+    Named,
+    Source,
+    Times,
+    file_of,
+    plan_from,
+    request_of,
+    with_parts,
+)
 from scenarios.api.shown import write_report
 from scenarios.api.vehicle import Vehicle
 from scenarios.compatibility import check as checking
@@ -38,14 +48,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Check:
-    """What the kinematics say of the sensors. ``details``: everything that the library knows of it."""
+    """What the kinematics say of the sensors. ``details``: everything that the library knows of
+    it.
+    """
 
     details: checking.CompatibilityCheck
 
     @property
     def findings(self) -> tuple[str, ...]:
         """Names of the sensor faults that stand, ``"delay:alpha"`` and the like."""
-        return tuple(dict.fromkeys(finding.name for finding in self.details.result.findings if finding.stands))
+        return tuple(
+            dict.fromkeys(
+                finding.name for finding in self.details.result.findings if finding.stands
+            )
+        )
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -75,7 +91,9 @@ class Check:
         return as_text(lambda out: print_check(self.details, out, KEPT))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row a sensor fault, from all records together: value and sigma by output error and by the smoother, gain, p, whether it stands."""
+        """One row a sensor fault, from all records together: value and sigma by output error and by
+        the smoother, gain, p, whether it stands.
+        """
         import pandas
 
         stands = set(self.findings)
@@ -93,7 +111,17 @@ class Check:
             }
             for item in self.details.result.joint.estimates
         ]
-        columns = ["fault", "unit", "value", "sigma", "smoother_value", "smoother_sigma", "gain", "p_value", "stands"]
+        columns = [
+            "fault",
+            "unit",
+            "value",
+            "sigma",
+            "smoother_value",
+            "smoother_sigma",
+            "gain",
+            "p_value",
+            "stands",
+        ]
         return pandas.DataFrame(rows, columns=columns).set_index("fault")
 
     def to_dict(self) -> dict[str, Any]:
@@ -102,7 +130,9 @@ class Check:
 
         return check_content(self.details)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
+    def save(
+        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
+    ) -> Path:
         """Write the study as the command does with ``--out``; returns the folder."""
         from scenarios.compatibility.report import write_check
 
@@ -123,7 +153,11 @@ class Check:
 
     def _repr_html_(self) -> str:
         names = ", ".join(record.name for record in self.details.records)
-        return tables.page(f"data compatibility of {names}", tables.sentences(self.sentences), tables.sentences(self.warnings))
+        return tables.page(
+            f"data compatibility of {names}",
+            tables.sentences(self.sentences),
+            tables.sentences(self.warnings),
+        )
 
 
 def check(
@@ -141,14 +175,17 @@ def check(
     lowpass: float | None = None,
     trust_record: bool = False,
 ) -> Check:
-    """What the kinematics alone say of the sensors: ``flightid check`` in Python; parameters as in ``identify``.
+    """What the kinematics alone say of the sensors: ``flightid check`` in Python; parameters as in
+    ``identify``.
 
     Raises
     ------
     InputError : anything in the records that keeps them from being used, in one line.
     """
     plan = plan_from(start, stop, hold, rate, lowpass, trust_record, columns)
-    request = with_parts(request_of(records, "", vehicle, channels=channels, plan=plan), maneuver, maneuvers)
+    request = with_parts(
+        request_of(records, "", vehicle, channels=channels, plan=plan), maneuver, maneuvers
+    )
     return Check(checking.check_files(request))
 
 
@@ -163,7 +200,9 @@ class Maneuvers:
 
     @property
     def parts(self) -> Parts:
-        """The parts of the record to use, which ``identify`` and ``diagnose`` take as ``maneuvers``."""
+        """The parts of the record to use, which ``identify`` and ``diagnose`` take as
+        ``maneuvers``.
+        """
         return self.details.parts
 
     @property
@@ -182,12 +221,15 @@ class Maneuvers:
         return as_text(lambda out: print_maneuvers(self.details, out, KEPT))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row a maneuver by its number: times of the input, the part to use, axis, kind, channel, amplitude (SI), t values."""
+        """One row a maneuver by its number: times of the input, the part to use, axis, kind,
+        channel, amplitude (SI), t values.
+        """
         import pandas
 
         rows = self.to_dict()["maneuvers"]
         flat = [
-            {key: value for key, value in row.items() if key != "excitation"} | {f"t_{name}": value for name, value in row["excitation"].items()}
+            {key: value for key, value in row.items() if key != "excitation"}
+            | {f"t_{name}": value for name, value in row["excitation"].items()}
             for row in rows
         ]
         columns = ["number", "name", "start", "end", "from", "to", "axis", "kind"]
@@ -200,8 +242,12 @@ class Maneuvers:
 
         return maneuvers_content(self.details)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
-        """Write ``maneuvers.toml``, figure and page as the command does with ``--out``; returns the folder."""
+    def save(
+        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
+    ) -> Path:
+        """Write ``maneuvers.toml``, figure and page as the command does with ``--out``; returns the
+        folder.
+        """
         from scenarios.maneuvers import write_maneuvers
 
         return write_maneuvers(self.details, Path(folder), figures=formats_wanted(figures))
@@ -219,7 +265,10 @@ class Maneuvers:
         return f"<Maneuvers of {self.details.identity.name:.200}: {len(self)}>"
 
     def _repr_html_(self) -> str:
-        rows = [[str(m.number), m.name, f"{m.found.start:.2f}", f"{m.found.end:.2f}"] for m in self.details.maneuvers]
+        rows = [
+            [str(m.number), m.name, f"{m.found.start:.2f}", f"{m.found.end:.2f}"]
+            for m in self.details.maneuvers
+        ]
         title = f"maneuvers of {self.details.identity.name}"
         return tables.page(
             title,
@@ -229,7 +278,11 @@ class Maneuvers:
 
 
 def find_maneuvers(
-    record: Source, *, channels: Choices | None = None, columns: str | Sequence[str] | None = None, rate: float | None = None
+    record: Source,
+    *,
+    channels: Choices | None = None,
+    columns: str | Sequence[str] | None = None,
+    rate: float | None = None,
 ) -> Maneuvers:
     """Find the maneuvers in a record of any length: ``flightid maneuvers`` in Python.
 
@@ -246,7 +299,11 @@ def find_maneuvers(
     """
     chosen = choices_of(channels)
     plan = plan_from(None, None, None, rate, None, False, columns)
-    return Maneuvers(maneuvers.maneuvers_of(file_of(record), read_channel_map(chosen) if chosen is not None else None, plan))
+    return Maneuvers(
+        maneuvers.maneuvers_of(
+            file_of(record), read_channel_map(chosen) if chosen is not None else None, plan
+        )
+    )
 
 
 # ---- response in Python: frequency responses of any record
@@ -316,7 +373,9 @@ class FrequencyResponse:
 
         row = _place(output, self.outputs, "output")
         column = _place(input, self.inputs, "input")
-        return pandas.DataFrame(response_columns(self.details, row, column)).set_index("frequency_Hz")
+        return pandas.DataFrame(response_columns(self.details, row, column)).set_index(
+            "frequency_Hz"
+        )
 
     def to_control(self) -> control.FrequencyResponseData:
         """The responses as python-control's, with the names of the signals, rad/s."""
@@ -325,19 +384,26 @@ class FrequencyResponse:
     @property
     def flying_qualities(self) -> dict[str, dict[str, tuple[float, float]]]:
         """Value and standard deviation of every flying quality by response, ``"q/stick"``."""
-        return {each.name: {name: (one.value, one.std) for name, (one, _) in each.numbers.items()} for each in self.details.qualities}
+        return {
+            each.name: {name: (one.value, one.std) for name, (one, _) in each.numbers.items()}
+            for each in self.details.qualities
+        }
 
     @property
     def margins(self) -> dict[str, dict[str, float]]:
-        """Stability margins of all records together: ``value``, ``std``, ``low`` and ``high`` of the
-        95 % interval, ``frequency`` in rad/s, by ``"gain_increase"`` and so on; dB, deg, s."""
+        """Stability margins of all records together: ``value``, ``std``, ``low`` and ``high`` of
+        the 95 % interval, ``frequency`` in rad/s, by ``"gain_increase"`` and so on; dB, deg, s."""
         loop = self.details.loop
-        return {} if loop is None else {name: _margin(each) for name, each in loop.margins.named.items()}
+        return (
+            {}
+            if loop is None
+            else {name: _margin(each) for name, each in loop.margins.named.items()}
+        )
 
     @property
     def worst_margins(self) -> dict[str, dict[str, Any]]:
-        """The least of each margin over the maneuvers: ``value``, ``half_width`` of the interval that
-        holds for all together, ``maneuver``, ``p_alike``; empty with one maneuver."""
+        """The least of each margin over the maneuvers: ``value``, ``half_width`` of the interval
+        that holds for all together, ``maneuver``, ``p_alike``; empty with one maneuver."""
         from scenarios.responses.loops import margins_content
 
         loop = self.details.loop
@@ -346,13 +412,17 @@ class FrequencyResponse:
 
     @property
     def levels(self) -> dict[str, dict[str, tuple[int, int, int]]]:
-        """Level of each quantity of a fitted form by response: level (4: outside all), best and worst
-        within two standard deviations."""
+        """Level of each quantity of a fitted form by response: level (4: outside all), best and
+        worst within two standard deviations."""
         return {
-            each.name: {one.quality.name: (one.level, one.best, one.worst) for one in each.levels} for each in self.details.qualities if each.levels
+            each.name: {one.quality.name: (one.level, one.best, one.worst) for one in each.levels}
+            for each in self.details.qualities
+            if each.levels
         }
 
-    def to_transfer_function(self, output: str | None = None, input: str | None = None, pade: int = 2) -> control.TransferFunction:
+    def to_transfer_function(
+        self, output: str | None = None, input: str | None = None, pade: int = 2
+    ) -> control.TransferFunction:
         """The fitted transfer function of one response as python-control's.
 
         ``output``, ``input`` : which; the first where they are not given. ``pade`` : order of the
@@ -366,11 +436,15 @@ class FrequencyResponse:
         fitted = fits.of(row, column) if fits is not None else None
         if fitted is None:
             remedy = "name a form (fit)"
-            raise DeclarationError("no transfer function is fitted", where="response", remedy=remedy)
+            raise DeclarationError(
+                "no transfer function is fitted", where="response", remedy=remedy
+            )
         function, _ = fitted
         plain = control.tf(function.numerator, function.denominator)
         late = function.values["delay"]
-        return plain if pade < 1 or not late > 0.0 else plain * control.tf(*control.pade(late, pade))
+        return (
+            plain if pade < 1 or not late > 0.0 else plain * control.tf(*control.pade(late, pade))
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Content of ``responses.json``."""
@@ -378,8 +452,12 @@ class FrequencyResponse:
 
         return responses_content(self.details)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
-        """Write JSON, CSV, figures and page as the command does with ``--out``; returns the folder."""
+    def save(
+        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
+    ) -> Path:
+        """Write JSON, CSV, figures and page as the command does with ``--out``; returns the
+        folder.
+        """
         from scenarios.responses.report import write_responses
 
         return write_responses(self.details, Path(folder), figures=formats_wanted(figures))
@@ -401,7 +479,10 @@ class FrequencyResponse:
     def _repr_html_(self) -> str:
         from scenarios.responses.report import band_sentence
 
-        rows = [[name, band_sentence(self.details, row, column)] for row, column, name in analysis.pairs(self.details)]
+        rows = [
+            [name, band_sentence(self.details, row, column)]
+            for row, column, name in analysis.pairs(self.details)
+        ]
         title = f"frequency responses of {', '.join(self.details.parts[:3])}"
         table = tables.table(("response", "usable band"), rows, left=2)
         return tables.page(title, table, tables.sentences(self.warnings))
@@ -468,7 +549,11 @@ def frequency_response(
     forms = tuple(f"{k}={v}" for k, v in fit.items()) if isinstance(fit, Mapping) else _names(fit)
     held = tuple(f"{name}={float(value)!r}" for name, value in (fix or {}).items())
     wanted = FitOptions(forms, held, shared_poles)
-    return FrequencyResponse(analysis.responses_of(request, names, options, wanted, bandwidth, margins, LevelOptions(levels, airspeed)))
+    return FrequencyResponse(
+        analysis.responses_of(
+            request, names, options, wanted, bandwidth, margins, LevelOptions(levels, airspeed)
+        )
+    )
 
 
 def _margin(one: Margin) -> dict[str, float]:

@@ -13,15 +13,41 @@ from typing import TYPE_CHECKING, Any
 from scenarios.api import plot, tables
 from scenarios.api.record import Record, record_of
 from scenarios.api.records import Choices
-from scenarios.api.requests import KEPT, Declared, Found, Named, Progress, Source, Times, no_progress, plan_from, request_of, with_parts
-from scenarios.api.shown import Effect, Parameter, Parameters, claimed_effects, prediction_of, write_report
+from scenarios.api.requests import (
+    KEPT,
+    Declared,
+    Found,
+    Named,
+    Progress,
+    Source,
+    Times,
+    no_progress,
+    plan_from,
+    request_of,
+    with_parts,
+)
+from scenarios.api.shown import (
+    Effect,
+    Parameter,
+    Parameters,
+    claimed_effects,
+    prediction_of,
+    write_report,
+)
 from scenarios.api.vehicle import Vehicle
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.plots.formats import formats_wanted
 from scenarios.survey import survey as surveying
 from scenarios.survey.files import write_survey
-from scenarios.survey.report import derivative_rows, drifts, effect_rows, outlying, survey_text, verdict_of
+from scenarios.survey.report import (
+    derivative_rows,
+    drifts,
+    effect_rows,
+    outlying,
+    survey_text,
+    verdict_of,
+)
 from scenarios.tasks.processes import available_cores
 
 if TYPE_CHECKING:
@@ -130,25 +156,39 @@ class Diagnosis:
         return diagnosis_text(self.details, details=KEPT)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row a parameter: ``unit``, value and sigma of the declared model (``before``) and with the effects (``after``)."""
+        """One row a parameter: ``unit``, value and sigma of the declared model (``before``) and
+        with the effects (``after``).
+        """
         import pandas
 
         before, after = self.before.to_dataframe(), self.parameters.to_dataframe()
-        both = pandas.concat({"before": before.drop(columns="unit"), "after": after.drop(columns="unit")}, axis=1)
+        both = pandas.concat(
+            {"before": before.drop(columns="unit"), "after": after.drop(columns="unit")}, axis=1
+        )
         both.columns = [f"{name}_{when}" for when, name in both.columns]
         both.insert(0, "unit", after["unit"].combine_first(before["unit"]))
         return both.rename_axis("parameter")
 
     def prediction(self, number: int = 0) -> pandas.DataFrame:
-        """A predicted record over ``time``, SI: measured (``alpha``), simulated by the declared model (``before_alpha``) and with what was found."""
+        """A predicted record over ``time``, SI: measured (``alpha``), simulated by the declared
+        model (``before_alpha``) and with what was found.
+        """
         return prediction_of(self.details.diagnosis, number)
 
     def candidates(self) -> pandas.DataFrame:
-        """Every candidate of every round: gain of the log evidence, the same with its prior odds, whether it was fitted."""
+        """Every candidate of every round: gain of the log evidence, the same with its prior odds,
+        whether it was fitted.
+        """
         import pandas
 
         keys = ("round", "within", "name", "gain", "weight", "fitted")
-        return pandas.DataFrame([{key: getattr(each, key) for key in keys} for each in self.details.diagnosis.candidates], columns=list(keys))
+        return pandas.DataFrame(
+            [
+                {key: getattr(each, key) for key in keys}
+                for each in self.details.diagnosis.candidates
+            ],
+            columns=list(keys),
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Content of ``diagnosis.json``."""
@@ -159,28 +199,47 @@ class Diagnosis:
         return diagnosis_content(self.details, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"))
 
     def to_state_space(self, pade: int = 4) -> control.StateSpace:
-        """The declared model with ``parameters``, as python-control's with named signals; the claimed effects are no part of it."""
+        """The declared model with ``parameters``, as python-control's with named signals; the
+        claimed effects are no part of it.
+        """
         from ident.flying_qualities.modes import to_control
         from scenarios.identification.state_space import linearised
         from sim.declaration.compile import compile_model
 
         traced, values = self.details, self.parameters.to_dict()
-        return to_control(linearised(compile_model(traced.model), values, traced.records[0], traced.vehicle.own), pade)
+        return to_control(
+            linearised(compile_model(traced.model), values, traced.records[0], traced.vehicle.own),
+            pade,
+        )
 
-    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
-        """Write the study with its ``report.html`` as the command does with ``--out``; returns the folder."""
+    def save(
+        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
+    ) -> Path:
+        """Write the study with its ``report.html`` as the command does with ``--out``; returns the
+        folder.
+        """
         from scenarios.diagnosis.report.files import write_diagnosis
 
         return write_diagnosis(self.details, Path(folder), figures=formats_wanted(figures))
 
-    def report(self, path: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
+    def report(
+        self, path: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
+    ) -> Path:
         """Write the report alone, one HTML file that holds its figures; returns the path."""
         return write_report(lambda folder: self.save(folder, figures=figures), path)
 
     @property
     def plot(self) -> plot.Figures:
         """Figures of this result: ``found.plot.residuals()``, ``found.plot.prediction()``, ..."""
-        return plot.Figures(self, plot.residuals, plot.spectra, plot.prediction, plot.evidence, plot.derivatives, plot.replication)
+        return plot.Figures(
+            self,
+            plot.residuals,
+            plot.spectra,
+            plot.prediction,
+            plot.evidence,
+            plot.derivatives,
+            plot.replication,
+        )
 
     def __repr__(self) -> str:
         named = ", ".join(effect.name for effect in self.effects) or "no effect claimed"
@@ -189,7 +248,10 @@ class Diagnosis:
     def _repr_html_(self) -> str:
         told = [f"{effect.name}: {effect.sentence}" for effect in self.effects]
         return tables.page(
-            f"{self.verdict.upper()}: {self.headline}", tables.sentences(told), self.parameters.html_table(), tables.sentences(self.warnings)
+            f"{self.verdict.upper()}: {self.headline}",
+            tables.sentences(told),
+            self.parameters.html_table(),
+            tables.sentences(self.warnings),
         )
 
 
@@ -215,15 +277,17 @@ def diagnose(
     category: str | None = None,
     progress: Progress | None = None,
 ) -> Diagnosis:
-    """What the model lacks: fit, find the residual's cause, add it, fit again, compare; ``flightid diagnose`` in Python.
+    """What the model lacks: fit, find the residual's cause, add it, fit again, compare; ``flightid
+    diagnose`` in Python.
 
     Parameters
     ----------
-    records, model, vehicle, channels, columns, start, stop, maneuver, maneuvers, hold, rate, lowpass, trust_record, aircraft_class,
+    records, model, vehicle, channels, columns, start, stop, maneuver, maneuvers, hold, rate,
+    lowpass, trust_record, aircraft_class,
         category : as in ``identify``.
-    validate : records that are predicted; else the last of several is held out, or the last part of one.
-    effects : effects of your own, or the path of a Python file with them. effort : ``"normal"`` or ``"thorough"``.
-    progress : told the stage and the share done, 0 to 1.
+    validate : records that are predicted; else the last of several is held out, or the last part of
+    one. effects : effects of your own, or the path of a Python file with them. effort :
+    ``"normal"`` or ``"thorough"``. progress : told the stage and the share done, 0 to 1.
 
     Raises
     ------
@@ -242,11 +306,15 @@ def diagnose(
         aircraft_class=aircraft_class,
         category=category,
     )
-    return Diagnosis(diagnose_files(with_parts(request, maneuver, maneuvers), progress or no_progress))
+    return Diagnosis(
+        diagnose_files(with_parts(request, maneuver, maneuvers), progress or no_progress)
+    )
 
 
 def _parameters(quantities: Mapping[str, Quantity]) -> Parameters:
-    return Parameters(Parameter(name, each.value, each.std, each.unit) for name, each in quantities.items())
+    return Parameters(
+        Parameter(name, each.value, each.std, each.unit) for name, each in quantities.items()
+    )
 
 
 # ---- survey in Python: many flights of one aircraft, and what recurs
@@ -254,7 +322,9 @@ def _parameters(quantities: Mapping[str, Quantity]) -> Parameters:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Survey:
-    """What many flights of one aircraft show together. ``details``: everything that the library knows of it. ``folder``: where flights are kept."""
+    """What many flights of one aircraft show together. ``details``: everything that the library
+    knows of it. ``folder``: where flights are kept.
+    """
 
     details: surveying.SurveyResult
     folder: Path
@@ -290,7 +360,9 @@ class Survey:
         return tuple(outlying(self.details))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Derivatives, one row a flight: value (``Cm_alpha``) and sigma (``Cm_alpha_std``) of each in SI, and the flight's conditions."""
+        """Derivatives, one row a flight: value (``Cm_alpha``) and sigma (``Cm_alpha_std``) of each
+        in SI, and the flight's conditions.
+        """
         import pandas
 
         rows: dict[str, dict[str, float]] = {name: {} for name in self.flights}
@@ -306,7 +378,12 @@ class Survey:
         """Effects, one row a flight: the probability that it has each."""
         import pandas
 
-        return pandas.DataFrame({e.name: dict(zip(e.flights, e.found.probability, strict=True)) for e in self.details.recurs}).rename_axis("flight")
+        return pandas.DataFrame(
+            {
+                e.name: dict(zip(e.flights, e.found.probability, strict=True))
+                for e in self.details.recurs
+            }
+        ).rename_axis("flight")
 
     def to_dict(self) -> dict[str, Any]:
         """Content of ``survey.json``."""
@@ -319,8 +396,12 @@ class Survey:
         """What the command prints."""
         return survey_text(self.details, details=KEPT)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
-        """Write the survey's own files as the command does with ``--out``; the flights' folders stay in ``folder`` of the result."""
+    def save(
+        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
+    ) -> Path:
+        """Write the survey's own files as the command does with ``--out``; the flights' folders
+        stay in ``folder`` of the result.
+        """
         return write_survey(self.details, Path(folder), figures=formats_wanted(figures))
 
     def report(self, path: str | PathLike[str]) -> Path:
@@ -332,7 +413,11 @@ class Survey:
 
     def _repr_html_(self) -> str:
         word, rest = verdict_of(self.details)
-        return tables.page(f"{word}: {rest}", tables.table(*effect_rows(self.details), left=3), tables.table(*derivative_rows(self.details), left=2))
+        return tables.page(
+            f"{word}: {rest}",
+            tables.table(*effect_rows(self.details), left=3),
+            tables.table(*derivative_rows(self.details), left=2),
+        )
 
 
 def survey(
@@ -344,19 +429,30 @@ def survey(
     progress: Progress | None = None,
     cluster: str | None = None,
 ) -> Survey:
-    """Many flights of one aircraft, each diagnosed, then what recurs: ``flightid survey`` in Python.
+    """Many flights of one aircraft, each diagnosed, then what recurs: ``flightid survey`` in
+    Python.
 
     Parameters
     ----------
-    flights : the file that names model, vehicle and records. folder : where each flight's results are kept, so that the next survey computes
-        only what is new; None takes a new one for temporary files. jobs : processes, all cores when left out.
+    flights : the file that names model, vehicle and records. folder : where each flight's results
+    are kept, so that the next survey computes
+        only what is new; None takes a new one for temporary files. jobs : processes, all cores when
+        left out.
     figures : of the flights' own pages. progress : told the stage and the share done, 0 to 1.
     cluster : the address of a Dask scheduler, whose workers take the place of processes.
 
     Raises
     ------
-    InputError : anything wrong in the file, in one line. A flight that cannot be used is told in ``failed``.
+    InputError : anything wrong in the file, in one line. A flight that cannot be used is told in
+    ``failed``.
     """
     kept = Path(folder) if folder is not None else Path(mkdtemp(prefix="flightid-survey-"))
-    found = surveying.survey_flights(Path(flights), kept, jobs or available_cores(), formats_wanted(figures), progress or no_progress, cluster)
+    found = surveying.survey_flights(
+        Path(flights),
+        kept,
+        jobs or available_cores(),
+        formats_wanted(figures),
+        progress or no_progress,
+        cluster,
+    )
     return Survey(found, kept)

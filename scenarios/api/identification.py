@@ -17,7 +17,20 @@ from scenarios import prediction as predicting
 from scenarios.api import plot, tables
 from scenarios.api.record import Record, record_of
 from scenarios.api.records import Choices, choices_of
-from scenarios.api.requests import KEPT, Declared, Found, Named, Source, Times, effects_of, file_of, model_of, plan_from, request_of, with_parts
+from scenarios.api.requests import (
+    KEPT,
+    Declared,
+    Found,
+    Named,
+    Source,
+    Times,
+    effects_of,
+    file_of,
+    model_of,
+    plan_from,
+    request_of,
+    with_parts,
+)
 from scenarios.api.shown import Parameter, Parameters, errors_of, response_of, write_report
 from scenarios.api.vehicle import Vehicle
 from scenarios.files.channel_names import TIME
@@ -53,17 +66,28 @@ class Identification:
     def parameters(self) -> Parameters:
         """What was estimated, by name; sensors' biases are in ``biases``."""
         found = self.details.found
-        starts = {**found.vehicle.derivatives, **{name: value for _, mode in found.vehicle.modes for name, value in mode.items()}}
-        return Parameters(Parameter(row.name, row.estimate, row.std, row.unit, starts.get(row.name)) for row in found.rows)
+        starts = {
+            **found.vehicle.derivatives,
+            **{name: value for _, mode in found.vehicle.modes for name, value in mode.items()},
+        }
+        return Parameters(
+            Parameter(row.name, row.estimate, row.std, row.unit, starts.get(row.name))
+            for row in found.rows
+        )
 
     @cached_property
     def biases(self) -> Parameters:
         """Biases of sensors, where the method gives them a sigma."""
-        return Parameters(Parameter(row.name, row.estimate, row.std, row.unit) for row in self.details.found.biases)
+        return Parameters(
+            Parameter(row.name, row.estimate, row.std, row.unit)
+            for row in self.details.found.biases
+        )
 
     @property
     def derived(self) -> dict[str, tuple[float, float]]:
-        """What follows from the parameters (natural frequency, damping ratio, ...): value and sigma, SI."""
+        """What follows from the parameters (natural frequency, damping ratio, ...): value and
+        sigma, SI.
+        """
         return dict(self.details.found.derived)
 
     @property
@@ -78,14 +102,19 @@ class Identification:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance of all that was estimated, ``(n, n)`` in the order of ``details.found.estimate.names``."""
+        """Covariance of all that was estimated, ``(n, n)`` in the order of
+        ``details.found.estimate.names``.
+        """
         return self.details.found.estimate.covariance
 
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
         """Profile-likelihood intervals where they were asked; an end that is open is infinite."""
         ends = {each.name: (each.low, each.high) for each in self.details.found.intervals}
-        return {name: (-math.inf if low is None else low, math.inf if high is None else high) for name, (low, high) in ends.items()}
+        return {
+            name: (-math.inf if low is None else low, math.inf if high is None else high)
+            for name, (low, high) in ends.items()
+        }
 
     @property
     def outcome(self) -> str:
@@ -121,7 +150,12 @@ class Identification:
     def warnings(self) -> tuple[str, ...]:
         """What speaks against the records or the result, one sentence each."""
         found = self.details.found
-        return (*found.doubts, *found.cautions, *((found.reading.sentence,) if found.reading else ()), *found.look.set_aside)
+        return (
+            *found.doubts,
+            *found.cautions,
+            *((found.reading.sentence,) if found.reading else ()),
+            *found.look.set_aside,
+        )
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -136,7 +170,9 @@ class Identification:
         from scenarios.identification.report import print_identification
         from scenarios.terminal.quantities import as_text
 
-        return as_text(lambda out: print_identification(self.details.found, self.details.flown, out, KEPT))
+        return as_text(
+            lambda out: print_identification(self.details.found, self.details.flown, out, KEPT)
+        )
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One row a parameter: ``unit``, ``value``, ``sigma``, ``start``."""
@@ -148,29 +184,41 @@ class Identification:
         from scenarios.identification.files import identification_content
 
         d = self.details
-        return identification_content(d.found, identities(d.files), d.flown, identities(d.validation))
+        return identification_content(
+            d.found, identities(d.files), d.flown, identities(d.validation)
+        )
 
     def errors(self) -> pandas.DataFrame:
-        """Errors of the free simulation by record and channel, SI; those that were not fitted are marked ``held_out``."""
+        """Errors of the free simulation by record and channel, SI; those that were not fitted are
+        marked ``held_out``.
+        """
         return errors_of(self.details.found.fits)
 
     def response(self, number: int = 0) -> pandas.DataFrame:
-        """A record over ``time``, SI: inputs, measured outputs (``alpha``) and the model's (``predicted_alpha``); held-out records last."""
+        """A record over ``time``, SI: inputs, measured outputs (``alpha``) and the model's
+        (``predicted_alpha``); held-out records last.
+        """
         return response_of(self.details.found, number)
 
     def linearised(self) -> StateSpace:
-        """The identified model as matrices about its point of reference, with units and delays. Raises InputError where there is no such point."""
+        """The identified model as matrices about its point of reference, with units and delays.
+        Raises InputError where there is no such point.
+        """
         from scenarios.identification.state_space import state_space_of
 
         return state_space_of(self.details.found)
 
     def to_state_space(self, pade: int = 4) -> control.StateSpace:
-        """The same as python-control's, with named states, inputs and outputs; a delay as a Pade approximation of order ``pade``."""
+        """The same as python-control's, with named states, inputs and outputs; a delay as a Pade
+        approximation of order ``pade``.
+        """
         from ident.flying_qualities.modes import to_control
 
         return to_control(self.linearised(), pade)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
+    def save(
+        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
+    ) -> Path:
         """Write the study as the command does with ``--out``; returns the folder."""
         from scenarios.identification.files import write_identification
 
@@ -189,13 +237,18 @@ class Identification:
         return f"<Identification: {self._title}; {self.parameters!r:.600}>"
 
     def _repr_html_(self) -> str:
-        return tables.page(self._title, self.parameters.html_table(), tables.sentences(self.warnings))
+        return tables.page(
+            self._title, self.parameters.html_table(), tables.sentences(self.warnings)
+        )
 
     @property
     def _title(self) -> str:
         found = self.details.found
         records = ", ".join(record.name for record in (found.record, *found.others))
-        return f"{self.model} model of {found.vehicle.name} from {records:.200} by {self.method}, {self.outcome}"
+        return (
+            f"{self.model} model of {found.vehicle.name} from {records:.200} by {self.method}, "
+            f"{self.outcome}"
+        )
 
 
 def identify(
@@ -226,15 +279,17 @@ def identify(
     Parameters
     ----------
     records : one record or several; each a ``Record`` or whatever ``read_record`` takes.
-    model : ``"rigid"``, ... (``models()`` lists them), a model of your own (``own_model``), or the path of its Python file.
-    vehicle : what ``vehicle`` takes: a file, a name of the library, numbers; None takes ``vehicle.toml`` beside the first record.
-    method : output-error, filter-error, frequency-domain, equation-error, ekf, ukf.
-    validate : records that are predicted with what was estimated from the others.
-    profile : parameters whose profile-likelihood interval is wanted; True: of every one.
-    band : Hz, for frequency-domain. engine : of the extended Kalman filter, filterpy or batched.
-    channels : a channel map as in ``read_record``, for all records. columns : names of the columns of files without a header, in their order.
-    start, stop : the part that is used, s; a list of each for several maneuvers. hold, rate, lowpass, trust_record : as the command's options.
-    maneuver : maneuvers that are used instead, by number or name, one or a list. maneuvers : what ``find_maneuvers`` returned, or
+    model : ``"rigid"``, ... (``models()`` lists them), a model of your own (``own_model``), or the
+    path of its Python file. vehicle : what ``vehicle`` takes: a file, a name of the library,
+    numbers; None takes ``vehicle.toml`` beside the first record. method : output-error,
+    filter-error, frequency-domain, equation-error, ekf, ukf. validate : records that are predicted
+    with what was estimated from the others. profile : parameters whose profile-likelihood interval
+    is wanted; True: of every one. band : Hz, for frequency-domain. engine : of the extended Kalman
+    filter, filterpy or batched. channels : a channel map as in ``read_record``, for all records.
+    columns : names of the columns of files without a header, in their order. start, stop : the part
+    that is used, s; a list of each for several maneuvers. hold, rate, lowpass, trust_record : as
+    the command's options. maneuver : maneuvers that are used instead, by number or name, one or a
+    list. maneuvers : what ``find_maneuvers`` returned, or
         the path of its ``maneuvers.toml``; None takes the one beside the record.
     aircraft_class, category : by which levels of flying qualities are told.
 
@@ -243,9 +298,20 @@ def identify(
     InputError : anything asked or in the records that keeps them from being used, in one line.
     """
     plan = plan_from(start, stop, hold, rate, lowpass, trust_record, columns)
-    request = request_of(records, model, vehicle, validate, channels=channels, plan=plan, aircraft_class=aircraft_class, category=category)
+    request = request_of(
+        records,
+        model,
+        vehicle,
+        validate,
+        channels=channels,
+        plan=plan,
+        aircraft_class=aircraft_class,
+        category=category,
+    )
     request = with_parts(request, maneuver, maneuvers)
-    return Identification(identify_files(request, method, Options(_profiled(profile), band, engine)))
+    return Identification(
+        identify_files(request, method, Options(_profiled(profile), band, engine))
+    )
 
 
 def _profiled(asked: bool | str | Sequence[str] | None) -> tuple[str, ...] | None:
@@ -264,12 +330,16 @@ ERRORS = ("model", "channel", "rms_error", "fit_percent", "r2", "theil")
 class Saved(Protocol):
     """A result that keeps a model: an Identification or a Diagnosis."""
 
-    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path: ...
+    def save(
+        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
+    ) -> Path: ...
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Prediction:
-    """A record predicted by a model that was not fitted to it. ``details``: everything that the library knows of it."""
+    """A record predicted by a model that was not fitted to it. ``details``: everything that the
+    library knows of it.
+    """
 
     details: predicting.PredictionResult
 
@@ -289,15 +359,21 @@ class Prediction:
         return self.details.notes
 
     def response(self) -> pandas.DataFrame:
-        """The record over ``time``, SI: inputs, measured outputs (``alpha``) and the model's (``predicted_alpha``); of a diagnosis also
-        ``declared_alpha``, without the effects found."""
+        """The record over ``time``, SI: inputs, measured outputs (``alpha``) and the model's
+        (``predicted_alpha``); of a diagnosis also ``declared_alpha``, without the effects found."""
         import pandas
 
         found = self.details
-        columns = {channel.name: channel.with_gaps() for channel in (*found.record.inputs, *found.record.outputs)}
+        columns = {
+            channel.name: channel.with_gaps()
+            for channel in (*found.record.inputs, *found.record.outputs)
+        }
         for word, simulation in (("declared", found.before), ("predicted", found.after)):
             if simulation is not None:
-                columns |= {f"{word}_{name}": row for name, row in zip(found.channels, simulation.rows, strict=True)}
+                columns |= {
+                    f"{word}_{name}": row
+                    for name, row in zip(found.channels, simulation.rows, strict=True)
+                }
         return pandas.DataFrame(columns, index=pandas.Index(found.record.time, name=TIME))
 
     def to_dataframe(self) -> pandas.DataFrame:
@@ -312,7 +388,9 @@ class Prediction:
 
         return prediction_text(self.details)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
+    def save(
+        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
+    ) -> Path:
         """Write the prediction as the command does with ``--out``; returns the folder."""
         from scenarios.prediction import write_prediction
 
@@ -332,12 +410,24 @@ class Prediction:
         return write_report(self.save, path)
 
     def __repr__(self) -> str:
-        told = ", ".join(f"{name} {fit:.3g} %" for word, name, _, fit, *_ in self._rows() if word == "predicted")
-        return f"<Prediction of {self.details.record.name} by the {self.details.kept.model} model: fit {told or 'left all measure'}>"
+        told = ", ".join(
+            f"{name} {fit:.3g} %" for word, name, _, fit, *_ in self._rows() if word == "predicted"
+        )
+        return (
+            f"<Prediction of {self.details.record.name} by the {self.details.kept.model} model: "
+            f"fit {told or 'left all measure'}>"
+        )
 
     def _repr_html_(self) -> str:
-        rows = [[word, name, *(f"{each:.4g}" for each in errors)] for word, name, *errors in self._rows()]
-        return tables.page(f"{self.details.record.name} predicted", tables.table(ERRORS, rows, left=2), tables.sentences(self.warnings))
+        rows = [
+            [word, name, *(f"{each:.4g}" for each in errors)]
+            for word, name, *errors in self._rows()
+        ]
+        return tables.page(
+            f"{self.details.record.name} predicted",
+            tables.table(ERRORS, rows, left=2),
+            tables.sentences(self.warnings),
+        )
 
 
 def predict(
@@ -364,7 +454,8 @@ def predict(
         maneuver, maneuvers, trust_record : as in
         ``identify``.
     rate : Hz, of a record without a clock; the study's reading of the others holds.
-    model, effects : a model and effects of your own that the study rests on, or the paths of their files.
+    model, effects : a model and effects of your own that the study rests on, or the paths of their
+    files.
 
     Raises
     ------
@@ -374,9 +465,18 @@ def predict(
     plan = plan_from(start, stop, None, rate, None, trust_record, columns)
     asked_of = with_parts(Request((file_of(record),), plan=plan), maneuver, maneuvers)
     own_model = Path(own) if isinstance(own, str) else own
-    asked = PredictionRequest(Path(), asked_of.records[0], choices_of(channels), asked_of.plan, own_model, effects_of(effects))
+    asked = PredictionRequest(
+        Path(),
+        asked_of.records[0],
+        choices_of(channels),
+        asked_of.plan,
+        own_model,
+        effects_of(effects),
+    )
     if isinstance(study, str | PathLike):
         return Prediction(predict_record(replace(asked, study=Path(study))))
     with TemporaryDirectory(prefix="flightid-") as scratch:
-        found = predict_record(replace(asked, study=study.save(Path(scratch) / "study", figures=False)))
+        found = predict_record(
+            replace(asked, study=study.save(Path(scratch) / "study", figures=False))
+        )
     return Prediction(replace(found, study=Path("a result in Python")))

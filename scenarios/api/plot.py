@@ -1,4 +1,6 @@
-"""Figures of results: functions that take a result and return a matplotlib Figure, the same figures that studies hold."""
+"""Figures of results: functions that take a result and return a matplotlib Figure, the same figures
+that studies hold.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +74,9 @@ def maneuvers(found: Found) -> Figure:
 
 
 def response(found: Responding, number: int = 0) -> Figure:
-    """Magnitude, phase and coherence of a frequency response; ``number`` counts the responses from 0, outputs first."""
+    """Magnitude, phase and coherence of a frequency response; ``number`` counts the responses from
+    0, outputs first.
+    """
     from scenarios.plots.low_order import figure_response
     from scenarios.responses.analysis import pairs
 
@@ -81,7 +85,9 @@ def response(found: Responding, number: int = 0) -> Figure:
 
 
 def mismatch(found: Responding, number: int = 0) -> Figure:
-    """A frequency response over its fitted transfer function, between the envelopes of dynamics that a pilot does not notice."""
+    """A frequency response over its fitted transfer function, between the envelopes of dynamics
+    that a pilot does not notice.
+    """
     from scenarios.plots.low_order import figure_mismatch
     from scenarios.responses.analysis import pairs
 
@@ -90,7 +96,9 @@ def mismatch(found: Responding, number: int = 0) -> Figure:
 
 
 def bandwidth(found: Responding, number: int = 0) -> Figure:
-    """An attitude response with its bandwidths and phase delay; ``number`` counts those that have one from 0."""
+    """An attitude response with its bandwidths and phase delay; ``number`` counts those that have
+    one from 0.
+    """
     from scenarios.plots.low_order import figure_bandwidth
 
     return shown(figure_bandwidth(found.details, number))
@@ -111,7 +119,8 @@ def record(given: Recorded) -> Figure:
 
 
 def fit(found: Fitted | Simulated, number: int = 0) -> Figure:
-    """Measured outputs against the model's, and the residual below each; ``number`` counts the fitted records from 0.
+    """Measured outputs against the model's, and the residual below each; ``number`` counts the
+    fitted records from 0.
 
     Of a study of simulated flights with what is true.
     """
@@ -120,24 +129,53 @@ def fit(found: Fitted | Simulated, number: int = 0) -> Figure:
 
     if not isinstance(found.details, Identified):
         study = found.details
-        responses = [response_of(method.result.estimate, method.estimation.label) for method in study.methods[:1]]
-        return shown(figure_fit(study.record, responses, study.truth, study.scenario.title, study.truth.noise_std))
+        responses = [
+            response_of(method.result.estimate, method.estimation.label)
+            for method in study.methods[:1]
+        ]
+        return shown(
+            figure_fit(
+                study.record, responses, study.truth, study.scenario.title, study.truth.noise_std
+            )
+        )
     inner = found.details.found
     records, estimate = (inner.record, *inner.others), inner.estimate
     given = _one_of(records, number, "fitted records")
     noise = dict(zip(estimate.output_names, estimate.noise_std.tolist(), strict=True))
-    return shown(figure_fit(given, [response_of(estimate, record=number)], None, f"{given.name}: {inner.vehicle.model}, {inner.method}", noise))
+    return shown(
+        figure_fit(
+            given,
+            [response_of(estimate, record=number)],
+            None,
+            f"{given.name}: {inner.vehicle.model}, {inner.method}",
+            noise,
+        )
+    )
 
 
 def held_out(found: Fitted, number: int = 0) -> Figure:
-    """A record that was not fitted: measured outputs against the model's; ``number`` counts these records from 0."""
+    """A record that was not fitted: measured outputs against the model's; ``number`` counts these
+    records from 0.
+    """
     from scenarios.plots.signals import Response, figure_fit
 
     inner = found.details.found
-    one = _one_of([each for each in inner.fits if each.held_out and each.figures is not None], number, "records held out")
+    one = _one_of(
+        [each for each in inner.fits if each.held_out and each.figures is not None],
+        number,
+        "records held out",
+    )
     noise = dict(zip(inner.estimate.output_names, inner.estimate.noise_std.tolist(), strict=True))
     response = Response("free simulation", dict(zip(one.outputs, one.simulated, strict=True)))
-    return shown(figure_fit(one.record, [response], None, f"{one.record.name}: {inner.vehicle.model}, {inner.method}\nheld out", noise))
+    return shown(
+        figure_fit(
+            one.record,
+            [response],
+            None,
+            f"{one.record.name}: {inner.vehicle.model}, {inner.method}\nheld out",
+            noise,
+        )
+    )
 
 
 def correlation(found: Fitted) -> Figure:
@@ -145,11 +183,19 @@ def correlation(found: Fitted) -> Figure:
     from scenarios.plots.estimates import figure_correlation
 
     inner = found.details.found
-    return shown(figure_correlation(inner.estimate.names, inner.estimate.correlation, f"{inner.vehicle.model}, {inner.method}"))
+    return shown(
+        figure_correlation(
+            inner.estimate.names,
+            inner.estimate.correlation,
+            f"{inner.vehicle.model}, {inner.method}",
+        )
+    )
 
 
 def residuals(found: Traced, number: int = 0) -> Figure:
-    """What the model leaves of a fitted record, before and after; ``number`` counts the fitted records from 0."""
+    """What the model leaves of a fitted record, before and after; ``number`` counts the fitted
+    records from 0.
+    """
     return _of_diagnosis(found, "residuals", number)
 
 
@@ -207,7 +253,9 @@ class Figures:
 
 
 def shown(figure: Figure) -> Figure:
-    """A figure that a notebook shows by itself, also where nobody asked matplotlib for a backend."""
+    """A figure that a notebook shows by itself, also where nobody asked matplotlib for a
+    backend.
+    """
     from scenarios.plots.drawing import figure_png
 
     figure._repr_png_ = partial(figure_png, figure)  # type: ignore[attr-defined]
@@ -222,13 +270,21 @@ def _of_diagnosis(found: Traced, stem: str, number: int) -> Figure:
     figures = dict(made(pictured(found.details)))
     name = numbered(stem, number)
     if name not in figures:
-        raise DeclarationError(f"there is no figure {name}", where="plot", remedy=f"this diagnosis has {', '.join(figures)}")
+        raise DeclarationError(
+            f"there is no figure {name}",
+            where="plot",
+            remedy=f"this diagnosis has {', '.join(figures)}",
+        )
     return shown(figures[name]())
 
 
 def _one_of(items: Any, number: int, what: str) -> Any:
     if not 0 <= number < len(items):
-        raise DeclarationError(f"there is no number {number}", where=f"plot, {what}", remedy=f"there are {len(items)}, from 0 on")
+        raise DeclarationError(
+            f"there is no number {number}",
+            where=f"plot, {what}",
+            remedy=f"there are {len(items)}, from 0 on",
+        )
     return items[number]
 
 
@@ -238,7 +294,11 @@ def _as_recorded(given: Recorded) -> sim_record.Record:
     from sim.record import Record as SimRecord
 
     inputs, outputs = (
-        tuple(Channel.of(name, given.units[name], given[name]) for name in names if np.any(np.isfinite(given[name])))
+        tuple(
+            Channel.of(name, given.units[name], given[name])
+            for name in names
+            if np.any(np.isfinite(given[name]))
+        )
         for names in (given.input_names, given.output_names)
     )
     return SimRecord(given.time, inputs, outputs, Hold(given.hold), given.name)

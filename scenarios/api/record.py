@@ -1,4 +1,6 @@
-"""Records in Python: read from files, DataFrames and arrays, and given on to pandas, xarray and python-control."""
+"""Records in Python: read from files, DataFrames and arrays, and given on to pandas, xarray and
+python-control.
+"""
 
 from __future__ import annotations
 
@@ -39,8 +41,9 @@ if TYPE_CHECKING:
 class Record:
     """Measured signals on one time base, as they came: nothing is converted before it is asked for.
 
-    ``record["alpha"]`` is a channel in SI and radians, NaN where a sample is missing; ``time`` in s. Channels are found by their names and
-    units as in files (``alpha``, ``alpha_deg``, ``q [deg/s]``); columns that are no channel we know keep their names and numbers.
+    ``record["alpha"]`` is a channel in SI and radians, NaN where a sample is missing; ``time`` in
+    s. Channels are found by their names and units as in files (``alpha``, ``alpha_deg``, ``q
+    [deg/s]``); columns that are no channel we know keep their names and numbers.
 
     Attributes
     ----------
@@ -76,7 +79,9 @@ class Record:
 
     @property
     def input_names(self) -> tuple[str, ...]:
-        """Channels that are controls; of names that are not ours those that were named as inputs."""
+        """Channels that are controls; of names that are not ours those that were named as
+        inputs.
+        """
         chosen = INPUTS if self._inputs is None else self._inputs
         return tuple(name for name in self.names if name in chosen)
 
@@ -87,7 +92,9 @@ class Record:
 
     @cached_property
     def time(self) -> np.ndarray:
-        """Time stamps, s, shape ``(N,)``. Raises InputError where they do not increase or one is missing."""
+        """Time stamps, s, shape ``(N,)``. Raises InputError where they do not increase or one is
+        missing.
+        """
         return window_of(self.file)[0]
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -95,7 +102,11 @@ class Record:
             return self.time
         if name not in self._columns:
             refuse_unreadable(self.file, name)
-            raise RecordError(f"there is no channel {name!r}", where=self.name, remedy=f"it has {', '.join(self._columns)}")
+            raise RecordError(
+                f"there is no channel {name!r}",
+                where=self.name,
+                remedy=f"it has {', '.join(self._columns)}",
+            )
         return self._columns[name].values()
 
     def __contains__(self, name: object) -> bool:
@@ -114,10 +125,15 @@ class Record:
         except RecordError as error:
             span = str(error)
         rows = [[name, self.units[name], *self._span_of(name)] for name in self.names]
-        return tables.page(f"{self.name}: {span}", tables.table(("channel", "unit", "least", "most", "missing"), rows, left=2))
+        return tables.page(
+            f"{self.name}: {span}",
+            tables.table(("channel", "unit", "least", "most", "missing"), rows, left=2),
+        )
 
     def _span_of(self, name: str) -> list[str]:
-        """The least and the greatest value and how many are missing; of a faulty column what is wrong."""
+        """The least and the greatest value and how many are missing; of a faulty column what is
+        wrong.
+        """
         try:
             values = self[name]
         except RecordError as error:
@@ -127,7 +143,8 @@ class Record:
         return [*ends, str(values.size - known.size)]
 
     def window(self, start: float | None = None, stop: float | None = None) -> Record:
-        """The rows from ``start`` to ``stop`` (s, both included) as a record of their own; None leaves that end open.
+        """The rows from ``start`` to ``stop`` (s, both included) as a record of their own; None
+        leaves that end open.
 
         Raises InputError where there is no such row.
         """
@@ -142,7 +159,9 @@ class Record:
         return plot.record(self)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """A DataFrame with the index ``time`` (s); units, name, hold and inputs are in its ``attrs``."""
+        """A DataFrame with the index ``time`` (s); units, name, hold and inputs are in its
+        ``attrs``.
+        """
         from scenarios.api.records import to_pandas
 
         return to_pandas(self)
@@ -184,18 +203,21 @@ def read_record(
     hold: str | None = None,
     name: str | None = None,
 ) -> Record:
-    """A record from a file, a DataFrame, named arrays, an xarray Dataset or a python-control response.
+    """A record from a file, a DataFrame, named arrays, an xarray Dataset or a python-control
+    response.
 
     Parameters
     ----------
     source : path of a file of any format that ``flightid map`` reads; a DataFrame, whose
         time is a column ``time`` or its index (datetimes, timedeltas, or an index
-        named time); a mapping of names to arrays, or a structured array; a Dataset; a TimeResponseData; a record.
+        named time); a mapping of names to arrays, or a structured array; a Dataset; a
+        TimeResponseData; a record.
     units : channel or column -> unit, of columns whose name does not say it, ``{"alpha": "deg"}``.
-    channels : channel -> column where names are not ours, ``{"alpha": "AoA1"}`` or ``{"alpha": ("AoA1", "deg")}``; or a channel map's path.
-    inputs : which channels are controls; else elevator, stick, aileron, rudder and thrust.
-    hold : ``"previous"`` or ``"linear"``, how inputs behave between samples; else as the sidecar says or the data do.
-    name : what messages call a record in memory; a file has its own.
+    channels : channel -> column where names are not ours, ``{"alpha": "AoA1"}`` or ``{"alpha":
+    ("AoA1", "deg")}``; or a channel map's path. inputs : which channels are controls; else
+    elevator, stick, aileron, rudder and thrust. hold : ``"previous"`` or ``"linear"``, how inputs
+    behave between samples; else as the sidecar says or the data do. name : what messages call a
+    record in memory; a file has its own.
 
     Raises
     ------

@@ -67,7 +67,9 @@ INPUTS = ("elevator", STICK, "aileron", "rudder", "thrust")
 
 @dataclass(frozen=True)
 class ChannelColumn:
-    """A channel's unit, and how its values ``(N,)`` are read; ``header`` is its cell in the file."""
+    """A channel's unit, and how its values ``(N,)`` are read; ``header`` is its cell in the
+    file.
+    """
 
     unit: str
     header: str
@@ -77,51 +79,103 @@ class ChannelColumn:
 def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
     """Every channel of a record file, time left out, in the order of its columns.
 
-    A column that is none of our channels, or of a unit that does not fit it, keeps its name and numbers; one without numbers is left out, and
-    so is one that is no sequence (``refuse_unreadable``).
+    A column that is none of our channels, or of a unit that does not fit it, keeps its name and
+    numbers; one without numbers is left out, and so is one that is no sequence
+    (``refuse_unreadable``).
     """
     taken: dict[int, tuple[str, ChannelColumn]] = {}
     under = file.table.units or ("",) * len(file.table.header)
-    for name in sorted(CHANNEL_UNITS, key=lambda each: each not in file.choices):  # what is mapped is nothing else
+    # what is mapped is nothing else
+    for name in sorted(CHANNEL_UNITS, key=lambda each: each not in file.choices):
         found, unit = _found(file, name), CHANNEL_UNITS[name]
-        if found is not None and found.index not in taken and found.index not in file.table.unreadable:
+        if (
+            found is not None
+            and found.index not in taken
+            and found.index not in file.table.unreadable
+        ):
             told = found.unit if name == STICK else unit
-            taken[found.index] = (name, ChannelColumn(told, found.header, partial(_channel, file, name)))
+            taken[found.index] = (
+                name,
+                ChannelColumn(told, found.header, partial(_channel, file, name)),
+            )
     for name in (each for each in file.choices if each not in CHANNEL_UNITS):
         choice = file.choices[name]
         for index, cell in enumerate(file.table.header):
             if choice.column in (cell, split_header(cell)[0]):
-                taken[index] = (name, ChannelColumn(choice.unit or split_header(cell)[1] or under[index] or "1", cell, partial(_raw, file, index)))
+                taken[index] = (
+                    name,
+                    ChannelColumn(
+                        choice.unit or split_header(cell)[1] or under[index] or "1",
+                        cell,
+                        partial(_raw, file, index),
+                    ),
+                )
     for index, cell in enumerate(file.table.header):
-        if index not in taken and index not in file.table.unreadable and cell and _numeric(file, index):
+        if (
+            index not in taken
+            and index not in file.table.unreadable
+            and cell
+            and _numeric(file, index)
+        ):
             name, unit_told = split_header(cell)
-            told = unit_told or under[index] or file.sidecar.units.get(name) or file.sidecar.units.get(cell) or "1"
-            taken[index] = (name if name not in CHANNEL_UNITS else cell, ChannelColumn(told, cell, partial(_raw, file, index)))
+            told = (
+                unit_told
+                or under[index]
+                or file.sidecar.units.get(name)
+                or file.sidecar.units.get(cell)
+                or "1"
+            )
+            taken[index] = (
+                name if name not in CHANNEL_UNITS else cell,
+                ChannelColumn(told, cell, partial(_raw, file, index)),
+            )
     clock = clock_place(file.table)
-    return {name: column for index, (name, column) in sorted(taken.items()) if name != TIME and index != clock}
+    return {
+        name: column
+        for index, (name, column) in sorted(taken.items())
+        if name != TIME and index != clock
+    }
 
 
 def refuse_unreadable(file: RecordFile, name: str) -> None:
-    """Raise RecordError where a channel's column is in the file and holds no sequence of numbers."""
+    """Raise RecordError where a channel's column is in the file and holds no sequence of
+    numbers.
+    """
     found = _found(file, name) if name in CHANNEL_UNITS else None
-    at = [found.index] if found is not None else [index for index, cell in enumerate(file.table.header) if _called(cell, name)]
+    at = (
+        [found.index]
+        if found is not None
+        else [index for index, cell in enumerate(file.table.header) if _called(cell, name)]
+    )
     for index in at:
         if index in file.table.unreadable:
             numbers(file.table, index)
 
 
 def refuse_units(units: Mapping[str, str], file: RecordFile) -> None:
-    """Raise RecordError for a unit of a column that is not there, or of one that says another itself, in its header or under it."""
+    """Raise RecordError for a unit of a column that is not there, or of one that says another
+    itself, in its header or under it.
+    """
     table, where = file.table, f"{file.table.file}, units"
     columns = {choice.column for choice in file.choices.values()}
     for name, unit in units.items():
-        said = {cell: split_header(cell)[1] or (table.units[i] if table.units else "") for i, cell in enumerate(table.header) if _called(cell, name)}
+        said = {
+            cell: split_header(cell)[1] or (table.units[i] if table.units else "")
+            for i, cell in enumerate(table.header)
+            if _called(cell, name)
+        }
         suffixed = [cell for cell in table.header if suffix_unit(cell, name) is not None]
         if not said and suffixed:
-            raise RecordError(f"column {suffixed[0]!r} says its unit itself", where=where, remedy="leave the unit out, or rename the column")
+            raise RecordError(
+                f"column {suffixed[0]!r} says its unit itself",
+                where=where,
+                remedy="leave the unit out, or rename the column",
+            )
         if not said and name not in columns:
             names = [split_header(cell)[0] for cell in table.header if cell]
-            raise RecordError(f"there is no column {name!r}", where=where, remedy=closest(name, names))
+            raise RecordError(
+                f"there is no column {name!r}", where=where, remedy=closest(name, names)
+            )
         for told in (told for told in said.values() if told and told != unit):
             what = f"column {name!r} is in {told}, as it says itself, not in {unit}"
             raise RecordError(what, where=where, remedy="leave one of the two out")
@@ -164,9 +218,11 @@ def file_of_columns(
     choices: Mapping[str, ColumnChoice] | None = None,
     unreadable: Mapping[str, str] | None = None,
 ) -> RecordFile:
-    """A record file of named sequences, rows counted from 1. A time of datetimes counts from its first sample, one of timedeltas from zero, s.
+    """A record file of named sequences, rows counted from 1. A time of datetimes counts from its
+    first sample, one of timedeltas from zero, s.
 
-    ``unreadable``: further names, and why they hold no sequence of numbers; whoever asks for one of them is refused.
+    ``unreadable``: further names, and why they hold no sequence of numbers; whoever asks for one of
+    them is refused.
 
     Raises
     ------
@@ -175,23 +231,43 @@ def file_of_columns(
     label = name or NAME
     header = tuple(header_cell(str(column), label) for column in columns)
     if not header:
-        raise RecordError("there is no column", where=label, remedy="give time and one column a channel")
-    values = tuple(_column(label, cell, column) for cell, column in zip(header, columns.values(), strict=True))
+        raise RecordError(
+            "there is no column", where=label, remedy="give time and one column a channel"
+        )
+    values = tuple(
+        _column(label, cell, column) for cell, column in zip(header, columns.values(), strict=True)
+    )
     rows = max(column.size for column in values)
     if rows == 0:
-        raise RecordError("there is a header but no rows", where=label, remedy="give one row a sample")
+        raise RecordError(
+            "there is a header but no rows", where=label, remedy="give one row a sample"
+        )
     others = {} if unreadable is None else dict(unreadable)
     faults = {len(header) + at: fault for at, fault in enumerate(others.values())}
     header = (*header, *(header_cell(name, label) for name in others))
-    table = CellTable(label, header, (*values, *(np.full(rows, np.nan) for _ in others)), np.arange(1, rows + 1), unreadable=faults)
+    table = CellTable(
+        label,
+        header,
+        (*values, *(np.full(rows, np.nan) for _ in others)),
+        np.arange(1, rows + 1),
+        unreadable=faults,
+    )
     sidecar = Sidecar(label, hold or Hold.PREVIOUS, dict(units or {}), hold is not None)
-    return RecordFile(Path(label), table, sidecar, InputFile(label, _digest(table)), dict(choices or {}), in_memory=True)
+    return RecordFile(
+        Path(label),
+        table,
+        sidecar,
+        InputFile(label, _digest(table)),
+        dict(choices or {}),
+        in_memory=True,
+    )
 
 
 def columns_of_frame(frame: pandas.DataFrame) -> dict[str, Any]:
     """Columns of a DataFrame by their texts, and its index where that has a name.
 
-    The time comes from the index where no column is named so and the index is one of times, or is named time.
+    The time comes from the index where no column is named so and the index is one of times, or is
+    named time.
 
     Raises RecordError where two columns have one name.
     """
@@ -201,24 +277,38 @@ def columns_of_frame(frame: pandas.DataFrame) -> dict[str, Any]:
     columns: dict[str, Any] = {}
     for position, name in enumerate(names):
         if name in columns:
-            raise RecordError(f"{names.count(name)} columns are headed {name!r}", where=NAME, remedy="rename all but one of them")
+            raise RecordError(
+                f"{names.count(name)} columns are headed {name!r}",
+                where=NAME,
+                remedy="rename all but one of them",
+            )
         columns[name] = frame.iloc[:, position]
     index = frame.index
     named = index.name is not None and split_header(str(index.name))[0] == TIME
-    if named or (isinstance(index, pandas.DatetimeIndex | pandas.TimedeltaIndex) and not _has_time(names)):
+    if named or (
+        isinstance(index, pandas.DatetimeIndex | pandas.TimedeltaIndex) and not _has_time(names)
+    ):
         return {str(index.name) if named else TIME: index, **columns}
-    levels = {str(name): index.get_level_values(at) for at, name in enumerate(index.names) if name is not None}
+    levels = {
+        str(name): index.get_level_values(at)
+        for at, name in enumerate(index.names)
+        if name is not None
+    }
     return {**{name: values for name, values in levels.items() if name not in columns}, **columns}
 
 
 def columns_of_record(record: Record) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     """Columns and units of a record in SI."""
-    columns = {TIME: record.time, **{channel.name: channel.with_gaps() for channel in record.channels}}
+    columns = {
+        TIME: record.time,
+        **{channel.name: channel.with_gaps() for channel in record.channels},
+    }
     return columns, {TIME: "s", **{channel.name: channel.unit for channel in record.channels}}
 
 
 def rows_of_file(file: RecordFile, start: float | None, stop: float | None) -> RecordFile:
-    """The rows of a record file between two times, s, under a name that tells them; row numbers stay those of the file.
+    """The rows of a record file between two times, s, under a name that tells them; row numbers
+    stay those of the file.
 
     Raises RecordError where there is no such row.
     """
@@ -226,26 +316,53 @@ def rows_of_file(file: RecordFile, start: float | None, stop: float | None) -> R
     span = f"{time[0] if start is None else start:g}-{time[-1] if stop is None else stop:g} s"
     label = f"{file.identity.name}[{span}]"
     old = file.table
-    ragged = {position - rows.start: cells for position, cells in old.ragged.items() if rows.start <= position < rows.stop}
-    table = replace(old, file=label, columns=tuple(column[rows] for column in old.columns), rows=old.rows[rows], ragged=ragged)
-    return replace(file, path=Path(label), table=table, identity=InputFile(label, _digest(table)), in_memory=True)
+    ragged = {
+        position - rows.start: cells
+        for position, cells in old.ragged.items()
+        if rows.start <= position < rows.stop
+    }
+    table = replace(
+        old,
+        file=label,
+        columns=tuple(column[rows] for column in old.columns),
+        rows=old.rows[rows],
+        ragged=ragged,
+    )
+    return replace(
+        file,
+        path=Path(label),
+        table=table,
+        identity=InputFile(label, _digest(table)),
+        in_memory=True,
+    )
 
 
 def numbered_apart(files: Sequence[RecordFile]) -> list[RecordFile]:
-    """Record files of which those in memory bear names of their own: ``record``, ``record 2`` ..."""
+    """Record files of which those in memory bear names of their own: ``record``, ``record 2``
+    ...
+    """
     taken: set[str] = {file.path.name for file in files if not file.in_memory}
     out = []
     for file in files:
         name = file.path.name
         if file.in_memory:
-            name = next(each for n in itertools.count(1) if (each := name if n == 1 else f"{name} {n}") not in taken)
+            name = next(
+                each
+                for n in itertools.count(1)
+                if (each := name if n == 1 else f"{name} {n}") not in taken
+            )
             taken.add(name)
         out.append(file if name == file.path.name else _renamed(file, name))
     return out
 
 
 def _renamed(file: RecordFile, name: str) -> RecordFile:
-    return replace(file, path=Path(name), table=replace(file.table, file=name), identity=replace(file.identity, name=name))
+    return replace(
+        file,
+        path=Path(name),
+        table=replace(file.table, file=name),
+        identity=replace(file.identity, name=name),
+    )
 
 
 def _has_time(names: Sequence[str]) -> bool:
@@ -256,19 +373,30 @@ def _column(label: str, name: str, values: Any) -> np.ndarray:
     """One column as a table of a file holds it: numbers, or cells as they stand."""
     array = _plain(values)
     if array.ndim != 1:
-        raise RecordError(f"{array.ndim} dimensions", where=f"{label}, column {name!r}", remedy="give one value a sample")
+        raise RecordError(
+            f"{array.ndim} dimensions",
+            where=f"{label}, column {name!r}",
+            remedy="give one value a sample",
+        )
     if array.dtype.kind == "M":
-        return np.where(np.isnat(array), np.nan, (array - array[0]) / np.timedelta64(1, "ns") * 1e-9) if array.size else np.zeros(0)
+        return (
+            np.where(np.isnat(array), np.nan, (array - array[0]) / np.timedelta64(1, "ns") * 1e-9)
+            if array.size
+            else np.zeros(0)
+        )
     if array.dtype.kind == "m":
         return np.where(np.isnat(array), np.nan, array / np.timedelta64(1, "ns") * 1e-9)
     return array.astype(float) if array.dtype.kind in "fiu" else array.astype(object)
 
 
 def _plain(values: Any) -> np.ndarray:
-    """A NumPy array; of a pandas column with NaN where a number is missing, and without its time zone."""
+    """A NumPy array; of a pandas column with NaN where a number is missing, and without its time
+    zone.
+    """
     dtype = getattr(values, "dtype", None)
     if getattr(dtype, "tz", None) is not None:
-        values = (values.dt if hasattr(values, "dt") else values).tz_convert(None)  # to UTC: a clock may be put forward
+        # to UTC: a clock may be put forward
+        values = (values.dt if hasattr(values, "dt") else values).tz_convert(None)
     if not isinstance(dtype, np.dtype | None) and hasattr(values, "to_numpy"):
         import pandas
 
@@ -329,7 +457,14 @@ def unpacked(source: Any) -> tuple[Path | Mapping[str, Any], ContainerFacts]:
     if "DataFrame" not in kind or not hasattr(source, "iloc"):
         if not hasattr(source, "to_pandas"):
             what = f"a {type(source).__name__} is no record"
-            raise RecordError(what, where="read_record", remedy="give a path, a DataFrame, a mapping of names to arrays, a Dataset or a response")
+            raise RecordError(
+                what,
+                where="read_record",
+                remedy=(
+                    "give a path, a DataFrame, a mapping of names to arrays, a Dataset or a "
+                    "response"
+                ),
+            )
         source = source.to_pandas()
     return columns_of_frame(source), _of_attributes(source.attrs)
 
@@ -338,7 +473,9 @@ def _of_attributes(attributes: Mapping[str, Any]) -> ContainerFacts:
     """What ``to_pandas`` and ``to_xarray`` put down; other people's attributes are left alone."""
     units, name, hold, inputs = (attributes.get(key) for key in ("units", "name", "hold", "inputs"))
     return ContainerFacts(
-        {str(key): str(value) for key, value in units.items()} if isinstance(units, Mapping) else {},
+        {str(key): str(value) for key, value in units.items()}
+        if isinstance(units, Mapping)
+        else {},
         name if isinstance(name, str) else None,
         hold if hold in ("previous", "linear") else None,
         tuple(map(str, inputs)) if isinstance(inputs, tuple | list) else None,
@@ -354,28 +491,38 @@ def to_pandas(record: Recorded) -> pandas.DataFrame:
     """Channels in SI over the index ``time``, s."""
     import pandas
 
-    frame = pandas.DataFrame({name: record[name] for name in record.names}, index=pandas.Index(record.time, name=TIME))
+    frame = pandas.DataFrame(
+        {name: record[name] for name in record.names}, index=pandas.Index(record.time, name=TIME)
+    )
     frame.attrs = {**_attributes(record), "units": {TIME: "s", **record.units}}
     return frame
 
 
 def to_xarray(record: Recorded) -> xarray.Dataset:
-    """Channels in SI over the coordinate ``time``, units as attributes. Raises ImportError where xarray is not installed."""
+    """Channels in SI over the coordinate ``time``, units as attributes. Raises ImportError where
+    xarray is not installed.
+    """
     try:
         import xarray
     except ImportError:
-        raise ImportError("to_xarray needs xarray, which is not installed: python -m pip install xarray") from None
+        raise ImportError(
+            "to_xarray needs xarray, which is not installed: python -m pip install xarray"
+        ) from None
     data = {name: (TIME, record[name], {"units": record.units[name]}) for name in record.names}
     return xarray.Dataset(data, {TIME: (TIME, record.time, {"units": "s"})}, _attributes(record))
 
 
 def to_control(record: Recorded) -> control.TimeResponseData:
-    """The record as python-control's response: outputs ``(m, N)`` and inputs with labels; NaN where a sample is missing."""
+    """The record as python-control's response: outputs ``(m, N)`` and inputs with labels; NaN where
+    a sample is missing.
+    """
     import control
 
     inputs, outputs = record.input_names, record.output_names
     if not outputs:
-        raise RecordError("it has inputs alone", where=record.name, remedy="name fewer of its channels as inputs")
+        raise RecordError(
+            "it has inputs alone", where=record.name, remedy="name fewer of its channels as inputs"
+        )
     rows = np.array([record[name] for name in inputs]) if inputs else None
     return control.TimeResponseData(
         record.time,
@@ -389,13 +536,26 @@ def to_control(record: Recorded) -> control.TimeResponseData:
 
 
 def _of_response(response: control.TimeResponseData) -> tuple[Mapping[str, Any], ContainerFacts]:
-    outputs, inputs = np.atleast_2d(response.y), np.atleast_2d(response.u) if response.u is not None else np.zeros((0, len(response.time)))
+    outputs, inputs = (
+        np.atleast_2d(response.y),
+        np.atleast_2d(response.u) if response.u is not None else np.zeros((0, len(response.time))),
+    )
     if outputs.ndim != 2 or inputs.ndim != 2:
-        raise RecordError("it holds several traces", where="read_record", remedy="give one of them, for example response[:, 0]")
+        raise RecordError(
+            "it holds several traces",
+            where="read_record",
+            remedy="give one of them, for example response[:, 0]",
+        )
     names = list(response.output_labels or [f"y[{i}]" for i in range(len(outputs))])
     controls = list(response.input_labels or [f"u[{i}]" for i in range(len(inputs))])[: len(inputs)]
-    columns = {TIME: response.time, **dict(zip(controls, inputs, strict=True)), **dict(zip(names, outputs, strict=True))}
-    return columns, ContainerFacts(name=response.title or None, inputs=tuple(split_header(name)[0] for name in controls))
+    columns = {
+        TIME: response.time,
+        **dict(zip(controls, inputs, strict=True)),
+        **dict(zip(names, outputs, strict=True)),
+    }
+    return columns, ContainerFacts(
+        name=response.title or None, inputs=tuple(split_header(name)[0] for name in controls)
+    )
 
 
 def _of_dataset(dataset: xarray.Dataset) -> tuple[Mapping[str, Any], ContainerFacts]:
@@ -403,29 +563,43 @@ def _of_dataset(dataset: xarray.Dataset) -> tuple[Mapping[str, Any], ContainerFa
     every = {str(name): dataset[name] for name in (*dataset.coords, *dataset.data_vars)}
     variables = {name: each for name, each in every.items() if each.dims == along or along is None}
     others = {
-        name: f"over {', '.join(map(str, each.dims))}, not over {', '.join(map(str, along or ()))}" if each.dims else "a single number"
+        name: f"over {', '.join(map(str, each.dims))}, not over {', '.join(map(str, along or ()))}"
+        if each.dims
+        else "a single number"
         for name, each in every.items()
         if name not in variables
     }
     told = _of_attributes(dataset.attrs)
-    units = {name: str(each.attrs["units"]) for name, each in variables.items() if "units" in each.attrs}
+    units = {
+        name: str(each.attrs["units"]) for name, each in variables.items() if "units" in each.attrs
+    }
     columns = {name: each.to_numpy() for name, each in variables.items()}
-    return columns, ContainerFacts({**told.units, **units}, told.name, told.hold, told.inputs, others)
+    return columns, ContainerFacts(
+        {**told.units, **units}, told.name, told.hold, told.inputs, others
+    )
 
 
 # ---- Whatever holds a record, opened as a record file, with what is said of it
 
 Units = Mapping[str, str]
-# A channel map: channel -> column, with its unit where the column does not say it; or the path of a file with such a map.
+# A channel map: channel -> column, with its unit where the column does not say it; or the path of a
+# file with such a map.
 Choices = Mapping[str, str | tuple[str, str] | Mapping[str, str]] | str | PathLike[str]
 
 
 def opened_source(
-    source: Any, *, units: Units | None = None, channels: Choices | None = None, hold: str | None = None, name: str | None = None
+    source: Any,
+    *,
+    units: Units | None = None,
+    channels: Choices | None = None,
+    hold: str | None = None,
+    name: str | None = None,
 ) -> tuple[RecordFile, tuple[str, ...] | None]:
-    """A path, table, arrays or another package's container as a record file, and the inputs that it names (None: it names none).
+    """A path, table, arrays or another package's container as a record file, and the inputs that it
+    names (None: it names none).
 
-    Nothing in it is looked at but what ``units`` and ``channels`` speak of. Raises RecordError and DeclarationError.
+    Nothing in it is looked at but what ``units`` and ``channels`` speak of. Raises RecordError and
+    DeclarationError.
     """
     content, told = unpacked(source)
     known = {**told.units, **(units or {})}
@@ -433,37 +607,52 @@ def opened_source(
     if isinstance(content, Path):
         file = read_record_file(content)
         sidecar = replace(file.sidecar, units={**file.sidecar.units, **known})
-        file = replace(file, sidecar=sidecar if held is None else replace(sidecar, hold=Hold(held), says_hold=True))
+        file = replace(
+            file,
+            sidecar=sidecar if held is None else replace(sidecar, hold=Hold(held), says_hold=True),
+        )
     else:
         file = file_of_columns(content, name or told.name, known, held, unreadable=told.unreadable)
     chosen = choices_of(channels, units or {})
     if chosen is not None:
-        choices = read_channel_map(chosen) if isinstance(chosen, Path) else read_channel_map(chosen, chosen)
+        choices = (
+            read_channel_map(chosen)
+            if isinstance(chosen, Path)
+            else read_channel_map(chosen, chosen)
+        )
         file = _computed(replace(file, choices=choices))
     refuse_units(units or {}, file)
     return file, told.inputs
 
 
 def _computed(file: RecordFile) -> RecordFile:
-    """The file with a column for each channel that its map computes, and the topics of a log on one grid."""
+    """The file with a column for each channel that its map computes, and the topics of a log on one
+    grid.
+    """
     from scenarios.files.measured.derived import with_derived
 
     names = [name for name in file.choices if name != TIME]
     controls = [name for name in names if name in INPUTS]
     known = {**{name: "1" for name in names}, **CHANNEL_UNITS}
-    derived, choices = with_derived(file, file.choices, controls, [name for name in names if name not in controls], known=known)
+    derived, choices = with_derived(
+        file, file.choices, controls, [name for name in names if name not in controls], known=known
+    )
     return replace(derived, choices=dict(choices or {}))
 
 
 def choices_of(channels: Any, units: Units | None = None) -> Path | dict[str, Any] | None:
-    """A channel map as files have it, with ``units`` that were told of columns and not of channels; or its path. Raises DeclarationError."""
+    """A channel map as files have it, with ``units`` that were told of columns and not of channels;
+    or its path. Raises DeclarationError.
+    """
     if channels is None:
         return None
     if isinstance(channels, str | PathLike):
         return Path(channels)
     if not isinstance(channels, Mapping):
         what = f"a {type(channels).__name__} is no channel map"
-        raise DeclarationError(what, where="channels", remedy='give {"alpha": "HEADER", ...} or the path of a map')
+        raise DeclarationError(
+            what, where="channels", remedy='give {"alpha": "HEADER", ...} or the path of a map'
+        )
     return {key: _entry(value, units or {}) for key, value in channels.items()}
 
 

@@ -46,10 +46,12 @@ class Write(Protocol):
 
 @dataclass(frozen=True)
 class Runner:
-    """A scenario that is loaded: how it is run with a seed (None: its own), written into a folder with figures of some formats, and printed.
+    """A scenario that is loaded: how it is run with a seed (None: its own), written into a folder
+    with figures of some formats, and printed.
 
-    ``show`` prints a study, which says where else its details are. ``text``: what is printed where the output is no terminal, for Python.
-    ``counted``: the share done that it tells is a measure of its time, as that of a search is not.
+    ``show`` prints a study, which says where else its details are. ``text``: what is printed where
+    the output is no terminal, for Python. ``counted``: the share done that it tells is a measure of
+    its time, as that of a search is not.
     """
 
     run: Callable[[int | None, Progress], Any]
@@ -88,7 +90,9 @@ def _trace(name: str, changes: Sequence[str]) -> Runner:
     from scenarios.trials.planted.study import run_trace
 
     run = partial(run_trace, trace_scenario_of(*load_document(name, changes)))
-    return Runner(run, write_trace, _printed(trace_text), partial(trace_text, details=KEPT), counted=False)
+    return Runner(
+        run, write_trace, _printed(trace_text), partial(trace_text, details=KEPT), counted=False
+    )
 
 
 def _loop(name: str, changes: Sequence[str]) -> Runner:
@@ -97,7 +101,12 @@ def _loop(name: str, changes: Sequence[str]) -> Runner:
     from scenarios.x29.study import loop_scenario, run_loop
 
     scenario = loop_scenario(name, changes)
-    return Runner(lambda seed, progress: run_loop(scenario, seed), write_loop, _on_console(print_loop), _as_text(print_loop))
+    return Runner(
+        lambda seed, progress: run_loop(scenario, seed),
+        write_loop,
+        _on_console(print_loop),
+        _as_text(print_loop),
+    )
 
 
 def _sweep(name: str, changes: Sequence[str]) -> Runner:
@@ -111,7 +120,9 @@ def _sweep(name: str, changes: Sequence[str]) -> Runner:
 def _flown_only(name: str, changes: Sequence[str]) -> Runner:
 
     remedy = f"use flightid simulate {name} --out flight.csv, and then identify or diagnose"
-    raise DeclarationError("a flight by JSBSim is a record without a study", where=scenario_file(name), remedy=remedy)
+    raise DeclarationError(
+        "a flight by JSBSim is a record without a study", where=scenario_file(name), remedy=remedy
+    )
 
 
 def _as_text(show: Callable[[Any, Console, str], None]) -> Callable[[Any], str]:
@@ -180,10 +191,12 @@ def flown_record(name: str, seed: int | None, changes: Sequence[str]) -> Record:
 # ---- From keywords to the request that the commands make of their options
 
 Source = str | PathLike[str] | ApiRecord | Any  # a record, or whatever `read_record` takes
-Declared = str | PathLike[str] | Model  # a model's name, the path of a Python file that holds one of your own, or that model itself
+# a model's name, the path of a Python file that holds one of your own, or that model itself
+Declared = str | PathLike[str] | Model
 Times = float | Sequence[float] | None
 Named = int | str | Sequence[int | str] | None  # maneuvers by number or name
-Found = str | PathLike[str] | Any  # what `find_maneuvers` returned, or the path of a file of maneuvers
+# what `find_maneuvers` returned, or the path of a file of maneuvers
+Found = str | PathLike[str] | Any
 
 
 def request_of(
@@ -199,7 +212,9 @@ def request_of(
     aircraft_class: str | None = None,
     category: str | None = None,
 ) -> Request:
-    """The request; records are opened now, so that a fault in one is told before anything is computed."""
+    """The request; records are opened now, so that a fault in one is told before anything is
+    computed.
+    """
     fitted, predicted = _listed(records), _listed(validate)
     if not fitted:
         raise RecordError("no record is given", where="records", remedy="give one at least")
@@ -210,7 +225,9 @@ def request_of(
     return Request(
         tuple(files[: len(fitted)]),
         asked,
-        source_of(vehicle, asked if isinstance(asked, str) else "") if vehicle is not None else None,
+        source_of(vehicle, asked if isinstance(asked, str) else "")
+        if vehicle is not None
+        else None,
         tuple(files[len(fitted) :]),
         effects_of(effects),
         choices_of(channels),
@@ -230,34 +247,52 @@ def plan_from(
     trust_record: bool,
     columns: str | Sequence[str] | None = None,
 ) -> Plan:
-    """The plan; ``start`` and ``stop`` are one time or one of each maneuver, s; ``columns`` names with commas or as a list."""
+    """The plan; ``start`` and ``stop`` are one time or one of each maneuver, s; ``columns`` names
+    with commas or as a list.
+    """
     names = columns if columns is None or isinstance(columns, str) else ",".join(columns)
-    return plan_of(_times(start), _times(stop), hold, rate, lowpass, trusted=trust_record, columns=names)
+    return plan_of(
+        _times(start), _times(stop), hold, rate, lowpass, trusted=trust_record, columns=names
+    )
 
 
 def with_parts(request: Request, asked: Named, found: Found) -> Request:
-    """The request with the parts of the maneuvers that are asked for as its segments. Raises DeclarationError."""
+    """The request with the parts of the maneuvers that are asked for as its segments. Raises
+    DeclarationError.
+    """
     from scenarios.preparation.maneuver_file import Parts, with_maneuvers
 
-    several: list[int | str] = [] if asked is None else [asked] if isinstance(asked, int | str) else list(asked)
+    several: list[int | str] = (
+        [] if asked is None else [asked] if isinstance(asked, int | str) else list(asked)
+    )
     file = Path(found) if isinstance(found, str | PathLike) else getattr(found, "parts", found)
     if not (file is None or isinstance(file, Path | Parts)):
         what = f"a {type(found).__name__} holds no maneuvers"
-        raise DeclarationError(what, where="maneuvers", remedy="give what find_maneuvers returned, or a file's path")
+        raise DeclarationError(
+            what, where="maneuvers", remedy="give what find_maneuvers returned, or a file's path"
+        )
     return replace(request, plan=with_maneuvers(request.plan, request.records, several, file))
 
 
 def model_of(given: Declared) -> str | OwnModel:
-    """A model's name, a path, or a user's model that was made in Python. Raises DeclarationError."""
+    """A model's name, a path, or a user's model that was made in Python. Raises
+    DeclarationError.
+    """
     return model_in_memory(given, MODELS) if isinstance(given, Model) else str(given)
 
 
-def effects_of(given: str | PathLike[str] | Sequence[Traceable] | None) -> Path | tuple[Traceable, ...] | None:
+def effects_of(
+    given: str | PathLike[str] | Sequence[Traceable] | None,
+) -> Path | tuple[Traceable, ...] | None:
     """Effects of a user's own, or the path of their file."""
     if given is None or isinstance(given, str | PathLike):
         return None if given is None else Path(given)
     if not isinstance(given, list | tuple):
-        raise DeclarationError(f"a {type(given).__name__} is no list of effects", where="effects", remedy="give a list of them, or a file's path")
+        raise DeclarationError(
+            f"a {type(given).__name__} is no list of effects",
+            where="effects",
+            remedy="give a list of them, or a file's path",
+        )
     return tuple(given)
 
 
@@ -268,7 +303,11 @@ def _times(given: Times) -> list[float] | None:
     several: Sequence[Any] = given if isinstance(given, list | tuple) else [given]
     for each in several:
         if isinstance(each, bool | str) or not isinstance(each, SupportsFloat):
-            raise DeclarationError(f"{each!r:.60} is no time", where="start, stop", remedy="give a number in s, or a list of them")
+            raise DeclarationError(
+                f"{each!r:.60} is no time",
+                where="start, stop",
+                remedy="give a number in s, or a list of them",
+            )
     return [float(each) for each in several]
 
 
@@ -289,7 +328,9 @@ def file_of(given: Source) -> RecordFile:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Flight:
-    """Records of a flight, those meant to be predicted, and the vehicle as it is declared (None where the scenario has no vehicle file)."""
+    """Records of a flight, those meant to be predicted, and the vehicle as it is declared (None
+    where the scenario has no vehicle file).
+    """
 
     records: tuple[ApiRecord, ...]
     validate: tuple[ApiRecord, ...] = ()
@@ -301,17 +342,28 @@ class Flight:
         return self.records[0]
 
     def __repr__(self) -> str:
-        return f"<Flight: {', '.join(map(repr, self.records[:3]))}{', ...' if len(self.records) > 3 else ''}>"
+        return (
+            "<Flight: "
+            f"{', '.join(map(repr, self.records[:3]))}{', ...' if len(self.records) > 3 else ''}>"
+        )
 
     def _repr_html_(self) -> str:
         parts = [each._repr_html_() for each in (*self.records, *self.validate)]
-        return tables.page("flight", *parts, self.vehicle._repr_html_() if self.vehicle is not None else "")
+        return tables.page(
+            "flight", *parts, self.vehicle._repr_html_() if self.vehicle is not None else ""
+        )
 
 
 def flown(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
-    """Fly a scenario of any kind; the same seed gives the same numbers. Raises FlightidError as the scenario's readers."""
+    """Fly a scenario of any kind; the same seed gives the same numbers. Raises FlightidError as the
+    scenario's readers.
+    """
     kind = scenario_kind(name)
-    return _FLYING[kind](name, seed, changes) if kind in _FLYING else Flight((record_of(flown_record(name, seed, changes)),))
+    return (
+        _FLYING[kind](name, seed, changes)
+        if kind in _FLYING
+        else Flight((record_of(flown_record(name, seed, changes)),))
+    )
 
 
 def _flights_trace(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
@@ -321,7 +373,9 @@ def _flights_trace(name: str, seed: int | None, changes: Sequence[str]) -> Fligh
     scenario = trace_scenario_of(*load_document(name, changes))
     with named_after(scenario_file(name)):
         flight = fly_trace(scenario, scenario.seed if seed is None else seed)
-    return Flight((record_of(flight.train),), (record_of(flight.validate),), _vehicle(flight.vehicle_file))
+    return Flight(
+        (record_of(flight.train),), (record_of(flight.validate),), _vehicle(flight.vehicle_file)
+    )
 
 
 def _jsbsim(name: str, seed: int | None, changes: Sequence[str]) -> Flight:

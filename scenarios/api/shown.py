@@ -30,12 +30,18 @@ if TYPE_CHECKING:
 
 
 def write_report(save: Callable[[Path], Any], path: str | PathLike[str]) -> Path:
-    """Write the page that ``save`` puts into a study's folder; returns the path. Raises DeclarationError where it puts none there."""
+    """Write the page that ``save`` puts into a study's folder; returns the path. Raises
+    DeclarationError where it puts none there.
+    """
     with TemporaryDirectory(prefix="flightid-") as scratch:
         folder = Path(scratch) / "study"
         save(folder)
         if not (folder / PAGE).is_file():
-            raise DeclarationError("a study of this kind has no page", where="report", remedy="save(FOLDER) writes its files")
+            raise DeclarationError(
+                "a study of this kind has no page",
+                where="report",
+                remedy="save(FOLDER) writes its files",
+            )
         page = (folder / PAGE).read_bytes()
     Path(path).write_bytes(page)
     return Path(path)
@@ -49,7 +55,9 @@ IN_A_LINE = 4  # parameters that a repr names
 
 @dataclass(frozen=True)
 class Parameter:
-    """An estimated number in ``unit``: ``sigma`` is its standard deviation, ``start`` where the search began (None: it is not known)."""
+    """An estimated number in ``unit``: ``sigma`` is its standard deviation, ``start`` where the
+    search began (None: it is not known).
+    """
 
     name: str
     value: float
@@ -101,7 +109,11 @@ class Parameters(Mapping[str, Parameter]):
 
         index = pandas.Index(list(self._items), name="parameter")
         items = list(self._items.values())
-        columns = {"unit": [i.unit for i in items], "value": [i.value for i in items], "sigma": [i.sigma for i in items]}
+        columns = {
+            "unit": [i.unit for i in items],
+            "value": [i.value for i in items],
+            "sigma": [i.sigma for i in items],
+        }
         if any(item.start is not None for item in items):
             columns["start"] = [math.nan if item.start is None else item.start for item in items]
         return pandas.DataFrame(columns, index=index)
@@ -133,36 +145,68 @@ ERRORS = ("held_out", "rms", "fit_percent", "r2", "theil")
 
 
 def errors_of(fits: Sequence[RecordFit]) -> pandas.DataFrame:
-    """Errors of the free simulation of each record, by record and channel, SI; a record whose simulation left all measure has no rows."""
+    """Errors of the free simulation of each record, by record and channel, SI; a record whose
+    simulation left all measure has no rows.
+    """
     import pandas
 
     rows = {
-        (fit.record.name, name): (fit.held_out, fit.figures.rmse[name], fit.fit_percent(name), fit.figures.r2[name], fit.figures.theil[name])
+        (fit.record.name, name): (
+            fit.held_out,
+            fit.figures.rmse[name],
+            fit.fit_percent(name),
+            fit.figures.r2[name],
+            fit.figures.theil[name],
+        )
         for fit in fits
         if fit.figures is not None
         for name in fit.figures.rmse
     }
-    index = pandas.MultiIndex.from_tuples(list(rows), names=["record", "channel"]) if rows else pandas.MultiIndex.from_arrays([[], []])
+    index = (
+        pandas.MultiIndex.from_tuples(list(rows), names=["record", "channel"])
+        if rows
+        else pandas.MultiIndex.from_arrays([[], []])
+    )
     return pandas.DataFrame(list(rows.values()), columns=list(ERRORS), index=index)
 
 
 def response_of(found: IdentificationResult, number: int) -> pandas.DataFrame:
-    """A record over ``time``, SI: the inputs, and of each output what was measured (``alpha``) and what the model says (``predicted_alpha``).
+    """A record over ``time``, SI: the inputs, and of each output what was measured (``alpha``) and
+    what the model says (``predicted_alpha``).
 
-    ``number`` counts the records from 0, those that were not fitted last. Of a filter the fitted record's predictions are one sample ahead.
+    ``number`` counts the records from 0, those that were not fitted last. Of a filter the fitted
+    record's predictions are one sample ahead.
     """
     import pandas
 
     fitted = (found.record, *found.others)
     if found.estimate.history is not None and number < len(fitted):
-        record, outputs, rows = fitted[number], found.estimate.output_names, found.estimate.fitted[number]
+        record, outputs, rows = (
+            fitted[number],
+            found.estimate.output_names,
+            found.estimate.fitted[number],
+        )
     elif 0 <= number < len(found.fits):
-        record, outputs, rows = found.fits[number].record, found.fits[number].outputs, found.fits[number].simulated
+        record, outputs, rows = (
+            found.fits[number].record,
+            found.fits[number].outputs,
+            found.fits[number].simulated,
+        )
     elif 0 <= number < len(fitted):
-        record, outputs, rows = fitted[number], found.estimate.output_names, found.estimate.fitted[number]
+        record, outputs, rows = (
+            fitted[number],
+            found.estimate.output_names,
+            found.estimate.fitted[number],
+        )
     else:
-        raise DeclarationError(f"there is no record {number}", where="response", remedy=f"there are {max(len(found.fits), len(fitted))}, from 0 on")
-    columns: dict[str, np.ndarray] = {channel.name: channel.with_gaps() for channel in record.inputs}
+        raise DeclarationError(
+            f"there is no record {number}",
+            where="response",
+            remedy=f"there are {max(len(found.fits), len(fitted))}, from 0 on",
+        )
+    columns: dict[str, np.ndarray] = {
+        channel.name: channel.with_gaps() for channel in record.inputs
+    }
     for name, row in zip(outputs, rows, strict=True):
         if name in record.output_names:
             columns |= {name: record[name].with_gaps(), f"predicted_{name}": np.asarray(row)}
@@ -170,13 +214,21 @@ def response_of(found: IdentificationResult, number: int) -> pandas.DataFrame:
 
 
 def prediction_of(found: Diagnosis, number: int) -> pandas.DataFrame:
-    """A predicted record over ``time``, SI: what was measured, and the free simulation before and after (``before_alpha``, ``after_alpha``)."""
+    """A predicted record over ``time``, SI: what was measured, and the free simulation before and
+    after (``before_alpha``, ``after_alpha``).
+    """
     import pandas
 
     if not 0 <= number < len(found.predictions):
-        raise DeclarationError(f"there is no record {number}", where="prediction", remedy=f"there are {len(found.predictions)}, from 0 on")
+        raise DeclarationError(
+            f"there is no record {number}",
+            where="prediction",
+            remedy=f"there are {len(found.predictions)}, from 0 on",
+        )
     one = found.predictions[number]
-    columns: dict[str, np.ndarray] = {channel.name: channel.with_gaps() for channel in one.record.inputs}
+    columns: dict[str, np.ndarray] = {
+        channel.name: channel.with_gaps() for channel in one.record.inputs
+    }
     for name, before, after in zip(one.channels, one.before, one.after, strict=True):
         measured = {name: one.record[name].with_gaps()} if name in one.record.output_names else {}
         columns |= {**measured, f"before_{name}": before, f"after_{name}": after}
@@ -210,8 +262,12 @@ class Effect:
         return f"<Effect {self.name}: {self.parameters!r:.400}>"
 
     def _repr_html_(self) -> str:
-        others = [f"these data fit as well: {', '.join(self.alternatives)}"] if self.alternatives else []
-        return tables.page(f"{self.name}: {self.sentence}", self.parameters.html_table(), tables.sentences(others))
+        others = (
+            [f"these data fit as well: {', '.join(self.alternatives)}"] if self.alternatives else []
+        )
+        return tables.page(
+            f"{self.name}: {self.sentence}", self.parameters.html_table(), tables.sentences(others)
+        )
 
 
 def claimed_effects(tracing: Tracing, *, claimed: bool) -> tuple[Effect, ...]:
@@ -221,7 +277,10 @@ def claimed_effects(tracing: Tracing, *, claimed: bool) -> tuple[Effect, ...]:
         Effect(
             claim.name,
             effect_heading(claim, wording),
-            Parameters(Parameter(name, each.value, each.std, each.unit) for name, each in claim.parameters.items()),
+            Parameters(
+                Parameter(name, each.value, each.std, each.unit)
+                for name, each in claim.parameters.items()
+            ),
             claim.alternatives,
             dict(claim.probability),
         )

@@ -16,7 +16,16 @@ from ident.flying_qualities.modes import state_space, to_control
 from scenarios.api import plot, tables
 from scenarios.api.diagnosis import Diagnosis
 from scenarios.api.record import Record, record_of
-from scenarios.api.requests import KEPT, LOADERS, Declared, Flight, Runner, flown, model_of, no_progress
+from scenarios.api.requests import (
+    KEPT,
+    LOADERS,
+    Declared,
+    Flight,
+    Runner,
+    flown,
+    model_of,
+    no_progress,
+)
 from scenarios.api.shown import Parameter, Parameters, row_of, write_report
 from scenarios.api.vehicle import Vehicle, source_of
 from scenarios.files.declarations import named_after
@@ -30,7 +39,13 @@ from scenarios.studies import campaign as campaigns
 from scenarios.studies.campaign import Rebuilt
 from scenarios.studies.campaign_causes import Judgement, judge
 from scenarios.studies.campaign_report import findings_content
-from scenarios.studies.catalogue import IDENTIFICATION, load_document, moved, scenario_file, scenario_kind
+from scenarios.studies.catalogue import (
+    IDENTIFICATION,
+    load_document,
+    moved,
+    scenario_file,
+    scenario_kind,
+)
 from scenarios.studies.estimating import assumed_noise, compiled, declared_model, flight_constants
 from scenarios.studies.study import StudyResult
 from scenarios.tasks.study import Execution
@@ -47,19 +62,35 @@ if TYPE_CHECKING:
 
 
 def matrices_of_study(study: Any, kind: str, pade: int) -> control.StateSpace:
-    """The main method's model with what it estimated, linearised; of a closed loop its low-order equivalent."""
+    """The main method's model with what it estimated, linearised; of a closed loop its low-order
+    equivalent.
+    """
     return _of_estimators(study, pade) if kind == IDENTIFICATION else _of_loop(study, pade)
 
 
 def _of_estimators(study: StudyResult, pade: int) -> control.StateSpace:
     estimation = study.main.estimation
-    model = declared_model(estimation, flight_constants(study.scenario.flight, estimation), assumed_noise(study.scenario, estimation))
+    model = declared_model(
+        estimation,
+        flight_constants(study.scenario.flight, estimation),
+        assumed_noise(study.scenario, estimation),
+    )
     values = study.main.result.estimate.as_dict()
-    return to_control(linearised(compiled(estimation, model), values, study.main.result.record, model if is_own(model) else None), pade)
+    return to_control(
+        linearised(
+            compiled(estimation, model),
+            values,
+            study.main.result.record,
+            model if is_own(model) else None,
+        ),
+        pade,
+    )
 
 
 def _of_loop(study: LoopStudy, pade: int) -> control.StateSpace:
-    return to_control(state_space(study.result.setting.system, study.result.estimate.as_dict()), pade)
+    return to_control(
+        state_space(study.result.setting.system, study.result.estimate.as_dict()), pade
+    )
 
 
 # ---- run and simulate in Python: scenarios of the catalogue, or of a file
@@ -95,17 +126,29 @@ class Study:
         if self.kind == "sweep":
             estimate = self.details.estimate
         else:
-            estimate = self.details.main.result.estimate if self.kind == IDENTIFICATION else self.details.result.estimate
+            estimate = (
+                self.details.main.result.estimate
+                if self.kind == IDENTIFICATION
+                else self.details.result.estimate
+            )
         return Parameters(
             Parameter(name, float(value), float(std), unit)
-            for name, value, std, unit in zip(estimate.names, estimate.values, estimate.std, estimate.units, strict=True)
+            for name, value, std, unit in zip(
+                estimate.names, estimate.values, estimate.std, estimate.units, strict=True
+            )
         )
 
     @cached_property
     def true(self) -> dict[str, float]:
-        """True values by name, of those parameters that have one; what the fitted model should find where that is another."""
+        """True values by name, of those parameters that have one; what the fitted model should find
+        where that is another.
+        """
         if self.kind == IDENTIFICATION:
-            return {row.name: row.reference for row in self.details.main.rows if row.reference is not None}
+            return {
+                row.name: row.reference
+                for row in self.details.main.rows
+                if row.reference is not None
+            }
         if self.kind == "sweep":
             return {row.name: row.true for row in self.details.rows if row.true is not None}
         if self.kind == "trace":
@@ -141,7 +184,9 @@ class Study:
         return self._runner.text(self.details)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row a parameter: ``unit``, ``value``, ``sigma``, and where it is known ``true`` with the error in ``sigmas``."""
+        """One row a parameter: ``unit``, ``value``, ``sigma``, and where it is known ``true`` with
+        the error in ``sigmas``.
+        """
         frame = self.parameters.to_dataframe()
         if self.true:
             frame["true"] = [self.true.get(name, float("nan")) for name in frame.index]
@@ -149,16 +194,23 @@ class Study:
         return frame
 
     def to_state_space(self, pade: int = 4) -> control.StateSpace:
-        """The model with ``parameters``, as python-control's with named signals; of the main method, or of a diagnosis."""
+        """The model with ``parameters``, as python-control's with named signals; of the main
+        method, or of a diagnosis.
+        """
         if self.diagnosis is not None:
             return self.diagnosis.to_state_space(pade)
         if self.kind == "sweep":
-            what, remedy = "a sweep has transfer functions, no matrices", "use details.response.fits"
+            what, remedy = (
+                "a sweep has transfer functions, no matrices",
+                "use details.response.fits",
+            )
             raise DeclarationError(what, where=self.name, remedy=remedy)
 
         return matrices_of_study(self.details, self.kind, pade)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
+    def save(
+        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
+    ) -> Path:
         """Write the study as the command does with ``--out``; returns the folder."""
         self._runner.write(self.details, Path(folder), figures=formats_wanted(figures))
         return Path(folder)
@@ -181,8 +233,17 @@ class Study:
     def _repr_html_(self) -> str:
         if self.diagnosis is not None:
             return self.diagnosis._repr_html_()
-        headings = ("parameter", "unit", "value", "sigma", *(("true", "error, sigmas") if self.true else ()))
-        rows = [[*row_of(item), *(_against(item, self.true) if self.true else ())] for item in self.parameters.values()]
+        headings = (
+            "parameter",
+            "unit",
+            "value",
+            "sigma",
+            *(("true", "error, sigmas") if self.true else ()),
+        )
+        rows = [
+            [*row_of(item), *(_against(item, self.true) if self.true else ())]
+            for item in self.parameters.values()
+        ]
         return tables.page(f"{self.name}, seed {self.seed}", tables.table(headings, rows, left=2))
 
 
@@ -190,7 +251,10 @@ def _against(item: Parameter, true: Mapping[str, float]) -> tuple[str, str]:
     """The true value, and how far the estimate is from it; dashes where there is none."""
     if item.name not in true:
         return "-", "-"
-    return f"{true[item.name]:.5g}", f"{(item.value - true[item.name]) / item.sigma:+.2f}" if item.sigma > 0.0 else "-"
+    return (
+        f"{true[item.name]:.5g}",
+        f"{(item.value - true[item.name]) / item.sigma:+.2f}" if item.sigma > 0.0 else "-",
+    )
 
 
 def run(
@@ -206,8 +270,8 @@ def run(
     ----------
     name : a scenario of the catalogue (``scenarios()`` lists them), or the path of a scenario file.
     seed : of the random numbers; the scenario's own when left out.
-    set : entries of the scenario that are changed, ``{"flight.rate": 50}`` or ``["flight.rate=50"]``.
-    progress : told the stage and the share done, 0 to 1.
+    set : entries of the scenario that are changed, ``{"flight.rate": 50}`` or
+    ``["flight.rate=50"]``. progress : told the stage and the share done, 0 to 1.
 
     Raises
     ------
@@ -217,18 +281,29 @@ def run(
     kind = scenario_kind(text)
     runner = LOADERS[kind](text, changes_of(set))
     with named_after(scenario_file(text)):
-        return Study(Path(text).stem if text.endswith(".toml") else text, kind, runner.run(seed, progress or no_progress), runner)
+        return Study(
+            Path(text).stem if text.endswith(".toml") else text,
+            kind,
+            runner.run(seed, progress or no_progress),
+            runner,
+        )
 
 
 def simulate(name: str | PathLike[str], *, seed: int | None = None, set: Settings = None) -> Flight:
-    """The records of a scenario without its truth, and the vehicle that goes with them: ``flightid simulate`` in Python; parameters as in ``run``."""
+    """The records of a scenario without its truth, and the vehicle that goes with them: ``flightid
+    simulate`` in Python; parameters as in ``run``.
+    """
     return flown(str(name), seed_of(seed), changes_of(set))
 
 
 def seed_of(given: Any) -> int | None:
     """The seed. Raises DeclarationError for what is none."""
-    if given is not None and (isinstance(given, bool) or not isinstance(given, Integral) or given < 0):
-        raise DeclarationError(f"{given!r:.60} is no seed", where="seed", remedy="give a whole number, zero or more")
+    if given is not None and (
+        isinstance(given, bool) or not isinstance(given, Integral) or given < 0
+    ):
+        raise DeclarationError(
+            f"{given!r:.60} is no seed", where="seed", remedy="give a whole number, zero or more"
+        )
     return None if given is None else int(given)
 
 
@@ -250,8 +325,8 @@ COLUMNS = ("unit", "reference", "bias", "scatter", "reported", "within_one", "wi
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Campaign:
-    """Estimates of many runs against what is true. ``details``: everything that the library knows of it; ``noise_levels``: whether these are looked
-    for also where no sigma is wrong."""
+    """Estimates of many runs against what is true. ``details``: everything that the library knows
+    of it; ``noise_levels``: whether these are looked for also where no sigma is wrong."""
 
     details: campaigns.CampaignRuns
     noise_levels: bool = False
@@ -282,32 +357,52 @@ class Campaign:
         return self.details.pooled.interval
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row a parameter: bias, scatter, reported sigma, shares of one- and two-sigma intervals that hold the reference."""
+        """One row a parameter: bias, scatter, reported sigma, shares of one- and two-sigma
+        intervals that hold the reference.
+        """
         import pandas
 
         spreads = self.details.spreads
         rows = [{name: getattr(each, name) for name in COLUMNS} for each in spreads]
-        return pandas.DataFrame(rows, columns=list(COLUMNS), index=pandas.Index([each.name for each in spreads], name="parameter"))
+        return pandas.DataFrame(
+            rows,
+            columns=list(COLUMNS),
+            index=pandas.Index([each.name for each in spreads], name="parameter"),
+        )
 
     def statistics(self) -> pandas.DataFrame:
-        """One row a parameter, SI: what ``statistics.csv`` holds. Bias, scatter over the reported sigma, coverage at one, two and three sigmas, each
-        with its interval; the Cramer-Rao bound and the efficiency."""
+        """One row a parameter, SI: what ``statistics.csv`` holds. Bias, scatter over the reported
+        sigma, coverage at one, two and three sigmas, each with its interval; the Cramer-Rao bound
+        and the efficiency."""
         import io
 
         import pandas
 
         from scenarios.studies.campaign_statistics import statistics_csv
 
-        return pandas.read_csv(io.StringIO(statistics_csv(self._judgement.statistics)), index_col="parameter")
+        return pandas.read_csv(
+            io.StringIO(statistics_csv(self._judgement.statistics)), index_col="parameter"
+        )
 
     def wrong_sigmas(self) -> pandas.DataFrame:
-        """One row a parameter whose sigma is wrong, SI: the factor that makes it right, causes, the reported and the right sigma, and the share of
-        the runs within two right ones."""
+        """One row a parameter whose sigma is wrong, SI: the factor that makes it right, causes, the
+        reported and the right sigma, and the share of the runs within two right ones."""
         import pandas
 
         rows = findings_content(self._judgement.findings)["wrong_sigmas"]
-        columns = ["factor", "causes", "reported_std", "right_std", "right_within_2", "right_within_2_low", "right_within_2_high", "runs"]
-        return pandas.DataFrame(list(rows.values()), columns=columns, index=pandas.Index(list(rows), name="parameter"))
+        columns = [
+            "factor",
+            "causes",
+            "reported_std",
+            "right_std",
+            "right_within_2",
+            "right_within_2_low",
+            "right_within_2_high",
+            "runs",
+        ]
+        return pandas.DataFrame(
+            list(rows.values()), columns=columns, index=pandas.Index(list(rows), name="parameter")
+        )
 
     @cached_property
     def _judgement(self) -> Judgement:
@@ -319,7 +414,11 @@ class Campaign:
 
         pairs = {name: self.values[:, i] for i, name in enumerate(self.names)}
         return pandas.DataFrame(
-            {"seed": self.details.seeds[self.details.kept], **pairs, **{f"std_{name}": self.sigmas[:, i] for i, name in enumerate(self.names)}}
+            {
+                "seed": self.details.seeds[self.details.kept],
+                **pairs,
+                **{f"std_{name}": self.sigmas[:, i] for i, name in enumerate(self.names)},
+            }
         )
 
     def summary(self) -> str:
@@ -330,14 +429,19 @@ class Campaign:
         return as_text(lambda out: print_campaign(self.details, out, KEPT, self._judgement))
 
     def save(self, folder: str | PathLike[str]) -> Path:
-        """Write ``campaign.json`` and ``estimates.csv`` as the command does with ``--out``; returns the folder."""
+        """Write ``campaign.json`` and ``estimates.csv`` as the command does with ``--out``; returns
+        the folder.
+        """
         from scenarios.studies.campaign_report import write_campaign
 
         return write_campaign(self.details, self._judgement, Path(folder))
 
     @property
     def _title(self) -> str:
-        return f"{self.details.scenario.name}, {len(self.details.seeds)} runs by {self.details.estimation.label}"
+        return (
+            f"{self.details.scenario.name}, {len(self.details.seeds)} runs by "
+            f"{self.details.estimation.label}"
+        )
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write its page alone, one HTML file that holds its figures; returns the path."""
@@ -345,10 +449,16 @@ class Campaign:
 
     def __repr__(self) -> str:
         low, high = self.coverage_interval
-        return f"<Campaign: {self._title}; {100 * self.coverage:.1f} % within two sigmas ({100 * low:.1f} to {100 * high:.1f} %)>"
+        return (
+            f"<Campaign: {self._title}; {100 * self.coverage:.1f} % within two sigmas "
+            f"({100 * low:.1f} to {100 * high:.1f} %)>"
+        )
 
     def _repr_html_(self) -> str:
-        rows = [[each.name, *(_cell(getattr(each, name)) for name in COLUMNS)] for each in self.details.spreads]
+        rows = [
+            [each.name, *(_cell(getattr(each, name)) for name in COLUMNS)]
+            for each in self.details.spreads
+        ]
         return tables.page(self._title, tables.table(("parameter", *COLUMNS), rows, left=2))
 
 
@@ -366,11 +476,13 @@ def campaign(
     cluster: str | None = None,
     time_limit: float | None = None,
 ) -> Campaign:
-    """The same scenario with ``runs`` seeds that spring from ``seed``: bias, scatter against reported sigma, coverage; as ``flightid campaign``.
+    """The same scenario with ``runs`` seeds that spring from ``seed``: bias, scatter against
+    reported sigma, coverage; as ``flightid campaign``.
 
     ``noise_levels`` : find them by likelihood also where no sigma is wrong.
-    ``jobs`` : processes, else one a core. ``out`` : a folder in which runs are kept as they come; ``resume`` goes on with them, ``runs`` may be more
-    than before. ``cluster`` : the address of a Dask scheduler. ``time_limit`` : s that a run may take.
+    ``jobs`` : processes, else one a core. ``out`` : a folder in which runs are kept as they come;
+    ``resume`` goes on with them, ``runs`` may be more than before. ``cluster`` : the address of a
+    Dask scheduler. ``time_limit`` : s that a run may take.
 
     Raises
     ------
@@ -389,15 +501,20 @@ def campaign(
     document, short, where = load_document(text, changes_of(set))
     again = Rebuilt({key: value for key, value in document.items() if key != "kind"}, short, where)
     with named_after(where):
-        found = campaigns.fly_campaign(again.scenario(), count, seed_of(seed), method or "main", no_progress, manner, again)
+        found = campaigns.fly_campaign(
+            again.scenario(), count, seed_of(seed), method or "main", no_progress, manner, again
+        )
     if len(found.seeds) < found.asked:
-        raise KeyboardInterrupt(f"{len(found.seeds)} of {count} runs had ended")  # a program must not go on as if all had
+        # a program must not go on as if all had
+        raise KeyboardInterrupt(f"{len(found.seeds)} of {count} runs had ended")
     return Campaign(found, noise_levels)
 
 
 def _count_of(given: Any) -> int:
     if isinstance(given, bool) or not isinstance(given, Integral) or given < 2:
-        raise DeclarationError(f"{given!r:.60} runs", where="runs", remedy="give a whole number, two or more")
+        raise DeclarationError(
+            f"{given!r:.60} runs", where="runs", remedy="give a whole number, two or more"
+        )
     return int(given)
 
 
@@ -410,7 +527,9 @@ def _cell(value: Any) -> str:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Design:
-    """Maneuvers compared before they are flown, the best first. ``details``: everything that the library knows of it."""
+    """Maneuvers compared before they are flown, the best first. ``details``: everything that the
+    library knows of it.
+    """
 
     details: designing.DesignResult
 
@@ -421,7 +540,9 @@ class Design:
 
     @property
     def chance(self) -> float:
-        """Probability, at least, that the best maneuver tells the effects apart; zero where none were named."""
+        """Probability, at least, that the best maneuver tells the effects apart; zero where none
+        were named.
+        """
         return self.details.best.chance
 
     @property
@@ -435,20 +556,27 @@ class Design:
         return self.details.asked.command()
 
     def maneuver(self, kind: str | None = None) -> Record:
-        """The input to be flown, of the best kind or another: a record without outputs, SI, held between samples."""
+        """The input to be flown, of the best kind or another: a record without outputs, SI, held
+        between samples.
+        """
         from scenarios.maneuver_design.report import input_of
 
-        chosen = next((each for each in self.details.maneuvers if each.kind == kind), self.details.best)
+        chosen = next(
+            (each for each in self.details.maneuvers if each.kind == kind), self.details.best
+        )
         return record_of(input_of(chosen))
 
     def coherence(self, output: str, input: str, kind: str | None = None) -> pandas.DataFrame:
-        """Coherence and random error to expect of a response, by frequency in Hz; of the best kind or another.
+        """Coherence and random error to expect of a response, by frequency in Hz; of the best kind
+        or another.
 
         Raises InputError where no band was asked for, or there is no such response.
         """
         import pandas
 
-        chosen = next((each for each in self.details.maneuvers if each.kind == kind), self.details.best)
+        chosen = next(
+            (each for each in self.details.maneuvers if each.kind == kind), self.details.best
+        )
         found = chosen.responses
         if found is None:
             raise DeclarationError("no band is asked for", where="design", remedy="give band, Hz")
@@ -461,21 +589,32 @@ class Design:
         return pandas.DataFrame(columns, index=pandas.Index(found.frequency, name="frequency_Hz"))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """A row a kind, the best first: pace (s), peaks, mean sigma over the values, log likelihood and chance."""
+        """A row a kind, the best first: pace (s), peaks, mean sigma over the values, log likelihood
+        and chance.
+        """
         import pandas
 
         rows = []
         for each in self.details.maneuvers:
             row: dict[str, Any] = {"maneuver": each.kind, "pace": each.pace}
             row |= {f"peak_{name}": value for name, value in peaks_of(self.details, each).items()}
-            rows.append({**row, "mean_sigma": each.criterion, "log_likelihood": each.log_likelihood, "chance": each.chance})
+            rows.append(
+                {
+                    **row,
+                    "mean_sigma": each.criterion,
+                    "log_likelihood": each.log_likelihood,
+                    "chance": each.chance,
+                }
+            )
         return pandas.DataFrame(rows).set_index("maneuver")
 
     def summary(self) -> str:
         """What the command prints."""
         return design_text(self.details)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
+    def save(
+        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
+    ) -> Path:
         """Write the design as the command does with ``--out``; returns the folder."""
         from scenarios.maneuver_design.report import write_design
 
@@ -511,11 +650,12 @@ def design(
 
     Parameters
     ----------
-    model, vehicle : as in ``identify``. limits : a TOML file, or its content: ``{"nz_max": 2.5, "elevator_rate": "40 deg/s"}``.
-    tell : names of effects to be told apart, the first against each other one.
-    size : ``"typical"``, ``"found"``, or values of the first effect's own parameters.
-    value, noise, amplitude : derivatives, noise by output, largest deflection by input; numbers in SI or texts with a unit.
-    duration, rate : s, samples a second. band : Hz; a sweep and multisines over it, compared by the
+    model, vehicle : as in ``identify``. limits : a TOML file, or its content: ``{"nz_max": 2.5,
+    "elevator_rate": "40 deg/s"}``. tell : names of effects to be told apart, the first against each
+    other one. size : ``"typical"``, ``"found"``, or values of the first effect's own parameters.
+    value, noise, amplitude : derivatives, noise by output, largest deflection by input; numbers in
+    SI or texts with a unit. duration, rate : s, samples a second. band : Hz; a sweep and multisines
+    over it, compared by the
         frequency responses to expect (``coherence``).
 
     Raises
@@ -524,13 +664,32 @@ def design(
     """
     asked = model_of(model)
     given = Path(limits) if isinstance(limits, str | PathLike) else limits
-    source = source_of(vehicle, asked if isinstance(asked, str) else "") if vehicle is not None else None
+    source = (
+        source_of(vehicle, asked if isinstance(asked, str) else "") if vehicle is not None else None
+    )
     text = size if isinstance(size, str) else ",".join(_texts(size))
     names = (tell,) if isinstance(tell, str) else tuple(tell)
     return Design(
-        designing.design(DesignRequest(asked, source, given, names, text, _texts(value), _texts(noise), _texts(amplitude), duration, rate, band))
+        designing.design(
+            DesignRequest(
+                asked,
+                source,
+                given,
+                names,
+                text,
+                _texts(value),
+                _texts(noise),
+                _texts(amplitude),
+                duration,
+                rate,
+                band,
+            )
+        )
     )
 
 
 def _texts(some: Mapping[str, Any] | None) -> tuple[str, ...]:
-    return tuple(f"{name}={value!r}" if isinstance(value, float | int) else f"{name}={value}" for name, value in (some or {}).items())
+    return tuple(
+        f"{name}={value!r}" if isinstance(value, float | int) else f"{name}={value}"
+        for name, value in (some or {}).items()
+    )

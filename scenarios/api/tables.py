@@ -1,4 +1,6 @@
-"""Small tables of results and of the libraries, as text, HTML and DataFrame; and the exception for bad input."""
+"""Small tables of results and of the libraries, as text, HTML and DataFrame; and the exception for
+bad input.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,14 @@ InputError = FlightidError
 
 def page(heading: str, *parts: str) -> str:
     """A heading in bold, then the parts that are not empty."""
-    return "\n".join(["<div>", f"<p><strong>{escape(heading)}</strong></p>", *(part for part in parts if part), "</div>"])
+    return "\n".join(
+        [
+            "<div>",
+            f"<p><strong>{escape(heading)}</strong></p>",
+            *(part for part in parts if part),
+            "</div>",
+        ]
+    )
 
 
 def sentences(lines: Sequence[str]) -> str:
@@ -34,16 +43,21 @@ def sentences(lines: Sequence[str]) -> str:
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
-    """A table whose first ``left`` columns stand at the left and the others at the right; nothing where there is no row."""
+    """A table whose first ``left`` columns stand at the left and the others at the right; nothing
+    where there is no row.
+    """
     if not rows:
         return ""
     sides = ["left" if i < left else "right" for i in range(len(headings))]
 
     def line(cells: Sequence[str], tag: str) -> str:
-        told = (f'<{tag} style="text-align:{side};padding:0 0.6em">{escape(cell)}</{tag}>' for cell, side in zip(cells, sides, strict=True))
+        told = (
+            f'<{tag} style="text-align:{side};padding:0 0.6em">{escape(cell)}</{tag}>'
+            for cell, side in zip(cells, sides, strict=True)
+        )
         return f"<tr>{''.join(told)}</tr>"
 
-    return f"<table><thead>{line(headings, 'th')}</thead><tbody>{''.join(line(row, 'td') for row in rows)}</tbody></table>"
+    return f"<table><thead>{line(headings, 'th')}</thead><tbody>{''.join(line(row, 'td') for row in rows)}</tbody></table>"  # noqa: E501
 
 
 # ---- A small table of texts and numbers: printed, shown in a notebook, or made a DataFrame
@@ -55,7 +69,8 @@ SHOWN = 60  # letters of a cell in a terminal
 class Table:
     """Rows under headings; the first column names them.
 
-    ``len``, iteration over rows as dictionaries, ``table[name]`` for the row of that name, ``names``.
+    ``len``, iteration over rows as dictionaries, ``table[name]`` for the row of that name,
+    ``names``.
     """
 
     title: str
@@ -83,16 +98,30 @@ class Table:
 
     def __str__(self) -> str:
         cells = [[_shortened(cell) for cell in row] for row in self.rows]
-        return "\n".join([*wrapped(self.title), *table_lines(columns_of(self.headings, cells, left=len(self.headings)))])
+        return "\n".join(
+            [
+                *wrapped(self.title),
+                *table_lines(columns_of(self.headings, cells, left=len(self.headings))),
+            ]
+        )
 
     def _repr_html_(self) -> str:
-        return page(self.title, table(self.headings, [[_text(cell) for cell in row] for row in self.rows], left=len(self.headings)))
+        return page(
+            self.title,
+            table(
+                self.headings,
+                [[_text(cell) for cell in row] for row in self.rows],
+                left=len(self.headings),
+            ),
+        )
 
     def to_dataframe(self) -> pandas.DataFrame:
         """A DataFrame, its index the first column."""
         import pandas
 
-        return pandas.DataFrame(list(self.rows), columns=list(self.headings)).set_index(self.headings[0])
+        return pandas.DataFrame(list(self.rows), columns=list(self.headings)).set_index(
+            self.headings[0]
+        )
 
 
 def _text(cell: Any) -> str:
@@ -127,21 +156,36 @@ def effects() -> Table:
     for name in effect_names():
         effect = find_effect(name)
         told = " ".join(effect.explanation.split())
-        rows.append((name, effect.station.value, told, tuple(f"{item.name} ({item.unit})" for item in effect.parameters)))
+        rows.append(
+            (
+                name,
+                effect.station.value,
+                told,
+                tuple(f"{item.name} ({item.unit})" for item in effect.parameters),
+            )
+        )
     return Table("effects", ("effect", "station", "explanation", "parameters"), tuple(rows))
 
 
 def models() -> Table:
-    """The models: name, what it is, inputs, outputs, what a vehicle file gives and what is estimated."""
+    """The models: name, what it is, inputs, outputs, what a vehicle file gives and what is
+    estimated.
+    """
     from scenarios.files.vehicles import MODELS
     from sim.vehicles.factory import FAMILIES
 
     rows = []
     for name in MODELS:
         equations, constants, derivatives = FAMILIES["rigid" if name == "flexible" else name]
-        signals = (tuple(signal.name for signal in some) for some in (equations.inputs, equations.outputs))
+        signals = (
+            tuple(signal.name for signal in some) for some in (equations.inputs, equations.outputs)
+        )
         rows.append((name, TITLES[name], *signals, tuple(constants), tuple(derivatives)))
-    return Table("models", ("model", "what it is", "inputs", "outputs", "constants", "parameters"), tuple(rows))
+    return Table(
+        "models",
+        ("model", "what it is", "inputs", "outputs", "constants", "parameters"),
+        tuple(rows),
+    )
 
 
 def vehicles() -> Table:
@@ -157,4 +201,8 @@ def scenarios() -> Table:
     """The catalogue of scenarios: name, kind, title."""
     from scenarios.studies.catalogue import scenario_kind, scenario_names, scenario_title
 
-    return Table("scenarios", ("scenario", "kind", "title"), tuple((name, scenario_kind(name), scenario_title(name)) for name in scenario_names()))
+    return Table(
+        "scenarios",
+        ("scenario", "kind", "title"),
+        tuple((name, scenario_kind(name), scenario_title(name)) for name in scenario_names()),
+    )

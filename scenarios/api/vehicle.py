@@ -1,4 +1,6 @@
-"""A vehicle in Python: from a file, from the library, or from numbers, with the keys of vehicle files."""
+"""A vehicle in Python: from a file, from the library, or from numbers, with the keys of vehicle
+files.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,11 @@ class Vehicle:
     @property
     def name(self) -> str:
         """Its name, else its file's."""
-        return str(self.content.get("name", self.source.path.stem if self.source is not None else "vehicle"))
+        return str(
+            self.content.get(
+                "name", self.source.path.stem if self.source is not None else "vehicle"
+            )
+        )
 
     @property
     def derivatives(self) -> dict[str, Any]:
@@ -52,7 +58,11 @@ class Vehicle:
 
     def to_toml(self) -> str:
         """The text of its file."""
-        return self.source.content.decode("utf-8-sig") if self.source is not None else toml_text(self.content)
+        return (
+            self.source.content.decode("utf-8-sig")
+            if self.source is not None
+            else toml_text(self.content)
+        )
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write it as a vehicle file; returns the path."""
@@ -60,7 +70,9 @@ class Vehicle:
         return Path(path)
 
     def source_for(self, model: str) -> Source:
-        """What a command would read of it for a model: elastic modes go where the model has none."""
+        """What a command would read of it for a model: elastic modes go where the model has
+        none.
+        """
         if self.source is not None:
             return self.source
         content = dict(self.content)
@@ -70,21 +82,40 @@ class Vehicle:
         return Source(Path(self.name), raw, InputFile(self.name, hashlib.sha256(raw).hexdigest()))
 
     def __repr__(self) -> str:
-        derivatives = ", ".join(list(self.derivatives)[:6]) + (", ..." if len(self.derivatives) > 6 else "")
-        return f"<Vehicle {self.name}: {len(self.content)} entries, starts of {derivatives or 'nothing'}>"
+        derivatives = ", ".join(list(self.derivatives)[:6]) + (
+            ", ..." if len(self.derivatives) > 6 else ""
+        )
+        return (
+            f"<Vehicle {self.name}: {len(self.content)} entries, starts of "
+            f"{derivatives or 'nothing'}>"
+        )
 
     def _repr_html_(self) -> str:
-        flat = [(key, _shown(value)) for key, value in self.content.items() if not isinstance(value, Mapping | list)]
-        tables = [(name, inner) for name, inner in self.content.items() if isinstance(inner, Mapping)]
-        starts = [(f"{name}.{key}", _shown(value)) for name, inner in tables for key, value in inner.items()]
+        flat = [
+            (key, _shown(value))
+            for key, value in self.content.items()
+            if not isinstance(value, Mapping | list)
+        ]
+        tables = [
+            (name, inner) for name, inner in self.content.items() if isinstance(inner, Mapping)
+        ]
+        starts = [
+            (f"{name}.{key}", _shown(value))
+            for name, inner in tables
+            for key, value in inner.items()
+        ]
         return html.page(self.name, html.table(("key", "value"), [*flat, *starts]))
 
 
-def vehicle(source: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None, /, **numbers: Any) -> Vehicle:
-    """A vehicle from a file, from the library by its name (``vehicles()`` lists them), or from numbers.
+def vehicle(
+    source: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None, /, **numbers: Any
+) -> Vehicle:
+    """A vehicle from a file, from the library by its name (``vehicles()`` lists them), or from
+    numbers.
 
-    ``numbers`` are keys of a vehicle file, ``mass=24200.0`` or ``mass="53352 lb"``, ``derivatives={"CL_alpha": 4.0, ...}``; beside a source they
-    replace its own, key by key, derivatives each by itself. What a model needs is checked where the vehicle is used with it.
+    ``numbers`` are keys of a vehicle file, ``mass=24200.0`` or ``mass="53352 lb"``,
+    ``derivatives={"CL_alpha": 4.0, ...}``; beside a source they replace its own, key by key,
+    derivatives each by itself. What a model needs is checked where the vehicle is used with it.
 
     Raises
     ------
@@ -98,7 +129,12 @@ def vehicle(source: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = N
         content = source.content if isinstance(source, Vehicle) else source
         return Vehicle(_over(content, numbers))
     path = _path_of(source)
-    if isinstance(source, str) and not source.endswith(".toml") and "/" not in source and not path.is_file():
+    if (
+        isinstance(source, str)
+        and not source.endswith(".toml")
+        and "/" not in source
+        and not path.is_file()
+    ):
         return Vehicle(_over(_of_library(source), numbers))
     read = read_toml_source(path)
     content = toml_of(read)
@@ -108,7 +144,9 @@ def vehicle(source: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = N
 def _path_of(given: Any) -> Path:
     if not isinstance(given, str | PathLike):
         remedy = "give a file's path, a name of the library, or its numbers"
-        raise DeclarationError(f"a {type(given).__name__} is no vehicle", where="vehicle", remedy=remedy)
+        raise DeclarationError(
+            f"a {type(given).__name__} is no vehicle", where="vehicle", remedy=remedy
+        )
     return Path(given)
 
 
@@ -120,14 +158,41 @@ def source_of(given: Any, model: str) -> Source | None:
 
 
 def toml_text(content: Mapping[str, Any]) -> str:
-    """A vehicle file's text: plain keys first, then tables, then lists of tables. Raises DeclarationError for a value that TOML does not have."""
-    plain = [f"{_key(key)} = {toml_value(value, key)}" for key, value in content.items() if not _is_table(value)]
+    """A vehicle file's text: plain keys first, then tables, then lists of tables. Raises
+    DeclarationError for a value that TOML does not have.
+    """
+    plain = [
+        f"{_key(key)} = {toml_value(value, key)}"
+        for key, value in content.items()
+        if not _is_table(value)
+    ]
     out = ["\n".join(plain)]
     for key, value in content.items():
         if isinstance(value, Mapping):
-            out.append("\n".join([f"[{_key(key)}]", *(f"{_key(name)} = {toml_value(each, f'{key}.{name}')}" for name, each in value.items())]))
+            out.append(
+                "\n".join(
+                    [
+                        f"[{_key(key)}]",
+                        *(
+                            f"{_key(name)} = {toml_value(each, f'{key}.{name}')}"
+                            for name, each in value.items()
+                        ),
+                    ]
+                )
+            )
         elif _is_table(value):
-            out += ["\n".join([f"[[{_key(key)}]]", *(f"{_key(name)} = {toml_value(each, name)}" for name, each in item.items())]) for item in value]
+            out += [
+                "\n".join(
+                    [
+                        f"[[{_key(key)}]]",
+                        *(
+                            f"{_key(name)} = {toml_value(each, name)}"
+                            for name, each in item.items()
+                        ),
+                    ]
+                )
+                for item in value
+            ]
     return "\n\n".join(part for part in out if part) + "\n"
 
 
@@ -142,8 +207,15 @@ def content_of(data: VehicleData) -> dict[str, Any]:
     """A vehicle of the library with the keys of a vehicle file."""
     _, constants, derivatives = FAMILIES[data.equations]
     values = {number.name: number.value for number in data.numbers}
-    out: dict[str, Any] = {"name": data.name, **{key: values[key] for key in constants if key in values}}
-    if "reference_airspeed" in constants and "reference_airspeed" not in out and "airspeed" in values:
+    out: dict[str, Any] = {
+        "name": data.name,
+        **{key: values[key] for key in constants if key in values},
+    }
+    if (
+        "reference_airspeed" in constants
+        and "reference_airspeed" not in out
+        and "airspeed" in values
+    ):
         out["reference_airspeed"] = values["airspeed"]
     out["derivatives"] = {key: values[key] for key in derivatives if key in values}
     if data.modes:
@@ -153,28 +225,51 @@ def content_of(data: VehicleData) -> dict[str, Any]:
 
 def _mode(values: Mapping[str, float], number: int, modes: int) -> dict[str, float]:
     """The ``[[modes]]`` table of one elastic mode."""
-    constants = {f"{local}{number}": key for local, key in FILE_KEYS.items() if local in MODE_CONSTANTS}
-    own = [name for name, _, _ in mode_units(modes) if name.startswith((f"CL_eta{number}", f"CL_etadot{number}", f"Cm_eta{number}"))]
-    own += [name for name, _, _ in mode_units(modes) if name.startswith((f"Cm_etadot{number}", f"Ceta{number}_"))]
-    return {**{key: values[name] for name, key in constants.items()}, **{name: values[name] for name in own if name in values}}
+    constants = {
+        f"{local}{number}": key for local, key in FILE_KEYS.items() if local in MODE_CONSTANTS
+    }
+    own = [
+        name
+        for name, _, _ in mode_units(modes)
+        if name.startswith((f"CL_eta{number}", f"CL_etadot{number}", f"Cm_eta{number}"))
+    ]
+    own += [
+        name
+        for name, _, _ in mode_units(modes)
+        if name.startswith((f"Cm_etadot{number}", f"Ceta{number}_"))
+    ]
+    return {
+        **{key: values[name] for name, key in constants.items()},
+        **{name: values[name] for name in own if name in values},
+    }
 
 
 def _over(content: Mapping[str, Any], numbers: Mapping[str, Any]) -> dict[str, Any]:
     """The content with ``numbers`` in the place of its own; tables are replaced key by key."""
     merged = {
-        key: {**content[key], **value} if isinstance(value, Mapping) and isinstance(content.get(key), Mapping) else value
+        key: {**content[key], **value}
+        if isinstance(value, Mapping) and isinstance(content.get(key), Mapping)
+        else value
         for key, value in numbers.items()
     }
     return {**content, **merged}
 
 
 def _is_table(value: Any) -> bool:
-    return isinstance(value, Mapping) or (isinstance(value, list | tuple) and bool(value) and all(isinstance(item, Mapping) for item in value))
+    return isinstance(value, Mapping) or (
+        isinstance(value, list | tuple)
+        and bool(value)
+        and all(isinstance(item, Mapping) for item in value)
+    )
 
 
 def _key(key: Any) -> str:
     text = str(key)
-    return text if text.isascii() and text.replace("_", "").replace("-", "").isalnum() else _quoted(text)
+    return (
+        text
+        if text.isascii() and text.replace("_", "").replace("-", "").isalnum()
+        else _quoted(text)
+    )
 
 
 def toml_value(value: Any, key: Any) -> str:
@@ -184,7 +279,11 @@ def toml_value(value: Any, key: Any) -> str:
     if isinstance(value, str):
         return _quoted(value)
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_key(name)} = {toml_value(each, name)}" for name, each in value.items()) + "}"
+        return (
+            "{"
+            + ", ".join(f"{_key(name)} = {toml_value(each, name)}" for name, each in value.items())
+            + "}"
+        )
     if isinstance(value, list | tuple):
         return "[" + ", ".join(toml_value(each, key) for each in value) + "]"
     if isinstance(value, int):
@@ -192,8 +291,16 @@ def toml_value(value: Any, key: Any) -> str:
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise DeclarationError(f"a {type(value).__name__} is no value", where=f"key {key}", remedy="give a number or a text") from None
-    return repr(number) if math.isfinite(number) else {math.inf: "inf", -math.inf: "-inf"}.get(number, "nan")
+        raise DeclarationError(
+            f"a {type(value).__name__} is no value",
+            where=f"key {key}",
+            remedy="give a number or a text",
+        ) from None
+    return (
+        repr(number)
+        if math.isfinite(number)
+        else {math.inf: "inf", -math.inf: "-inf"}.get(number, "nan")
+    )
 
 
 def _quoted(text: str) -> str:

@@ -1,4 +1,6 @@
-"""A mass on a spring and a damper whose base is shaken: what moves it is the acceleration of its base."""
+"""A mass on a spring and a damper whose base is shaken: what moves it is the acceleration of its
+base.
+"""
 
 from sim.declaration import own_model
 

@@ -1,4 +1,5 @@
-"""The command line: what each command takes; the work is done in `scenarios.commands`, imported when it is run.
+"""The command line: what each command takes; the work is done in `scenarios.commands`, imported
+when it is run.
 
 It may import `commands`, and from below only what loads neither NumPy nor SciPy: the help must
 answer at once. To add a command: a function in `study_commands.py` or
@@ -13,7 +14,9 @@ __all__ = ["app", "main"]
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Entry point: exit code 0 done, 2 bad usage or input (one line on stderr), 130 stopped by Ctrl-C, 1 anything else."""
+    """Entry point: exit code 0 done, 2 bad usage or input (one line on stderr), 130 stopped by
+    Ctrl-C, 1 anything else.
+    """
     try:
         from scenarios.cli.application import run_typed
     except KeyboardInterrupt:

@@ -19,8 +19,30 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from scenarios.cli.record_commands import check, diagnose, identify, maneuvers, map_, predict, response, survey, watch
-from scenarios.cli.study_commands import campaign, compare, design, effects, lab, list_, models, report, run, simulate, vehicles
+from scenarios.cli.record_commands import (
+    check,
+    diagnose,
+    identify,
+    maneuvers,
+    map_,
+    predict,
+    response,
+    survey,
+    watch,
+)
+from scenarios.cli.study_commands import (
+    campaign,
+    compare,
+    design,
+    effects,
+    lab,
+    list_,
+    models,
+    report,
+    run,
+    simulate,
+    vehicles,
+)
 from scenarios.commands.failures import Stopped, each_validated
 from scenarios.files.sources import escaped_streams, versions
 from sim.errors import DeclarationError
@@ -64,89 +86,162 @@ def ending_signals() -> Iterator[list[int]]:
 
 # ---- Examples of every command
 
-# What is typed, and what it does. The order is that in which they run: later ones take files that earlier ones wrote.
+# What is typed, and what it does. The order is that in which they run: later ones take files that
+# earlier ones wrote.
 EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
     "list": (
         ("flightid list", "what there is to run"),
         ("flightid list rigid > mine.toml", "the file of a scenario, to copy and edit"),
     ),
     "run": (
-        ("flightid run rigid --out study", "simulate, identify, compare with the truth, into a folder"),
-        ("flightid run mine.toml --seed 3 --set flight.rate=50 --out edited", "an edited copy, with another seed and sampling"),
+        (
+            "flightid run rigid --out study",
+            "simulate, identify, compare with the truth, into a folder",
+        ),
+        (
+            "flightid run mine.toml --seed 3 --set flight.rate=50 --out edited",
+            "an edited copy, with another seed and sampling",
+        ),
     ),
     "compare": (("flightid compare study edited", "studies side by side, from their folders"),),
     "simulate": (
-        ("flightid simulate rigid --seed 3 --out rigid.csv", "a record as a flight test would hand it over"),
-        ("flightid simulate trace-vane --out flight.csv", "two records with something hidden in them, and a vehicle file"),
+        (
+            "flightid simulate rigid --seed 3 --out rigid.csv",
+            "a record as a flight test would hand it over",
+        ),
+        (
+            "flightid simulate trace-vane --out flight.csv",
+            "two records with something hidden in them, and a vehicle file",
+        ),
     ),
     "campaign": (
         ("flightid campaign rigid --runs 100", "bias, scatter and coverage over a hundred seeds"),
-        ("flightid campaign ballistic --runs 20 --out campaign", "the same into a folder, with figures and every run"),
+        (
+            "flightid campaign ballistic --runs 20 --out campaign",
+            "the same into a folder, with figures and every run",
+        ),
     ),
     "map": (
-        ("flightid map flight.csv", "the content of a recorder's file, and drafts of its channel map and vehicle file"),
+        (
+            "flightid map flight.csv",
+            "the content of a recorder's file, and drafts of its channel map and vehicle file",
+        ),
         ("flightid map flight.csv --out draft", "the drafts as files, to check and complete"),
     ),
     "maneuvers": (
-        ("flightid maneuvers flight.csv", "steps, doublets, sweeps, turns and the like in a long record"),
-        ("flightid maneuvers flight.csv --out found", "with the flight in a figure and maneuvers.toml for --maneuver"),
+        (
+            "flightid maneuvers flight.csv",
+            "steps, doublets, sweeps, turns and the like in a long record",
+        ),
+        (
+            "flightid maneuvers flight.csv --out found",
+            "with the flight in a figure and maneuvers.toml for --maneuver",
+        ),
     ),
     "response": (
-        ("flightid response flight.csv --input elevator --output q --out bode", "the response of the pitch rate to the elevator"),
-        ("flightid response flight.csv --input elevator --output q --output alpha --band 0.2 2", "two outputs, in a band in Hz"),
+        (
+            "flightid response flight.csv --input elevator --output q --out bode",
+            "the response of the pitch rate to the elevator",
+        ),
+        (
+            "flightid response flight.csv --input elevator --output q --output alpha --band 0.2 2",
+            "two outputs, in a band in Hz",
+        ),
     ),
     "identify": (
-        ("flightid identify flight.csv --model rigid --vehicle flight_vehicle.toml --out fit", "parameters of a model from a record"),
         (
-            "flightid identify flight.csv --model rigid --vehicle flight_vehicle.toml --validate flight_validate.csv --from 1 --to 9",
+            "flightid identify flight.csv --model rigid --vehicle flight_vehicle.toml --out fit",
+            "parameters of a model from a record",
+        ),
+        (
+            "flightid identify flight.csv --model rigid --vehicle flight_vehicle.toml --validate "
+            "flight_validate.csv --from 1 --to 9",
             "from a part of it, and what that predicts of another",
         ),
-        ("flightid identify flight.csv --model rigid --vehicle flight_vehicle.toml --json > fit.json", "for a program that reads on"),
+        (
+            "flightid identify flight.csv --model rigid --vehicle flight_vehicle.toml --json > "
+            "fit.json",
+            "for a program that reads on",
+        ),
     ),
     "diagnose": (
         (
-            "flightid diagnose flight.csv --model rigid --vehicle flight_vehicle.toml --validate flight_validate.csv --out cause",
+            "flightid diagnose flight.csv --model rigid --vehicle flight_vehicle.toml --validate "
+            "flight_validate.csv --out cause",
             "what the model lacks, and the error before and after on another record",
         ),
     ),
     "design": (
-        ("flightid design --model rigid --vehicle flight_vehicle.toml --out plan", "the maneuver that determines the derivatives best"),
         (
-            "flightid design --model rigid --vehicle flight_vehicle.toml --tell vane-offset,sensor-lag:alpha --size 'arm=2 m'",
+            "flightid design --model rigid --vehicle flight_vehicle.toml --out plan",
+            "the maneuver that determines the derivatives best",
+        ),
+        (
+            "flightid design --model rigid --vehicle flight_vehicle.toml --tell "
+            "vane-offset,sensor-lag:alpha --size 'arm=2 m'",
             "the one that tells a vane ahead of the centre of gravity from a slow one",
         ),
     ),
     "predict": (
-        ("flightid predict fit flight_validate.csv", "the model of a study on a record that it has not seen"),
-        ("flightid predict cause flight_validate.csv --out prediction", "with the effects that were claimed, into a folder"),
+        (
+            "flightid predict fit flight_validate.csv",
+            "the model of a study on a record that it has not seen",
+        ),
+        (
+            "flightid predict cause flight_validate.csv --out prediction",
+            "with the effects that were claimed, into a folder",
+        ),
     ),
-    "report": (("flightid report study edited", "the pages of study folders again, with nothing computed"),),
-    "check": (("flightid check flight.csv --vehicle flight_vehicle.toml", "what the kinematics alone say of the sensors"),),
+    "report": (
+        ("flightid report study edited", "the pages of study folders again, with nothing computed"),
+    ),
+    "check": (
+        (
+            "flightid check flight.csv --vehicle flight_vehicle.toml",
+            "what the kinematics alone say of the sensors",
+        ),
+    ),
     "survey": (
         ("flightid survey --example > flights.toml", "the file of a survey, to copy and edit"),
-        ("flightid survey flights.toml --out morning", "each flight diagnosed and kept, then what recurs; again after each new flight"),
+        (
+            "flightid survey flights.toml --out morning",
+            "each flight diagnosed and kept, then what recurs; again after each new flight",
+        ),
     ),
     "watch": (
-        ("flightid simulate x29-simulation --out stream.csv", "a record of the closed loop, which stands for a stream"),
+        (
+            "flightid simulate x29-simulation --out stream.csv",
+            "a record of the closed loop, which stands for a stream",
+        ),
         ("flightid watch stream.csv --model loes --until-end --no-refine", "identified row by row"),
     ),
     "models": (
         ("flightid models", "the models that there are"),
-        ("flightid models --example > my_model.py", "the file of a model of one's own, to copy and edit"),
+        (
+            "flightid models --example > my_model.py",
+            "the file of a model of one's own, to copy and edit",
+        ),
         ("flightid models my_model.py", "what it declares, checked"),
     ),
     "vehicles": (
         ("flightid vehicles bomber_rigid", "every number with unit and origin"),
         ("flightid vehicles bomber_ac2 --diff bomber_ac1", "what differs from another vehicle"),
     ),
-    "lab": (("flightid lab", "the labs that there are"), ("flightid lab 1 --key", "the instructor's key of one")),
+    "lab": (
+        ("flightid lab", "the labs that there are"),
+        ("flightid lab 1 --key", "the instructor's key of one"),
+    ),
     "effects": (("flightid effects vane-offset", "one effect, explained"),),
 }
 
 
 def examples_text(command: str) -> str:
     """The examples of a command as its help ends with them; empty where there are none."""
-    lines = [line for typed, does in EXAMPLES.get(command, ()) for line in (f"  {typed}", f"      {does}")]
+    lines = [
+        line
+        for typed, does in EXAMPLES.get(command, ())
+        for line in (f"  {typed}", f"      {does}")
+    ]
     return "\n".join(["Examples:", *lines]) if lines else ""
 
 
@@ -156,14 +251,18 @@ WHOLE = 1000  # characters: a line too long for the terminal is folded, not cut
 
 
 class GroupedCommands(TyperGroup):
-    """Lists the commands under the headings of their groups (the command-line library asks for a class here)."""
+    """Lists the commands under the headings of their groups (the command-line library asks for a
+    class here).
+    """
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write one section a group, in the order in which the commands were declared."""
         groups: dict[str, list[tuple[str, str]]] = {}
         for name, command in self.commands.items():
             panel = getattr(command, "rich_help_panel", None)
-            groups.setdefault(panel if isinstance(panel, str) else "Commands", []).append((name, command.get_short_help_str(WHOLE)))
+            groups.setdefault(panel if isinstance(panel, str) else "Commands", []).append(
+                (name, command.get_short_help_str(WHOLE))
+            )
         for group, rows in groups.items():
             with formatter.section(group):
                 formatter.write_dl(rows)
@@ -217,9 +316,17 @@ def _version(wanted: bool) -> None:
 
 def options(
     version: Annotated[
-        bool, typer.Option("--version", is_eager=True, callback=_version, help="Show the version, and those of Python, NumPy and SciPy.")
+        bool,
+        typer.Option(
+            "--version",
+            is_eager=True,
+            callback=_version,
+            help="Show the version, and those of Python, NumPy and SciPy.",
+        ),
     ] = False,
-    debug: Annotated[bool, typer.Option("--debug", help="Show a traceback when something fails.")] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Show a traceback when something fails.")
+    ] = False,
 ) -> None:
     """Simulate a flight vehicle, identify it from its record, and trace what the model lacks."""
 
@@ -227,7 +334,10 @@ def options(
 def _application() -> typer.Typer:
     app = typer.Typer(
         name="flightid",
-        help="Simulate a flight vehicle, identify it from its record, and trace what the model lacks.",
+        help=(
+            "Simulate a flight vehicle, identify it from its record, and trace what the model "
+            "lacks."
+        ),
         cls=GroupedCommands,
         no_args_is_help=True,
         add_completion=True,
@@ -238,7 +348,9 @@ def _application() -> typer.Typer:
     app.callback()(options)
     for group, functions in COMMANDS.items():
         for function in functions:
-            app.command(function.__name__.rstrip("_"), cls=WithExamples, rich_help_panel=group)(function)
+            app.command(function.__name__.rstrip("_"), cls=WithExamples, rich_help_panel=group)(
+                function
+            )
     return app
 
 
@@ -276,14 +388,21 @@ def _is_foreign(text: str) -> bool:
 def _numeric_options(command: str) -> frozenset[str]:
     """The options of a command that take a number, by the annotations of its function."""
 
-    functions = {function.__name__.rstrip("_"): function for group in COMMANDS.values() for function in group}
+    functions = {
+        function.__name__.rstrip("_"): function for group in COMMANDS.values() for function in group
+    }
     if command not in functions:
         return frozenset()
     hints = typing.get_type_hints(functions[command], include_extras=True).values()
     options = [(hint, declared) for hint in hints for declared in getattr(hint, "__metadata__", ())]
     numeric = [declared for hint, declared in options if _holds_number(hint.__origin__)]
     # Within an annotation the library keeps the first name where a default would be.
-    return frozenset(name for each in numeric for name in (each.default, *(each.param_decls or ())) if isinstance(name, str))
+    return frozenset(
+        name
+        for each in numeric
+        for name in (each.default, *(each.param_decls or ()))
+        if isinstance(name, str)
+    )
 
 
 def _holds_number(kind: object) -> bool:
@@ -304,7 +423,8 @@ def run_typed(arguments: list[str] | None = None) -> None:
     for name in _THREADS:
         os.environ.setdefault(name, "1")  # read when NumPy is loaded, by the command itself
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # a letter that the terminal does not have ends no study
+        # a letter that the terminal does not have ends no study
+        sys.stdout.reconfigure(errors="backslashreplace")
     given = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
     debug = "--debug" in given
     with escaped_streams(), ending_signals() as came, warnings.catch_warnings():

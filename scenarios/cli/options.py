@@ -18,7 +18,8 @@ from scenarios.plots.formats import Formats
 
 # ---- What a shell completes
 
-# Said here once more, so that neither help nor completion loads what computes; a test holds both against the lists that count.
+# Said here once more, so that neither help nor completion loads what computes; a test holds both
+# against the lists that count.
 MODEL_NAMES = ("ballistic", "rigid", "flexible", "loes", "lateral", "longitudinal", "multirotor")
 METHOD_NAMES = ("output-error", "filter-error", "frequency-domain", "equation-error", "ekf", "ukf")
 
@@ -69,44 +70,111 @@ def _beginning(names: Iterable[str], incomplete: str) -> list[str]:
 
 # ---- Options and arguments that several commands share
 
-Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Write the study into this folder.")]
-Seed = Annotated[int | None, typer.Option("--seed", min=0, metavar="N", help="Seed of the random numbers; the scenario's own when left out.")]
-Changes = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change an entry of the scenario, e.g. flight.rate=50.")]
-From = Annotated[
-    list[float] | None, typer.Option("--from", metavar="T", help="Use the record from this time on, s; with --to again for each maneuver.")
+Out = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Write the study into this folder.")
 ]
-To = Annotated[list[float] | None, typer.Option("--to", metavar="T", help="Use the record up to this time, s.")]
+Seed = Annotated[
+    int | None,
+    typer.Option(
+        "--seed",
+        min=0,
+        metavar="N",
+        help="Seed of the random numbers; the scenario's own when left out.",
+    ),
+]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Change an entry of the scenario, e.g. flight.rate=50."
+    ),
+]
+From = Annotated[
+    list[float] | None,
+    typer.Option(
+        "--from",
+        metavar="T",
+        help="Use the record from this time on, s; with --to again for each maneuver.",
+    ),
+]
+To = Annotated[
+    list[float] | None, typer.Option("--to", metavar="T", help="Use the record up to this time, s.")
+]
 Maneuvers = Annotated[
     list[str] | None,
-    typer.Option("--maneuver", metavar="N", help="Use a maneuver of maneuvers.toml, by number or name; again for each."),
+    typer.Option(
+        "--maneuver",
+        metavar="N",
+        help="Use a maneuver of maneuvers.toml, by number or name; again for each.",
+    ),
 ]
 ManeuverFile = Annotated[
     Path | None,
-    typer.Option("--maneuvers", metavar="FILE", help="That file; else maneuvers.toml beside the record."),
+    typer.Option(
+        "--maneuvers", metavar="FILE", help="That file; else maneuvers.toml beside the record."
+    ),
 ]
 Held = Annotated[
     str | None,
     typer.Option(
-        "--hold", metavar="HOLD", autocompletion=of("previous", "linear"), help="Inputs between samples: previous or linear; else as the data say."
+        "--hold",
+        metavar="HOLD",
+        autocompletion=of("previous", "linear"),
+        help="Inputs between samples: previous or linear; else as the data say.",
     ),
 ]
 Rate = Annotated[
     float | None,
-    typer.Option("--rate", metavar="HZ", help="Resample all channels to this rate behind one filter; of a record without a clock: its rate."),
+    typer.Option(
+        "--rate",
+        metavar="HZ",
+        help=(
+            "Resample all channels to this rate behind one filter; of a record without a clock: "
+            "its rate."
+        ),
+    ),
 ]
 ClockRate = Annotated[
     float | None,
-    typer.Option("--rate", metavar="HZ", help="Of a record without a clock: its rate; of a log of topics: that of their grid."),
+    typer.Option(
+        "--rate",
+        metavar="HZ",
+        help="Of a record without a clock: its rate; of a log of topics: that of their grid.",
+    ),
 ]
 Columns = Annotated[
-    str | None, typer.Option("--columns", metavar="NAME,NAME,...", help="Names of the columns, of a file without a header or instead of its own.")
+    str | None,
+    typer.Option(
+        "--columns",
+        metavar="NAME,NAME,...",
+        help="Names of the columns, of a file without a header or instead of its own.",
+    ),
 ]
-Lowpass = Annotated[float | None, typer.Option("--lowpass", metavar="HZ", help="One zero-phase low-pass for all channels, inputs included.")]
-Trust = Annotated[bool, typer.Option("--trust-record", help="Take the raw columns as they are: warn of what they show, refuse and mask nothing.")]
+Lowpass = Annotated[
+    float | None,
+    typer.Option(
+        "--lowpass", metavar="HZ", help="One zero-phase low-pass for all channels, inputs included."
+    ),
+]
+Trust = Annotated[
+    bool,
+    typer.Option(
+        "--trust-record",
+        help="Take the raw columns as they are: warn of what they show, refuse and mask nothing.",
+    ),
+]
 Model = Annotated[
-    str, typer.Option("--model", metavar="M", autocompletion=models, help=f"{', '.join(MODEL_NAMES)}, or FILE.py with a model of your own.")
+    str,
+    typer.Option(
+        "--model",
+        metavar="M",
+        autocompletion=models,
+        help=f"{', '.join(MODEL_NAMES)}, or FILE.py with a model of your own.",
+    ),
 ]
-Records = Annotated[list[Path], typer.Argument(metavar="RECORD...", help="Record files of one vehicle, from any recorder.")]
+Records = Annotated[
+    list[Path],
+    typer.Argument(metavar="RECORD...", help="Record files of one vehicle, from any recorder."),
+]
 VehicleOption = Annotated[
     Path | None,
     typer.Option(
@@ -115,18 +183,49 @@ VehicleOption = Annotated[
         help="Constants and starting values; else vehicle.toml beside the first record, if any.",
     ),
 ]
-Scenario = Annotated[str | None, typer.Argument(metavar="NAME", autocompletion=scenarios, help="A scenario; none beside --model.")]
-OwnModel = Annotated[str | None, typer.Option("--model", metavar="FILE.py", help="A model of your own flies instead of a scenario; its file is run.")]
-TrueValues = Annotated[Path | None, typer.Option("--vehicle", metavar="V.toml", help="With --model: true values; else those of its file.")]
+Scenario = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="NAME", autocompletion=scenarios, help="A scenario; none beside --model."
+    ),
+]
+OwnModel = Annotated[
+    str | None,
+    typer.Option(
+        "--model",
+        metavar="FILE.py",
+        help="A model of your own flies instead of a scenario; its file is run.",
+    ),
+]
+TrueValues = Annotated[
+    Path | None,
+    typer.Option(
+        "--vehicle", metavar="V.toml", help="With --model: true values; else those of its file."
+    ),
+]
 Inputs = Annotated[
     list[str] | None,
-    typer.Option("--input", metavar="NAME=KIND,KEY=VALUE,...", help="With --model, again for each maneuver; else a doublet on each input."),
+    typer.Option(
+        "--input",
+        metavar="NAME=KIND,KEY=VALUE,...",
+        help="With --model, again for each maneuver; else a doublet on each input.",
+    ),
 ]
 Noise = Annotated[
-    list[str] | None, typer.Option("--noise", metavar="OUTPUT=SIZE", help="With --model: standard deviation; else 1 % of its largest move.")
+    list[str] | None,
+    typer.Option(
+        "--noise",
+        metavar="OUTPUT=SIZE",
+        help="With --model: standard deviation; else 1 % of its largest move.",
+    ),
 ]
-Duration = Annotated[float | None, typer.Option("--duration", metavar="S", help="With --model: length of the record, s.")]
-SampleRate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="With --model: samples a second.")]
+Duration = Annotated[
+    float | None,
+    typer.Option("--duration", metavar="S", help="With --model: length of the record, s."),
+]
+SampleRate = Annotated[
+    float | None, typer.Option("--rate", metavar="HZ", help="With --model: samples a second.")
+]
 Figures = Annotated[
     list[str] | None,
     typer.Option(
@@ -149,16 +248,54 @@ Class = Annotated[
 Category = Annotated[
     str | None,
     typer.Option(
-        "--category", metavar="A|B|C", autocompletion=of("A", "B", "C"), help="Category of the flight phase: A rapid, B gradual, C terminal."
+        "--category",
+        metavar="A|B|C",
+        autocompletion=of("A", "B", "C"),
+        help="Category of the flight phase: A rapid, B gradual, C terminal.",
     ),
 ]
-Channels = Annotated[Path | None, typer.Option("--channels", metavar="MAP", help="TOML file that maps columns to channels.")]
+Channels = Annotated[
+    Path | None,
+    typer.Option("--channels", metavar="MAP", help="TOML file that maps columns to channels."),
+]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors and warnings.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the study's JSON document, as --out writes it, and nothing else.")]
-Jobs = Annotated[int | None, typer.Option("--jobs", metavar="N", help="Processes, each with one thread; else one a core. No number depends on it.")]
-Resume = Annotated[bool, typer.Option("--resume", help="Go on with what the folder of --out holds; --runs may be larger than before.")]
-Cluster = Annotated[str | None, typer.Option("--cluster", metavar="ADDRESS", help="Work on a Dask cluster, by its scheduler's tcp://HOST:PORT.")]
-TimeLimit = Annotated[float | None, typer.Option("--time-limit", metavar="S", help="Seconds that a run may take; one that takes longer is left out.")]
+AsJson = Annotated[
+    bool,
+    typer.Option(
+        "--json", help="Print the study's JSON document, as --out writes it, and nothing else."
+    ),
+]
+Jobs = Annotated[
+    int | None,
+    typer.Option(
+        "--jobs",
+        metavar="N",
+        help="Processes, each with one thread; else one a core. No number depends on it.",
+    ),
+]
+Resume = Annotated[
+    bool,
+    typer.Option(
+        "--resume",
+        help="Go on with what the folder of --out holds; --runs may be larger than before.",
+    ),
+]
+Cluster = Annotated[
+    str | None,
+    typer.Option(
+        "--cluster",
+        metavar="ADDRESS",
+        help="Work on a Dask cluster, by its scheduler's tcp://HOST:PORT.",
+    ),
+]
+TimeLimit = Annotated[
+    float | None,
+    typer.Option(
+        "--time-limit",
+        metavar="S",
+        help="Seconds that a run may take; one that takes longer is left out.",
+    ),
+]
 
 
 # ---- --quiet and --json: what of a command reaches the terminal
@@ -166,7 +303,9 @@ TimeLimit = Annotated[float | None, typer.Option("--time-limit", metavar="S", he
 
 @dataclass(frozen=True)
 class OutputOptions:
-    """Where a command writes its study (None: nowhere), in which formats its figures, and whether it may show how far it is."""
+    """Where a command writes its study (None: nowhere), in which formats its figures, and whether
+    it may show how far it is.
+    """
 
     out: Path | None
     figures: Formats
@@ -174,30 +313,43 @@ class OutputOptions:
 
 
 @contextlib.contextmanager
-def output_options(out: Path | None, figures: Formats, *, quiet: bool, as_json: bool, documents: Sequence[str] = ()) -> Iterator[OutputOptions]:
-    """Run a command that prints on stdout and writes ``documents``, by their paths in its folder, the study's JSON.
+def output_options(
+    out: Path | None, figures: Formats, *, quiet: bool, as_json: bool, documents: Sequence[str] = ()
+) -> Iterator[OutputOptions]:
+    """Run a command that prints on stdout and writes ``documents``, by their paths in its folder,
+    the study's JSON.
 
-    With ``as_json`` nothing of it is printed but its document, several of them as a list; with ``quiet`` nothing but the warnings that its
-    document holds, on stderr. Without a folder it writes into one that is gone afterwards.
+    With ``as_json`` nothing of it is printed but its document, several of them as a list; with
+    ``quiet`` nothing but the warnings that its document holds, on stderr. Without a folder it
+    writes into one that is gone afterwards.
     """
     if not (quiet or as_json):
         yield OutputOptions(out, figures, progress=True)
         return
     with contextlib.ExitStack() as stack:
-        folder = out if out is not None else Path(stack.enter_context(TemporaryDirectory(prefix="flightid-"))) / "study"
+        folder = (
+            out
+            if out is not None
+            else Path(stack.enter_context(TemporaryDirectory(prefix="flightid-"))) / "study"
+        )
         try:
             with contextlib.redirect_stdout(io.StringIO()):
                 yield OutputOptions(folder, figures if out is not None else (), progress=not quiet)
         except KeyboardInterrupt:
             if out is not None:
                 raise
-            raise KeyboardInterrupt from None  # what it says is kept is in a folder that is gone now
+            # what it says is kept is in a folder that is gone now
+            raise KeyboardInterrupt from None
         texts = [(folder / name).read_text(encoding="utf-8") for name in documents]
     if as_json:
         if isinstance(sys.stdout, io.TextIOWrapper):
             # JSON is UTF-8 wherever it goes; a pipe of Windows has another code page.
             sys.stdout.reconfigure(encoding="utf-8", errors="backslashreplace")
-        sys.stdout.write(texts[0] if len(texts) == 1 else "[\n" + ",\n".join(text.rstrip("\n") for text in texts) + "\n]\n")
+        sys.stdout.write(
+            texts[0]
+            if len(texts) == 1
+            else "[\n" + ",\n".join(text.rstrip("\n") for text in texts) + "\n]\n"
+        )
         sys.stdout.flush()
         return
     for text in texts:

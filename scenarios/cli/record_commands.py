@@ -43,11 +43,18 @@ from sim.errors import DeclarationError
 
 
 def map_(
-    record: Annotated[Path, typer.Argument(metavar="FILE", help="A recorder's file, in any format.")],
+    record: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A recorder's file, in any format.")
+    ],
     rate: ClockRate = None,
     columns: Columns = None,
     topics: Annotated[bool, typer.Option("--topics", help="Show every topic of a log.")] = False,
-    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Write channels.toml and vehicle.toml into this folder.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="DIR", help="Write channels.toml and vehicle.toml into this folder."
+        ),
+    ] = None,
 ) -> None:
     """What a recorder's file holds, with a draft of the channel map and of the vehicle file."""
     from scenarios.commands.records import draft_map
@@ -59,7 +66,9 @@ def map_(
 
 
 def maneuvers(
-    record: Annotated[Path, typer.Argument(metavar="RECORD", help="A recorded flight of any length.")],
+    record: Annotated[
+        Path, typer.Argument(metavar="RECORD", help="A recorded flight of any length.")
+    ],
     channels: Channels = None,
     columns: Columns = None,
     rate: ClockRate = None,
@@ -69,7 +78,9 @@ def maneuvers(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """The maneuvers in a long record: steps, doublets, 3-2-1-1, sweeps, multisines, pull-ups, turns, trim points."""
+    """The maneuvers in a long record: steps, doublets, 3-2-1-1, sweeps, multisines, pull-ups,
+    turns, trim points.
+    """
     from scenarios.cli.options import output_options
     from scenarios.commands.records import search_record
 
@@ -88,7 +99,9 @@ def maneuvers(
 
 Inputs = Annotated[
     list[str] | None,
-    typer.Option("--input", metavar="A", help="A column or channel; again for inputs that move together."),
+    typer.Option(
+        "--input", metavar="A", help="A column or channel; again for inputs that move together."
+    ),
 ]
 Outputs = Annotated[
     list[str] | None,
@@ -106,7 +119,9 @@ Windows = Annotated[
     list[float] | None,
     typer.Option("--window", metavar="S", help="Length of a window, s; again for each. Else four."),
 ]
-Tapers = Annotated[int, typer.Option("--tapers", min=0, metavar="N", help="N sine tapers instead of windows.")]
+Tapers = Annotated[
+    int, typer.Option("--tapers", min=0, metavar="N", help="N sine tapers instead of windows.")
+]
 Band = Annotated[
     tuple[float, float] | None,
     typer.Option("--band", metavar="LOW HIGH", help="Hz; else from the inputs' power."),
@@ -121,7 +136,9 @@ Fit = Annotated[
 ]
 Fix = Annotated[
     list[str] | None,
-    typer.Option("--fix", metavar="NAME=VALUE", help="Hold a parameter of the form; again for each."),
+    typer.Option(
+        "--fix", metavar="NAME=VALUE", help="Hold a parameter of the form; again for each."
+    ),
 ]
 Shared = Annotated[bool, typer.Option("--shared-poles", help="One denominator for all responses.")]
 Bandwidth = Annotated[
@@ -147,11 +164,19 @@ Levels = Annotated[
     typer.Option(
         "--levels",
         metavar="CLASS-CATEGORY",
-        help="Levels of fitted forms: class I, II-C, II-L, III, IV and flight phase A, B, C, as in IV-A.",
+        help=(
+            "Levels of fitted forms: class I, II-C, II-L, III, IV and flight phase A, B, C, as in "
+            "IV-A."
+        ),
     ),
 ]
-Airspeed = Annotated[float | None, typer.Option("--airspeed", metavar="V", help="m/s; n/alpha and CAP of a fitted pitch rate.")]
-Coherence = Annotated[float, typer.Option("--coherence", metavar="C", help="Least coherence of the usable band.")]
+Airspeed = Annotated[
+    float | None,
+    typer.Option("--airspeed", metavar="V", help="m/s; n/alpha and CAP of a fitted pitch rate."),
+]
+Coherence = Annotated[
+    float, typer.Option("--coherence", metavar="C", help="Least coherence of the usable band.")
+]
 
 
 def response(
@@ -229,24 +254,53 @@ def identify(
     rate: Rate = None,
     lowpass: Lowpass = None,
     trust: Trust = False,
-    method: Annotated[str, typer.Option("--method", metavar="METHOD", autocompletion=methods, help=f"{', '.join(METHOD_NAMES)}.")] = "output-error",
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method", metavar="METHOD", autocompletion=methods, help=f"{', '.join(METHOD_NAMES)}."
+        ),
+    ] = "output-error",
     validate: Annotated[
-        list[Path] | None, typer.Option("--validate", metavar="RECORD...", help="Predict these records with what was estimated from the others.")
+        list[Path] | None,
+        typer.Option(
+            "--validate",
+            metavar="RECORD...",
+            help="Predict these records with what was estimated from the others.",
+        ),
     ] = None,
     profile: Annotated[
-        list[str] | None, typer.Option("--profile", metavar="NAME...", help="Profile-likelihood intervals of these parameters; all: of every one.")
+        list[str] | None,
+        typer.Option(
+            "--profile",
+            metavar="NAME...",
+            help="Profile-likelihood intervals of these parameters; all: of every one.",
+        ),
     ] = None,
     band: Annotated[
-        tuple[float, float] | None, typer.Option("--band", metavar="LOW HIGH", help="Hz, for frequency-domain; else from the inputs' power.")
+        tuple[float, float] | None,
+        typer.Option(
+            "--band",
+            metavar="LOW HIGH",
+            help="Hz, for frequency-domain; else from the inputs' power.",
+        ),
     ] = None,
     engine: Annotated[
         str | None,
-        typer.Option("--engine", metavar="ENGINE", help="Of the extended Kalman filter: filterpy or batched; same result."),
+        typer.Option(
+            "--engine",
+            metavar="ENGINE",
+            help="Of the extended Kalman filter: filterpy or batched; same result.",
+        ),
     ] = None,
     aircraft_class: Class = None,
     category: Category = None,
     matrices: Annotated[
-        Path | None, typer.Option("--state-space", metavar="FILE", help="Write A, B, C, D about trim with names: .json, .mat or .npz.")
+        Path | None,
+        typer.Option(
+            "--state-space",
+            metavar="FILE",
+            help="Write A, B, C, D about trim with names: .json, .mat or .npz.",
+        ),
     ] = None,
     out: Out = None,
     figures: Figures = None,
@@ -261,10 +315,25 @@ def identify(
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust, columns=columns)
     plan = with_maneuvers(plan, records, maneuver, maneuvers)
     request = Request(
-        tuple(records), model, vehicle, tuple(validate or ()), channels=channels, plan=plan, aircraft_class=aircraft_class, flight_phase=category
+        tuple(records),
+        model,
+        vehicle,
+        tuple(validate or ()),
+        channels=channels,
+        plan=plan,
+        aircraft_class=aircraft_class,
+        flight_phase=category,
     )
-    with output_options(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["comparison.json"]) as told:
-        identify_records(request, method, told.out, told.figures, options_of(profile, band, engine), matrices)
+    with output_options(
+        out,
+        formats_of(figures, no_figures),
+        quiet=quiet,
+        as_json=as_json,
+        documents=["comparison.json"],
+    ) as told:
+        identify_records(
+            request, method, told.out, told.figures, options_of(profile, band, engine), matrices
+        )
 
 
 # ---- flightid diagnose
@@ -276,9 +345,18 @@ def diagnose(
     vehicle: VehicleOption = None,
     validate: Annotated[
         list[Path] | None,
-        typer.Option("--validate", metavar="RECORD...", help="Predict these records; else the last of several, or the last part of one."),
+        typer.Option(
+            "--validate",
+            metavar="RECORD...",
+            help="Predict these records; else the last of several, or the last part of one.",
+        ),
     ] = None,
-    effects: Annotated[Path | None, typer.Option("--effects", metavar="FILE", help="Python file with effects of your own; it is run.")] = None,
+    effects: Annotated[
+        Path | None,
+        typer.Option(
+            "--effects", metavar="FILE", help="Python file with effects of your own; it is run."
+        ),
+    ] = None,
     channels: Channels = None,
     columns: Columns = None,
     start: From = None,
@@ -290,7 +368,13 @@ def diagnose(
     lowpass: Lowpass = None,
     trust: Trust = False,
     effort: Annotated[
-        str, typer.Option("--effort", metavar="E", autocompletion=of("normal", "thorough"), help="How far the search looks: normal, thorough.")
+        str,
+        typer.Option(
+            "--effort",
+            metavar="E",
+            autocompletion=of("normal", "thorough"),
+            help="How far the search looks: normal, thorough.",
+        ),
     ] = "normal",
     aircraft_class: Class = None,
     category: Category = None,
@@ -300,14 +384,33 @@ def diagnose(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and after."""
+    """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and
+    after.
+    """
     from scenarios.cli.options import output_options
     from scenarios.commands.diagnose import diagnose_records
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust, columns=columns)
     plan = with_maneuvers(plan, records, maneuver, maneuvers)
-    request = Request(tuple(records), model, vehicle, tuple(validate or ()), effects, channels, plan, effort, aircraft_class, category)
-    with output_options(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["diagnosis.json"]) as told:
+    request = Request(
+        tuple(records),
+        model,
+        vehicle,
+        tuple(validate or ()),
+        effects,
+        channels,
+        plan,
+        effort,
+        aircraft_class,
+        category,
+    )
+    with output_options(
+        out,
+        formats_of(figures, no_figures),
+        quiet=quiet,
+        as_json=as_json,
+        documents=["diagnosis.json"],
+    ) as told:
         diagnose_records(request, told.out, told.figures, progress=told.progress)
 
 
@@ -315,8 +418,16 @@ def diagnose(
 
 
 def predict(
-    study: Annotated[Path, typer.Argument(metavar="STUDY", help="Folder that identify, diagnose or a run of trace-* wrote.")],
-    record: Annotated[Path, typer.Argument(metavar="RECORD", help="Record of the same vehicle, from any recorder.")],
+    study: Annotated[
+        Path,
+        typer.Argument(
+            metavar="STUDY", help="Folder that identify, diagnose or a run of trace-* wrote."
+        ),
+    ],
+    record: Annotated[
+        Path,
+        typer.Argument(metavar="RECORD", help="Record of the same vehicle, from any recorder."),
+    ],
     channels: Channels = None,
     columns: Columns = None,
     start: From = None,
@@ -325,8 +436,14 @@ def predict(
     maneuvers: ManeuverFile = None,
     rate: ClockRate = None,
     trust: Trust = False,
-    model: Annotated[Path | None, typer.Option("--model", metavar="FILE.py", help="The study's own model, which is run.")] = None,
-    effects: Annotated[Path | None, typer.Option("--effects", metavar="FILE", help="The study's own effects, which are run.")] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", metavar="FILE.py", help="The study's own model, which is run."),
+    ] = None,
+    effects: Annotated[
+        Path | None,
+        typer.Option("--effects", metavar="FILE", help="The study's own effects, which are run."),
+    ] = None,
     out: Out = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
@@ -341,8 +458,16 @@ def predict(
 
     plan = plan_of(start, stop, rate=rate, trusted=trust, columns=columns)
     plan = one_segment(with_maneuvers(plan, [record], maneuver, maneuvers))
-    with output_options(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["prediction.json"]) as told:
-        predict_with_study(PredictionRequest(study, record, channels, plan, model, effects), told.out, told.figures)
+    with output_options(
+        out,
+        formats_of(figures, no_figures),
+        quiet=quiet,
+        as_json=as_json,
+        documents=["prediction.json"],
+    ) as told:
+        predict_with_study(
+            PredictionRequest(study, record, channels, plan, model, effects), told.out, told.figures
+        )
 
 
 # ---- flightid check
@@ -373,13 +498,24 @@ def check(
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust, columns=columns)
     plan = with_maneuvers(plan, records, maneuver, maneuvers)
-    with output_options(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["compatibility.json"]) as told:
-        check_records(Request(tuple(records), vehicle=vehicle, channels=channels, plan=plan), told.out, told.figures)
+    with output_options(
+        out,
+        formats_of(figures, no_figures),
+        quiet=quiet,
+        as_json=as_json,
+        documents=["compatibility.json"],
+    ) as told:
+        check_records(
+            Request(tuple(records), vehicle=vehicle, channels=channels, plan=plan),
+            told.out,
+            told.figures,
+        )
 
 
 # ---- A survey's file to copy and edit
 
-# Names the two records and the vehicle file that `flightid simulate trace-vane --out flight.csv` writes, so that it can be run as it stands.
+# Names the two records and the vehicle file that `flightid simulate trace-vane --out flight.csv`
+# writes, so that it can be run as it stands.
 EXAMPLE = """\
 title = "two flights of a bomber"
 model = "rigid"                    # as --model
@@ -401,7 +537,7 @@ date = 2026-03-03
 tail = "A-1"
 vehicle = {mass = "2.9e5 kg"}      # takes the place of what the vehicle file says
 condition = {altitude = "1500 m"}
-"""
+"""  # noqa: E501
 
 
 # ---- flightid survey
@@ -409,11 +545,20 @@ condition = {altitude = "1500 m"}
 
 def survey(
     flights: Annotated[
-        Path | None, typer.Argument(metavar="FLIGHTS.toml", help="Model, vehicle, and the records with what they were flown at.")
+        Path | None,
+        typer.Argument(
+            metavar="FLIGHTS.toml",
+            help="Model, vehicle, and the records with what they were flown at.",
+        ),
     ] = None,
-    example: Annotated[bool, typer.Option("--example", help="Print such a file, to copy and edit.")] = False,
+    example: Annotated[
+        bool, typer.Option("--example", help="Print such a file, to copy and edit.")
+    ] = False,
     out: Out = None,
-    jobs: Annotated[int | None, typer.Option("--jobs", min=1, metavar="N", help="Processes; all cores when left out.")] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option("--jobs", min=1, metavar="N", help="Processes; all cores when left out."),
+    ] = None,
     cluster: Cluster = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
@@ -425,19 +570,34 @@ def survey(
         print(EXAMPLE, end="")
         return
     if flights is None:
-        raise DeclarationError("no file is named", where="FLIGHTS.toml", remedy="flightid survey --example prints one to edit")
+        raise DeclarationError(
+            "no file is named",
+            where="FLIGHTS.toml",
+            remedy="flightid survey --example prints one to edit",
+        )
     from scenarios.cli.options import output_options
     from scenarios.commands.records import survey_records
 
-    with output_options(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["survey.json"]) as told:
-        survey_records(flights, told.out, jobs, told.figures, progress=told.progress, cluster=cluster)
+    with output_options(
+        out,
+        formats_of(figures, no_figures),
+        quiet=quiet,
+        as_json=as_json,
+        documents=["survey.json"],
+    ) as told:
+        survey_records(
+            flights, told.out, jobs, told.figures, progress=told.progress, cluster=cluster
+        )
 
 
 # ---- flightid watch
 
 
 def watch(
-    record: Annotated[str, typer.Argument(metavar="RECORD|-", help="A CSV file that grows, or - for standard input.")],
+    record: Annotated[
+        str,
+        typer.Argument(metavar="RECORD|-", help="A CSV file that grows, or - for standard input."),
+    ],
     model: Annotated[
         str,
         typer.Option(
@@ -447,23 +607,69 @@ def watch(
             help="loes, rigid, lateral, longitudinal, or your own model file.",
         ),
     ],
-    vehicle: Annotated[Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values.")] = None,
+    vehicle: Annotated[
+        Path | None,
+        typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values."),
+    ] = None,
     reference: Annotated[
-        Path | None, typer.Option("--reference", metavar="STUDY", help="A study to compare with; without --vehicle the filter starts from it.")
+        Path | None,
+        typer.Option(
+            "--reference",
+            metavar="STUDY",
+            help="A study to compare with; without --vehicle the filter starts from it.",
+        ),
     ] = None,
     channels: Channels = None,
     columns: Columns = None,
-    rate: Annotated[float | None, typer.Option("--rate", metavar="HZ", help="Of a stream without a clock: its rows a second.")] = None,
+    rate: Annotated[
+        float | None,
+        typer.Option(
+            "--rate", metavar="HZ", help="Of a stream without a clock: its rows a second."
+        ),
+    ] = None,
     out: Out = None,
     idle: Annotated[
-        float | None, typer.Option("--idle", min=0.0, metavar="S", help="End after so many seconds without a row; a file: 5, a pipe: never.")
+        float | None,
+        typer.Option(
+            "--idle",
+            min=0.0,
+            metavar="S",
+            help="End after so many seconds without a row; a file: 5, a pipe: never.",
+        ),
     ] = None,
-    until_end: Annotated[bool, typer.Option("--until-end", help="Do not wait for the file to grow.")] = False,
-    refine: Annotated[bool, typer.Option(help="Linearise anew on the way, and refine over all rows when the stream has ended.")] = True,
-    page: Annotated[bool, typer.Option("--page", help="Serve a page of the stream to the browser of this machine, until Ctrl-C.")] = False,
-    port: Annotated[int | None, typer.Option("--port", min=1, max=65535, metavar="N", help="The page's port; without it 8040 or a free one.")] = None,
+    until_end: Annotated[
+        bool, typer.Option("--until-end", help="Do not wait for the file to grow.")
+    ] = False,
+    refine: Annotated[
+        bool,
+        typer.Option(
+            help="Linearise anew on the way, and refine over all rows when the stream has ended."
+        ),
+    ] = True,
+    page: Annotated[
+        bool,
+        typer.Option(
+            "--page",
+            help="Serve a page of the stream to the browser of this machine, until Ctrl-C.",
+        ),
+    ] = False,
+    port: Annotated[
+        int | None,
+        typer.Option(
+            "--port",
+            min=1,
+            max=65535,
+            metavar="N",
+            help="The page's port; without it 8040 or a free one.",
+        ),
+    ] = None,
     band: Annotated[
-        tuple[float, float] | None, typer.Option("--band", metavar="LOW HIGH", help="Hz, of the regression in the frequency domain: 0.1 2.")
+        tuple[float, float] | None,
+        typer.Option(
+            "--band",
+            metavar="LOW HIGH",
+            help="Hz, of the regression in the frequency domain: 0.1 2.",
+        ),
     ] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -473,5 +679,21 @@ def watch(
     from scenarios.commands.watch import watch_stream
 
     plan = plan_of(rate=rate, columns=columns)
-    with output_options(out, (), quiet=quiet, as_json=as_json, documents=["comparison.json"]) as told:
-        watch_stream(record, model, vehicle, reference, channels, told.out, idle, until_end, refine, page, port, plan, band)
+    with output_options(
+        out, (), quiet=quiet, as_json=as_json, documents=["comparison.json"]
+    ) as told:
+        watch_stream(
+            record,
+            model,
+            vehicle,
+            reference,
+            channels,
+            told.out,
+            idle,
+            until_end,
+            refine,
+            page,
+            port,
+            plan,
+            band,
+        )

@@ -39,14 +39,21 @@ from sim.errors import DeclarationError
 
 def run(
     names: Annotated[
-        list[str], typer.Argument(metavar="NAME...", autocompletion=scenarios, help="Scenarios of the catalogue, or paths of scenario files.")
+        list[str],
+        typer.Argument(
+            metavar="NAME...",
+            autocompletion=scenarios,
+            help="Scenarios of the catalogue, or paths of scenario files.",
+        ),
     ],
     seed: Seed = None,
     out: Out = None,
     changes: Changes = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
-    compare: Annotated[bool, typer.Option("--compare", help="Then put the studies side by side, as compare does.")] = False,
+    compare: Annotated[
+        bool, typer.Option("--compare", help="Then put the studies side by side, as compare does.")
+    ] = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -55,7 +62,13 @@ def run(
     from scenarios.commands.studies import documents_of, run_and_compare, run_scenarios
 
     work = run_and_compare if compare else run_scenarios
-    with output_options(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=documents_of(names, compare)) as told:
+    with output_options(
+        out,
+        formats_of(figures, no_figures),
+        quiet=quiet,
+        as_json=as_json,
+        documents=documents_of(names, compare),
+    ) as told:
         work(names, seed, told.out, changes or [], told.figures, progress=told.progress)
 
 
@@ -72,12 +85,19 @@ def simulate(
     inputs: Inputs = None,
     noise: Noise = None,
     hidden: Annotated[
-        list[str] | None, typer.Option("--hide", metavar="EFFECT.KEY=VALUE", help="With --model: an effect that acts and is not told.")
+        list[str] | None,
+        typer.Option(
+            "--hide",
+            metavar="EFFECT.KEY=VALUE",
+            help="With --model: an effect that acts and is not told.",
+        ),
     ] = None,
     duration: Duration = None,
     rate: SampleRate = None,
     quiet: Quiet = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the names of the files as JSON, and nothing else.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the names of the files as JSON, and nothing else.")
+    ] = False,
 ) -> None:
     """The record of a scenario alone, or of a flight of a model of your own."""
     from scenarios.cli.options import output_options
@@ -97,7 +117,12 @@ def simulate(
 
 def campaign(
     name: Scenario = None,
-    runs: Annotated[int | None, typer.Option("--runs", min=2, metavar="N", help="Number of runs, each with a seed of its own.")] = None,
+    runs: Annotated[
+        int | None,
+        typer.Option(
+            "--runs", min=2, metavar="N", help="Number of runs, each with a seed of its own."
+        ),
+    ] = None,
     seed: Seed = None,
     out: Out = None,
     changes: Changes = None,
@@ -107,9 +132,23 @@ def campaign(
     noise: Noise = None,
     duration: Duration = None,
     rate: SampleRate = None,
-    method: Annotated[str | None, typer.Option("--method", metavar="NAME", help="One of the scenario's further methods; else its main one.")] = None,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            "--method",
+            metavar="NAME",
+            help="One of the scenario's further methods; else its main one.",
+        ),
+    ] = None,
     noise_levels: Annotated[
-        bool, typer.Option("--noise-levels", help="Also find the noise levels by likelihood, which is done anyway where a sigma is wrong.")
+        bool,
+        typer.Option(
+            "--noise-levels",
+            help=(
+                "Also find the noise levels by likelihood, which is done anyway where a sigma is "
+                "wrong."
+            ),
+        ),
     ] = False,
     jobs: Jobs = None,
     resume: Resume = False,
@@ -128,7 +167,9 @@ def campaign(
 
     what = scenario_or_own(name, model, vehicle, inputs, noise, None, duration, rate)
     if runs is None:
-        raise DeclarationError("no number of runs is given", where="--runs", remedy="give two or more")
+        raise DeclarationError(
+            "no number of runs is given", where="--runs", remedy="give two or more"
+        )
     formats, documents = formats_of(figures, no_figures), ["campaign.json"]
     with output_options(out, formats, quiet=quiet, as_json=as_json, documents=documents) as told:
         run = partial(
@@ -152,19 +193,37 @@ def campaign(
 
 
 def compare(
-    studies: Annotated[list[str], typer.Argument(metavar="STUDY...", help="Study folders; FOLDER:METHOD is a further method of one.")],
-    every: Annotated[bool, typer.Option("--methods", help="All methods of each study, not its main one alone.")] = False,
-    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Write tables and figures into this folder.")] = None,
+    studies: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="STUDY...", help="Study folders; FOLDER:METHOD is a further method of one."
+        ),
+    ],
+    every: Annotated[
+        bool, typer.Option("--methods", help="All methods of each study, not its main one alone.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Write tables and figures into this folder."),
+    ] = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Studies side by side: estimates, errors, published values and responses, from their folders alone."""
+    """Studies side by side: estimates, errors, published values and responses, from their folders
+    alone.
+    """
     from scenarios.cli.options import output_options
     from scenarios.commands.studies import compare_studies
 
-    with output_options(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["compared.json"]) as told:
+    with output_options(
+        out,
+        formats_of(figures, no_figures),
+        quiet=quiet,
+        as_json=as_json,
+        documents=["compared.json"],
+    ) as told:
         compare_studies(studies, told.out, every, told.figures)
 
 
@@ -173,23 +232,70 @@ def compare(
 
 def design(
     model: Model,
-    vehicle: Annotated[Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and derivatives as far as they are known.")] = None,
+    vehicle: Annotated[
+        Path | None,
+        typer.Option(
+            "--vehicle",
+            metavar="V.toml",
+            help="Constants and derivatives as far as they are known.",
+        ),
+    ] = None,
     limits: Annotated[
         Path | None,
-        typer.Option("--limits", metavar="L.toml", help="nz_max, alpha_max, elevator_amplitude, elevator_rate and the like; else usual ones."),
+        typer.Option(
+            "--limits",
+            metavar="L.toml",
+            help=(
+                "nz_max, alpha_max, elevator_amplitude, elevator_rate and the like; else usual "
+                "ones."
+            ),
+        ),
     ] = None,
-    tell: Annotated[str, typer.Option("--tell", metavar="EFFECT,EFFECT", help="Effects that are to be told apart.")] = "",
+    tell: Annotated[
+        str,
+        typer.Option("--tell", metavar="EFFECT,EFFECT", help="Effects that are to be told apart."),
+    ] = "",
     size: Annotated[
-        str, typer.Option("--size", metavar="KEY=VALUE,...", help="Of the first effect; typical, or found: what one 3-2-1-1 just shows.")
+        str,
+        typer.Option(
+            "--size",
+            metavar="KEY=VALUE,...",
+            help="Of the first effect; typical, or found: what one 3-2-1-1 just shows.",
+        ),
     ] = "typical",
-    values: Annotated[list[str] | None, typer.Option("--value", metavar="NAME=VALUE,...", help="Derivatives known better than in the file.")] = None,
-    noise: Annotated[list[str] | None, typer.Option("--noise", metavar="OUTPUT=SIZE,...", help="Measured outputs, standard deviations.")] = None,
-    amplitude: Annotated[list[str] | None, typer.Option("--amplitude", metavar="INPUT=SIZE,...", help="Largest deflections from trim.")] = None,
-    duration: Annotated[float | None, typer.Option("--duration", metavar="S", help="Length of the record, s.")] = None,
-    rate: Annotated[float | None, typer.Option("--rate", metavar="HZ", help="Samples a second.")] = None,
+    values: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--value", metavar="NAME=VALUE,...", help="Derivatives known better than in the file."
+        ),
+    ] = None,
+    noise: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--noise", metavar="OUTPUT=SIZE,...", help="Measured outputs, standard deviations."
+        ),
+    ] = None,
+    amplitude: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--amplitude", metavar="INPUT=SIZE,...", help="Largest deflections from trim."
+        ),
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option("--duration", metavar="S", help="Length of the record, s.")
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option("--rate", metavar="HZ", help="Samples a second.")
+    ] = None,
     band: Annotated[
         tuple[float, float] | None,
-        typer.Option("--band", metavar="LOW HIGH", help="Hz: a sweep and multisines for frequency responses, with the coherence to expect."),
+        typer.Option(
+            "--band",
+            metavar="LOW HIGH",
+            help=(
+                "Hz: a sweep and multisines for frequency responses, with the coherence to expect."
+            ),
+        ),
     ] = None,
     out: Out = None,
     figures: Figures = None,
@@ -203,8 +309,26 @@ def design(
     from scenarios.maneuver_design.setting import DesignRequest
 
     names = tuple(name.strip() for name in tell.split(",") if name.strip())
-    asked = DesignRequest(model, vehicle, limits, names, size, tuple(values or ()), tuple(noise or ()), tuple(amplitude or ()), duration, rate, band)
-    with output_options(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["design.json"]) as told:
+    asked = DesignRequest(
+        model,
+        vehicle,
+        limits,
+        names,
+        size,
+        tuple(values or ()),
+        tuple(noise or ()),
+        tuple(amplitude or ()),
+        duration,
+        rate,
+        band,
+    )
+    with output_options(
+        out,
+        formats_of(figures, no_figures),
+        quiet=quiet,
+        as_json=as_json,
+        documents=["design.json"],
+    ) as told:
         design_maneuver(asked, told.out, told.figures, progress=told.progress)
 
 
@@ -212,7 +336,9 @@ def design(
 
 
 def report(
-    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders that --out was given.")],
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="DIR...", help="Folders that --out was given.")
+    ],
 ) -> None:
     """The page of a study again, from its folder, without computing anything."""
     from scenarios.commands.studies import rebuild_pages
@@ -225,7 +351,12 @@ def report(
 
 def list_(
     name: Annotated[
-        str | None, typer.Argument(metavar="NAME", autocompletion=options.scenarios, help="Print this scenario's file, to copy and edit.")
+        str | None,
+        typer.Argument(
+            metavar="NAME",
+            autocompletion=options.scenarios,
+            help="Print this scenario's file, to copy and edit.",
+        ),
     ] = None,
 ) -> None:
     """Scenarios, one line each; with a name, that scenario's file."""
@@ -238,7 +369,12 @@ def list_(
 
 
 def effects(
-    name: Annotated[str | None, typer.Argument(metavar="NAME", autocompletion=options.effects, help="One effect, explained.")] = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="NAME", autocompletion=options.effects, help="One effect, explained."
+        ),
+    ] = None,
 ) -> None:
     """The library of effects."""
     from scenarios.commands.libraries import show_effects
@@ -249,9 +385,16 @@ def effects(
 def models(
     name: Annotated[
         str | None,
-        typer.Argument(metavar="NAME|FILE", autocompletion=options.models, help="One model, or a file with one of your own, which is run."),
+        typer.Argument(
+            metavar="NAME|FILE",
+            autocompletion=options.models,
+            help="One model, or a file with one of your own, which is run.",
+        ),
     ] = None,
-    example: Annotated[bool, typer.Option("--example", help="Print the file of a model of one's own, to copy and edit.")] = False,
+    example: Annotated[
+        bool,
+        typer.Option("--example", help="Print the file of a model of one's own, to copy and edit."),
+    ] = False,
 ) -> None:
     """The models: states, inputs, outputs, parameters, and the effects that may act on them."""
     from scenarios.commands.libraries import show_example, show_models
@@ -263,9 +406,20 @@ def models(
 
 
 def vehicles(
-    name: Annotated[str | None, typer.Argument(metavar="NAME", autocompletion=options.vehicles, help="One vehicle, number by number.")] = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="NAME", autocompletion=options.vehicles, help="One vehicle, number by number."
+        ),
+    ] = None,
     other: Annotated[
-        str | None, typer.Option("--diff", metavar="OTHER", autocompletion=options.vehicles, help="What differs from another vehicle.")
+        str | None,
+        typer.Option(
+            "--diff",
+            metavar="OTHER",
+            autocompletion=options.vehicles,
+            help="What differs from another vehicle.",
+        ),
     ] = None,
 ) -> None:
     """The library of vehicles, every number with unit and origin."""
@@ -278,12 +432,27 @@ def vehicles(
 
 
 def lab(
-    number: Annotated[int | None, typer.Argument(metavar="N", help="Number of the lab; all are listed when left out.")] = None,
-    edit: Annotated[bool, typer.Option("--edit", help="Open a copy of your own in the editor, not as a page.")] = False,
-    copy: Annotated[Path | None, typer.Option("--copy", metavar="DIR", help="Write a copy of your own into this folder.")] = None,
+    number: Annotated[
+        int | None,
+        typer.Argument(metavar="N", help="Number of the lab; all are listed when left out."),
+    ] = None,
+    edit: Annotated[
+        bool, typer.Option("--edit", help="Open a copy of your own in the editor, not as a page.")
+    ] = False,
+    copy: Annotated[
+        Path | None,
+        typer.Option("--copy", metavar="DIR", help="Write a copy of your own into this folder."),
+    ] = None,
     key: Annotated[bool, typer.Option("--key", help="Print the instructor's key.")] = False,
-    port: Annotated[int | None, typer.Option("--port", min=1, max=65535, metavar="P", help="Port on this machine; else a free one.")] = None,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open it in a browser.")] = True,
+    port: Annotated[
+        int | None,
+        typer.Option(
+            "--port", min=1, max=65535, metavar="P", help="Port on this machine; else a free one."
+        ),
+    ] = None,
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", help="Open it in a browser.")
+    ] = True,
 ) -> None:
     """A teaching notebook, opened in a browser."""
     from scenarios.commands.libraries import copy_lab, list_labs, open_lab, show_key

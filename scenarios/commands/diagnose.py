@@ -14,9 +14,16 @@ if TYPE_CHECKING:
     from scenarios.preparation.plan import Request
 
 
-def diagnose_records(request: Request, out: Path | None, figures: Formats, *, progress: bool = True) -> None:
-    """Read, trace, write the study, print; ``progress`` False: nothing is shown of how far it is."""
-    with figure_process(bool(figures) and out is not None) as drawer, progress_bar(progress, counted=False) as tell:
+def diagnose_records(
+    request: Request, out: Path | None, figures: Formats, *, progress: bool = True
+) -> None:
+    """Read, trace, write the study, print; ``progress`` False: nothing is shown of how far it
+    is.
+    """
+    with (
+        figure_process(bool(figures) and out is not None) as drawer,
+        progress_bar(progress, counted=False) as tell,
+    ):
         # Loaded while the second process already starts.
         from scenarios.diagnosis.diagnose import diagnose_files
 
@@ -37,7 +44,9 @@ def diagnose_records(request: Request, out: Path | None, figures: Formats, *, pr
     from scenarios.terminal.tables import terminal_width
 
     print(diagnosis_text(tracing, terminal_width(), details_in(out)))
-    stages = ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in tracing.diagnosis.seconds.items())
+    stages = ", ".join(
+        f"{stage} {seconds:.2f}" for stage, seconds in tracing.diagnosis.seconds.items()
+    )
     if stages:
         print(f"seconds: {stages}")
     if out is not None:

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 # ---- Arguments as they are typed, made into those that the command-line library understands
 
-SEVERAL = {"diagnose": ("--validate",), "identify": ("--validate", "--profile")}  # options that take every word up to the next option
+# options that take every word up to the next option
+SEVERAL = {"diagnose": ("--validate",), "identify": ("--validate", "--profile")}
 NONE_MEANS = {"--profile": "all"}  # what such an option without a word stands for
 FLAGS = ("--no-figures", "--trust-record", "--quiet", "--json")
 BAND = ("--band",)  # options of two words
@@ -30,19 +31,27 @@ FILES = (".csv", ".parquet", ".mat", ".tsv", ".txt")  # ends of what is a record
 
 
 def each_validated(given: list[str]) -> list[str]:
-    """``--validate A B`` as ``--validate A --validate B``, and so ``--profile``: they take every word up to the next option, as documented.
+    """``--validate A B`` as ``--validate A --validate B``, and so ``--profile``: they take every
+    word up to the next option, as documented.
 
-    Where that would leave no record to fit, ``--validate`` takes one file only. ``--profile`` takes no record, and alone means all parameters.
+    Where that would leave no record to fit, ``--validate`` takes one file only. ``--profile`` takes
+    no record, and alone means all parameters.
     """
     several = SEVERAL.get(given[0], ()) if given else ()
     if not several:
         return given
     out, fitted = _expanded(given, several)
-    return out if fitted else _expanded(given, [option for option in several if option != "--validate"])[0]
+    return (
+        out
+        if fitted
+        else _expanded(given, [option for option in several if option != "--validate"])[0]
+    )
 
 
 def _expanded(given: list[str], several: Sequence[str]) -> tuple[list[str], int]:
-    """The words with the options ``several`` before each of theirs, and how many of them are records to be fitted."""
+    """The words with the options ``several`` before each of theirs, and how many of them are
+    records to be fitted.
+    """
     out, option, taken, fitted = [given[0]], "", 0, 0
     for text in given[1:]:
         if text.startswith("-") and text != "-":
@@ -54,7 +63,9 @@ def _expanded(given: list[str], several: Sequence[str]) -> tuple[list[str], int]
             out += [text] if taken == 0 else [option, text]
             taken += 1
             continue
-        wanted = 0 if option in ("", *FLAGS, *several) or "=" in option else 2 if option in BAND else 1
+        wanted = (
+            0 if option in ("", *FLAGS, *several) or "=" in option else 2 if option in BAND else 1
+        )
         if taken >= wanted:
             out += _unsaid(option, taken)
             fitted += 1
@@ -74,7 +85,11 @@ def _unsaid(option: str, taken: int) -> list[str]:
 def one_segment(plan: Plan) -> Plan:
     """A plan for one part of a record; DeclarationError where it has several."""
     if len(plan.segments) > 1:
-        raise DeclarationError("a prediction is of one part of a record", where="--from, --to, --maneuver", remedy="give each of them once")
+        raise DeclarationError(
+            "a prediction is of one part of a record",
+            where="--from, --to, --maneuver",
+            remedy="give each of them once",
+        )
     return plan
 
 
@@ -88,26 +103,46 @@ def scenario_or_own(
     duration: float | None,
     rate: float | None,
 ) -> str | OwnFlight:
-    """What is to be flown: a scenario by its name, or a user's own model with what else was said of its flight.
+    """What is to be flown: a scenario by its name, or a user's own model with what else was said of
+    its flight.
 
     Raises
     ------
     DeclarationError : both or neither, or an option that only ``--model`` takes.
     """
     if model is None:
-        given = {"--vehicle": vehicle, "--input": inputs, "--noise": noise, "--hide": hidden, "--duration": duration, "--rate": rate}
+        given = {
+            "--vehicle": vehicle,
+            "--input": inputs,
+            "--noise": noise,
+            "--hide": hidden,
+            "--duration": duration,
+            "--rate": rate,
+        }
         if name is None:
-            raise DeclarationError("nothing is named", where="flightid", remedy="name a scenario (flightid list), or --model FILE.py")
+            raise DeclarationError(
+                "nothing is named",
+                where="flightid",
+                remedy="name a scenario (flightid list), or --model FILE.py",
+            )
         for option, value in given.items():
             if value is not None:
                 remedy = "change an entry of a scenario with --set, for example flight.rate=50"
-                raise DeclarationError("this goes with --model FILE.py", where=option, remedy=remedy)
+                raise DeclarationError(
+                    "this goes with --model FILE.py", where=option, remedy=remedy
+                )
         return name
     if name is not None:
-        raise DeclarationError(f"a scenario is named as well, {name!r}", where="--model", remedy="leave one of the two out")
+        raise DeclarationError(
+            f"a scenario is named as well, {name!r}",
+            where="--model",
+            remedy="leave one of the two out",
+        )
     from scenarios.trials.planted.own_flight import OwnFlight
 
-    return OwnFlight(model, vehicle, tuple(inputs or ()), tuple(noise or ()), tuple(hidden or ()), duration, rate)
+    return OwnFlight(
+        model, vehicle, tuple(inputs or ()), tuple(noise or ()), tuple(hidden or ()), duration, rate
+    )
 
 
 # ---- Every failure as one line on stderr and an exit code
@@ -119,25 +154,35 @@ STOPPED = 130  # exit code of what Ctrl-C ended: 128 and the number of the signa
 
 
 class Stopped(Exception):
-    """Ctrl-C on its way through the command-line library, which would print a line of its own; the text says what is kept."""
+    """Ctrl-C on its way through the command-line library, which would print a line of its own; the
+    text says what is kept.
+    """
 
 
 def report(error: BaseException) -> int:
-    """Print one line for an error and return the exit code: 2 bad usage or input, 130 Ctrl-C, 1 anything else, 0 a clean exit.
+    """Print one line for an error and return the exit code: 2 bad usage or input, 130 Ctrl-C, 1
+    anything else, 0 a clean exit.
 
     What came through a user's model or effects is a fault of that file, SystemExit too.
 
     What a command keeps when it is stopped is the text of its KeyboardInterrupt; most keep nothing.
-    The command-line library's own errors are known by their form, for it ships click under changing names.
+    The command-line library's own errors are known by their form, for it ships click under changing
+    names.
     """
-    if not isinstance(error, FlightidError | MemoryError | KeyboardInterrupt) and (place := _in_users_file(error)):
+    if not isinstance(error, FlightidError | MemoryError | KeyboardInterrupt) and (
+        place := _in_users_file(error)
+    ):
         return _say(f"{place}: {type(error).__name__}: {error}; mend that line", 2)
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else int(error.code is not None)
     if isinstance(error, FlightidError):
         return _say(str(error), 2)
     if isinstance(error, MemoryError):
-        return _say(f"out of memory{f': {error}' if str(error) else ''}; give less data at once, or ask for fewer samples or runs", 1)
+        return _say(
+            f"out of memory{f': {error}' if str(error) else ''}; give less data at once, or ask "
+            "for fewer samples or runs",
+            1,
+        )
     if isinstance(error, BrokenPipeError):
         return 1
     if isinstance(error, OSError) and error.errno is not None:
@@ -151,11 +196,15 @@ def report(error: BaseException) -> int:
         return _say(_usage(error), 2)
     if hasattr(error, "exit_code"):
         return int(error.exit_code)
-    return _say(f"internal error: {name}: {error}; run it again with --debug and report what it prints", 1)
+    return _say(
+        f"internal error: {name}: {error}; run it again with --debug and report what it prints", 1
+    )
 
 
 def _in_users_file(error: BaseException) -> str:
-    """File and line of the user's Python code that an error came through last; empty where it came through none."""
+    """File and line of the user's Python code that an error came through last; empty where it came
+    through none.
+    """
     found = ""
     for frame, line in walk_tb(error.__traceback__):
         if str(frame.f_globals.get("__name__", "")).startswith(MODULE):
@@ -173,18 +222,39 @@ def _of_system(error: OSError) -> str:
     """What the operating system refused, of which file, and what may help."""
     remedies = {
         **dict.fromkeys(_FULL, "make room, or write to another place"),
-        **dict.fromkeys((errno.EMFILE, errno.ENFILE), "raise the limit of open files (ulimit -n), or use fewer processes (--jobs)"),
-        **dict.fromkeys((errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.ENOENT), "check the path"),
-        **dict.fromkeys((errno.EAGAIN, errno.ENOMEM), "use fewer processes (--jobs), or wait until others have ended"),
+        **dict.fromkeys(
+            (errno.EMFILE, errno.ENFILE),
+            "raise the limit of open files (ulimit -n), or use fewer processes (--jobs)",
+        ),
+        **dict.fromkeys(
+            (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.ENOENT), "check the path"
+        ),
+        **dict.fromkeys(
+            (errno.EAGAIN, errno.ENOMEM),
+            "use fewer processes (--jobs), or wait until others have ended",
+        ),
     }
     number = error.errno or 0
-    place = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else "the output" if number in _FULL else "the system"
-    return f"{place}: {error.strerror or error}; {remedies.get(number, 'check the path and its permissions')}"
+    place = (
+        os.fsdecode(error.filename)
+        if isinstance(error.filename, str | bytes)
+        else "the output"
+        if number in _FULL
+        else "the system"
+    )
+    return (
+        f"{place}: {error.strerror or error}; "
+        f"{remedies.get(number, 'check the path and its permissions')}"
+    )
 
 
 def _say(text: str, code: int) -> int:
     line = " ".join(text.split()).removeprefix("flightid: ")
-    line = re.sub(rf"\S{{{LONGEST_WORD},}}", lambda word: f"{word[0][: LONGEST_WORD // 2]}...{word[0][-LONGEST_WORD // 4 :]}", line)
+    line = re.sub(
+        rf"\S{{{LONGEST_WORD},}}",
+        lambda word: f"{word[0][: LONGEST_WORD // 2]}...{word[0][-LONGEST_WORD // 4 :]}",
+        line,
+    )
     if len(line) > LONGEST:
         line = f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
     if sys.stderr is not None:  # it may be closed, or full: the exit code says enough then

@@ -16,7 +16,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenarios.api.tables import TITLES
-from scenarios.terminal.tables import TableColumn, columns_of, folded, print_paragraph, print_table, table_lines, terminal_width, wrapped
+from scenarios.terminal.tables import (
+    TableColumn,
+    columns_of,
+    folded,
+    print_paragraph,
+    print_table,
+    table_lines,
+    terminal_width,
+    wrapped,
+)
 from sim.errors import DeclarationError, FlightidError, ModelError
 
 if TYPE_CHECKING:
@@ -41,7 +50,9 @@ def list_scenarios() -> None:
 
 
 def show_scenario(name: str) -> None:
-    """The file of a scenario as it stands, so that ``flightid list rigid > mine.toml`` makes a copy to edit."""
+    """The file of a scenario as it stands, so that ``flightid list rigid > mine.toml`` makes a copy
+    to edit.
+    """
     from scenarios.studies.catalogue import scenario_text
 
     print(scenario_text(name), end="")
@@ -58,20 +69,46 @@ def show_effects(name: str | None) -> None:
         for each in names:
             effect = find_effect(each)
             start = f"{each:{width}}  {effect.station.value:11}  "
-            print(start + textwrap.shorten(_first_clause(effect.explanation), COLUMNS - len(start), placeholder=" ..."))
+            print(
+                start
+                + textwrap.shorten(
+                    _first_clause(effect.explanation), COLUMNS - len(start), placeholder=" ..."
+                )
+            )
         return
     effect, other = _effect_of_any_model(name)
     if other:
         print(other)
     width = min(terminal_width(), 100)
-    absent = f"absent when {', '.join(f'{key} = {value:g}' for key, value in effect.absent.items())}; {effect.regularity.value}"
-    alike = folded(f"hard to tell from {', '.join(effect.aliases)}", width) if effect.aliases else []
-    lines = [f"{effect.name}  ({effect.station.value})", "", *folded(" ".join(effect.explanation.split()), width), "", *folded(absent, width), *alike]
+    absent = (
+        f"absent when {', '.join(f'{key} = {value:g}' for key, value in effect.absent.items())}; "
+        f"{effect.regularity.value}"
+    )
+    alike = (
+        folded(f"hard to tell from {', '.join(effect.aliases)}", width) if effect.aliases else []
+    )
+    lines = [
+        f"{effect.name}  ({effect.station.value})",
+        "",
+        *folded(" ".join(effect.explanation.split()), width),
+        "",
+        *folded(absent, width),
+        *alike,
+    ]
     lines += ["", "parameters:", *table_lines(_parameters(effect), width=width)]
     if isinstance(effect, Refinable):
         known = {item.name for item in effect.parameters}
-        more = [f"{item.name} ({item.unit})" if item.unit != "1" else item.name for item in effect.finer().parameters if item.name not in known]
-        lines += ["", *folded(f"a freer form of it, tried where this one is found, adds {', '.join(more)}", width)]
+        more = [
+            f"{item.name} ({item.unit})" if item.unit != "1" else item.name
+            for item in effect.finer().parameters
+            if item.name not in known
+        ]
+        lines += [
+            "",
+            *folded(
+                f"a freer form of it, tried where this one is found, adds {', '.join(more)}", width
+            ),
+        ]
     print("\n".join(lines))
 
 
@@ -86,12 +123,16 @@ def _parameters(effect: Effect) -> list[TableColumn]:
         TableColumn("unit", [unit_cell(unit) for _, unit in shown], left=True),
         TableColumn("start", [f"{factor * item.value:.3g}" for item, (factor, _) in items]),
         TableColumn("range", [_range(item.bounds, factor) for item, (factor, _) in items]),
-        TableColumn("plausible", [_believed(effect, item.name, factor) for item, (factor, _) in items]),
+        TableColumn(
+            "plausible", [_believed(effect, item.name, factor) for item, (factor, _) in items]
+        ),
     ]
 
 
 def _effect_of_any_model(name: str) -> tuple[Effect, str]:
-    """An effect of the library, or one that is made for the inputs, channels, loads and derivatives of a model; a line where it has another name."""
+    """An effect of the library, or one that is made for the inputs, channels, loads and derivatives
+    of a model; a line where it has another name.
+    """
     from sim.effects.library import effect_names, effects_for, find_effect, other_names
     from sim.vehicles.factory import FAMILIES
 
@@ -99,7 +140,12 @@ def _effect_of_any_model(name: str) -> tuple[Effect, str]:
         own = other_names(equations).get(name, name)
         made = [effect for effect in effects_for(equations) if effect.name == own]
         if made:
-            return made[0], f"{name} on {equations.name} is what {own} stands for, and bears that name" if own != name else ""
+            return (
+                made[0],
+                f"{name} on {equations.name} is what {own} stands for, and bears that name"
+                if own != name
+                else "",
+            )
     return find_effect(name), ""
 
 
@@ -110,7 +156,11 @@ def show_vehicles(name: str | None, other: str | None) -> None:
 
     if name is None:
         if other is not None:
-            raise DeclarationError("--diff compares two vehicles", where="flightid vehicles", remedy="name one before it")
+            raise DeclarationError(
+                "--diff compares two vehicles",
+                where="flightid vehicles",
+                remedy="name one before it",
+            )
         names = vehicle_names()
         width = max(map(len, names))
         for each in names:
@@ -133,8 +183,18 @@ def show_vehicles(name: str | None, other: str | None) -> None:
         rows = []
         for d in difference(data, read_parameter_set(other)):
             there = [each for each in (d.first, d.second) if each is not None]
-            rows.append((d.name, there[0].unit, *("-" if each is None else f"{each.value:.7g}" for each in (d.first, d.second))))
-        print_table(out, f"{name} against {other}", columns_of(("parameter", "unit", name, other), rows, left=2))
+            rows.append(
+                (
+                    d.name,
+                    there[0].unit,
+                    *("-" if each is None else f"{each.value:.7g}" for each in (d.first, d.second)),
+                )
+            )
+        print_table(
+            out,
+            f"{name} against {other}",
+            columns_of(("parameter", "unit", name, other), rows, left=2),
+        )
 
 
 def _first_clause(text: str) -> str:
@@ -142,10 +202,18 @@ def _first_clause(text: str) -> str:
 
 
 def _range(bounds: tuple[float, float], factor: float) -> str:
-    low, high = (factor * end if abs(end) < UNLIMITED else math.copysign(math.inf, end) for end in bounds)
+    low, high = (
+        factor * end if abs(end) < UNLIMITED else math.copysign(math.inf, end) for end in bounds
+    )
     if math.isfinite(low) and math.isfinite(high):
         return f"{low:.4g} to {high:.4g}"
-    return f"from {low:.4g} up" if math.isfinite(low) else f"up to {high:.4g}" if math.isfinite(high) else ""
+    return (
+        f"from {low:.4g} up"
+        if math.isfinite(low)
+        else f"up to {high:.4g}"
+        if math.isfinite(high)
+        else ""
+    )
 
 
 def _believed(effect: Effect, name: str, factor: float) -> str:
@@ -153,7 +221,11 @@ def _believed(effect: Effect, name: str, factor: float) -> str:
     from sim.declaration.proposal import Traceable
 
     ranges = effect.traits.plausible if isinstance(effect, Traceable) else {}
-    return f"{factor * ranges[name][0]:.4g} to {factor * ranges[name][1]:.4g}" if name in ranges else ""
+    return (
+        f"{factor * ranges[name][0]:.4g} to {factor * ranges[name][1]:.4g}"
+        if name in ranges
+        else ""
+    )
 
 
 # ---- flightid models
@@ -175,24 +247,38 @@ def show_models(name: str | None) -> None:
     refuse_unknown_model(name, "flightid models")
     if not is_model_file(name):
         equations, constants, derivatives = _built_in(name)
-        print(f"{name}: {TITLES[name]}\n\n{(sys.modules[type(equations).__module__].__doc__ or '').strip()}\n")
+        print(
+            f"{name}: "
+            f"{TITLES[name]}\n\n{(sys.modules[type(equations).__module__].__doc__ or '').strip()}\n"
+        )
         _print_equations(equations, constants.items(), derivatives.items())
         return
     own = read_user_model(name, MODELS)
     items = own.model.parameters
     text = getattr(own.model.equations, "explanation", "")
     print(f"{own.model.name}: the model of {own.identity.name}\n" + (f"\n{text}\n" if text else ""))
-    held, free = ([(item.name, f"{item.value:g} {item.unit}") for item in items if item.free is wanted] for wanted in (False, True))
+    held, free = (
+        [(item.name, f"{item.value:g} {item.unit}") for item in items if item.free is wanted]
+        for wanted in (False, True)
+    )
     _print_equations(own.model.equations, held, free, own.model)
     print()
     print_checks(own.model)
 
 
 def show_example(name: str | None) -> None:
-    """The file of the scenario ``own-model`` as it stands, so that ``flightid models --example > my_model.py`` makes a copy to edit."""
+    """The file of the scenario ``own-model`` as it stands, so that ``flightid models --example >
+    my_model.py`` makes a copy to edit.
+    """
     if name is not None:
-        raise DeclarationError(f"a model is named as well, {name!r}", where="--example", remedy="leave one of the two out")
-    print(files("scenarios").joinpath("catalog", "own_model.py").read_text(encoding="utf-8"), end="")
+        raise DeclarationError(
+            f"a model is named as well, {name!r}",
+            where="--example",
+            remedy="leave one of the two out",
+        )
+    print(
+        files("scenarios").joinpath("catalog", "own_model.py").read_text(encoding="utf-8"), end=""
+    )
 
 
 def _built_in(name: str) -> tuple[Equations, Mapping[str, str], Mapping[str, str]]:
@@ -204,11 +290,18 @@ def _built_in(name: str) -> tuple[Equations, Mapping[str, str], Mapping[str, str
     equations, constants, derivatives = FAMILIES["rigid"]
     modal = {full: unit for full, unit, _ in mode_units(1)}
     held = {full: unit for full, unit in modal.items() if full.rstrip("1") in MODE_CONSTANTS}
-    return equations, {**constants, **held}, {**derivatives, **{full: unit for full, unit in modal.items() if full not in held}}
+    return (
+        equations,
+        {**constants, **held},
+        {**derivatives, **{full: unit for full, unit in modal.items() if full not in held}},
+    )
 
 
 def _print_equations(
-    equations: Equations, constants: Iterable[tuple[str, str]], parameters: Iterable[tuple[str, str]], own: Model | None = None
+    equations: Equations,
+    constants: Iterable[tuple[str, str]],
+    parameters: Iterable[tuple[str, str]],
+    own: Model | None = None,
 ) -> None:
     from scenarios.diagnosis.candidates import can_act
     from sim.declaration.effect import Station
@@ -235,36 +328,77 @@ def _print_equations(
 
 
 def _signals(signals: Sequence[Signal]) -> list[str]:
-    return [f"{signal.name} ({signal.unit}{', ' + signal.meaning if signal.meaning else ''})" for signal in signals]
+    return [
+        f"{signal.name} ({signal.unit}{', ' + signal.meaning if signal.meaning else ''})"
+        for signal in signals
+    ]
 
 
 def _print_block(heading: str, entries: Sequence[str]) -> None:
     lines = wrapped(", ".join(entries) or "none", 100)
-    print("\n".join(f"{heading if first else '':14} {line.strip()}" for first, line in zip([True, *[False] * len(lines)], lines, strict=False)))
+    print(
+        "\n".join(
+            f"{heading if first else '':14} {line.strip()}"
+            for first, line in zip([True, *[False] * len(lines)], lines, strict=False)
+        )
+    )
 
 
 def print_checks(model: Model) -> None:
-    """What a user's model can be asked before there is a record. Raises ModelError where arrays or complex steps do not pass through it."""
-    from scenarios.identification.model_checks import SHAPE, excited, one_by_one, steps_against_differences, unknown_units
+    """What a user's model can be asked before there is a record. Raises ModelError where arrays or
+    complex steps do not pass through it.
+    """
+    from scenarios.identification.model_checks import (
+        SHAPE,
+        excited,
+        one_by_one,
+        steps_against_differences,
+        unknown_units,
+    )
 
     labels = unknown_units(model)
-    print("units: " + (f"no conversion for {', '.join(labels)}: columns of a record carry the same or none" if labels else "all known"))
+    print(
+        "units: "
+        + (
+            f"no conversion for {', '.join(labels)}: columns of a record carry the same or none"
+            if labels
+            else "all known"
+        )
+    )
     apart = one_by_one(model)
     print(f"arrays of shape {SHAPE} against single numbers: {apart:.1g} apart")
     if not apart <= SAME:
-        raise ModelError(f"a call with arrays differs from single ones by {apart:.1g}", where=f"model {model.name}", remedy=_ELEMENTARY)
+        raise ModelError(
+            f"a call with arrays differs from single ones by {apart:.1g}",
+            where=f"model {model.name}",
+            remedy=_ELEMENTARY,
+        )
     apart = steps_against_differences(model)
     print(f"complex steps against differences: {apart:.1g} apart")
     if not apart <= NEAR:
-        raise ModelError(f"complex steps differ from differences by {apart:.1g}", where=f"model {model.name}", remedy=_ELEMENTARY)
+        raise ModelError(
+            f"complex steps differ from differences by {apart:.1g}",
+            where=f"model {model.name}",
+            remedy=_ELEMENTARY,
+        )
     motion, found = excited(model)
     units = {signal.name: signal.unit for signal in model.equations.inputs}
-    flown = " and ".join(f"{name} {size:.3g} {units[name]}" for name, size in motion.amplitudes.items()) or "none"
+    flown = (
+        " and ".join(f"{name} {size:.3g} {units[name]}" for name, size in motion.amplitudes.items())
+        or "none"
+    )
     cut = ", cut short where it leaves all measure" if motion.ran_away else ""
-    print(f"\nexample: doublets of {motion.pulse:.3g} s to each side on {flown}, {motion.end:.3g} s{cut}; noise 1 % of each output's largest move")
+    print(
+        f"\nexample: doublets of {motion.pulse:.3g} s to each side on {flown}, {motion.end:.3g} "
+        f"s{cut}; noise 1 % of each output's largest move"
+    )
     for one in found:
         if one.sigma < float("inf"):
-            share = f"known to {100.0 * one.sigma / abs(one.value):.2g} %" if one.value else f"known to {one.sigma:.2g}"
+            share = (
+                f"known to {100.0 * one.sigma / abs(one.value):.2g} %"
+                if one.value
+                else f"known to {one.sigma:.2g}"
+            )
         else:
             share = f"not told from {', '.join(one.beside)}" if one.beside else "moves no output"
         print(f"  {one.name:14} {share}")
@@ -283,7 +417,11 @@ _HOST = "127.0.0.1"  # a notebook runs code: nobody else's browser may reach it
 def lab_files() -> dict[int, Path]:
     """The notebooks by their number, in order."""
     with as_file(files("flightid.labs")) as folder:
-        found = {int(match[1]): path for path in folder.iterdir() if (match := _FILE.fullmatch(path.name))}
+        found = {
+            int(match[1]): path
+            for path in folder.iterdir()
+            if (match := _FILE.fullmatch(path.name))
+        }
     return dict(sorted(found.items()))
 
 
@@ -297,7 +435,10 @@ def list_labs() -> None:
     """One line for each lab."""
     for number, path in lab_files().items():
         print(f"{number}  {title_of(path)}")
-    print("flightid lab N opens one; --copy DIR makes it yours; --key prints what an instructor wants to know")
+    print(
+        "flightid lab N opens one; --copy DIR makes it yours; --key prints what an instructor "
+        "wants to know"
+    )
 
 
 def show_key(number: int) -> None:
@@ -315,12 +456,20 @@ def copy_lab(number: int, folder: Path) -> Path:
     path = _lab(number)
     target = folder / path.name
     if target.exists():
-        raise DeclarationError("there is such a file already, and it may be yours", where=str(target), remedy="name another folder")
+        raise DeclarationError(
+            "there is such a file already, and it may be yours",
+            where=str(target),
+            remedy="name another folder",
+        )
     try:
         folder.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, target)
     except OSError as error:
-        raise FlightidError(f"cannot be written ({error.strerror})", where=str(target), remedy="name a folder that you may write in") from None
+        raise FlightidError(
+            f"cannot be written ({error.strerror})",
+            where=str(target),
+            remedy="name a folder that you may write in",
+        ) from None
     print(f"copied to {target}; marimo edit {target} opens it")
     return target
 
@@ -328,7 +477,8 @@ def copy_lab(number: int, folder: Path) -> Path:
 def open_lab(number: int, edit: bool, port: int | None, browser: bool, folder: Path | None) -> int:
     """Serve a lab to a browser on this machine until it is stopped, and return the exit code.
 
-    ``edit`` opens the copy in ``folder`` (None: the current one), which is made if it is missing: the installed lab stays as it is.
+    ``edit`` opens the copy in ``folder`` (None: the current one), which is made if it is missing:
+    the installed lab stays as it is.
 
     Raises
     ------
@@ -336,13 +486,25 @@ def open_lab(number: int, edit: bool, port: int | None, browser: bool, folder: P
     """
     path = _lab(number)
     if importlib.util.find_spec("marimo") is None:
-        raise DeclarationError("labs are notebooks of marimo, which is not installed", where="flightid lab", remedy='pip install "flightid[labs]"')
+        raise DeclarationError(
+            "labs are notebooks of marimo, which is not installed",
+            where="flightid lab",
+            remedy='pip install "flightid[labs]"',
+        )
     if port is not None:
         _refuse_taken(port)
     if edit:
         own = (folder or Path()) / path.name
         path = own if own.exists() else copy_lab(number, folder or Path())
-    command = [sys.executable, "-m", "marimo", "edit" if edit else "run", str(path), "--host", _HOST]
+    command = [
+        sys.executable,
+        "-m",
+        "marimo",
+        "edit" if edit else "run",
+        str(path),
+        "--host",
+        _HOST,
+    ]
     command += ["--port", str(port)] if port is not None else []
     command += [] if browser else ["--headless"]
     command += ["--skip-update-check"] if edit else []
@@ -355,11 +517,17 @@ def open_lab(number: int, edit: bool, port: int | None, browser: bool, folder: P
 def _lab(number: int) -> Path:
     known = lab_files()
     if number not in known:
-        raise DeclarationError(f"there is no lab {number}", where="flightid lab", remedy=f"use a number from 1 to {max(known)}")
+        raise DeclarationError(
+            f"there is no lab {number}",
+            where="flightid lab",
+            remedy=f"use a number from 1 to {max(known)}",
+        )
     return known[number]
 
 
 def _refuse_taken(port: int) -> None:
     with socket.socket() as probe:
         if probe.connect_ex((_HOST, port)) == 0:
-            raise DeclarationError(f"port {port} is taken", where="--port", remedy="name another one, or leave it out")
+            raise DeclarationError(
+                f"port {port} is taken", where="--port", remedy="name another one, or leave it out"
+            )

@@ -43,8 +43,18 @@ def check_records(request: Request, out: Path | None, figures: Formats) -> None:
 # ---- flightid survey: all flights of a test campaign, printed and written
 
 
-def survey_records(file: Path, out: Path | None, jobs: int | None, figures: Formats, *, progress: bool = True, cluster: str | None = None) -> None:
-    """Read, diagnose what is new, pool, write, print; ``progress`` False: nothing is shown of how far it is. ``cluster`` : a Dask address."""
+def survey_records(
+    file: Path,
+    out: Path | None,
+    jobs: int | None,
+    figures: Formats,
+    *,
+    progress: bool = True,
+    cluster: str | None = None,
+) -> None:
+    """Read, diagnose what is new, pool, write, print; ``progress`` False: nothing is shown of how
+    far it is. ``cluster`` : a Dask address.
+    """
     from scenarios.survey.report import survey_text
     from scenarios.survey.survey import survey_flights
     from scenarios.tasks.processes import available_cores
@@ -53,7 +63,14 @@ def survey_records(file: Path, out: Path | None, jobs: int | None, figures: Form
         folder = out if out is not None else Path(passing) / "survey"
         with progress_bar(progress) as tell:
             try:
-                found = survey_flights(file, folder, jobs or available_cores(), figures if out is not None else (), tell, cluster)
+                found = survey_flights(
+                    file,
+                    folder,
+                    jobs or available_cores(),
+                    figures if out is not None else (),
+                    tell,
+                    cluster,
+                )
             except KeyboardInterrupt as stopped:
                 if out is not None:
                     raise
@@ -73,14 +90,21 @@ def survey_records(file: Path, out: Path | None, jobs: int | None, figures: Form
 ALL = "all"  # of --profile: every parameter
 
 
-def options_of(profile: Sequence[str] | None, band: tuple[float, float] | None, engine: str | None = None) -> Options:
+def options_of(
+    profile: Sequence[str] | None, band: tuple[float, float] | None, engine: str | None = None
+) -> Options:
     """What a command line asks besides the method."""
     names = None if profile is None else () if ALL in profile else tuple(dict.fromkeys(profile))
     return Options(names, band, engine)
 
 
 def identify_records(
-    request: Request, method: str, out: Path | None, figures: Formats, options: Options = PLAIN, matrices: Path | None = None
+    request: Request,
+    method: str,
+    out: Path | None,
+    figures: Formats,
+    options: Options = PLAIN,
+    matrices: Path | None = None,
 ) -> None:
     """Read, identify, write the study and the linearised model's ``matrices``, print."""
     from scenarios.files.measured.record_file import path_of
@@ -90,7 +114,11 @@ def identify_records(
 
     if matrices is not None:
         ours = [out / "comparison.json", out / "record.csv"] if out is not None else []
-        given = [path for record in (*request.records, *request.validate) if (path := path_of(record)) is not None]
+        given = [
+            path
+            for record in (*request.records, *request.validate)
+            if (path := path_of(record)) is not None
+        ]
         refuse_place(matrices, [*given, *ours])
     identified = identify_files(request, method, options)
     space = state_space_of(identified.found) if matrices is not None else None
@@ -109,7 +137,9 @@ def identify_records(
 # ---- flightid maneuvers: the maneuvers in a long record, printed and written
 
 
-def search_record(record: Path, channels: Path | None, plan: Plan, out: Path | None, figures: Formats) -> None:
+def search_record(
+    record: Path, channels: Path | None, plan: Plan, out: Path | None, figures: Formats
+) -> None:
     """Read, search, write the folder, print."""
     from scenarios.files.channels import read_channel_map
 
@@ -158,11 +188,19 @@ def respond(
     """Read, estimate, write the folder, print.
 
     ``names`` : inputs, outputs, references. ``options`` : band, windows, tapers, least coherence.
-    ``fit`` : forms, fixed parameters, shared poles. ``bandwidth`` : rate or attitude, what the outputs are.
-    ``margins`` : minus or plus, how the loop takes back the output.
-    ``levels`` : class and category, airspeed.
+    ``fit`` : forms, fixed parameters, shared poles. ``bandwidth`` : rate or attitude, what the
+    outputs are. ``margins`` : minus or plus, how the loop takes back the output. ``levels`` : class
+    and category, airspeed.
     """
-    found = responses_of(request, Names(*names), ResponseOptions(*options), FitOptions(*fit), bandwidth, margins, LevelOptions(*levels))
+    found = responses_of(
+        request,
+        Names(*names),
+        ResponseOptions(*options),
+        FitOptions(*fit),
+        bandwidth,
+        margins,
+        LevelOptions(*levels),
+    )
     if out is not None:
         from scenarios.responses.report import write_responses
 
@@ -178,8 +216,11 @@ CHANNELS, VEHICLE = "channels.toml", "vehicle.toml"
 SHOWN = 60  # characters of an expression
 
 
-def draft_map(path: Path, out: Path | None, rate: float | None, columns: str | None, topics: bool) -> None:
-    """Print the topics, the channels found with their ranges, every fault, and the draft; write it where ``out`` is given.
+def draft_map(
+    path: Path, out: Path | None, rate: float | None, columns: str | None, topics: bool
+) -> None:
+    """Print the topics, the channels found with their ranges, every fault, and the draft; write it
+    where ``out`` is given.
 
     Raises
     ------
@@ -203,10 +244,16 @@ def draft_map(path: Path, out: Path | None, rate: float | None, columns: str | N
     print(f"\n{out / CHANNELS}, {out / VEHICLE}: drafts to check and complete")
     if draft.model:
         # What opened the file here opens it there.
-        opening = [f"--rate {rate:g}" if rate is not None else "--rate HZ" if draft.clockless else "", f"--columns {columns}" if columns else ""]
+        opening = [
+            f"--rate {rate:g}" if rate is not None else "--rate HZ" if draft.clockless else "",
+            f"--columns {columns}" if columns else "",
+        ]
         words = " ".join(word for word in opening if word)
         files = f"--channels {out / CHANNELS} --vehicle {out / VEHICLE}"
-        print(f"next: flightid identify {path} --model {draft.model} {files}{f' {words}' if words else ''}")
+        print(
+            f"next: flightid identify {path} --model {draft.model} "
+            f"{files}{f' {words}' if words else ''}"
+        )
 
 
 def _print_topics(draft: Draft, *, whole: bool) -> None:
@@ -222,7 +269,9 @@ def _print_topics(draft: Draft, *, whole: bool) -> None:
             TableColumn("topic", [topic.name for topic in shown], left=True),
             TableColumn("rows", [str(topic.rows) for topic in shown]),
             TableColumn("Hz", [f"{topic.rate:.4g}" if topic.rate else "" for topic in shown]),
-            TableColumn("columns", [_short(", ".join(topic.columns), SHOWN) for topic in shown], left=True),
+            TableColumn(
+                "columns", [_short(", ".join(topic.columns), SHOWN) for topic in shown], left=True
+            ),
         ]
     )
     if len(shown) < len(draft.topics):
@@ -240,10 +289,24 @@ def _print_channels(draft: Draft) -> None:
     _table(
         [
             TableColumn("channel", [guess.channel for guess in usable], left=True),
-            TableColumn("from", [_short(str(guess.choice.column), SHOWN) for guess in usable], left=True),
+            TableColumn(
+                "from", [_short(str(guess.choice.column), SHOWN) for guess in usable], left=True
+            ),
             TableColumn("samples", [str(guess.samples) for guess in usable]),
-            TableColumn("least", [f"{factor * guess.least:.4g}" for guess, (factor, _) in zip(usable, units, strict=True)]),
-            TableColumn("most", [f"{factor * guess.most:.4g}" for guess, (factor, _) in zip(usable, units, strict=True)]),
+            TableColumn(
+                "least",
+                [
+                    f"{factor * guess.least:.4g}"
+                    for guess, (factor, _) in zip(usable, units, strict=True)
+                ],
+            ),
+            TableColumn(
+                "most",
+                [
+                    f"{factor * guess.most:.4g}"
+                    for guess, (factor, _) in zip(usable, units, strict=True)
+                ],
+            ),
             TableColumn("unit", [unit_cell(unit) for _, unit in units], left=True),
         ]
     )
@@ -256,7 +319,11 @@ def _table(columns: list[TableColumn]) -> None:
 def _refuse_present(out: Path) -> None:
     for name in (CHANNELS, VEHICLE):
         if (out / name).exists():
-            raise DeclarationError("there is such a file already", where=str(out / name), remedy="name another folder with --out")
+            raise DeclarationError(
+                "there is such a file already",
+                where=str(out / name),
+                remedy="name another folder with --out",
+            )
 
 
 def _write(out: Path, draft: Draft) -> None:
@@ -265,7 +332,11 @@ def _write(out: Path, draft: Draft) -> None:
         (out / VEHICLE).write_text(vehicle_text(draft), encoding="utf-8", newline="\n")
         (out / CHANNELS).write_text(map_text(draft), encoding="utf-8", newline="\n")
     except OSError as error:
-        raise DeclarationError(f"cannot be written ({error.strerror or error})", where=str(out), remedy="name another folder") from None
+        raise DeclarationError(
+            f"cannot be written ({error.strerror or error})",
+            where=str(out),
+            remedy="name another folder",
+        ) from None
 
 
 def _short(text: str, most: int) -> str:

@@ -29,8 +29,11 @@ if TYPE_CHECKING:
 # ---- flightid compare, and flightid run --compare
 
 
-def compare_studies(studies: Sequence[str], out: Path | None, every: bool, figures: Formats) -> None:
-    """Studies side by side, read from their folders: print the tables, and write them with figures where a folder is named.
+def compare_studies(
+    studies: Sequence[str], out: Path | None, every: bool, figures: Formats
+) -> None:
+    """Studies side by side, read from their folders: print the tables, and write them with figures
+    where a folder is named.
 
     Raises
     ------
@@ -53,7 +56,9 @@ def compare_studies(studies: Sequence[str], out: Path | None, every: bool, figur
 
 
 def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
-    """Write the record, a vehicle file for each model that it serves, and the truth in a file of its own; the files."""
+    """Write the record, a vehicle file for each model that it serves, and the truth in a file of
+    its own; the files.
+    """
     from scenarios.files.writing import files_together
     from scenarios.studies.catalogue import load_document, scenario_file
     from scenarios.trials.jsbsim.flight import fly_jsbsim, write_jsbsim
@@ -65,8 +70,14 @@ def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[st
         record, truth = fly_jsbsim(flight, chosen)
     with files_together(out) as scratch:
         made, truth_file = write_jsbsim(flight, chosen, record, truth, scratch, out.stem)
-    vehicles, kept = {model: out.parent / path.name for model, path in made.items()}, out.parent / truth_file.name
-    print(f"{flight.aircraft} flown by JSBSim: {len(record)} samples, {record.time[-1]:g} s, {flight.maneuver}; the truth is in {kept.name}")
+    vehicles, kept = (
+        {model: out.parent / path.name for model, path in made.items()},
+        out.parent / truth_file.name,
+    )
+    print(
+        f"{flight.aircraft} flown by JSBSim: {len(record)} samples, {record.time[-1]:g} s, "
+        f"{flight.maneuver}; the truth is in {kept.name}"
+    )
     for model, vehicle in vehicles.items():
         print(f"flightid identify {out} --model {model} --vehicle {vehicle}")
     return [out, *vehicles.values(), kept]
@@ -83,20 +94,28 @@ def simulate_trace(name: str, out: Path, seed: int | None, changes: Sequence[str
     return _write(trace_scenario_of(*load_document(name, changes)), scenario_file(name), out, seed)
 
 
-def simulate_own(asked: OwnFlight, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
-    """Write what the loop is given of a user's own model in a flight that the command line describes, as ``_write``; the files."""
+def simulate_own(
+    asked: OwnFlight, out: Path, seed: int | None, changes: Sequence[str]
+) -> list[Path]:
+    """Write what the loop is given of a user's own model in a flight that the command line
+    describes, as ``_write``; the files.
+    """
     from scenarios.studies.catalogue import with_changes
     from scenarios.trials.planted.own_flight import trace_document
     from scenarios.trials.planted.schema import trace_scenario_of
 
     document = with_changes(trace_document(asked), changes)
-    return _write(trace_scenario_of(document, Path(asked.model).stem, asked.model), asked.model, out, seed)
+    return _write(
+        trace_scenario_of(document, Path(asked.model).stem, asked.model), asked.model, out, seed
+    )
 
 
 def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> list[Path]:
-    """Both records and the vehicle file that the loop is given, the truth left out; ``file`` declares the scenario.
+    """Both records and the vehicle file that the loop is given, the truth left out; ``file``
+    declares the scenario.
 
-    ``record.csv`` asked for is the training record; beside it stand ``record_validate.csv`` and ``record_vehicle.toml``.
+    ``record.csv`` asked for is the training record; beside it stand ``record_validate.csv`` and
+    ``record_vehicle.toml``.
     """
     from scenarios.files.writing import files_together, write_record
     from scenarios.trials.planted.flights import fly_trace
@@ -128,9 +147,11 @@ def run_scenarios(
     told: bool = True,
     progress: bool = True,
 ) -> None:
-    """Run scenarios one after the other; with several, each gets a folder of its own under ``out``, which is printed if ``told``.
+    """Run scenarios one after the other; with several, each gets a folder of its own under ``out``,
+    which is printed if ``told``.
 
-    ``progress`` False: nothing is shown of how far it is. Ctrl-C leaves the studies that are finished.
+    ``progress`` False: nothing is shown of how far it is. Ctrl-C leaves the studies that are
+    finished.
     """
     from scenarios.studies.catalogue import scenario_kind
 
@@ -138,15 +159,21 @@ def run_scenarios(
     kinds = [scenario_kind(name) for name in names]
     _refuse_same_names(shorts)
     runners = [LOADERS[kind](name, changes) for name, kind in zip(names, kinds, strict=True)]
-    folders = [None if out is None else out if len(runners) == 1 else out / short for short in shorts]
+    folders = [
+        None if out is None else out if len(runners) == 1 else out / short for short in shorts
+    ]
     begun = time.monotonic()
     for done, (name, folder, runner) in enumerate(zip(names, folders, runners, strict=True)):
         try:
-            with progress_bar(progress, counted=runner.counted, before=(done, len(names), begun)) as tell:
+            with progress_bar(
+                progress, counted=runner.counted, before=(done, len(names), begun)
+            ) as tell:
                 tell(name, 0.0)
                 study = _studied(runner, name, seed, folder, figures, tell)
         except KeyboardInterrupt as stopped:
-            raise KeyboardInterrupt("; ".join(filter(None, (str(stopped), _kept(folders[:done], len(names), told))))) from None
+            raise KeyboardInterrupt(
+                "; ".join(filter(None, (str(stopped), _kept(folders[:done], len(names), told))))
+            ) from None
         runner.show(study, details_in(folder if told else None))
         if folder is not None and told:
             print(written_to(folder))
@@ -157,10 +184,20 @@ def _kept(folders: Sequence[Path | None], of: int, told: bool) -> str:
     if not folders or not told:
         return ""
     written = [str(folder) for folder in folders if folder is not None]
-    return f"{len(folders)} of {of} studies are finished{': ' + ', '.join(written) if written else ', and printed above'}"
+    return (
+        f"{len(folders)} of {of} studies are "
+        f"finished{': ' + ', '.join(written) if written else ', and printed above'}"
+    )
 
 
-def _studied(runner: Runner, name: str, seed: int | None, folder: Path | None, figures: Formats, tell: Progress) -> Any:
+def _studied(
+    runner: Runner,
+    name: str,
+    seed: int | None,
+    folder: Path | None,
+    figures: Formats,
+    tell: Progress,
+) -> Any:
     """Run, and write where a folder is named; the study."""
     from scenarios.studies.catalogue import scenario_file
 
@@ -172,21 +209,42 @@ def _studied(runner: Runner, name: str, seed: int | None, folder: Path | None, f
 
 
 def documents_of(names: Sequence[str], compare: bool) -> list[str]:
-    """The JSON documents of such a run by their paths in its folder: of a comparison its own, else one a study."""
+    """The JSON documents of such a run by their paths in its folder: of a comparison its own, else
+    one a study.
+    """
     if compare:
         return ["compared.json"]
-    return ["comparison.json"] if len(names) == 1 else [f"{Path(name).stem if name.endswith('.toml') else name}/comparison.json" for name in names]
+    return (
+        ["comparison.json"]
+        if len(names) == 1
+        else [
+            f"{Path(name).stem if name.endswith('.toml') else name}/comparison.json"
+            for name in names
+        ]
+    )
 
 
 def run_and_compare(
-    names: Sequence[str], seed: int | None, out: Path | None, changes: Sequence[str], figures: Formats, *, progress: bool = True
+    names: Sequence[str],
+    seed: int | None,
+    out: Path | None,
+    changes: Sequence[str],
+    figures: Formats,
+    *,
+    progress: bool = True,
 ) -> None:
-    """Run scenarios as ``run_scenarios``, then put their study folders side by side; without ``out`` these are gone afterwards."""
+    """Run scenarios as ``run_scenarios``, then put their study folders side by side; without
+    ``out`` these are gone afterwards.
+    """
     from tempfile import TemporaryDirectory
 
     shorts = [Path(name).stem if name.endswith(".toml") else name for name in names]
     if len(shorts) < 2:
-        raise DeclarationError("one scenario has nothing beside it", where="flightid run --compare", remedy="name at least two")
+        raise DeclarationError(
+            "one scenario has nothing beside it",
+            where="flightid run --compare",
+            remedy="name at least two",
+        )
     if out is not None:
         run_scenarios(names, seed, out, changes, figures, progress=progress)
         print()
@@ -198,13 +256,19 @@ def run_and_compare(
         compare_studies([str(Path(scratch) / short) for short in shorts], None, False, ())
 
 
-def simulate(what: str | OwnFlight, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
-    """Write the record of a scenario, or of a flight of a user's own model, its truth left out; the files."""
+def simulate(
+    what: str | OwnFlight, out: Path, seed: int | None, changes: Sequence[str]
+) -> list[Path]:
+    """Write the record of a scenario, or of a flight of a user's own model, its truth left out; the
+    files.
+    """
     from scenarios.files.writing import files_together, write_record
     from scenarios.studies.catalogue import scenario_kind
 
     if out.suffix != ".csv":
-        raise DeclarationError(f"{out.suffix or 'no'} ending", where=str(out), remedy="name a .csv file")
+        raise DeclarationError(
+            f"{out.suffix or 'no'} ending", where=str(out), remedy="name a .csv file"
+        )
     try:
         if not isinstance(what, str):
             return simulate_own(what, out, seed, changes)
@@ -216,7 +280,11 @@ def simulate(what: str | OwnFlight, out: Path, seed: int | None, changes: Sequen
             written = write_record(scratch, record, out.stem, simulated=True)
         return [out.parent / path.name for path in written]
     except OSError as error:
-        raise FlightidError(f"cannot be written ({error.strerror})", where=str(out), remedy="name a file that you may write") from None
+        raise FlightidError(
+            f"cannot be written ({error.strerror})",
+            where=str(out),
+            remedy="name a file that you may write",
+        ) from None
 
 
 def files_text(files: Sequence[Path]) -> str:
@@ -229,7 +297,9 @@ def files_text(files: Sequence[Path]) -> str:
 def _refuse_same_names(names: Sequence[str]) -> None:
     for name in names:
         if names.count(name) > 1:
-            raise DeclarationError(f"{name} is named twice", where="flightid run", remedy="name each scenario once")
+            raise DeclarationError(
+                f"{name} is named twice", where="flightid run", remedy="name each scenario once"
+            )
 
 
 # ---- flightid campaign: Monte Carlo, printed and written
@@ -251,7 +321,9 @@ def own_campaign(
     from scenarios.studies.reading import scenario_of
     from scenarios.trials.planted.own_flight import study_document
 
-    again = Rebuilt(with_changes(study_document(asked), changes), Path(asked.model).stem, asked.model)
+    again = Rebuilt(
+        with_changes(study_document(asked), changes), Path(asked.model).stem, asked.model
+    )
     scenario = scenario_of(again.document, again.name, again.where)
     _run(scenario, again, runs, seed, manner, figures, levels=levels, progress=progress)
 
@@ -268,10 +340,11 @@ def run_campaign(
     levels: bool = False,
     progress: bool = True,
 ) -> None:
-    """Run, print, and write ``campaign.json`` and the runs into ``manner.out``; of a scenario of estimators by one ``method``, else its main.
+    """Run, print, and write ``campaign.json`` and the runs into ``manner.out``; of a scenario of
+    estimators by one ``method``, else its main.
 
-    ``levels``: noise levels by likelihood even where no sigma is wrong. ``progress`` False: nothing is shown of how far it is.
-    Ctrl-C leaves the table of the runs that had ended.
+    ``levels``: noise levels by likelihood even where no sigma is wrong. ``progress`` False: nothing
+    is shown of how far it is. Ctrl-C leaves the table of the runs that had ended.
     """
     from scenarios.studies.catalogue import (
         IDENTIFICATION,
@@ -289,13 +362,25 @@ def run_campaign(
         raise DeclarationError(what, where=name, remedy="name a scenario of estimators")
     document, short, where = load_document(name, changes)
     again = Rebuilt({key: value for key, value in document.items() if key != "kind"}, short, where)
-    _run(load_scenario(name, changes), again, runs, seed, manner, figures, method or "main", levels=levels, progress=progress)
+    _run(
+        load_scenario(name, changes),
+        again,
+        runs,
+        seed,
+        manner,
+        figures,
+        method or "main",
+        levels=levels,
+        progress=progress,
+    )
 
 
 def refuse_method(method: str | None) -> None:
     """Raise DeclarationError where a method is named for what has one alone."""
     if method is not None:
-        raise DeclarationError("this campaign has no methods to choose from", where="--method", remedy="leave it out")
+        raise DeclarationError(
+            "this campaign has no methods to choose from", where="--method", remedy="leave it out"
+        )
 
 
 def _run(
@@ -321,11 +406,17 @@ def _run(
     if len(campaign.seeds) < campaign.asked:
         raise stopped(len(campaign.seeds), campaign.asked, "runs", out)
     if not ended:
-        raise KeyboardInterrupt("all runs had ended; why sigmas are wrong was not looked for to the end")
+        raise KeyboardInterrupt(
+            "all runs had ended; why sigmas are wrong was not looked for to the end"
+        )
 
 
-def _assessed(campaign: CampaignRuns, levels: bool, tell: CampaignProgress) -> tuple[Judgement, bool]:
-    """What is said of the runs; of a campaign that was stopped no causes. False where Ctrl-C ended the search for them."""
+def _assessed(
+    campaign: CampaignRuns, levels: bool, tell: CampaignProgress
+) -> tuple[Judgement, bool]:
+    """What is said of the runs; of a campaign that was stopped no causes. False where Ctrl-C ended
+    the search for them.
+    """
     whole = len(campaign.seeds) == campaign.asked
     tell("whether the sigmas are right, and why not", 1.0)
     try:
@@ -337,7 +428,9 @@ def _assessed(campaign: CampaignRuns, levels: bool, tell: CampaignProgress) -> t
 # ---- flightid design: which maneuver to fly, printed and written
 
 
-def design_maneuver(asked: DesignRequest, out: Path | None, figures: Formats, *, progress: bool = True) -> None:
+def design_maneuver(
+    asked: DesignRequest, out: Path | None, figures: Formats, *, progress: bool = True
+) -> None:
     """Design, write, print; ``progress`` False: nothing is shown of how far it is."""
     from scenarios.maneuver_design.design import design
     from scenarios.maneuver_design.report import design_text

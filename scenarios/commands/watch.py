@@ -1,4 +1,6 @@
-"""`flightid watch`: a stream identified while it arrives, shown against a reference, written as it goes."""
+"""`flightid watch`: a stream identified while it arrives, shown against a reference, written as it
+goes.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +17,36 @@ from ident.frequency_domain.online import HIGH, LOW, SPACING, frequencies
 from scenarios.files.vehicles import VehicleFile, read_vehicle, refuse_unknown_model
 from scenarios.identification.low_order import PAPER_START
 from scenarios.watching.reference import comparisons, read_reference
-from scenarios.watching.rows import Fault, Lines, Read, at_end, growing_file, lines_of, standard_input
-from scenarios.watching.session import STOPPED, Session, Step, Watch, pieces, record_of, report, rows_in, session_of, start, take
+from scenarios.watching.rows import (
+    Fault,
+    Lines,
+    Read,
+    at_end,
+    growing_file,
+    lines_of,
+    standard_input,
+)
+from scenarios.watching.session import (
+    STOPPED,
+    Session,
+    Step,
+    Watch,
+    pieces,
+    record_of,
+    report,
+    rows_in,
+    session_of,
+    start,
+    take,
+)
 from scenarios.watching.show import display, print_end
-from scenarios.watching.spectral import Point, SpectralSession, regress, signals_of, spectral_session
+from scenarios.watching.spectral import (
+    Point,
+    SpectralSession,
+    regress,
+    signals_of,
+    spectral_session,
+)
 from scenarios.watching.spectral import record_of as record_of_stream
 from scenarios.watching.spectral import take as take_rows
 from scenarios.watching.study import History, Outcome, refuse_overwriting, so_far, write_watch
@@ -32,7 +60,8 @@ if TYPE_CHECKING:
 PIPE = "-"
 LOW_ORDER = "loes"  # the model that banks of filters follow
 FILE_IDLE = 5.0  # s; a pipe says by itself when it ends
-REFINED_ROWS = 6000  # two and a half minutes at 40 Hz; the refinement goes over all rows some fifty times
+# two and a half minutes at 40 Hz; the refinement goes over all rows some fifty times
+REFINED_ROWS = 6000
 
 
 def watch_stream(
@@ -50,7 +79,8 @@ def watch_stream(
     plan: Plan | None = None,
     band: tuple[float, float] | None = None,
 ) -> None:
-    """Follow the stream to its end, then print, and write where a folder is named; with a ``page`` serve it until Ctrl-C.
+    """Follow the stream to its end, then print, and write where a folder is named; with a ``page``
+    serve it until Ctrl-C.
 
     ``band`` : Hz, of the regression in the frequency domain; None for the usual one.
     """
@@ -58,7 +88,11 @@ def watch_stream(
         raise DeclarationError("there is no page to serve", where="--port", remedy="add --page")
     refuse_unknown_model(model, "--model")
     if model != LOW_ORDER and page:
-        raise DeclarationError(f"there is no page of the model {model}", where="--page", remedy="leave it out, or watch loes")
+        raise DeclarationError(
+            f"there is no page of the model {model}",
+            where="--page",
+            remedy="leave it out, or watch loes",
+        )
     needed = tuple(PAPER_START) if model == LOW_ORDER else ()
     watch = _prepared(record, vehicle, reference, channels, refine, plan, needed)
     watch.omega = _frequencies(band)
@@ -78,7 +112,14 @@ def watch_stream(
             _written(history, session, start(session))
         end = _finished(watch, session, refine and not (page and watch.stopped))
         if out is not None and history is not None:
-            write_watch(out, session, watch.reference, end, history, Path(record).name if record != PIPE else watch.name)
+            write_watch(
+                out,
+                session,
+                watch.reference,
+                end,
+                history,
+                Path(record).name if record != PIPE else watch.name,
+            )
         print_end(watch, session, end)
         if out is not None:
             from scenarios.terminal.summary import written_to
@@ -94,11 +135,17 @@ def _frequencies(band: tuple[float, float] | None) -> np.ndarray:
         return frequencies()
     low, high = band
     if not (0.0 < low < high and math.isfinite(high)):
-        raise DeclarationError(f"{low:g} to {high:g} Hz is no band", where="--band", remedy="give LOW HIGH in Hz, above 0")
+        raise DeclarationError(
+            f"{low:g} to {high:g} Hz is no band",
+            where="--band",
+            remedy="give LOW HIGH in Hz, above 0",
+        )
     return frequencies(low, high, (high - low) * SPACING / (HIGH - LOW))
 
 
-def _watch_in_frequency(watch: Watch, model: str, record: str, out: Path | None, limit: float | None, until_end: bool) -> None:
+def _watch_in_frequency(
+    watch: Watch, model: str, record: str, out: Path | None, limit: float | None, until_end: bool
+) -> None:
     """Follow a stream whose model is regressed in the frequency domain."""
     from scenarios.watching.spectral_study import line, print_spectral_end, write_spectral
 
@@ -124,7 +171,9 @@ def _watch_in_frequency(watch: Watch, model: str, record: str, out: Path | None,
         except KeyboardInterrupt:
             watch.reason = STOPPED
     if session is None:
-        raise RecordError("the stream is empty", where=watch.name, remedy="give a header row and one row a sample")
+        raise RecordError(
+            "the stream is empty", where=watch.name, remedy="give a header row and one row a sample"
+        )
     rows, faults, watch.order = at_end(watch.order, len(watch.signals.names))
     report(watch, faults)
     show([*take_rows(session, rows), *regress(session)])
@@ -142,7 +191,11 @@ def _begun(watch: Watch, vehicle: VehicleFile) -> SpectralSession | None:
     if watch.header is None or watch.omega is None:
         return None
     columns = watch.header.columns[1 + len(watch.signals.inputs) :]
-    outputs = [name for name, column in zip(watch.signals.outputs, columns, strict=True) if column is not None]
+    outputs = [
+        name
+        for name, column in zip(watch.signals.outputs, columns, strict=True)
+        if column is not None
+    ]
     return spectral_session(vehicle, watch.name, outputs, watch.omega)
 
 
@@ -162,7 +215,13 @@ def _stay(watch: Watch, session: Session, end: Outcome, follow: Follow) -> None:
 
 
 def _prepared(
-    record: str, vehicle: Path | None, reference: Path | None, channels: Path | None, refine: bool, plan: Plan | None, needed: Sequence[str]
+    record: str,
+    vehicle: Path | None,
+    reference: Path | None,
+    channels: Path | None,
+    refine: bool,
+    plan: Plan | None,
+    needed: Sequence[str],
 ) -> Watch:
     from scenarios.files.channels import read_channel_map
     from scenarios.files.measured.columns import read_sidecar
@@ -171,10 +230,16 @@ def _prepared(
     choices = read_channel_map(channels) if channels is not None else None
     names, rate = (plan.columns, plan.rate) if plan is not None else ((), None)
     if record == PIPE:
-        return Watch("standard input", vehicle, known, choices, {}, refine, columns=names, rate=rate)
+        return Watch(
+            "standard input", vehicle, known, choices, {}, refine, columns=names, rate=rate
+        )
     sidecar = read_sidecar(Path(record))
     if sidecar.hold is not Hold.PREVIOUS:
-        raise RecordError("its inputs are linear between samples", where=record, remedy="a stream holds them; use flightid identify")
+        raise RecordError(
+            "its inputs are linear between samples",
+            where=record,
+            remedy="a stream holds them; use flightid identify",
+        )
     return Watch(record, vehicle, known, choices, sidecar.units, refine, sidecar.file, names, rate)
 
 
@@ -187,7 +252,9 @@ def _source(record: str, until_end: bool) -> Iterator[Read]:
         yield read
 
 
-def _follow(watch: Watch, lines: Iterator[Lines], history: History | None, follow: Follow | None = None) -> None:
+def _follow(
+    watch: Watch, lines: Iterator[Lines], history: History | None, follow: Follow | None = None
+) -> None:
     """Take lines until the stream ends or Ctrl-C."""
     with display(watch) as table:
 
@@ -222,7 +289,9 @@ def _written(history: History | None, session: Session, steps: list[Step]) -> No
 
 
 def _finished(watch: Watch, session: Session, refine: bool) -> Outcome:
-    """The refinement over all rows where it is wanted and affordable, and the last estimates against the reference."""
+    """The refinement over all rows where it is wanted and affordable, and the last estimates
+    against the reference.
+    """
     from scenarios.identification.low_order import identify_loes
 
     if session.spectral is not None:
@@ -241,4 +310,14 @@ def _finished(watch: Watch, session: Session, refine: bool) -> Outcome:
         items = comparisons(online.estimate, online.derived, watch.reference, online.hanging)
     else:
         items = comparisons(found.estimate, found.derived, watch.reference)
-    return Outcome(record, found, online, session.bank.delays, items, watch.left_out, watch.mended, session.spikes, watch.reason)
+    return Outcome(
+        record,
+        found,
+        online,
+        session.bank.delays,
+        items,
+        watch.left_out,
+        watch.mended,
+        session.spikes,
+        watch.reason,
+    )

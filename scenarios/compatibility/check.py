@@ -10,16 +10,39 @@ import numpy as np
 from ident.compatibility.check import compatibility
 from ident.compatibility.signals import measured_channels
 from ident.compatibility.six_degrees.kinematics import CHANNELS, WRAPPED, recorded
-from ident.compatibility.trials import CheckResult, Compatibility, CompatibilitySettings, SensorFinding
+from ident.compatibility.trials import (
+    CheckResult,
+    Compatibility,
+    CompatibilitySettings,
+    SensorFinding,
+)
 from ident.recording.series import Expectations, measurable_noise
 from scenarios.files.channel_names import STICK, TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.measured.record_file import RecordFile, all_simulated, identities, read_record_files, refuse_twice, with_names
+from scenarios.files.measured.record_file import (
+    RecordFile,
+    all_simulated,
+    identities,
+    read_record_files,
+    refuse_twice,
+    with_names,
+)
 from scenarios.files.sources import InputFile
-from scenarios.files.vehicles import VehicleFile, files_read_unnamed, read_any_vehicle, vehicle_next_to
+from scenarios.files.vehicles import (
+    VehicleFile,
+    files_read_unnamed,
+    read_any_vehicle,
+    vehicle_next_to,
+)
 from scenarios.preparation.plan import Plan, Request, Segment, column_choices
 from scenarios.preparation.reading import split_at_gaps
-from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck, checked_records, expectations_of, joined
+from scenarios.preparation.recording import (
+    NOTHING_SEEN,
+    RecordCheck,
+    checked_records,
+    expectations_of,
+    joined,
+)
 from sim.declaration.effect import AIRSPEEDS
 from sim.errors import RecordError
 from sim.maths import G0
@@ -33,12 +56,14 @@ ACCELEROMETERS = ("nz", "az", "ny", "ay")
 
 @dataclass(frozen=True, eq=False)
 class CompatibilityCheck:
-    """A check with what it was made from. ``vehicle`` is None where no vehicle file was given or found.
+    """A check with what it was made from. ``vehicle`` is None where no vehicle file was given or
+    found.
 
-    ``declared_speed``: m/s, of the vehicle file, where a record has no airspeed of its own. ``declared_density``: kg/m3, of the vehicle file,
-    where an airspeed was made of a dynamic pressure. None where they were not used.
-    ``notes`` say how records were prepared, ``look`` what their raw columns show, ``simulated`` whether a
-    program made all of them, as the JSON beside them says.
+    ``declared_speed``: m/s, of the vehicle file, where a record has no airspeed of its own.
+    ``declared_density``: kg/m3, of the vehicle file, where an airspeed was made of a dynamic
+    pressure. None where they were not used. ``notes`` say how records were prepared, ``look`` what
+    their raw columns show, ``simulated`` whether a program made all of them, as the JSON beside
+    them says.
     """
 
     result: Compatibility
@@ -54,37 +79,58 @@ class CompatibilityCheck:
 
 
 def equivalent_constant(check: CompatibilityCheck, finding: SensorFinding) -> str:
-    """The number of the vehicle file that, were it wrong, would look like the scale of an accelerometer; empty where there is none.
+    """The number of the vehicle file that, were it wrong, would look like the scale of an
+    accelerometer; empty where there is none.
 
-    In alpha_dot = q - g nz/V a factor on the load factor is one on the airspeed; an airspeed V = sqrt(2 q/rho) of a dynamic pressure
-    goes with the air's density.
+    In alpha_dot = q - g nz/V a factor on the load factor is one on the airspeed; an airspeed V =
+    sqrt(2 q/rho) of a dynamic pressure goes with the air's density.
     """
     names = {finding.name, *finding.group}
-    if check.vehicle is None or not names & {f"sensor-scale:{channel}" for channel in ACCELEROMETERS}:
+    if check.vehicle is None or not names & {
+        f"sensor-scale:{channel}" for channel in ACCELEROMETERS
+    }:
         return ""
     known = finding.kind == "scale" and finding.channel in ACCELEROMETERS and finding.value > 0.0
-    for word, unit, value, power in (("airspeed", "m/s", check.declared_speed, 1.0), ("air_density", "kg/m3", check.declared_density, -2.0)):
+    for word, unit, value, power in (
+        ("airspeed", "m/s", check.declared_speed, 1.0),
+        ("air_density", "kg/m3", check.declared_density, -2.0),
+    ):
         if value is not None:
-            instead = f"{word} = {value * finding.value**power:.4g} {unit} in place of {value:.4g}" if known else f"another {word} than {value:.4g}"
+            instead = (
+                f"{word} = {value * finding.value**power:.4g} {unit} in place of {value:.4g}"
+                if known
+                else f"another {word} than {value:.4g}"
+            )
             return f"{instead} in {check.vehicle.name} would explain it as well"
     return ""
 
 
-def noise_levels(check: CompatibilityCheck, result: CheckResult | None = None) -> dict[str, float | None]:
-    """Noise by channel (SI) of all records together or of one ``result``, None where the records do not show it; nz may come from az."""
+def noise_levels(
+    check: CompatibilityCheck, result: CheckResult | None = None
+) -> dict[str, float | None]:
+    """Noise by channel (SI) of all records together or of one ``result``, None where the records do
+    not show it; nz may come from az.
+    """
     out: dict[str, float | None] = {}
     for name, level in (result or check.result.joint).noise_std.items():
-        source, factor = ("az", 1.0 / G0) if name == "nz" and not any(name in record.output_names for record in check.records) else (name, 1.0)
+        source, factor = (
+            ("az", 1.0 / G0)
+            if name == "nz" and not any(name in record.output_names for record in check.records)
+            else (name, 1.0)
+        )
         known = [record[source] for record in check.records if source in record.output_names]
-        out[name] = measurable_noise(level, [factor * channel.values[channel.valid] for channel in known])
+        out[name] = measurable_noise(
+            level, [factor * channel.values[channel.valid] for channel in known]
+        )
     return out
 
 
 def check_files(request: Request) -> CompatibilityCheck:
     """Read records of one aircraft and check them.
 
-    Of the ``request`` count the record files; any aircraft's vehicle file, of which airspeed, gravity and vane arm are used (None takes
-    ``vehicle.toml`` from the folder of the first record if it is there); the channel map; the segments of all records and their preparation.
+    Of the ``request`` count the record files; any aircraft's vehicle file, of which airspeed,
+    gravity and vane arm are used (None takes ``vehicle.toml`` from the folder of the first record
+    if it is there); the channel map; the segments of all records and their preparation.
 
     Raises
     ------
@@ -97,44 +143,78 @@ def check_files(request: Request) -> CompatibilityCheck:
     settings = settings_of(declared) if declared is not None else CompatibilitySettings()
     choices, plan = column_choices(request), request.plan
     files = read_record_files(request.records)
-    read = [record_to_check(file, segment, plan, choices, declared) for file in files for segment in plan.segments]
+    read = [
+        record_to_check(file, segment, plan, choices, declared)
+        for file in files
+        for segment in plan.segments
+    ]
     parted = [split_at_gaps(record) for record, _, _ in read]
     records = tuple(part for parts, _ in parted for part in parts)
     look = joined([look for _, _, look in read], trusted=plan.trusted)
     result = compatibility(records, settings)
     vehicle = declared.identity if declared is not None else None
-    notes = (*files_read_unnamed(files, beside), *plan.chosen, *(note for _, told, _ in read for note in told), *(note for _, note in parted if note))
-    check = CompatibilityCheck(result, records, settings, identities(files), vehicle, notes, look, all_simulated(files))
+    notes = (
+        *files_read_unnamed(files, beside),
+        *plan.chosen,
+        *(note for _, told, _ in read for note in told),
+        *(note for _, note in parted if note),
+    )
+    check = CompatibilityCheck(
+        result, records, settings, identities(files), vehicle, notes, look, all_simulated(files)
+    )
     if declared is None:
         return check
     recorded_speed = all("airspeed" in record.output_names for record in records)
-    density = declared.constants.get("air_density") if any(MADE_OF_PRESSURE in note for note in notes) else None
-    return replace(check, declared_speed=None if recorded_speed else settings.airspeed, declared_density=density)
+    density = (
+        declared.constants.get("air_density")
+        if any(MADE_OF_PRESSURE in note for note in notes)
+        else None
+    )
+    return replace(
+        check,
+        declared_speed=None if recorded_speed else settings.airspeed,
+        declared_density=density,
+    )
 
 
 def settings_of(vehicle: VehicleFile) -> CompatibilitySettings:
     """The constants that the kinematics use."""
     settings = CompatibilitySettings(
-        airspeed=_airspeed_of(vehicle), vane_arm=vehicle.constants.get("vane_arm", 0.0), chord=vehicle.constants.get("chord", 0.0)
+        airspeed=_airspeed_of(vehicle),
+        vane_arm=vehicle.constants.get("vane_arm", 0.0),
+        chord=vehicle.constants.get("chord", 0.0),
     )
-    return replace(settings, gravity=vehicle.constants["gravity"]) if "gravity" in vehicle.constants else settings
+    return (
+        replace(settings, gravity=vehicle.constants["gravity"])
+        if "gravity" in vehicle.constants
+        else settings
+    )
 
 
 def _airspeed_of(vehicle: VehicleFile) -> float:
-    """The declared airspeed; of equations that know the airspeed the one that they are referred to."""
+    """The declared airspeed; of equations that know the airspeed the one that they are referred
+    to.
+    """
     return next(vehicle.constants[name] for name in AIRSPEEDS if name in vehicle.constants)
 
 
 def record_to_check(
-    file: RecordFile, segment: Segment, plan: Plan, choices: Mapping[str, ColumnChoice] | None = None, vehicle: VehicleFile | None = None
+    file: RecordFile,
+    segment: Segment,
+    plan: Plan,
+    choices: Mapping[str, ColumnChoice] | None = None,
+    vehicle: VehicleFile | None = None,
 ) -> tuple[Record, tuple[str, ...], RecordCheck]:
-    """A part of a file with every channel that the kinematics know, sentences on how it was prepared, and what its raw columns show.
+    """A part of a file with every channel that the kinematics know, sentences on how it was
+    prepared, and what its raw columns show.
 
-    ``choices``: a channel map. ``vehicle``: its air density makes an airspeed of a recorded dynamic pressure where none is recorded.
+    ``choices``: a channel map. ``vehicle``: its air density makes an airspeed of a recorded dynamic
+    pressure where none is recorded.
 
     Raises
     ------
-    RecordError : anything that keeps the file from being used, none of the channels in it, or columns that are certainly not what they are called.
+    RecordError : anything that keeps the file from being used, none of the channels in it, or
+    columns that are certainly not what they are called.
     """
     from scenarios.files.records import read_with_notes
     from scenarios.preparation.reading import filtered, named
@@ -142,28 +222,53 @@ def record_to_check(
     # An input tells where a load may jump between two samples; it may be absent, and may have gaps.
     known = (*CHANNELS, PRESSURE, *INPUTS)
     named_file = with_names(file, plan.columns)
-    read, notes = read_with_notes(named_file, (), (), choices, segment.start, segment.stop, optional=known, hold=plan.hold, rate=plan.rate)
-    inputs = tuple(channel for channel in read.outputs if channel.name in INPUTS and np.all(channel.valid))
+    read, notes = read_with_notes(
+        named_file,
+        (),
+        (),
+        choices,
+        segment.start,
+        segment.stop,
+        optional=known,
+        hold=plan.hold,
+        rate=plan.rate,
+    )
+    inputs = tuple(
+        channel for channel in read.outputs if channel.name in INPUTS and np.all(channel.valid)
+    )
     outputs = tuple(channel for channel in read.outputs if channel.name not in INPUTS)
-    record = replace(read, inputs=inputs, outputs=outputs, name=named(file.identity.name, segment, several=len(plan.segments) > 1))
+    record = replace(
+        read,
+        inputs=inputs,
+        outputs=outputs,
+        name=named(file.identity.name, segment, several=len(plan.segments) > 1),
+    )
     (record,), look = checked_records([_unwrapped(record)], _expected(vehicle), plan)
     record, of_speed = _with_speed(record, vehicle)
     if not measured_channels(record) and not recorded(record):
         what = f"none of the channels that the kinematics join ({', '.join(CHANNELS)})"
-        raise RecordError(what, where=file.identity.name, remedy=f"name its columns so beside {TIME}, or give --channels a map")
+        raise RecordError(
+            what,
+            where=file.identity.name,
+            remedy=f"name its columns so beside {TIME}, or give --channels a map",
+        )
     record, of_filter = filtered(record, plan)
     return record, tuple(said for said in (*notes, of_speed, of_filter) if said), look
 
 
 def _unwrapped(record: Record) -> Record:
-    """The record with bank and heading that do not jump by a turn where they are shown within one."""
+    """The record with bank and heading that do not jump by a turn where they are shown within
+    one.
+    """
     outputs = []
     for channel in record.outputs:
         values = channel.values
         if channel.name in WRAPPED:
             values = np.full(len(record), np.nan)
             values[channel.valid] = np.unwrap(channel.values[channel.valid])
-        outputs.append(Channel.of(channel.name, channel.unit, values) if channel.name in WRAPPED else channel)
+        outputs.append(
+            Channel.of(channel.name, channel.unit, values) if channel.name in WRAPPED else channel
+        )
     return replace(record, outputs=tuple(outputs))
 
 
@@ -175,14 +280,20 @@ def _expected(vehicle: VehicleFile | None) -> Expectations:
 
 
 def _with_speed(record: Record, vehicle: VehicleFile | None) -> tuple[Record, str]:
-    """The record without its dynamic pressure, but with the airspeed that this makes where none is recorded and the air's density is known."""
+    """The record without its dynamic pressure, but with the airspeed that this makes where none is
+    recorded and the air's density is known.
+    """
     if PRESSURE not in record.output_names:
         return record, ""
     pressure = record[PRESSURE]
-    rest = replace(record, outputs=tuple(channel for channel in record.outputs if channel.name != PRESSURE))
+    rest = replace(
+        record, outputs=tuple(channel for channel in record.outputs if channel.name != PRESSURE)
+    )
     density = vehicle.constants.get("air_density") if vehicle is not None else None
     if density is None or "airspeed" in rest.output_names:
         return rest, ""
-    speed = np.sqrt(2.0 * np.maximum(np.where(pressure.valid, pressure.values, np.nan), 0.0) / density)
+    speed = np.sqrt(
+        2.0 * np.maximum(np.where(pressure.valid, pressure.values, np.nan), 0.0) / density
+    )
     said = f"{record.name}: {MADE_OF_PRESSURE}, in air of {density:g} kg/m3"
     return replace(rest, outputs=(*rest.outputs, Channel.of("airspeed", "m/s", speed))), said

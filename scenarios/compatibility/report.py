@@ -12,12 +12,29 @@ from rich.console import Console
 
 from ident.compatibility.kinematics import BOOM, PACKAGE, VANES
 from ident.compatibility.six_degrees.kinematics import CHANNELS
-from ident.compatibility.trials import CheckResult, Compatibility, FaultQuantity, SensorEstimate, SensorFinding
+from ident.compatibility.trials import (
+    CheckResult,
+    Compatibility,
+    FaultQuantity,
+    SensorEstimate,
+    SensorFinding,
+)
 from scenarios.compatibility.check import CompatibilityCheck, equivalent_constant, noise_levels
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
 from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import Block, Bullets, Column, Page, Prose, Table, as_sentence, now, reproduction, section
+from scenarios.pages.model import (
+    Block,
+    Bullets,
+    Column,
+    Page,
+    Prose,
+    Table,
+    as_sentence,
+    now,
+    reproduction,
+    section,
+)
 from scenarios.pages.tables import fixed_table, levels_of_noise, printed_blocks
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.formats import USUAL, Drawn, Formats
@@ -40,33 +57,54 @@ def check_figures(result: Compatibility, simulated: bool) -> Iterator[Named]:
     data = SIMULATED_DATA if simulated else MEASURED_DATA
     for number, item in enumerate(result.reconstructions, start=1):
         stem = "reconstruction" if number == 1 else f"reconstruction_{number}"
-        yield stem, partial(figure_reconstruction, item, f"{item.record}: {data} and reconstruction", data)
+        yield (
+            stem,
+            partial(figure_reconstruction, item, f"{item.record}: {data} and reconstruction", data),
+        )
 
 
 # ---- A check in the terminal
 
-WORDS = {"delay": "{} is late by {} s", "lag": "{} lags with {} s", "scale": "{} reads {} times the true value", "drift": "{} drifts by {}"} | {
-    "bias": "{} reads {} too much"
-}
+WORDS = {
+    "delay": "{} is late by {} s",
+    "lag": "{} lags with {} s",
+    "scale": "{} reads {} times the true value",
+    "drift": "{} drifts by {}",
+} | {"bias": "{} reads {} too much"}
 PLACES = {"arm": "ahead of", "arm-right": "to the right of", "arm-below": "below"}
 
 
-def print_check(check: CompatibilityCheck, out: Console | None = None, details: str = BELOW) -> None:
-    """Print a check: a summary, the estimates of all records together, those of the others where they differ, findings, limits."""
+def print_check(
+    check: CompatibilityCheck, out: Console | None = None, details: str = BELOW
+) -> None:
+    """Print a check: a summary, the estimates of all records together, those of the others where
+    they differ, findings, limits.
+    """
     out = out or console()
     result = check.result
     print_summary(out, check_summary(check, details))
     for record in check.records:
-        print_paragraph(out, f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s", indent=0)
+        print_paragraph(
+            out,
+            f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s",
+            indent=0,
+        )
     for line in (*(f"warning: {doubt}" for doubt in check.look.doubts), *record_lines(check.look)):
         print_paragraph(out, line, indent=0)
     for output, joined in result.relations.items():
         print_paragraph(out, f"relation of {output}: {', '.join(joined)}", indent=0)
     if result.joint.estimates:
-        print_estimates(out, "all records, one fault at a time" if len(check.records) > 1 else "one fault at a time", result.joint)
+        print_estimates(
+            out,
+            "all records, one fault at a time" if len(check.records) > 1 else "one fault at a time",
+            result.joint,
+        )
         if len(check.records) > 1:
             print_by_record(out, result.single, result.joint)
-        print_paragraph(out, f"noise (1 sigma; of what is integrated, as its integral shows it): {_noise(check)}")
+        print_paragraph(
+            out,
+            f"noise (1 sigma; of what is integrated, as its integral shows it): {_noise(check)}",
+        )
     for line in finding_lines(check):
         print_paragraph(out, line, indent=0)
     if result.cannot_tell:
@@ -88,11 +126,17 @@ def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
             said |= {finding.name, *finding.group}
             standing.append(" or ".join((finding.name, *finding.group)))
     told = [line.removeprefix("stands: ") for line in lines if line.startswith("stands")]
-    named = f"{check.records[0].name}{f' and {len(check.records) - 1} more' if len(check.records) > 1 else ''}"
-    checked = f"kinematics of {', '.join(result.relations)}" if result.relations else "the channels close no relation"
+    named = f"{check.records[0].name}{f' and {len(check.records) - 1} more' if len(check.records) > 1 else ''}"  # noqa: E501
+    checked = (
+        f"kinematics of {', '.join(result.relations)}"
+        if result.relations
+        else "the channels close no relation"
+    )
     return Summary(
         f"{named}, {samples} samples; {checked}",
-        f"stands: {', '.join(standing)}" if standing else next((line for line in lines if line.startswith(("no sensor", "nothing"))), lines[0]),
+        f"stands: {', '.join(standing)}"
+        if standing
+        else next((line for line in lines if line.startswith(("no sensor", "nothing"))), lines[0]),
         "; ".join(told),
         f"noise {_noise(check)}" if result.joint.noise_std else "",
         details,
@@ -100,7 +144,9 @@ def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
 
 
 def _noise(check: CompatibilityCheck) -> str:
-    return ", ".join(_level(name, std, unit_of(check, name)) for name, std in noise_levels(check).items())
+    return ", ".join(
+        _level(name, std, unit_of(check, name)) for name, std in noise_levels(check).items()
+    )
 
 
 def finding_lines(check: CompatibilityCheck) -> list[str]:
@@ -119,25 +165,44 @@ def finding_lines(check: CompatibilityCheck) -> list[str]:
         for single in result.single:
             drifts = [f for f in single.findings if f.stands and f.kind == "drift"]
             lines += [f"stands in {single.records[0]} alone: {sentence(f)}" for f in drifts[:1]]
-            lines += [f"stands in {single.records[0]}: {sentence(f)}" for f in single.findings if f.stands and f.kind == "bias"]
+            lines += [
+                f"stands in {single.records[0]}: {sentence(f)}"
+                for f in single.findings
+                if f.stands and f.kind == "bias"
+            ]
     if result.joint.estimates and not any(line.startswith("stands") for line in lines):
-        lines.append("no sensor fault stands: the channels agree with each other within their noise")
+        lines.append(
+            "no sensor fault stands: the channels agree with each other within their noise"
+        )
     if not result.relations:
         lines.append("nothing is checked: these channels close no relation of the kinematics")
     for item in result.joint.estimates:
         if item.told and not item.agrees:
-            lines.append(f"the two methods disagree on {item.name} by {abs(item.difference):.1f} sigmas: trust neither")
+            lines.append(
+                f"the two methods disagree on {item.name} by {abs(item.difference):.1f} sigmas: "
+                "trust neither"
+            )
     return lines
 
 
 def odds(finding: SensorFinding, findings: Sequence[SensorFinding]) -> str:
-    """Probabilities and sizes of a finding and of what would do as well, where one is an arm: how far sensors usually are off then counts."""
+    """Probabilities and sizes of a finding and of what would do as well, where one is an arm: how
+    far sensors usually are off then counts.
+    """
     by_name = {item.name: item for item in findings} | {finding.name: finding}
-    known = [(by_name[name], share) for name, share in finding.probabilities.items() if name in by_name]
+    known = [
+        (by_name[name], share) for name, share in finding.probabilities.items() if name in by_name
+    ]
     if len(known) < 2 or not any(item.kind in PLACES for item, _ in known):
         return ""
-    shown = [f"{_share(share)} that {fault_text(item)}" for item, share in sorted(known, key=lambda pair: -pair[1])]
-    prior = "a vane is metres ahead, an accelerometer within half a chord or a metre of the centre of gravity"
+    shown = [
+        f"{_share(share)} that {fault_text(item)}"
+        for item, share in sorted(known, key=lambda pair: -pair[1])
+    ]
+    prior = (
+        "a vane is metres ahead, an accelerometer within half a chord or a metre of the centre of "
+        "gravity"
+    )
     return f"probabilities, as {prior}: {'; '.join(shown)}"
 
 
@@ -154,7 +219,10 @@ def sentence(finding: SensorFinding) -> str:
 def fault_text(finding: SensorFinding) -> str:
     """What is wrong with the sensor, and by how much."""
     factor, shown = shown_in(finding.unit)
-    value = f"{number_text(factor * finding.value, factor * finding.std)} +- {number_text(factor * finding.std, factor * finding.std)}"
+    value = (
+        f"{number_text(factor * finding.value, factor * finding.std)} +- "
+        f"{number_text(factor * finding.std, factor * finding.std)}"
+    )
     if finding.kind in PLACES:
         return f"{_sensor(finding.channel)} {value} m {PLACES[finding.kind]} the centre of gravity"
     if finding.channel == "wind":
@@ -183,13 +251,38 @@ def print_estimates(out: Console, title: str, result: CheckResult) -> None:
         [
             TableColumn("fault", [row.name for row in rows], left=True),
             TableColumn("unit", [unit_cell(shown_in(row.unit).unit) for row in rows], left=True),
-            TableColumn("smoother", [_value(row, row.smoother.value, row.smoother.std) for row in rows]),
-            TableColumn("+- sigma", [_value(row, row.smoother.std, row.smoother.std) for row in rows], beside=True),
-            TableColumn("output error", [_value(row, row.output_error.value, row.output_error.std) for row in rows]),
-            TableColumn("+- sigma", [_value(row, row.output_error.std, row.output_error.std) for row in rows], beside=True),
-            TableColumn("apart, sigmas", [f"{row.difference:+.1f}" if row.told else "-" for row in rows]),
-            TableColumn("gain", [f"{row.gain:.1f}" if row.told and row.kind != "bias" else "-" for row in rows]),
-            TableColumn("", ["stands" if row.name in standing else "" if row.told else "cannot tell" for row in rows], left=True),
+            TableColumn(
+                "smoother", [_value(row, row.smoother.value, row.smoother.std) for row in rows]
+            ),
+            TableColumn(
+                "+- sigma",
+                [_value(row, row.smoother.std, row.smoother.std) for row in rows],
+                beside=True,
+            ),
+            TableColumn(
+                "output error",
+                [_value(row, row.output_error.value, row.output_error.std) for row in rows],
+            ),
+            TableColumn(
+                "+- sigma",
+                [_value(row, row.output_error.std, row.output_error.std) for row in rows],
+                beside=True,
+            ),
+            TableColumn(
+                "apart, sigmas", [f"{row.difference:+.1f}" if row.told else "-" for row in rows]
+            ),
+            TableColumn(
+                "gain",
+                [f"{row.gain:.1f}" if row.told and row.kind != "bias" else "-" for row in rows],
+            ),
+            TableColumn(
+                "",
+                [
+                    "stands" if row.name in standing else "" if row.told else "cannot tell"
+                    for row in rows
+                ],
+                left=True,
+            ),
         ],
     )
 
@@ -205,7 +298,8 @@ def print_by_record(out: Console, single: Sequence[CheckResult], joint: CheckRes
             item = table.get(name)
             told = item is not None and item.told
             cells.append(
-                f"{_value(item, item.smoother.value, item.smoother.std)} +- {_value(item, item.smoother.std, item.smoother.std)}"
+                f"{_value(item, item.smoother.value, item.smoother.std)} +- "
+                f"{_value(item, item.smoother.std, item.smoother.std)}"
                 if item and told
                 else "-"
             )
@@ -215,7 +309,8 @@ def print_by_record(out: Console, single: Sequence[CheckResult], joint: CheckRes
 
 def unit_of(check: CompatibilityCheck, name: str) -> str:
     """The unit of a channel."""
-    return next((record[name].unit for record in check.records if name in record.output_names), "g")  # nz made from az has no channel
+    # nz made from az has no channel
+    return next((record[name].unit for record in check.records if name in record.output_names), "g")
 
 
 def _value(row: SensorEstimate, value: float, std: float) -> str:
@@ -240,7 +335,9 @@ def check_page(check: CompatibilityCheck, drawn: Sequence[Drawn] = ()) -> Page:
     faults = [finding.name for finding in result.findings if finding.stands]
     checked = bool(result.relations)
     inputs = [("checked", file.name, file.sha256) for file in check.files]
-    inputs += [("vehicle", check.vehicle.name, check.vehicle.sha256)] if check.vehicle is not None else []
+    inputs += (
+        [("vehicle", check.vehicle.name, check.vehicle.sha256)] if check.vehicle is not None else []
+    )
     given = ["--vehicle", check.vehicle.name] if check.vehicle is not None else []
     return Page(
         title=f"{names}: data compatibility",
@@ -253,12 +350,16 @@ def check_page(check: CompatibilityCheck, drawn: Sequence[Drawn] = ()) -> Page:
         sections=(
             *section("What stands", Bullets(tuple(map(as_sentence, lines)))),
             *section("Every fault by both methods", *_estimates(check)),
-            *section("What these channels cannot tell", Bullets(tuple(map(_limit, result.cannot_tell)))),
+            *section(
+                "What these channels cannot tell", Bullets(tuple(map(_limit, result.cannot_tell)))
+            ),
             *section("Figures", *figures(drawn)),
             *section("The record as it was recorded", record_table(check.look)),
             *section("How it was made", *_made(check)),
         ),
-        reproduction=reproduction(["flightid", "check", *(file.name for file in check.files), *given], "", inputs),
+        reproduction=reproduction(
+            ["flightid", "check", *(file.name for file in check.files), *given], "", inputs
+        ),
         created=now(),
     )
 
@@ -277,22 +378,38 @@ def _estimates(check: CompatibilityCheck) -> list[Block]:
     blocks = printed_blocks(partial(print_estimates, title=title, result=result.joint))
     if several:
         units = {item.name: item.unit for item in result.joint.estimates}
-        blocks += printed_blocks(partial(print_by_record, single=result.single, joint=result.joint), units)
-    noise = {name: (std, unit_of(check, name)) for name, std in noise_levels(check).items() if std is not None}
+        blocks += printed_blocks(
+            partial(print_by_record, single=result.single, joint=result.joint), units
+        )
+    noise = {
+        name: (std, unit_of(check, name))
+        for name, std in noise_levels(check).items()
+        if std is not None
+    }
     caption = "Noise, one sigma; of what is integrated as its integral shows it"
-    return [*blocks, Prose("Gain of the log likelihood by this fault alone.", "note"), levels_of_noise(caption, noise)]
+    return [
+        *blocks,
+        Prose("Gain of the log likelihood by this fault alone.", "note"),
+        levels_of_noise(caption, noise),
+    ]
 
 
 def _made(check: CompatibilityCheck) -> list[Block]:
     settings = check.settings
-    parts = tuple(f"{r.name}: {len(r)} samples, {r.time[0]:g} to {r.time[-1]:g} s" for r in check.records)
+    parts = tuple(
+        f"{r.name}: {len(r)} samples, {r.time[0]:g} to {r.time[-1]:g} s" for r in check.records
+    )
     relations = tuple((name, ", ".join(joined)) for name, joined in check.result.relations.items())
     held = {"gravity": (settings.gravity, "m/s2"), "vane_arm": (settings.vane_arm, "m")}
     held |= {"airspeed": (settings.airspeed, "m/s")} if settings.airspeed is not None else {}
     notes = tuple(map(as_sentence, (*check.notes, *check.result.notes)))
     return [
         Bullets(parts),
-        Table("Which channels each relation joins", (Column("relation of"), Column("channels")), relations),
+        Table(
+            "Which channels each relation joins",
+            (Column("relation of"), Column("channels")),
+            relations,
+        ),
         Bullets(notes),
         fixed_table("Constants", held),
     ]
@@ -325,7 +442,8 @@ def check_content(check: CompatibilityCheck) -> dict[str, Any]:
         "schema": SCHEMA,
         "channels": list(result.channels),
         "relations": {name: list(joined) for name, joined in result.relations.items()},
-        "constants": constants | ({"airspeed": check.settings.airspeed} if check.settings.airspeed is not None else {}),
+        "constants": constants
+        | ({"airspeed": check.settings.airspeed} if check.settings.airspeed is not None else {}),
         "joint": _result(check, result.joint),
         "single": [_result(check, item) for item in result.single],
         "findings": [_finding(item) for item in result.findings if item.stands],
@@ -336,7 +454,11 @@ def check_content(check: CompatibilityCheck) -> dict[str, Any]:
         "inputs": {
             "records": [item.name for item in check.files],
             "sha256": [item.sha256 for item in check.files],
-            **({"vehicle": {"name": check.vehicle.name, "sha256": check.vehicle.sha256}} if check.vehicle is not None else {}),
+            **(
+                {"vehicle": {"name": check.vehicle.name, "sha256": check.vehicle.sha256}}
+                if check.vehicle is not None
+                else {}
+            ),
         },
         "versions": versions(),
     }
@@ -344,7 +466,11 @@ def check_content(check: CompatibilityCheck) -> dict[str, Any]:
 
 def _equivalents(check: CompatibilityCheck) -> list[str]:
     """Numbers of the vehicle file that would explain a finding as well."""
-    found = [(finding.name, equivalent_constant(check, finding)) for finding in check.result.findings if finding.stands]
+    found = [
+        (finding.name, equivalent_constant(check, finding))
+        for finding in check.result.findings
+        if finding.stands
+    ]
     return [f"{name}: {said}" for name, said in found if said]
 
 
@@ -354,7 +480,9 @@ def _result(check: CompatibilityCheck, result: CheckResult) -> dict[str, Any]:
         "estimates": {item.name: _estimate(item) for item in result.estimates},
         "biases": {item.name: _estimate(item) for item in result.biases},
         "tested": [_finding(item) for item in result.findings],
-        "noise_std": {name: level for name, level in noise_levels(check, result).items() if level is not None},
+        "noise_std": {
+            name: level for name, level in noise_levels(check, result).items() if level is not None
+        },
     }
 
 

@@ -1,4 +1,6 @@
-"""The tracing loop on files: records, vehicle and candidates put together, something held out where no record is named for it."""
+"""The tracing loop on files: records, vehicle and candidates put together, something held out where
+no record is named for it.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +11,25 @@ from typing import TYPE_CHECKING
 from ident.tracing.diagnosis import Diagnosis, Prediction, Verdict
 from scenarios.diagnosis.candidates import can_act, candidates_for
 from scenarios.diagnosis.effort import settings_of
-from scenarios.diagnosis.input_reading import better, left_open, moves_between_samples, no_worse, read_again, rise, tells_times
+from scenarios.diagnosis.input_reading import (
+    better,
+    left_open,
+    moves_between_samples,
+    no_worse,
+    read_again,
+    rise,
+    tells_times,
+)
 from scenarios.diagnosis.kinematic_records import OF_MODEL, kinematics_of_files
 from scenarios.diagnosis.laid_down import at_bounds, said_of
-from scenarios.diagnosis.opening import Opened, Posed, opened_files, own_effects, posed_for, vehicle_path_of
+from scenarios.diagnosis.opening import (
+    Opened,
+    Posed,
+    opened_files,
+    own_effects,
+    posed_for,
+    vehicle_path_of,
+)
 from scenarios.diagnosis.overflows import Overflows, Trace
 from scenarios.diagnosis.tracing import Inputs, Tracing
 from scenarios.files.measured.record_file import all_simulated, refuse_twice
@@ -42,9 +59,11 @@ def diagnose_files(
 
     Parameters
     ----------
-    request : the files and how they are read. With none to validate on, the last of several records, or the last part of one, is held out.
-    progress : told the stage and the share done, 0 to 1. trace : the loop; None takes ``ident.tracing.loop.diagnose``.
-    outlook : told before the search what its result is if it finds nothing, where that is likely; again where inputs are read in another way.
+    request : the files and how they are read. With none to validate on, the last of several
+    records, or the last part of one, is held out. progress : told the stage and the share done, 0
+    to 1. trace : the loop; None takes ``ident.tracing.loop.diagnose``. outlook : told before the
+    search what its result is if it finds nothing, where that is likely; again where inputs are read
+    in another way.
 
     Raises
     ------
@@ -52,7 +71,10 @@ def diagnose_files(
     """
     refuse_unknown_model(request.model, "--model")
     usual = settings_of(request.effort)
-    refuse_twice([*request.records, *request.validate], "name each record once, for the fit or for --validate")
+    refuse_twice(
+        [*request.records, *request.validate],
+        "name each record once, for the fit or for --validate",
+    )
     progress("reading", 0.0)
     opened = opened_files(request, vehicle_path_of(request))
     posed = posed_for(opened, request.plan)
@@ -63,8 +85,18 @@ def diagnose_files(
     study = _Study(request, opened, of_effects, candidates, settings, overflows)
 
     def looped(posed: Posed) -> Diagnosis:
-        given = (posed.records, posed.model, candidates, guards, posed.predicted, settings, progress)
-        return run(*given, None if outlook is None else lambda likely: outlook(study.told(posed, likely)))
+        given = (
+            posed.records,
+            posed.model,
+            candidates,
+            guards,
+            posed.predicted,
+            settings,
+            progress,
+        )
+        return run(
+            *given, None if outlook is None else lambda likely: outlook(study.told(posed, likely))
+        )
 
     diagnosis = looped(posed)
     part = moves_between_samples(diagnosis, candidates, posed.records)
@@ -78,7 +110,11 @@ def diagnose_files(
             elif not part:
                 posed = replace(posed, notes=(*posed.notes, *left_open(again, diagnosis)))
     # Only a verdict that needs evidence is worth a check, which costs as much as some candidates.
-    kinematics = _kinematics(opened, posed, request.plan) if diagnosis.verdict is not Verdict.CONSISTENT else None
+    kinematics = (
+        _kinematics(opened, posed, request.plan)
+        if diagnosis.verdict is not Verdict.CONSISTENT
+        else None
+    )
     return study.told(posed, diagnosis, kinematics, _decides(diagnosis, request, opened, posed))
 
 
@@ -98,12 +134,20 @@ class _Study:
         beside = vehicle_next_to(self.request.records[0]) if self.request.vehicle is None else None
         return files_read_unnamed([*self.opened.records, *self.opened.validation], beside)
 
-    def told(self, posed: Posed, diagnosis: Diagnosis, kinematics: Kinematics | None = None, decides: DesignResult | None = None) -> Tracing:
+    def told(
+        self,
+        posed: Posed,
+        diagnosis: Diagnosis,
+        kinematics: Kinematics | None = None,
+        decides: DesignResult | None = None,
+    ) -> Tracing:
         """The result with what went in."""
         opened = self.opened
         diagnosis = replace(diagnosis, predictions=_whole(diagnosis.predictions, posed.parted))
         if not moves_about_rest(posed.model):
-            diagnosis = replace(diagnosis, derived_before={}, derived_after={}, modes_before=None, modes_after=None)
+            diagnosis = replace(
+                diagnosis, derived_before={}, derived_after={}, modes_before=None, modes_after=None
+            )
         assert opened.vehicle.identity is not None
         diagnosis, pressed = at_bounds(diagnosis, opened.vehicle.constraints)
         return Tracing(
@@ -112,11 +156,22 @@ class _Study:
             posed.model,
             posed.records,
             posed.predicted,
-            Inputs(posed.fitted, posed.validation, opened.vehicle.identity, self.of_effects, opened.vehicle.own_file),
+            Inputs(
+                posed.fitted,
+                posed.validation,
+                opened.vehicle.identity,
+                self.of_effects,
+                opened.vehicle.own_file,
+            ),
             posed.held_out_from,
             {effect.name: " ".join(effect.explanation.split()) for effect in self.candidates},
             {effect.name: effect.traits for effect in reversed(self.candidates)},
-            (*self._read_beside(), *posed.notes, *said_of(opened.vehicle.constraints, posed.model), *pressed),
+            (
+                *self._read_beside(),
+                *posed.notes,
+                *said_of(opened.vehicle.constraints, posed.model),
+                *pressed,
+            ),
             posed.doubts,
             kinematics,
             posed.look,
@@ -142,18 +197,24 @@ def _whole(predictions: Sequence[Prediction], parted: Sequence[Parted]) -> tuple
     return tuple(out)
 
 
-def _decides(diagnosis: Diagnosis, request: Request, opened: Opened, posed: Posed) -> DesignResult | None:
+def _decides(
+    diagnosis: Diagnosis, request: Request, opened: Opened, posed: Posed
+) -> DesignResult | None:
     """The maneuver that would decide; only an ambiguous verdict costs its time."""
     if diagnosis.verdict is not Verdict.AMBIGUOUS:
         return None
     from scenarios.diagnosis.deciding import deciding_maneuver
 
-    return deciding_maneuver(diagnosis, request, opened.vehicle, posed.model, (*posed.records, *posed.predicted))
+    return deciding_maneuver(
+        diagnosis, request, opened.vehicle, posed.model, (*posed.records, *posed.predicted)
+    )
 
 
 def _may_read_again(opened: Opened, plan: Plan) -> bool:
     """Whether nobody said how inputs are to be read between samples."""
-    return plan.hold is None and not any(file.sidecar.says_hold for file in (*opened.records, *opened.validation))
+    return plan.hold is None and not any(
+        file.sidecar.says_hold for file in (*opened.records, *opened.validation)
+    )
 
 
 def _guards(model: Model) -> Sequence[Traceable]:
@@ -174,14 +235,24 @@ def _loop(model: Model) -> Trace:
 
 
 def _kinematics(opened: Opened, posed: Posed, plan: Plan) -> Kinematics | None:
-    """The check of the kinematics alone: on all that was read where one record is fitted, else on the fitted records; None where there is none."""
+    """The check of the kinematics alone: on all that was read where one record is fitted, else on
+    the fitted records; None where there is none.
+    """
     own = opened.vehicle.own
     if not (is_of_aircraft(own) if own is not None else opened.vehicle.model in OF_MODEL):
         return None
     parts = [(file, segment) for file in opened.records for segment in plan.segments]
     if len(posed.records) == 1:
-        parts += [(file, segment) for file in opened.validation for segment in WHOLE] if plan.segments == WHOLE else []
+        parts += (
+            [(file, segment) for file in opened.validation for segment in WHOLE]
+            if plan.segments == WHOLE
+            else []
+        )
     elif not opened.validation:
         (last, segment) = parts.pop()
-        parts += [(last, replace(segment, stop=posed.held_out_from))] if posed.held_out_from is not None else []
+        parts += (
+            [(last, replace(segment, stop=posed.held_out_from))]
+            if posed.held_out_from is not None
+            else []
+        )
     return kinematics_of_files(parts, opened.vehicle, opened.choices, plan)

@@ -1,4 +1,6 @@
-"""The model of a diagnosis as its study folder keeps it: as declared, and with the effects found."""
+"""The model of a diagnosis as its study folder keeps it: as declared, and with the effects
+found.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ SPIKES = "sensor-spikes:"
 
 
 def kept_diagnosis(tracing: Tracing) -> KeptModel | None:
-    """The model that a diagnosis leaves; None where the loop did not say what it was fitted with."""
+    """The model that a diagnosis leaves; None where the loop did not say what it was fitted
+    with.
+    """
     d, plan, vehicle = tracing.diagnosis, tracing.plan, tracing.vehicle
     if d.trained_before is None or d.trained_after is None:
         return None
@@ -25,7 +29,11 @@ def kept_diagnosis(tracing: Tracing) -> KeptModel | None:
         trusted=plan.trusted,
     )
     claimed = tuple(claim.name for claim in d.effects if claim.claimed)
-    spiked = tuple(name.removeprefix(SPIKES) for name in claimed if name.startswith(SPIKES) and name.removeprefix(SPIKES) in inputs)
+    spiked = tuple(
+        name.removeprefix(SPIKES)
+        for name in claimed
+        if name.startswith(SPIKES) and name.removeprefix(SPIKES) in inputs
+    )
     return KeptModel(
         DIAGNOSE,
         vehicle.model,

@@ -1,4 +1,6 @@
-"""The records of a diagnosis that its kinematics are asked of, and the check: which channels, how many samples, under which names."""
+"""The records of a diagnosis that its kinematics are asked of, and the check: which channels, how
+many samples, under which names.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.compatibility.trials import CheckResult, Compatibility, CompatibilitySettings, SensorEstimate, SensorFinding
+from ident.compatibility.trials import (
+    CheckResult,
+    Compatibility,
+    CompatibilitySettings,
+    SensorEstimate,
+    SensorFinding,
+)
 from scenarios.diagnosis.kinematics import Kinematics
 from sim.errors import FlightidError
 from sim.record import Record
@@ -19,7 +27,8 @@ if TYPE_CHECKING:
     from scenarios.files.vehicles import VehicleFile
     from scenarios.preparation.plan import Plan, Segment
 
-ENOUGH = 2600  # samples, two records of 25 s at 50 Hz: the cost grows with them, the search has the rest
+# samples, two records of 25 s at 50 Hz: the cost grows with them, the search has the rest
+ENOUGH = 2600
 BANK = "phi"
 MOST = 12  # records, so that of each some twenty seconds at 10 Hz are left
 
@@ -28,9 +37,10 @@ MOST = 12  # records, so that of each some twenty seconds at 10 Hz are left
 class Relations:
     """What the kinematics are asked of the records of one kind of equations.
 
-    ``needed``: channels without which a record is left out. ``channels``: those that take part, where they are recorded. ``rates``: those by
-    which a stretch is lively. ``six``: the relations of six degrees of freedom, with load factors in the place of accelerometers.
-    ``names``: of a fault there, that of the model's effect, where it differs.
+    ``needed``: channels without which a record is left out. ``channels``: those that take part,
+    where they are recorded. ``rates``: those by which a stretch is lively. ``six``: the relations
+    of six degrees of freedom, with load factors in the place of accelerometers. ``names``: of a
+    fault there, that of the model's effect, where it differs.
     """
 
     needed: tuple[str, ...]
@@ -40,7 +50,9 @@ class Relations:
     names: Mapping[str, str] = field(default_factory=dict)
 
 
-PITCH = Relations(("alpha", "q", "nz"), ("alpha", "q", "nz", "az", "theta", "airspeed", "ax"), six=False)
+PITCH = Relations(
+    ("alpha", "q", "nz"), ("alpha", "q", "nz", "az", "theta", "airspeed", "ax"), six=False
+)
 # An airspeed that the equations move is no constant to the kinematics either.
 LONGITUDINAL = Relations(
     ("alpha", "q", "nz", "airspeed"),
@@ -53,14 +65,22 @@ LATERAL = Relations(
     ("p", "r"),
     names={"vane-offset:beta": "vane-offset"},
 )
-OF_MODEL: Mapping[str, Relations] = {"rigid": PITCH, "flexible": PITCH, "longitudinal": LONGITUDINAL, "lateral": LATERAL}
+OF_MODEL: Mapping[str, Relations] = {
+    "rigid": PITCH,
+    "flexible": PITCH,
+    "longitudinal": LONGITUDINAL,
+    "lateral": LATERAL,
+}
 
 
 def kinematics_of_files(
-    parts: Sequence[tuple[RecordFile, Segment]], vehicle: VehicleFile, choices: Mapping[str, ColumnChoice] | None = None, plan: Plan | None = None
+    parts: Sequence[tuple[RecordFile, Segment]],
+    vehicle: VehicleFile,
+    choices: Mapping[str, ColumnChoice] | None = None,
+    plan: Plan | None = None,
 ) -> Kinematics:
-    """What ``flightid check`` says of all parts of files that measure what the model's relations need, of about ``ENOUGH`` samples; never
-    raised, but told.
+    """What ``flightid check`` says of all parts of files that measure what the model's relations
+    need, of about ``ENOUGH`` samples; never raised, but told.
 
     ``choices``: a channel map. ``plan``: how they are prepared; its segments are not asked.
     """
@@ -69,18 +89,22 @@ def kinematics_of_files(
 
     plan = plan or Plan()
     try:
-        records = (record_to_check(file, segment, plan, choices, vehicle)[0] for file, segment in parts)
+        records = (
+            record_to_check(file, segment, plan, choices, vehicle)[0] for file, segment in parts
+        )
         return kinematics_of(records, settings_of(vehicle), OF_MODEL.get(vehicle.model, PITCH))
     except FlightidError as error:
         return Kinematics((), None, _could_not(error))
 
 
-def kinematics_of(records: Iterable[Record], settings: CompatibilitySettings, asked: Relations = PITCH) -> Kinematics:
-    """Check all records that measure what is needed, each at its own airspeed; of many samples the liveliest stretch of each, about ``ENOUGH``
-    together.
+def kinematics_of(
+    records: Iterable[Record], settings: CompatibilitySettings, asked: Relations = PITCH
+) -> Kinematics:
+    """Check all records that measure what is needed, each at its own airspeed; of many samples the
+    liveliest stretch of each, about ``ENOUGH`` together.
 
-    Several airspeeds tell the arm of a vane from a delay, so that no record is left out but beyond ``MOST``. A check that fails is told,
-    never raised.
+    Several airspeeds tell the arm of a vane from a delay, so that no record is left out but beyond
+    ``MOST``. A check that fails is told, never raised.
     """
     from ident.compatibility.check import compatibility
 
@@ -89,29 +113,44 @@ def kinematics_of(records: Iterable[Record], settings: CompatibilitySettings, as
         if banked and not records:
             return Kinematics((), None, banked[0])
         records = [_taking_part(record, asked) for record in records]
-        chosen = [record for record in records if set(asked.needed) <= set(_measured(record, asked))]
+        chosen = [
+            record for record in records if set(asked.needed) <= set(_measured(record, asked))
+        ]
         chosen = shortened(spread(chosen, MOST), ENOUGH, asked.rates)
         names = tuple(record.name for record in chosen)
         if not chosen:
-            return Kinematics((), None, f"no record measures {', '.join(asked.needed)} together: their kinematics cannot be checked")
+            return Kinematics(
+                (),
+                None,
+                f"no record measures {', '.join(asked.needed)} together: their kinematics cannot "
+                "be checked",
+            )
     except FlightidError as error:
         return Kinematics((), None, _could_not(error))
     try:
-        return Kinematics(names, _renamed(compatibility(chosen, settings, each=False, six=asked.six), asked.names))
+        return Kinematics(
+            names, _renamed(compatibility(chosen, settings, each=False, six=asked.six), asked.names)
+        )
     except (FlightidError, ArithmeticError, ValueError) as error:
         # Evidence beside a diagnosis must not cost the diagnosis; LinAlgError is a ValueError.
         return Kinematics(names, None, _could_not(error))
 
 
-def _level(records: list[Record], settings: CompatibilitySettings, asked: Relations) -> tuple[list[Record], list[str]]:
-    """Of relations without a bank angle the records in which the wings were level enough for them, and what is said of the others."""
+def _level(
+    records: list[Record], settings: CompatibilitySettings, asked: Relations
+) -> tuple[list[Record], list[str]]:
+    """Of relations without a bank angle the records in which the wings were level enough for them,
+    and what is said of the others.
+    """
     from ident.compatibility.six_degrees.kinematics import misled_by_bank
 
     if BANK in asked.channels:
         return records, []
     kept, told = list[Record](), list[str]()
     for record in records:
-        unbanked = replace(record, outputs=tuple(channel for channel in record.outputs if channel.name != BANK))
+        unbanked = replace(
+            record, outputs=tuple(channel for channel in record.outputs if channel.name != BANK)
+        )
         said = misled_by_bank([unbanked], settings.airspeed, settings.gravity)
         told += said
         kept += [] if said else [record]
@@ -143,26 +182,43 @@ def _renamed(result: Compatibility, names: Mapping[str, str]) -> Compatibility:
         return replace(item, name=names.get(item.name, item.name))
 
     def finding(item: SensorFinding) -> SensorFinding:
-        return replace(item, name=names.get(item.name, item.name), group=tuple(names.get(name, name) for name in item.group))
+        return replace(
+            item,
+            name=names.get(item.name, item.name),
+            group=tuple(names.get(name, name) for name in item.group),
+        )
 
     def checked(each: CheckResult) -> CheckResult:
-        return replace(each, estimates=tuple(map(estimate, each.estimates)), findings=tuple(map(finding, each.findings)))
+        return replace(
+            each,
+            estimates=tuple(map(estimate, each.estimates)),
+            findings=tuple(map(finding, each.findings)),
+        )
 
     return replace(result, joint=checked(result.joint), single=tuple(map(checked, result.single)))
 
 
 def spread(records: Sequence[Record], most: int) -> list[Record]:
-    """No more than ``most`` records, in their order: those whose mean airspeeds are spread widest, where it is recorded; else the first."""
+    """No more than ``most`` records, in their order: those whose mean airspeeds are spread widest,
+    where it is recorded; else the first.
+    """
     if len(records) <= most:
         return list(records)
-    speeds = [np.nanmean(record["airspeed"].values) if "airspeed" in record.output_names else 0.0 for record in records]
+    speeds = [
+        np.nanmean(record["airspeed"].values) if "airspeed" in record.output_names else 0.0
+        for record in records
+    ]
     ranked = np.argsort(speeds, kind="stable") if np.ptp(speeds) > 0 else np.arange(most)
     kept = set(ranked[np.round(np.linspace(0, len(ranked) - 1, most)).astype(int)].tolist())
     return [record for i, record in enumerate(records) if i in kept]
 
 
-def shortened(records: Sequence[Record], enough: int, rates: Sequence[str] = ("q",)) -> list[Record]:
-    """The records, of about ``enough`` samples together: of those longer than their share the stretch in which the ``rates`` move most."""
+def shortened(
+    records: Sequence[Record], enough: int, rates: Sequence[str] = ("q",)
+) -> list[Record]:
+    """The records, of about ``enough`` samples together: of those longer than their share the
+    stretch in which the ``rates`` move most.
+    """
     if sum(len(record) for record in records) <= enough:
         return list(records)
     left, share = enough, {}
@@ -186,4 +242,7 @@ def _liveliest(record: Record, count: int, rates: Sequence[str]) -> Record:
 
 
 def _could_not(error: Exception) -> str:
-    return f"the kinematics could not be checked: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
+    return (
+        "the kinematics could not be checked: "
+        f"{str(error).splitlines()[0] if str(error) else type(error).__name__}"
+    )

@@ -1,4 +1,6 @@
-"""What the kinematics alone say of a diagnosis: evidence of its own for or against the sensor effects that it names."""
+"""What the kinematics alone say of a diagnosis: evidence of its own for or against the sensor
+effects that it names.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +13,36 @@ from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.terminal.quantities import with_sigma
 
 APART = 3.0  # standard deviations within which two values agree
-PARAMETERS = {"delay": "delay", "lag": "time_constant", "scale": "scale", "drift": "slope", "arm": "arm"}
+PARAMETERS = {
+    "delay": "delay",
+    "lag": "time_constant",
+    "scale": "scale",
+    "drift": "slope",
+    "arm": "arm",
+}
 BIAS = "bias"  # no effect: the fits of a diagnosis leave one of each channel free
-AGREES, IN_KIND, DIFFERS, CONTRADICTS, NOTHING = "agrees", "agrees in kind", "differs in size", "contradicts", "says nothing"
-# The arm of a vane is to the kinematics that of an accelerometer on the other side: (d/V) q against the integral of (g/V) (arm/g) q_dot.
-MIRRORED = {"vane-offset": "accelerometer-offset:nz", "accelerometer-offset:nz": "vane-offset", "accelerometer-offset:ny": "vane-offset"}
+AGREES, IN_KIND, DIFFERS, CONTRADICTS, NOTHING = (
+    "agrees",
+    "agrees in kind",
+    "differs in size",
+    "contradicts",
+    "says nothing",
+)
+# The arm of a vane is to the kinematics that of an accelerometer on the other side: (d/V) q against
+# the integral of (g/V) (arm/g) q_dot.
+MIRRORED = {
+    "vane-offset": "accelerometer-offset:nz",
+    "accelerometer-offset:nz": "vane-offset",
+    "accelerometer-offset:ny": "vane-offset",
+}
 _TIMES = ("delay", "lag")  # sizes of these can be compared, of one channel
 
 
 @dataclass(frozen=True, eq=False)
 class Kinematics:
-    """A check of some of a diagnosis' records (``records``: their names). ``result`` is None where none was possible, ``why`` says it."""
+    """A check of some of a diagnosis' records (``records``: their names). ``result`` is None where
+    none was possible, ``why`` says it.
+    """
 
     records: tuple[str, ...]
     result: Compatibility | None
@@ -30,8 +51,9 @@ class Kinematics:
 
 @dataclass(frozen=True)
 class Agreement:
-    """One sensor effect of a diagnosis against the kinematics: ``says`` one of AGREES, IN_KIND (another of its group,
-    whose size is of another nature), DIFFERS, CONTRADICTS, NOTHING; ``found`` their value."""
+    """One sensor effect of a diagnosis against the kinematics: ``says`` one of AGREES, IN_KIND
+    (another of its group, whose size is of another nature), DIFFERS, CONTRADICTS, NOTHING;
+    ``found`` their value."""
 
     effect: str
     says: str
@@ -40,15 +62,21 @@ class Agreement:
 
 
 def agreements(kinematics: Kinematics, claims: Sequence[Claim]) -> list[Agreement]:
-    """Each sensor effect of the claims, in their order, against what the kinematics make of the same fault."""
+    """Each sensor effect of the claims, in their order, against what the kinematics make of the
+    same fault.
+    """
     result = kinematics.result
     if result is None:
         return []
-    return [_agreement(claim, result) for claim in claims if _is_sensor(claim.name) and claim.parameters]
+    return [
+        _agreement(claim, result) for claim in claims if _is_sensor(claim.name) and claim.parameters
+    ]
 
 
 def unnamed(kinematics: Kinematics, claims: Sequence[Claim]) -> list[SensorFinding]:
-    """Faults that stand in the kinematics and belong to the group of no claim and are no twin of one, one of each group."""
+    """Faults that stand in the kinematics and belong to the group of no claim and are no twin of
+    one, one of each group.
+    """
     from sim.effects.library import traits_of
 
     said = {name for claim in claims for name in (claim.name, *claim.alternatives)}
@@ -65,43 +93,84 @@ def _agreement(claim: Claim, result: Compatibility) -> Agreement:
     mine = next(iter(claim.parameters.values()))
     members = {claim.name, *claim.alternatives}
     standing = [finding for finding in result.findings if finding.stands and finding.kind != BIAS]
-    named = sorted((f for f in standing if f.name in members), key=lambda f: (f.name != claim.name, not _comparable(f, claim.name)))
+    named = sorted(
+        (f for f in standing if f.name in members),
+        key=lambda f: (f.name != claim.name, not _comparable(f, claim.name)),
+    )
     if named and _comparable(named[0], claim.name):
         return _compared(claim, mine, named[0])
-    kin = next((finding for finding in standing if members.intersection((finding.name, *finding.group))), None)
+    kin = next(
+        (finding for finding in standing if members.intersection((finding.name, *finding.group))),
+        None,
+    )
     if kin is not None:
         found = Quantity(kin.value, kin.std, kin.unit)
         if kin.name == MIRRORED.get(claim.name):
             return _on_the_other_side(claim, mine, found, kin)
-        words = f"of the group that the diagnosis names with {claim.name}; their sizes cannot be compared"
-        return Agreement(claim.name, IN_KIND, found, f"kinematics alone say: {kin.name} {with_sigma(found)}: {words}")
-    return _ruled_out(claim, result) or _unproven(claim, mine, next((item for item in result.joint.estimates if item.name == claim.name), None))
+        words = (
+            f"of the group that the diagnosis names with {claim.name}; their sizes cannot be "
+            "compared"
+        )
+        return Agreement(
+            claim.name,
+            IN_KIND,
+            found,
+            f"kinematics alone say: {kin.name} {with_sigma(found)}: {words}",
+        )
+    return _ruled_out(claim, result) or _unproven(
+        claim,
+        mine,
+        next((item for item in result.joint.estimates if item.name == claim.name), None),
+    )
 
 
 def _comparable(finding: SensorFinding, name: str) -> bool:
-    """Whether the size of a finding is of the nature of that of the effect ``name``: the same, or both times of one channel."""
+    """Whether the size of a finding is of the nature of that of the effect ``name``: the same, or
+    both times of one channel.
+    """
     kind, _, channel = name.removeprefix("sensor-").partition(":")
-    return finding.name == name or (finding.kind in _TIMES and kind in _TIMES and finding.channel == channel)
+    return finding.name == name or (
+        finding.kind in _TIMES and kind in _TIMES and finding.channel == channel
+    )
 
 
 def _compared(claim: Claim, mine: Quantity, same: SensorFinding) -> Agreement:
     found = Quantity(same.value, same.std, same.unit)
     told = f"kinematics alone say: {same.name} {with_sigma(found)}"
-    group = "" if same.name == claim.name else f"of the group that the diagnosis names with {claim.name}: "
+    group = (
+        ""
+        if same.name == claim.name
+        else f"of the group that the diagnosis names with {claim.name}: "
+    )
     if _differ(found, mine, worth_of(same)):
-        words = f"differs: {with_sigma(found)} against {with_sigma(mine)} in the diagnosis, {_apart(found, mine):.1f} sigmas"
+        words = (
+            f"differs: {with_sigma(found)} against {with_sigma(mine)} in the diagnosis, "
+            f"{_apart(found, mine):.1f} sigmas"
+        )
         return Agreement(claim.name, DIFFERS, found, f"{told}: {group}{words}")
-    return Agreement(claim.name, AGREES, found, f"{told}: {group}agrees with the diagnosis, {with_sigma(mine)}")
+    return Agreement(
+        claim.name, AGREES, found, f"{told}: {group}agrees with the diagnosis, {with_sigma(mine)}"
+    )
 
 
-def _on_the_other_side(claim: Claim, mine: Quantity, found: Quantity, kin: SensorFinding) -> Agreement:
+def _on_the_other_side(
+    claim: Claim, mine: Quantity, found: Quantity, kin: SensorFinding
+) -> Agreement:
     """An arm where the kinematics found its twin, whose arm points the other way."""
     as_mine = Quantity(-found.value, found.std, found.unit)
-    told = f"kinematics alone say: {kin.name} {with_sigma(found)}, which they cannot tell from {claim.name} {with_sigma(as_mine)}"
+    told = (
+        f"kinematics alone say: {kin.name} {with_sigma(found)}, which they cannot tell from "
+        f"{claim.name} {with_sigma(as_mine)}"
+    )
     if _differ(as_mine, mine, worth_of(kin)):
-        words = f"differs from {with_sigma(mine)} in the diagnosis by {_apart(as_mine, mine):.1f} sigmas"
+        words = (
+            f"differs from {with_sigma(mine)} in the diagnosis by {_apart(as_mine, mine):.1f} "
+            "sigmas"
+        )
         return Agreement(claim.name, DIFFERS, found, f"{told}: {words}")
-    return Agreement(claim.name, AGREES, found, f"{told}: agrees with the diagnosis, {with_sigma(mine)}")
+    return Agreement(
+        claim.name, AGREES, found, f"{told}: agrees with the diagnosis, {with_sigma(mine)}"
+    )
 
 
 def _ruled_out(claim: Claim, result: Compatibility) -> Agreement | None:
@@ -111,15 +180,27 @@ def _ruled_out(claim: Claim, result: Compatibility) -> Agreement | None:
     if own is None or other is None or own.lost is None or not math.isfinite(own.lost):
         return None
     found = Quantity(other.value, other.std, other.unit)
-    words = f"{claim.name} in its place is less likely by {own.lost:.1f} of log likelihood: contradicts the diagnosis"
-    return Agreement(claim.name, CONTRADICTS, found, f"kinematics alone say: {other.name} {with_sigma(found)}; {words}")
+    words = (
+        f"{claim.name} in its place is less likely by {own.lost:.1f} of log likelihood: "
+        "contradicts the diagnosis"
+    )
+    return Agreement(
+        claim.name,
+        CONTRADICTS,
+        found,
+        f"kinematics alone say: {other.name} {with_sigma(found)}; {words}",
+    )
 
 
 def late_instead(own: SensorFinding, result: Compatibility) -> SensorFinding | None:
-    """What stands in the place of a finding that does not: another way for the same channel to be late."""
+    """What stands in the place of a finding that does not: another way for the same channel to be
+    late.
+    """
     if own.stands or not _late(own):
         return None
-    return next((f for f in result.findings if f.stands and f.channel == own.channel and _late(f)), None)
+    return next(
+        (f for f in result.findings if f.stands and f.channel == own.channel and _late(f)), None
+    )
 
 
 def _late(finding: SensorFinding) -> bool:
@@ -127,24 +208,51 @@ def _late(finding: SensorFinding) -> bool:
 
 
 def _unproven(claim: Claim, mine: Quantity, item: SensorEstimate | None) -> Agreement:
-    """A claim of which nothing stands in the kinematics: their estimate may still agree with it, or rule it out."""
+    """A claim of which nothing stands in the kinematics: their estimate may still agree with it, or
+    rule it out.
+    """
     if item is None or not item.told or not _finite(item.smoother.value, item.smoother.std):
-        return Agreement(claim.name, NOTHING, None, f"kinematics alone say nothing of {claim.name}: these channels cannot tell it")
+        return Agreement(
+            claim.name,
+            NOTHING,
+            None,
+            f"kinematics alone say nothing of {claim.name}: these channels cannot tell it",
+        )
     found = Quantity(item.smoother.value, item.smoother.std, item.unit)
     told = f"kinematics alone say: {claim.name} {with_sigma(found)}"
     absent = Quantity(1.0 if item.kind == "scale" else 0.0, 0.0, item.unit)
     if not item.agrees:
-        return Agreement(claim.name, NOTHING, found, f"{told}, but their two methods disagree: says nothing of the diagnosis")
+        return Agreement(
+            claim.name,
+            NOTHING,
+            found,
+            f"{told}, but their two methods disagree: says nothing of the diagnosis",
+        )
     if _differ(found, mine, worth_of(item)):
-        return Agreement(claim.name, CONTRADICTS, found, f"{told}: contradicts the {with_sigma(mine)} of the diagnosis")
+        return Agreement(
+            claim.name,
+            CONTRADICTS,
+            found,
+            f"{told}: contradicts the {with_sigma(mine)} of the diagnosis",
+        )
     if _apart(found, absent) > APART:
-        words = f"agrees with the diagnosis, {with_sigma(mine)}, though it does not stand there by itself"
+        words = (
+            f"agrees with the diagnosis, {with_sigma(mine)}, though it does not stand there by "
+            "itself"
+        )
         return Agreement(claim.name, AGREES, found, f"{told}: {words}")
-    return Agreement(claim.name, NOTHING, found, f"{told}: says nothing, neither against the diagnosis nor for it")
+    return Agreement(
+        claim.name,
+        NOTHING,
+        found,
+        f"{told}: says nothing, neither against the diagnosis nor for it",
+    )
 
 
 def worth_of(item: SensorEstimate | SensorFinding) -> float:
-    """What interpolation and an airspeed slightly wrong make of the size of a fault, beside its standard deviation."""
+    """What interpolation and an airspeed slightly wrong make of the size of a fault, beside its
+    standard deviation.
+    """
     from ident.compatibility.kinematics import SensorFault
 
     return SensorFault(item.channel, item.kind).worth
@@ -162,7 +270,9 @@ def _apart(a: Quantity, b: Quantity) -> float:
 def _is_sensor(name: str) -> bool:
     """Whether an effect is a fault that the kinematics know."""
     base = name.partition(":")[0].partition("#")[0]
-    return base in ("vane-offset", "accelerometer-offset") or base in {f"sensor-{kind}" for kind in PARAMETERS}
+    return base in ("vane-offset", "accelerometer-offset") or base in {
+        f"sensor-{kind}" for kind in PARAMETERS
+    }
 
 
 def _finite(*values: float) -> bool:

@@ -1,4 +1,6 @@
-"""Everything that was read for a diagnosis, and what the loop is given of it: prepared, with biases, something held out."""
+"""Everything that was read for a diagnosis, and what the loop is given of it: prepared, with
+biases, something held out.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,12 @@ from typing import TYPE_CHECKING
 
 from scenarios.diagnosis.candidates import checked_effects, read_effects
 from scenarios.files.channel_names import CHANNEL_UNITS
-from scenarios.files.measured.record_file import RecordFile, identities, path_of, read_with_validation
+from scenarios.files.measured.record_file import (
+    RecordFile,
+    identities,
+    path_of,
+    read_with_validation,
+)
 from scenarios.files.sources import InputFile, Source, read_source
 from scenarios.files.user_models import channel_units, is_model_file
 from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, vehicle_next_to
@@ -62,15 +69,23 @@ class Posed:
 
 
 def opened_files(request: Request, vehicle: Path | Source | None) -> Opened:
-    """Vehicle, class and category, channel map and records, in this order; a fault of the first is told first."""
+    """Vehicle, class and category, channel map and records, in this order; a fault of the first is
+    told first.
+    """
     declared = read_vehicle(vehicle, request.model)
     flown = flown_of(request, declared)
-    choices = column_choices(request, channel_units(declared.own) if declared.own is not None else CHANNEL_UNITS)
-    return Opened(declared, choices, *read_with_validation(request.records, request.validate), flown)
+    choices = column_choices(
+        request, channel_units(declared.own) if declared.own is not None else CHANNEL_UNITS
+    )
+    return Opened(
+        declared, choices, *read_with_validation(request.records, request.validate), flown
+    )
 
 
 def posed_for(opened: Opened, plan: Plan) -> Posed:
-    """Records prepared for the declared model with its biases, something held out; refused where they cannot tell anything."""
+    """Records prepared for the declared model with its biases, something held out; refused where
+    they cannot tell anything.
+    """
     from scenarios.preparation.declared_model import model_of_file
     from scenarios.preparation.plausibility import refuse_still, refuse_unpredictable
 
@@ -80,12 +95,28 @@ def posed_for(opened: Opened, plan: Plan) -> Posed:
     fitted, files = whole, (opened.records, opened.validation)
     if not opened.validation:
         split = split_off(whole, model)
-        fitted, predicted, held_out_from, notes = split.fitted, (split.held,), split.cut, (split.sentence, *notes)
+        fitted, predicted, held_out_from, notes = (
+            split.fitted,
+            (split.held,),
+            split.cut,
+            (split.sentence, *notes),
+        )
         if held_out_from is None and len(plan.segments) == 1 and len(whole) == len(opened.records):
             files = (opened.records[:-1], opened.records[-1:])
     refuse_still(whole, model)
     refuse_unpredictable(ready.predicted, model)
-    return Posed(model, fitted, predicted, identities(files[0]), identities(files[1]), held_out_from, notes, ready.doubts, ready.look, ready.parted)
+    return Posed(
+        model,
+        fitted,
+        predicted,
+        identities(files[0]),
+        identities(files[1]),
+        held_out_from,
+        notes,
+        ready.doubts,
+        ready.look,
+        ready.parted,
+    )
 
 
 def _ready(opened: Opened, model: Model, plan: Plan) -> Prepared:
@@ -97,8 +128,12 @@ def _ready(opened: Opened, model: Model, plan: Plan) -> Prepared:
     return ready
 
 
-def own_effects(given: Path | Sequence[Traceable] | None, model: Model) -> tuple[tuple[Traceable, ...], tuple[InputFile, ...]]:
-    """A user's effects that can act on the model, and the file that they came from, if they came from one."""
+def own_effects(
+    given: Path | Sequence[Traceable] | None, model: Model
+) -> tuple[tuple[Traceable, ...], tuple[InputFile, ...]]:
+    """A user's effects that can act on the model, and the file that they came from, if they came
+    from one.
+    """
     if given is None:
         return (), ()
     if not isinstance(given, Path):
@@ -110,7 +145,9 @@ def own_effects(given: Path | Sequence[Traceable] | None, model: Model) -> tuple
 def _biased(model: Model, records: Sequence[Record]) -> list[str]:
     """The measured outputs whose sensors have a free bias."""
     measured = {name for record in records for name in record.output_names}
-    return outputs_with_bias(model, [signal.name for signal in model.equations.outputs if signal.name in measured])
+    return outputs_with_bias(
+        model, [signal.name for signal in model.equations.outputs if signal.name in measured]
+    )
 
 
 def vehicle_path_of(request: Request) -> Path | Source | None:
@@ -120,7 +157,12 @@ def vehicle_path_of(request: Request) -> Path | Source | None:
     if chosen is None and not is_model_file(request.model):
         what = f"the {request.model} model needs constants and starting values"
         raise DeclarationError(
-            what, where="--vehicle", remedy=f"name a vehicle file, or put {BESIDE} beside {path.name if (path := path_of(first)) else 'the record'}"
+            what,
+            where="--vehicle",
+            remedy=(
+                f"name a vehicle file, or put {BESIDE} beside "
+                f"{path.name if (path := path_of(first)) else 'the record'}"
+            ),
         )
     return chosen
 

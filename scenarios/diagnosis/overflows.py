@@ -1,4 +1,6 @@
-"""Numbers beyond all range in a search: counted, told in one line, and no warning of NumPy on the terminal."""
+"""Numbers beyond all range in a search: counted, told in one line, and no warning of NumPy on the
+terminal.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ class Trace(Protocol):
 
 @dataclass
 class Overflows:
-    """How often a computation left the range of numbers; the loop leaves out what it would have shown."""
+    """How often a computation left the range of numbers; the loop leaves out what it would have
+    shown.
+    """
 
     count: int = 0
 
@@ -42,7 +46,9 @@ class Overflows:
         self.count += 1
 
     def counted(self, trace: Trace) -> Trace:
-        """The same loop, its overflows counted instead of warned of; a share below the smallest number is none."""
+        """The same loop, its overflows counted instead of warned of; a share below the smallest
+        number is none.
+        """
 
         def counting(*arguments: Any, **named: Any) -> Diagnosis:
             with np.errstate(over="call", invalid="call", divide="call", under="ignore", call=self):
@@ -56,4 +62,7 @@ def overflow_sentence(count: int) -> str:
     if count == 0:
         return ""
     several = f"{count} computations" if count > 1 else "one computation"
-    return f"{several} of the search left the range of numbers: what they would have shown is left out; look for wild samples and wrong units"
+    return (
+        f"{several} of the search left the range of numbers: what they would have shown is left "
+        "out; look for wild samples and wrong units"
+    )

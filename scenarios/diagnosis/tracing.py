@@ -1,4 +1,6 @@
-"""The nouns of a diagnosis of files: what it rests on, and its result with what that was made from."""
+"""The nouns of a diagnosis of files: what it rests on, and its result with what that was made
+from.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Inputs:
-    """All files that a diagnosis rests on; ``validation`` is empty where only a part of a file was held out, ``effects`` where none was named.
+    """All files that a diagnosis rests on; ``validation`` is empty where only a part of a file was
+    held out, ``effects`` where none was named.
 
     ``model`` is the file of a user's own model, None where it is built in.
     """
@@ -40,15 +43,16 @@ class Inputs:
 class Tracing:
     """A diagnosis with what it was made from.
 
-    ``records`` and ``validation`` are what was fitted and what was predicted; ``held_out_from`` is the time (s) at which the last
-    record was cut, None where whole records were predicted. ``explanations`` and ``traits`` of the
-    candidates by name. ``notes`` say how the records were prepared, one sentence each; ``doubts`` what in
-    the files is likely to be wrong. ``kinematics``: what the records say without any aerodynamics, None where it was not asked.
-    ``look``: what their raw columns show. ``overflows``: computations of the loop that left the range of numbers, and were left out.
-    ``plan``: how the records were to be read. ``effort``: how far the search looked. ``flown``: by which class and category levels of flying
-    qualities are told.
-    ``decides``: the maneuver that would tell what these records could not, of an ambiguous diagnosis.
-    ``simulated``: whether a program made all records, as the JSON beside them says.
+    ``records`` and ``validation`` are what was fitted and what was predicted; ``held_out_from`` is
+    the time (s) at which the last record was cut, None where whole records were predicted.
+    ``explanations`` and ``traits`` of the candidates by name. ``notes`` say how the records were
+    prepared, one sentence each; ``doubts`` what in the files is likely to be wrong. ``kinematics``:
+    what the records say without any aerodynamics, None where it was not asked. ``look``: what their
+    raw columns show. ``overflows``: computations of the loop that left the range of numbers, and
+    were left out. ``plan``: how the records were to be read. ``effort``: how far the search looked.
+    ``flown``: by which class and category levels of flying qualities are told. ``decides``: the
+    maneuver that would tell what these records could not, of an ambiguous diagnosis. ``simulated``:
+    whether a program made all records, as the JSON beside them says.
     """
 
     diagnosis: Diagnosis
@@ -77,4 +81,6 @@ class Tracing:
     @property
     def stick_unit(self) -> str:
         """The stick's label, empty where there is no stick."""
-        return next((channel.unit for channel in self.records[0].inputs if channel.name == STICK), "")
+        return next(
+            (channel.unit for channel in self.records[0].inputs if channel.name == STICK), ""
+        )

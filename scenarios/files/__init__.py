@@ -1,1 +1,3 @@
-"""The border where users' files are read and written: units, records, channel maps, vehicle files, study folders."""
+"""The border where users' files are read and written: units, records, channel maps, vehicle files,
+study folders.
+"""

@@ -47,12 +47,13 @@ CHANNEL_UNITS: Mapping[str, str] = MappingProxyType(
 )
 
 CLOCK_NAMES = (
-    "time", "t", "timestamp", "timeus", "timems", "timens", "time_us", "time_ms", "time_ns", "time_s", "timestamp_us", "timestamp_ms",
-    "timestamp_ns", "elapsed", "elapsed time", "elapsed_time", "seconds", "sec", "utc", "utc time", "utc_time", "datetime", "date_time",
+    "time", "t", "timestamp", "timeus", "timems", "timens", "time_us", "time_ms", "time_ns", "time_s", "timestamp_us", "timestamp_ms",  # noqa: E501
+    "timestamp_ns", "elapsed", "elapsed time", "elapsed_time", "seconds", "sec", "utc", "utc time", "utc_time", "datetime", "date_time",  # noqa: E501
     "date", "gps_time", "tout", "irig", "irig time", "irig_time", "zeit",
     "time_boot_ms", "x_value",
 )  # fmt: skip
-_ELEMENT = re.compile(r"\w+\[(0|[2-9]|\d\d+)\]")  # an element of an array, as q[0]; of q[1] the unit may be 1
+# an element of an array, as q[0]; of q[1] the unit may be 1
+_ELEMENT = re.compile(r"\w+\[(0|[2-9]|\d\d+)\]")
 _BRACKETS = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 
 

@@ -31,16 +31,21 @@ _LIMITS = {
 }
 # What to speak of first: a misspelt key is both unknown and missing.
 _ORDER = ("extra_forbidden", "missing")
-_KINDS = ("float", "int", "str", "constrained-str")  # of a value that may be several: pydantic puts them behind the key
+# of a value that may be several: pydantic puts them behind the key
+_KINDS = ("float", "int", "str", "constrained-str")
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """The content of a TOML file. Raises DeclarationError where it is missing, unreadable, or as ``toml_of`` says."""
+    """The content of a TOML file. Raises DeclarationError where it is missing, unreadable, or as
+    ``toml_of`` says.
+    """
     return toml_of(read_toml_source(path))
 
 
 def read_toml_source(path: str | Path | Source) -> Source:
-    """A TOML file as it stands, or as it was read before. Raises DeclarationError where it is missing or unreadable."""
+    """A TOML file as it stands, or as it was read before. Raises DeclarationError where it is
+    missing or unreadable.
+    """
     if isinstance(path, Source):
         return path
     return read_source(path, DeclarationError, "a TOML file")
@@ -60,7 +65,9 @@ def toml_of(source: Source) -> dict[str, Any]:
         raise DeclarationError("not UTF-8 text", where=where, remedy="save it in UTF-8") from None
     except DocumentError as error:
         where = f"{where}, key {error.key}" if error.key else where
-        raise DeclarationError(str(error), where=where, remedy='write key = value, texts in "quotes"') from None
+        raise DeclarationError(
+            str(error), where=where, remedy='write key = value, texts in "quotes"'
+        ) from None
 
 
 @contextlib.contextmanager
@@ -75,12 +82,16 @@ def named_after(file: str) -> Iterator[None]:
         raise type(error)(error.what, where=where, remedy=error.remedy) from None
 
 
-def checked(schema: type[Schema], content: Mapping[str, Any], path: str | Path, inside: str = "") -> Schema:
-    """The content as an instance of a schema; ``inside`` is the table it stands in, e.g. ``"modes[1]"``.
+def checked(
+    schema: type[Schema], content: Mapping[str, Any], path: str | Path, inside: str = ""
+) -> Schema:
+    """The content as an instance of a schema; ``inside`` is the table it stands in, e.g.
+    ``"modes[1]"``.
 
     Raises
     ------
-    DeclarationError : one line on the first fault: an unknown key before a missing one before a wrong value.
+    DeclarationError : one line on the first fault: an unknown key before a missing one before a
+    wrong value.
     """
     from pydantic import ValidationError
 
@@ -111,8 +122,13 @@ def key_path(parts: Iterable[str | int]) -> str:
     return text
 
 
-def _one_line(error: ValidationError, schema: type[BaseModel], path: str | Path, inside: str) -> DeclarationError:
-    faults = sorted(error.errors(include_url=False), key=lambda fault: _ORDER.index(fault["type"]) if fault["type"] in _ORDER else len(_ORDER))
+def _one_line(
+    error: ValidationError, schema: type[BaseModel], path: str | Path, inside: str
+) -> DeclarationError:
+    faults = sorted(
+        error.errors(include_url=False),
+        key=lambda fault: _ORDER.index(fault["type"]) if fault["type"] in _ORDER else len(_ORDER),
+    )
     fault = faults[0]
     kind, location = fault["type"], fault["loc"]
     if len(location) > 1 and location[-1] in _KINDS:
@@ -121,27 +137,52 @@ def _one_line(error: ValidationError, schema: type[BaseModel], path: str | Path,
     where = f"{path}, key {key}"
     if kind == "extra_forbidden":
         table = _schema_at(schema, location[:-1])
-        return DeclarationError("there is no such key", where=where, remedy=closest(str(location[-1]), _keys(table)))
+        return DeclarationError(
+            "there is no such key", where=where, remedy=closest(str(location[-1]), _keys(table))
+        )
     if kind == "missing":
-        missing = [key_path((inside, *other["loc"]) if inside else other["loc"]) for other in faults if other["type"] == "missing"]
+        missing = [
+            key_path((inside, *other["loc"]) if inside else other["loc"])
+            for other in faults
+            if other["type"] == "missing"
+        ]
         word = "key" if len(missing) == 1 else "keys"
-        return DeclarationError(f"{word} missing: {', '.join(missing)}", where=str(path), remedy="add " + ("it" if len(missing) == 1 else "them"))
+        return DeclarationError(
+            f"{word} missing: {', '.join(missing)}",
+            where=str(path),
+            remedy="add " + ("it" if len(missing) == 1 else "them"),
+        )
     context = fault.get("ctx", {})
     if kind in _LIMITS:
-        what, remedy = (text.format(**{name: f"{value:g}" for name, value in context.items()}) for text in _LIMITS[kind])
-        return DeclarationError(f"value {_shown(fault['input'])} {what}", where=where, remedy=remedy)
+        what, remedy = (
+            text.format(**{name: f"{value:g}" for name, value in context.items()})
+            for text in _LIMITS[kind]
+        )
+        return DeclarationError(
+            f"value {_shown(fault['input'])} {what}", where=where, remedy=remedy
+        )
     if "remedy" in context:
         return DeclarationError(str(context["what"]), where=where, remedy=str(context["remedy"]))
     if kind == "too_short":
         held, least = len(fault["input"]), int(context.get("min_length", 1))
         if held:
-            return DeclarationError(f"{held} of at least {least} entries", where=where, remedy=f"give {least} or more")
-        return DeclarationError("there is nothing in it", where=where, remedy=f"give at least {'one entry' if least == 1 else f'{least} entries'}")
+            return DeclarationError(
+                f"{held} of at least {least} entries", where=where, remedy=f"give {least} or more"
+            )
+        return DeclarationError(
+            "there is nothing in it",
+            where=where,
+            remedy=f"give at least {'one entry' if least == 1 else f'{least} entries'}",
+        )
     if kind == "too_long":
         most = int(context["max_length"])
-        return DeclarationError(f"{len(fault['input'])} entries", where=where, remedy=f"give {most} at most")
+        return DeclarationError(
+            f"{len(fault['input'])} entries", where=where, remedy=f"give {most} at most"
+        )
     message = fault["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
-    return DeclarationError(f"value {_shown(fault['input'])} is not {message}", where=where, remedy="correct the value")
+    return DeclarationError(
+        f"value {_shown(fault['input'])} is not {message}", where=where, remedy="correct the value"
+    )
 
 
 def _shown(value: object) -> str:
@@ -150,7 +191,11 @@ def _shown(value: object) -> str:
 
 
 def _keys(schema: type[BaseModel] | None) -> list[str]:
-    return [field.alias or name for name, field in schema.model_fields.items()] if schema is not None else []
+    return (
+        [field.alias or name for name, field in schema.model_fields.items()]
+        if schema is not None
+        else []
+    )
 
 
 def _schema_at(schema: type[BaseModel], location: Iterable[str | int]) -> type[BaseModel] | None:
@@ -159,21 +204,36 @@ def _schema_at(schema: type[BaseModel], location: Iterable[str | int]) -> type[B
 
     table: type[BaseModel] | None = schema
     for part in location:
-        fields = {field.alias or name: field for name, field in table.model_fields.items()} if table is not None else {}
+        fields = (
+            {field.alias or name: field for name, field in table.model_fields.items()}
+            if table is not None
+            else {}
+        )
         field = fields.get(str(part))
-        options = [] if field is None else [field.annotation, *getattr(field.annotation, "__args__", ())]
-        table = next((option for option in options if isinstance(option, type) and issubclass(option, BaseModel)), None)
+        options = (
+            [] if field is None else [field.annotation, *getattr(field.annotation, "__args__", ())]
+        )
+        table = next(
+            (
+                option
+                for option in options
+                if isinstance(option, type) and issubclass(option, BaseModel)
+            ),
+            None,
+        )
     return table
 
 
 # ---- Python files of users
 
 WANTED = "a Python file"
-MODULE = "flightid_of_user_"  # begins the name of every module that a user's file makes: tracebacks show by it whose code failed
+# begins the name of every module that a user's file makes: tracebacks show by it whose code failed
+MODULE = "flightid_of_user_"
 
 
 def run_python(source: Source, kind: str) -> ModuleType:
-    """The module that a file makes, run as any Python program is; ``kind`` is part of its name while it runs, ``"effects"``.
+    """The module that a file makes, run as any Python program is; ``kind`` is part of its name
+    while it runs, ``"effects"``.
 
     Raises
     ------
@@ -181,21 +241,30 @@ def run_python(source: Source, kind: str) -> ModuleType:
     """
     path, where = source.path, str(source.path)
     if path.suffix != ".py":
-        raise DeclarationError("this is no Python file", where=where, remedy="name a file that ends in .py")
+        raise DeclarationError(
+            "this is no Python file", where=where, remedy="name a file that ends in .py"
+        )
     name = f"{MODULE}{kind}_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look their own module up
     try:
-        exec(compile(source.content, where, "exec", dont_inherit=True), module.__dict__)  # these bytes were hashed
+        # these bytes were hashed
+        exec(compile(source.content, where, "exec", dont_inherit=True), module.__dict__)
     except FlightidError as error:
         inside = f"{error.where}: " if error.where else ""
-        raise DeclarationError(f"{inside}{error.what}", where=f"{where}{_line(error, path)}", remedy=error.remedy) from None
+        raise DeclarationError(
+            f"{inside}{error.what}", where=f"{where}{_line(error, path)}", remedy=error.remedy
+        ) from None
     except BaseException as error:  # the file is a user's, and anything may be wrong with it
         if not raised_by(error, where):
             raise
-        line = f", line {error.lineno}" if isinstance(error, SyntaxError) and error.lineno else _line(error, path)
+        line = (
+            f", line {error.lineno}"
+            if isinstance(error, SyntaxError) and error.lineno
+            else _line(error, path)
+        )
         text = error.msg if isinstance(error, SyntaxError) else str(error)
         what = " ".join(f"{type(error).__name__}: {text}".split())
         raise DeclarationError(what, where=f"{where}{line}", remedy="mend that line") from None

@@ -16,7 +16,14 @@ from scenarios.files.channel_names import CHANNEL_UNITS, TIME
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.formats.cells import CellTable, Numbers, mark_fault, numbers
 from scenarios.files.measured.clock import grid_of_coarse_stamps, sorted_rows
-from scenarios.files.measured.columns import SourceColumn, column_place, find_column, missing_column, named_otherwise, refuse_unknown_units
+from scenarios.files.measured.columns import (
+    SourceColumn,
+    column_place,
+    find_column,
+    missing_column,
+    named_otherwise,
+    refuse_unknown_units,
+)
 from scenarios.files.measured.derived import clock_of, clock_place, leaps, stated_unit, with_derived
 from scenarios.files.measured.record_file import RecordFile, read_record_file
 from scenarios.files.units import to_si
@@ -72,17 +79,21 @@ def read_with_notes(
     model_outputs : outputs; those that are absent are left out, one must be there.
     channel_map : channel -> column, where headers are not ours; else the file's own.
     start, stop : s; only the rows from ``start`` to ``stop`` are read, and only they are checked.
-    optional : further channels, read as outputs where they are there. Beside ``model_outputs`` a column of theirs without a single
-        number counts as absent, and so does a header such as ``airspeed_raw`` whose last word is no unit.
+    optional : further channels, read as outputs where they are there. Beside ``model_outputs`` a
+    column of theirs without a single
+        number counts as absent, and so does a header such as ``airspeed_raw`` whose last word is no
+        unit.
     instead : output -> channel that is read, under its own name, where that output has no column.
     hold : behaviour of the inputs between samples; None: as the sidecar says, else previous.
     known : all channels that there are, and their units inside.
-    rate : Hz; the samples per second of a file without a clock, and the grid on which topics of a log are put.
-    SI, radians and g inside; the stick keeps its numbers and its unit as a label. Columns that nobody asked for are never looked at.
-    Row numbers in messages are the file's: the first line of a CSV file is row 1, the first sample of a Parquet or MAT file is row 1.
+    rate : Hz; the samples per second of a file without a clock, and the grid on which topics of a
+    log are put. SI, radians and g inside; the stick keeps its numbers and its unit as a label.
+    Columns that nobody asked for are never looked at. Row numbers in messages are the file's: the
+    first line of a CSV file is row 1, the first sample of a Parquet or MAT file is row 1.
 
-    The window is one block of rows in the file's order. Each of its two ends is put where it contradicts the fewest
-    time stamps, so broken stamps outside do no harm, and one inside stays inside and is reported.
+    The window is one block of rows in the file's order. Each of its two ends is put where it
+    contradicts the fewest time stamps, so broken stamps outside do no harm, and one inside stays
+    inside and is reported.
 
     Raises
     ------
@@ -91,30 +102,59 @@ def read_with_notes(
     file = source if isinstance(source, RecordFile) else read_record_file(source)
     channel_map = channel_map or file.choices
     others = list(dict.fromkeys((*model_outputs, *optional, *(instead or {}).values())))
-    refuse_unknown_units(file.sidecar, file.table.header, file.path, {*CHANNEL_UNITS, *known, *channel_map})
+    refuse_unknown_units(
+        file.sidecar, file.table.header, file.path, {*CHANNEL_UNITS, *known, *channel_map}
+    )
     way = None if hold is None else hold.value
-    file, channel_map = with_derived(file, channel_map, model_inputs, others, rate=rate, hold=way, known=known)
+    file, channel_map = with_derived(
+        file, channel_map, model_inputs, others, rate=rate, hold=way, known=known
+    )
     table = file.table
-    further = {name for name in optional if name not in (*model_inputs, *model_outputs)} if model_outputs else set()
-    wanted = [*model_inputs, *model_outputs, *(name for name in optional if name not in model_outputs)]
+    further = (
+        {name for name in optional if name not in (*model_inputs, *model_outputs)}
+        if model_outputs
+        else set()
+    )
+    wanted = [
+        *model_inputs,
+        *model_outputs,
+        *(name for name in optional if name not in model_outputs),
+    ]
     columns = _columns(file, wanted, further, channel_map, known)
-    substitutes = [other for name, other in (instead or {}).items() if columns.get(name, ...) is None and other not in columns]
+    substitutes = [
+        other
+        for name, other in (instead or {}).items()
+        if columns.get(name, ...) is None and other not in columns
+    ]
     columns |= _columns(file, substitutes, set(), channel_map, known)
     wanted += substitutes
     for name in model_inputs:
         if columns[name] is None:
             raise missing_column(name, table.header, table.file)
     outputs = [name for name in wanted[len(model_inputs) :] if columns[name] is not None]
-    needed = [name for name in outputs if name in (*model_outputs, *substitutes)] if model_outputs else outputs
+    needed = (
+        [name for name in outputs if name in (*model_outputs, *substitutes)]
+        if model_outputs
+        else outputs
+    )
     if not needed and (model_outputs or optional):
         raise missing_column((*model_outputs, *optional)[0], table.header, table.file)
     window = _time(table, _clock_column(file, channel_map, known, rate), start, stop, rate)
-    outputs = [name for name in outputs if name not in further or not _empty(table, _there(columns[name]), window.rows)]
+    outputs = [
+        name
+        for name in outputs
+        if name not in further or not _empty(table, _there(columns[name]), window.rows)
+    ]
     notes = [*file.notes, *window.notes]
     inputs = []
     for name in model_inputs:
         choice = (channel_map or {}).get(name)
-        channel, note = _input(table, _there(columns[name]), window, (choice.hold if choice is not None else None) or way)
+        channel, note = _input(
+            table,
+            _there(columns[name]),
+            window,
+            (choice.hold if choice is not None else None) or way,
+        )
         inputs.append(channel)
         notes += [note] if note else []
     record = Record(
@@ -140,41 +180,63 @@ def _alone(read: Callable[P, tuple[Record, tuple[str, ...]]]) -> Callable[P, Rec
 read_record = _alone(read_with_notes)
 
 
-def window_of(file: RecordFile, start: float | None = None, stop: float | None = None) -> tuple[np.ndarray, slice]:
-    """Time stamps of a file between two times, s, checked as ``read_record`` checks them, and their rows. Raises RecordError."""
-    window = _time(file.table, _clock_column(file, file.choices, CHANNEL_UNITS, None), start, stop, None)
+def window_of(
+    file: RecordFile, start: float | None = None, stop: float | None = None
+) -> tuple[np.ndarray, slice]:
+    """Time stamps of a file between two times, s, checked as ``read_record`` checks them, and their
+    rows. Raises RecordError.
+    """
+    window = _time(
+        file.table, _clock_column(file, file.choices, CHANNEL_UNITS, None), start, stop, None
+    )
     return window.time, window.rows
 
 
 def raw_column(file: RecordFile, index: int) -> np.ndarray:
-    """The numbers of a column in the rows of the record, shape ``(N,)``, in no unit but the file's; NaN where a cell is none. Raises RecordError."""
-    window = _time(file.table, _clock_column(file, file.choices, CHANNEL_UNITS, None), None, None, None)
+    """The numbers of a column in the rows of the record, shape ``(N,)``, in no unit but the file's;
+    NaN where a cell is none. Raises RecordError.
+    """
+    window = _time(
+        file.table, _clock_column(file, file.choices, CHANNEL_UNITS, None), None, None, None
+    )
     return window.of(numbers(file.table, index).values)
 
 
 def refuse_without_clock(file: RecordFile) -> None:
-    """Raise RecordError where no column of a file is a clock, or the file is a log of several topics without a channel map."""
+    """Raise RecordError where no column of a file is a clock, or the file is a log of several
+    topics without a channel map.
+    """
     if file.topics:
         remedy = "name its channels with a channel map; flightid map drafts one"
-        raise RecordError(f"a log of {len(file.topics)} topics", where=str(file.path), remedy=remedy)
+        raise RecordError(
+            f"a log of {len(file.topics)} topics", where=str(file.path), remedy=remedy
+        )
     _clock_column(file, file.choices, CHANNEL_UNITS, None)
 
 
 def has_clock(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None = None) -> bool:
     """Whether a file has one clock, mapped or found by its name; a log of several topics has
     several."""
-    return not file.topics and (TIME in (channel_map or file.choices) or clock_place(file.table) is not None)
+    return not file.topics and (
+        TIME in (channel_map or file.choices) or clock_place(file.table) is not None
+    )
 
 
 def refuse_rate(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None = None) -> None:
     """Raise RecordError where a file has one clock, so that no rate is missing: for a search among
     the samples as they were taken."""
     if has_clock(file, channel_map):
-        raise RecordError("the file has a clock of its own", where=f"{file.path}, --rate", remedy="leave --rate out: nothing is resampled here")
+        raise RecordError(
+            "the file has a clock of its own",
+            where=f"{file.path}, --rate",
+            remedy="leave --rate out: nothing is resampled here",
+        )
 
 
 def column_of(file: RecordFile, channel: str) -> SourceColumn:
-    """The column of one of our channels by the file's own channel map. Raises RecordError where there is none, as ``find_column`` else."""
+    """The column of one of our channels by the file's own channel map. Raises RecordError where
+    there is none, as ``find_column`` else.
+    """
     column = _columns(file, [channel], set(), file.choices, CHANNEL_UNITS)[channel]
     if column is None:
         raise missing_column(channel, file.table.header, file.table.file)
@@ -182,22 +244,39 @@ def column_of(file: RecordFile, channel: str) -> SourceColumn:
 
 
 def _columns(
-    file: RecordFile, names: Sequence[str], further: set[str], channel_map: Mapping[str, ColumnChoice] | None, known: Mapping[str, str]
+    file: RecordFile,
+    names: Sequence[str],
+    further: set[str],
+    channel_map: Mapping[str, ColumnChoice] | None,
+    known: Mapping[str, str],
 ) -> dict[str, SourceColumn | None]:
-    """Channel -> its column, None where there is none; one of ``further`` counts as absent where only a header of another meaning recalls it."""
+    """Channel -> its column, None where there is none; one of ``further`` counts as absent where
+    only a header of another meaning recalls it.
+    """
     header = file.table.header
     return {
         name: None
         if name in further and named_otherwise(name, header, channel_map)
-        else find_column(name, header, file.table.file, channel_map, file.sidecar.units, known, file.table.units, lenient=file.table.stated_apart)
+        else find_column(
+            name,
+            header,
+            file.table.file,
+            channel_map,
+            file.sidecar.units,
+            known,
+            file.table.units,
+            lenient=file.table.stated_apart,
+        )
         for name in names
     }
 
 
 def rows_between(time: np.ndarray, start: float | None, stop: float | None) -> slice:
-    """The block of rows from ``start`` to ``stop``, s, both inclusive, by the fewest contradicted stamps.
+    """The block of rows from ``start`` to ``stop``, s, both inclusive, by the fewest contradicted
+    stamps.
 
-    ``time`` has shape ``(N,)`` and may hold NaN, which has no say. An end that was asked for stands at a row inside the window.
+    ``time`` has shape ``(N,)`` and may hold NaN, which has no say. An end that was asked for stands
+    at a row inside the window.
     """
     low, high = -math.inf if start is None else start, math.inf if stop is None else stop
     inside = (time >= low) & (time <= high)
@@ -221,20 +300,31 @@ def _boundary(before: np.ndarray, after: np.ndarray) -> int:
 
 
 def _clock_column(
-    file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None, known: Mapping[str, str], rate: float | None
+    file: RecordFile,
+    channel_map: Mapping[str, ColumnChoice] | None,
+    known: Mapping[str, str],
+    rate: float | None,
 ) -> SourceColumn | None:
-    """The column of the clock: ``time``, else another name of a clock; None where the file has none and its rate is known."""
+    """The column of the clock: ``time``, else another name of a clock; None where the file has none
+    and its rate is known.
+    """
     column = _columns(file, [TIME], set(), channel_map, known)[TIME]
     table = file.table
     if column is not None:
         mapped = (channel_map or {}).get(TIME)
-        said = column.unit if mapped is not None and mapped.unit is not None else stated_unit(table, column.index)
+        said = (
+            column.unit
+            if mapped is not None and mapped.unit is not None
+            else stated_unit(table, column.index)
+        )
         if said is None and (TIME in file.sidecar.units or column.unit != CHANNEL_UNITS[TIME]):
             said = column.unit  # ``time_ms``, or the sidecar's word
         return replace(column, unit=said or "")
     place = clock_place(table)
     if place is not None:
-        return SourceColumn(TIME, table.header[place], place, stated_unit(table, place) or "", CHANNEL_UNITS[TIME])
+        return SourceColumn(
+            TIME, table.header[place], place, stated_unit(table, place) or "", CHANNEL_UNITS[TIME]
+        )
     if rate is not None:
         return None
     raise missing_clock(table)
@@ -245,20 +335,43 @@ def missing_clock(table: CellTable) -> RecordError:
     error = missing_column(TIME, table.header, table.file)
     unnamed = bool(table.header) and table.header[0] == "column 1"
     names = ",".join([TIME, *(f"NAME{n}" for n in range(2, min(len(table.header), 4) + 1))])
-    remedy = f"name the columns with --columns {names}{',...' if len(table.header) > 4 else ''}" if unnamed else error.remedy
-    return RecordError(error.what, where=error.where, remedy=f"{remedy}; of a record without a clock give --rate HZ")
+    remedy = (
+        f"name the columns with --columns {names}{',...' if len(table.header) > 4 else ''}"
+        if unnamed
+        else error.remedy
+    )
+    return RecordError(
+        error.what,
+        where=error.where,
+        remedy=f"{remedy}; of a record without a clock give --rate HZ",
+    )
 
 
-def _time(table: CellTable, column: SourceColumn | None, start: float | None, stop: float | None, rate: float | None) -> Window:
+def _time(
+    table: CellTable,
+    column: SourceColumn | None,
+    start: float | None,
+    stop: float | None,
+    rate: float | None,
+) -> Window:
     """Checked time stamps of the window, s, and its rows."""
     for option, bound in (("--from", start), ("--to", stop)):
         if bound is not None and math.isnan(bound):
-            raise RecordError(f"{option} is not a number", where=table.file, remedy="give a time in s")
+            raise RecordError(
+                f"{option} is not a number", where=table.file, remedy="give a time in s"
+            )
     if start is not None and stop is not None and start >= stop:
-        raise RecordError(f"--from {start:g} is not before --to {stop:g}", where=table.file, remedy="give the earlier time first")
+        raise RecordError(
+            f"--from {start:g} is not before --to {stop:g}",
+            where=table.file,
+            remedy="give the earlier time first",
+        )
     if column is None:
         assert rate is not None
-        time, notes = np.arange(table.rows.size) / rate, [f"the file has no clock: its rows are taken at {rate:g} Hz"]
+        time, notes = (
+            np.arange(table.rows.size) / rate,
+            [f"the file has no clock: its rows are taken at {rate:g} Hz"],
+        )
         stamps, column = Numbers(time, {}), SourceColumn(TIME, TIME, 0, "s", "s")
     else:
         if len(table.columns[column.index]) != table.rows.size:
@@ -271,14 +384,26 @@ def _time(table: CellTable, column: SourceColumn | None, start: float | None, st
     cut = time[rows]
     finite = time[np.isfinite(time)]
     if cut.size == 0:
-        span = f"the record covers {finite.min():g} to {finite.max():g} s" if finite.size else "no row of the record has a time"
+        span = (
+            f"the record covers {finite.min():g} to {finite.max():g} s"
+            if finite.size
+            else "no row of the record has a time"
+        )
         raise RecordError("there is no row between --from and --to", where=table.file, remedy=span)
     _check_cells(table, column, stamps, rows)
     for position in np.flatnonzero(~np.isfinite(cut)):
         where = _cell(table, column, rows.start + int(position))
-        raise RecordError("time is missing", where=where, remedy="give every row a time, or cut with --from and --to")
+        raise RecordError(
+            "time is missing",
+            where=where,
+            remedy="give every row a time, or cut with --from and --to",
+        )
     if cut.size == 1:
-        raise RecordError("one sample only", where=_cell(table, column, rows.start), remedy="a record needs at least two rows")
+        raise RecordError(
+            "one sample only",
+            where=_cell(table, column, rows.start),
+            remedy="a record needs at least two rows",
+        )
     even = grid_of_coarse_stamps(cut)
     if even is not None:
         return Window(even[0], rows, None, (*notes, even[1]))
@@ -293,24 +418,37 @@ def _time(table: CellTable, column: SourceColumn | None, start: float | None, st
     what = "time is repeated" if earlier == later else "time goes back"
     where = _cell(table, column, rows.start + first + 1)
     more = f", and in {wrong.size - 1} more rows" if wrong.size > 1 else ""
-    raise RecordError(f"{what} ({earlier:.9g} s, then {later:.9g} s{more})", where=where, remedy="sort the rows and remove duplicates")
+    raise RecordError(
+        f"{what} ({earlier:.9g} s, then {later:.9g} s{more})",
+        where=where,
+        remedy="sort the rows and remove duplicates",
+    )
 
 
 def _repeats(table: CellTable, time: np.ndarray, rows: slice) -> np.ndarray:
-    """Rows that have the time and every cell of another row before them, in the order of their times; shape ``(N,)``."""
+    """Rows that have the time and every cell of another row before them, in the order of their
+    times; shape ``(N,)``.
+    """
     order = np.argsort(time, kind="stable")
     found = np.zeros(time.size, dtype=bool)
     for earlier, later in pairwise(order):
         if time[earlier] == time[later]:
-            cells = ((column[rows.start + earlier], column[rows.start + later]) for column in table.columns)
+            cells = (
+                (column[rows.start + earlier], column[rows.start + later])
+                for column in table.columns
+            )
             found[later] = all(one == two or (one != one and two != two) for one, two in cells)
     return found
 
 
-def _input(table: CellTable, column: SourceColumn, window: Window, way: str | None) -> tuple[Channel, str]:
-    """An input; one that was recorded at a lower rate than the rows is continued between its own samples, and a sentence says how.
+def _input(
+    table: CellTable, column: SourceColumn, window: Window, way: str | None
+) -> tuple[Channel, str]:
+    """An input; one that was recorded at a lower rate than the rows is continued between its own
+    samples, and a sentence says how.
 
-    Its own samples count as a lower rate where no two lie further apart than two and a half of their usual distance.
+    Its own samples count as a lower rate where no two lie further apart than two and a half of
+    their usual distance.
     """
     content = _sized(table, column)
     _check_cells(table, column, content, window.rows)
@@ -322,16 +460,35 @@ def _input(table: CellTable, column: SourceColumn, window: Window, way: str | No
     own = np.diff(time[known]) if known.size > 2 else np.array([np.inf])
     usual = float(np.median(own))
     ends = max(time[known[0]] - time[0], time[-1] - time[known[-1]])
-    if not np.isfinite(usual) or np.median(np.diff(known)) < 2 or max(float(own.max()), ends) > 2.5 * usual:
+    if (
+        not np.isfinite(usual)
+        or np.median(np.diff(known)) < 2
+        or max(float(own.max()), ends) > 2.5 * usual
+    ):
         where = _cell(table, column, _row_of(window, int(np.flatnonzero(~np.isfinite(values))[0])))
-        raise RecordError("an input sample is missing", where=where, remedy="fill the gap, or cut the record there with --from and --to")
+        raise RecordError(
+            "an input sample is missing",
+            where=where,
+            remedy="fill the gap, or cut the record there with --from and --to",
+        )
     chosen = way or ("previous" if leaps(values[known]) else "linear")
     if chosen == "previous":
-        filled = values[known[np.clip(np.searchsorted(known, np.arange(values.size), side="right") - 1, 0, known.size - 1)]]
+        filled = values[
+            known[
+                np.clip(
+                    np.searchsorted(known, np.arange(values.size), side="right") - 1,
+                    0,
+                    known.size - 1,
+                )
+            ]
+        ]
     else:
         filled = np.interp(time, time[known], values[known])
     said = "held" if chosen == "previous" else "joined by lines"
-    note = f"{column.channel} has a sample every {usual:.3g} s; between them it is {said} (hold in the channel map, or --hold, decides otherwise)"
+    note = (
+        f"{column.channel} has a sample every {usual:.3g} s; between them it is {said} (hold in "
+        "the channel map, or --hold, decides otherwise)"
+    )
     return _converted(table, column, filled), note
 
 
@@ -343,14 +500,22 @@ def _channel(table: CellTable, column: SourceColumn, window: Window) -> Channel:
     if np.all(np.isnan(values)):
         span = f" from row {table.rows[rows.start]} to row {table.rows[rows.stop - 1]}"
         place = column_place(table.file, column)
-        raise RecordError(f"not a single number{span}", where=place, remedy="leave the column out, or read other rows with --from and --to")
+        raise RecordError(
+            f"not a single number{span}",
+            where=place,
+            remedy="leave the column out, or read other rows with --from and --to",
+        )
     return _converted(table, column, values)
 
 
 def _converted(table: CellTable, column: SourceColumn, values: np.ndarray) -> Channel:
     if not column.inside:
         return Channel.of(column.channel, column.unit, values)
-    return Channel.of(column.channel, column.inside, np.asarray(to_si(values, column.unit, column.inside, column_place(table.file, column))))
+    return Channel.of(
+        column.channel,
+        column.inside,
+        np.asarray(to_si(values, column.unit, column.inside, column_place(table.file, column))),
+    )
 
 
 def _row_of(window: Window, sample: int) -> int:
@@ -359,14 +524,18 @@ def _row_of(window: Window, sample: int) -> int:
 
 def _empty(table: CellTable, column: SourceColumn, rows: slice) -> bool:
     content = numbers(table, column.index)
-    return not np.any(~np.isnan(content.values[rows])) and not any(position in range(rows.start, rows.stop) for position in content.texts)
+    return not np.any(~np.isnan(content.values[rows])) and not any(
+        position in range(rows.start, rows.stop) for position in content.texts
+    )
 
 
 def _sized(table: CellTable, column: SourceColumn) -> Numbers:
     content = numbers(table, column.index)
     if content.values.size != table.rows.size:
         what = f"{content.values.size} values for {table.rows.size} times"
-        raise RecordError(what, where=column_place(table.file, column), remedy="give each time one value")
+        raise RecordError(
+            what, where=column_place(table.file, column), remedy="give each time one value"
+        )
     return content
 
 
@@ -374,10 +543,15 @@ def _check_cells(table: CellTable, column: SourceColumn, content: Numbers, rows:
     """Refuse, within the window, the first row that is ragged, holds text or an infinite number."""
     inside = range(rows.start, rows.stop)
     for position in sorted(set(table.ragged) & set(inside))[:1]:
-        what, where = f"{table.ragged[position]} cells under a header of {len(table.header)}", f"{table.file}, row {table.rows[position]}"
+        what, where = (
+            f"{table.ragged[position]} cells under a header of {len(table.header)}",
+            f"{table.file}, row {table.rows[position]}",
+        )
         raise RecordError(what, where=where, remedy=_row_remedy(table, position))
     texts = [position for position in content.texts if position in inside]
-    infinite = [rows.start + int(position) for position in np.flatnonzero(np.isinf(content.values[rows]))]
+    infinite = [
+        rows.start + int(position) for position in np.flatnonzero(np.isinf(content.values[rows]))
+    ]
     if not texts and not infinite:
         return
     position = min(texts + infinite)
@@ -387,14 +561,29 @@ def _check_cells(table: CellTable, column: SourceColumn, content: Numbers, rows:
         if (fault := mark_fault(table, text)) is not None:
             raise RecordError(fault[0], where=where, remedy=fault[1])
         shown = repr(text if len(text) <= 40 else text[:37] + "...")
-        raise RecordError(f"{shown} is not a number", where=where, remedy="write a number, or leave the cell empty where the sample is missing")
-    remedy = "give every row a finite time" if column.channel == TIME else "leave the cell empty where the sample is missing"
-    raise RecordError("an infinite value" if column.channel != TIME else "time is infinite", where=where, remedy=remedy)
+        raise RecordError(
+            f"{shown} is not a number",
+            where=where,
+            remedy="write a number, or leave the cell empty where the sample is missing",
+        )
+    remedy = (
+        "give every row a finite time"
+        if column.channel == TIME
+        else "leave the cell empty where the sample is missing"
+    )
+    raise RecordError(
+        "an infinite value" if column.channel != TIME else "time is infinite",
+        where=where,
+        remedy=remedy,
+    )
 
 
 def _row_remedy(table: CellTable, position: int) -> str:
     more = table.separator == "," and table.ragged[position] > len(table.header)
-    return f"give each row one cell a column, {'numbers with points, not decimal commas' if more else 'empty where a sample is missing'}"
+    return (
+        "give each row one cell a column, "
+        f"{'numbers with points, not decimal commas' if more else 'empty where a sample is missing'}"  # noqa: E501
+    )
 
 
 def _cell(table: CellTable, column: SourceColumn, position: int) -> str:

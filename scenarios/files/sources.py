@@ -68,7 +68,9 @@ class EscapedStream:
 def escaped_streams() -> Iterator[None]:
     """Escape what is printed on stdout and stderr while the body runs."""
     out, err = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = (None if each is None else cast(Any, EscapedStream(each)) for each in (out, err))
+    sys.stdout, sys.stderr = (
+        None if each is None else cast(Any, EscapedStream(each)) for each in (out, err)
+    )
     try:
         yield
     finally:
@@ -84,8 +86,10 @@ def styled_stream(stream: Any) -> Any:
 
 # ---- Files opened once
 
-MOST_RECORD = 1 << 30  # bytes of a record file, as it stands and unpacked: a few times that has room in memory
-MOST_DECLARED = 1 << 22  # bytes of a TOML or Python file: the parser takes a second for each million
+# bytes of a record file, as it stands and unpacked: a few times that has room in memory
+MOST_RECORD = 1 << 30
+# bytes of a TOML or Python file: the parser takes a second for each million
+MOST_DECLARED = 1 << 22
 MOST_DOCUMENT = 1 << 27  # bytes of a JSON document of ours, which may hold figures
 PATIENCE = 5.0  # s, in which a program must begin to write into a pipe
 _PIECE = 1 << 20
@@ -110,7 +114,9 @@ class Source:
     identity: InputFile
 
 
-def read_source(path: str | Path, error: type[FlightidError], wanted: str, most: int = MOST_DECLARED) -> Source:
+def read_source(
+    path: str | Path, error: type[FlightidError], wanted: str, most: int = MOST_DECLARED
+) -> Source:
     """Open a file, once.
 
     Parameters
@@ -153,7 +159,9 @@ def resolved(path: str | Path) -> Path:
     return Path(os.path.realpath(path))
 
 
-def too_large(error: type[FlightidError], where: str, size: str, most: int, remedy: str = "") -> FlightidError:
+def too_large(
+    error: type[FlightidError], where: str, size: str, most: int, remedy: str = ""
+) -> FlightidError:
     """The error for a file beyond a limit; ``size`` says how large it is, in words that go before
     "is more than".
     """
@@ -265,12 +273,16 @@ def toml_value(text: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise DocumentError(f"not valid TOML: {' '.join(str(error).split())}") from None
     except ValueError:  # Python's own limit of digits, and dates that no calendar has
-        raise DocumentError(f"not valid TOML: a number of more than {MOST_DIGITS} digits, or no date") from None
+        raise DocumentError(
+            f"not valid TOML: a number of more than {MOST_DIGITS} digits, or no date"
+        ) from None
     _refuse_extremes(value, finite=False)
     return value
 
 
-def read_json(path: Path, error: type[FlightidError] = DeclarationError, wanted: str = "the folder of a study") -> Any:
+def read_json(
+    path: Path, error: type[FlightidError] = DeclarationError, wanted: str = "the folder of a study"
+) -> Any:
     """The value of a JSON file.
 
     Raises
@@ -314,16 +326,21 @@ def _refuse_extremes(value: Any, *, finite: bool) -> None:
     level, depth = [("", value)], 0
     while level:
         if depth > DEEPEST:
-            raise DocumentError(f"nested deeper than {DEEPEST} levels", level[0][0][:_documents_SHOWN])
+            raise DocumentError(
+                f"nested deeper than {DEEPEST} levels", level[0][0][:_documents_SHOWN]
+            )
         inner: list[tuple[str, Any]] = []
         for key, each in level:
             if isinstance(each, dict):
-                inner += [(f"{key}.{name}" if key else str(name), item) for name, item in each.items()]
+                inner += [
+                    (f"{key}.{name}" if key else str(name), item) for name, item in each.items()
+                ]
             elif isinstance(each, list):
                 inner += [(key, item) for item in each]
             elif isinstance(each, int) and abs(each) >= 10**MOST_DIGITS:
                 raise DocumentError(
-                    f"{str(each)[:_documents_SHOWN]}... is not a number to compute with: it has more than {MOST_DIGITS} digits",
+                    f"{str(each)[:_documents_SHOWN]}... is not a number to compute with: it has "
+                    f"more than {MOST_DIGITS} digits",
                     key,
                 )
             elif finite and isinstance(each, float) and not math.isfinite(each):
@@ -337,7 +354,9 @@ PACKAGES = ("flightid", "numpy", "scipy", "filterpy", "control")
 
 
 def versions() -> dict[str, str]:
-    """Python's version and those of the packages that are installed, the same in every file that a command writes."""
+    """Python's version and those of the packages that are installed, the same in every file that a
+    command writes.
+    """
     found = {"python": platform.python_version()}
     for package in PACKAGES:
         with contextlib.suppress(PackageNotFoundError):

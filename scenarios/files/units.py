@@ -1,4 +1,6 @@
-"""From the unit that a user's file carries to ours. Products of SI units and degrees need no library; pint is imported only for the others."""
+"""From the unit that a user's file carries to ours. Products of SI units and degrees need no
+library; pint is imported only for the others.
+"""
 
 from __future__ import annotations
 
@@ -54,11 +56,24 @@ _CAPITALS = {name.upper(): name for name in _SI}
 _DEGREE = math.pi / 180.0
 _FACTOR = re.compile(r"([*/]?)(rad|deg|kg|Pa|N|m|s|1)(?:\*\*(-?\d+))?(?=[*/]|$)", re.ASCII)
 _LONGEST = 40  # characters of a unit: what is longer is none, and takes the parser long
-# Powers beyond two digits, powers of powers and large numbers are no units; the library would work them out.
-_EXPLOSIVE = re.compile(r"\*\*[-+]?\(|\*\*[-+]?\d{3}|\*\*[-+]?[\d.]+\*\*|\)\*\*.*\)\*\*|\d{7}|\d[eE][-+]?\d{2}", re.ASCII)
+# Powers beyond two digits, powers of powers and large numbers are no units; the library would work
+# them out.
+_EXPLOSIVE = re.compile(
+    r"\*\*[-+]?\(|\*\*[-+]?\d{3}|\*\*[-+]?[\d.]+\*\*|\)\*\*.*\)\*\*|\d{7}|\d[eE][-+]?\d{2}",
+    re.ASCII,
+)
 _GRAVITIES = ("g", "G", "gs", "g0", "g_0", "gee")
 _ALIASES = {"°": "deg", "lbm": "lb", "psf": "lbf/ft**2", "NM": "nautical_mile"}
-_ANGLES = ("radian", "degree", "arcminute", "arcsecond", "turn", "grade", "revolutions_per_minute", "revolutions_per_second")
+_ANGLES = (
+    "radian",
+    "degree",
+    "arcminute",
+    "arcsecond",
+    "turn",
+    "grade",
+    "revolutions_per_minute",
+    "revolutions_per_second",
+)
 
 
 class _Size(NamedTuple):
@@ -71,21 +86,24 @@ class _Size(NamedTuple):
     deg: int
 
 
-def to_si(value: Number, unit: str, target: str, where: str, error: type[FlightidError] = RecordError) -> Number:
+def to_si(
+    value: Number, unit: str, target: str, where: str, error: type[FlightidError] = RecordError
+) -> Number:
     """A value, or an array of any shape with NaN kept, in one of our units.
 
     Parameters
     ----------
     value : the number as the file has it.
     unit : its unit as the file has it; ``""`` means that it is in ``target`` already.
-    target : one of ``QUANTITIES``: SI, radians, and ``"g"`` (9.80665 m/s2) for a load factor; or the unit that an own model declares.
-    where : file and column or key, for the message.
-    error : what to raise.
+    target : one of ``QUANTITIES``: SI, radians, and ``"g"`` (9.80665 m/s2) for a load factor; or
+    the unit that an own model declares. where : file and column or key, for the message. error :
+    what to raise.
 
-    Conventions: ``g`` is the standard gravity where an acceleration is due, a gram elsewhere. A pound is
-    a mass, but a force in a pressure or where a force is due; a weight per area (lbf/ft2) given for a mass per area is divided by
-    g0, which leaves the number of pounds. A radian may be left out, a degree may not. Hz is a number of
-    turns a second, so it is 2 pi rad/s, and no plain 1/s.
+    Conventions: ``g`` is the standard gravity where an acceleration is due, a gram elsewhere. A
+    pound is a mass, but a force in a pressure or where a force is due; a weight per area (lbf/ft2)
+    given for a mass per area is divided by g0, which leaves the number of pounds. A radian may be
+    left out, a degree may not. Hz is a number of turns a second, so it is 2 pi rad/s, and no plain
+    1/s.
 
     Raises
     ------
@@ -107,15 +125,21 @@ def to_si(value: Number, unit: str, target: str, where: str, error: type[Flighti
 
 
 def is_unit(unit: str) -> bool:
-    """Whether a unit is known, so that others are converted into it; any other is a label that all must share."""
+    """Whether a unit is known, so that others are converted into it; any other is a label that all
+    must share.
+    """
     text = normal_form(unit)
     if not _is_tame(text):
         return False
-    return text == LOAD_FACTOR or _si_size(text) is not None or _parsed(_registry(), text) is not None
+    return (
+        text == LOAD_FACTOR or _si_size(text) is not None or _parsed(_registry(), text) is not None
+    )
 
 
 def _is_tame(text: str) -> bool:
-    """Whether a unit in normal form is short, of small powers, and in plain letters: only such a text is parsed."""
+    """Whether a unit in normal form is short, of small powers, and in plain letters: only such a
+    text is parsed.
+    """
     foreign = any(letter.isdecimal() and not letter.isascii() for letter in text)
     return len(text) <= _LONGEST and not foreign and _EXPLOSIVE.search(text) is None
 
@@ -130,12 +154,24 @@ def normal_form(unit: str) -> str:
     return re.sub(r"[^\W\d]+|°", lambda word: _ALIASES.get(word[0], word[0]), text)
 
 
-def _converted(value: Number, unit: str, text: str, target: str, shown: str, where: str, error: type[FlightidError]) -> Number:
-    kind, examples = QUANTITIES.get(shown, (f"what is declared in {shown!r}", f"it in {shown}, or leave the unit out"))
+def _converted(
+    value: Number,
+    unit: str,
+    text: str,
+    target: str,
+    shown: str,
+    where: str,
+    error: type[FlightidError],
+) -> Number:
+    kind, examples = QUANTITIES.get(
+        shown, (f"what is declared in {shown!r}", f"it in {shown}, or leave the unit out")
+    )
     wrong = error(f"unit {unit!r} does not measure {kind}", where=where, remedy=f"write {examples}")
     size, due = _si_size(text), _si_size(normal_form(target))
     if size is not None and due is not None:
-        if size[:3] == due[:3] and (size.rad == due.rad or (0 in (size.rad, due.rad) and not size.deg and not due.deg)):
+        if size[:3] == due[:3] and (
+            size.rad == due.rad or (0 in (size.rad, due.rad) and not size.deg and not due.deg)
+        ):
             return value * _DEGREE ** (size.deg - due.deg) if size.deg != due.deg else value
         raise wrong
     if re.search(r"hz|hertz", text, re.IGNORECASE):
@@ -144,12 +180,19 @@ def _converted(value: Number, unit: str, text: str, target: str, shown: str, whe
         raise wrong
     if text.isupper():  # S and PA of a header in capitals are no siemens and no petaampere
         usual = re.sub(r"[A-Z]+", lambda word: _CAPITALS.get(word[0], word[0]), text)
-        if usual != text and (size := _si_size(usual)) is not None and due is not None and size[:4] == due[:4]:
+        if (
+            usual != text
+            and (size := _si_size(usual)) is not None
+            and due is not None
+            and size[:4] == due[:4]
+        ):
             return _converted(value, unit, usual, target, shown, where, error)
     units = _registry()
     goal, parsed = _parsed(units, normal_form(target)), _parsed(units, _pounds(text, target))
     if goal is None:
-        remedy = f"leave the unit out: the numbers are taken in {target}, which has no conversion here"
+        remedy = (
+            f"leave the unit out: the numbers are taken in {target}, which has no conversion here"
+        )
         raise error(f"unit {unit!r} is not the declared {target!r}", where=where, remedy=remedy)
     if parsed is None:
         raise error(f"unknown unit {unit!r}", where=where, remedy=f"write {examples}")
@@ -197,7 +240,8 @@ def _parsed(units: pint.UnitRegistry[Any], text: str) -> Any:
     for spelling in (text, text.lower()):
         try:
             return units.parse_units(spelling)
-        except Exception:  # the text is a user's, and the parser has no single error for what it cannot read
+        # the text is a user's, and the parser has no single error for what it cannot read
+        except Exception:
             continue
     return None
 

@@ -1,4 +1,6 @@
-"""Users' models: the Python file that declares one, its vehicle file, and constraints on its parameters."""
+"""Users' models: the Python file that declares one, its vehicle file, and constraints on its
+parameters.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ _NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Constraints:
-    """``fixed`` parameters stay where the file says, ``bounds`` (low, high) hold in a fit, ``ties`` make one follow others; all in SI."""
+    """``fixed`` parameters stay where the file says, ``bounds`` (low, high) hold in a fit, ``ties``
+    make one follow others; all in SI.
+    """
 
     fixed: tuple[str, ...] = ()
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _NO_BOUNDS)
@@ -45,17 +49,25 @@ class Constraints:
 NONE = Constraints()
 
 
-def take_constraints(content: dict[str, Any], units: Mapping[str, str], path: str | Path, defaults: Mapping[str, float] | None = None) -> Constraints:
-    """The three tables taken out of a vehicle file's content, in place; values of fixed and tied parameters join its starts.
+def take_constraints(
+    content: dict[str, Any],
+    units: Mapping[str, str],
+    path: str | Path,
+    defaults: Mapping[str, float] | None = None,
+) -> Constraints:
+    """The three tables taken out of a vehicle file's content, in place; values of fixed and tied
+    parameters join its starts.
 
     Parameters
     ----------
-    content : the file as read; ``[derivatives]`` receives a start for each parameter that ``[fixed]`` gives a value or ``[tied]`` names.
-    units : what may be estimated, with the unit inside. defaults : starts of what the file need not give.
+    content : the file as read; ``[derivatives]`` receives a start for each parameter that
+    ``[fixed]`` gives a value or ``[tied]`` names. units : what may be estimated, with the unit
+    inside. defaults : starts of what the file need not give.
 
     Raises
     ------
-    DeclarationError : one line with file, key and remedy: an unknown parameter, one given twice, bounds in the wrong order or beside the
+    DeclarationError : one line with file, key and remedy: an unknown parameter, one given twice,
+    bounds in the wrong order or beside the
         start, a tie to itself, to one that is tied, or of another form.
     """
     given = {table: content.pop(table, {}) for table in TABLES}
@@ -65,19 +77,37 @@ def take_constraints(content: dict[str, Any], units: Mapping[str, str], path: st
     if not isinstance(starts, dict):
         return NONE  # its own reader says what is wrong with it
     modes = content.get("modes")
-    # What is new goes into the first map, the derivatives; starts of elastic modes are only looked up.
-    known = ChainMap(starts, *(table for table in (modes if isinstance(modes, list) else ()) if isinstance(table, dict)), dict(defaults or {}))
+    # What is new goes into the first map, the derivatives; starts of elastic modes are only looked
+    # up.
+    known = ChainMap(
+        starts,
+        *(table for table in (modes if isinstance(modes, list) else ()) if isinstance(table, dict)),
+        dict(defaults or {}),
+    )
     fixed = _fixed(given["fixed"], known, units, path)
     ties = _ties(given["tied"], known, units, fixed, path)
-    return Constraints(fixed, _bounds(given["bounds"], known, units, (*fixed, *(tie.name for tie in ties)), path), ties)
+    return Constraints(
+        fixed,
+        _bounds(given["bounds"], known, units, (*fixed, *(tie.name for tie in ties)), path),
+        ties,
+    )
 
 
-def with_place(error: DeclarationError, constraints: Constraints, path: str | Path) -> DeclarationError:
-    """A fault of a start that came from ``[fixed]`` or ``[tied]``, with the key under which the user wrote it."""
-    for table, names in (("fixed", constraints.fixed), ("tied", [tie.name for tie in constraints.ties])):
+def with_place(
+    error: DeclarationError, constraints: Constraints, path: str | Path
+) -> DeclarationError:
+    """A fault of a start that came from ``[fixed]`` or ``[tied]``, with the key under which the
+    user wrote it.
+    """
+    for table, names in (
+        ("fixed", constraints.fixed),
+        ("tied", [tie.name for tie in constraints.ties]),
+    ):
         for name in names:
             if error.where == f"{path}, key {STARTS}.{name}":
-                return DeclarationError(error.what, where=f"{path}, key {table}.{name}", remedy=error.remedy)
+                return DeclarationError(
+                    error.what, where=f"{path}, key {table}.{name}", remedy=error.remedy
+                )
     return error
 
 
@@ -86,11 +116,17 @@ def refuse_nothing_left(constraints: Constraints, starts: Iterable[str], path: s
     held = {*constraints.fixed, *(tie.name for tie in constraints.ties)}
     if held and held.issuperset(starts):
         remedy = "leave one parameter free at least"
-        raise DeclarationError("every parameter is fixed or tied: nothing is left to estimate", where=str(path), remedy=remedy)
+        raise DeclarationError(
+            "every parameter is fixed or tied: nothing is left to estimate",
+            where=str(path),
+            remedy=remedy,
+        )
 
 
 def side_at(value: float, bounds: tuple[float, float]) -> str:
-    """``"lower"`` or ``"upper"`` where a fit has pressed a value against one of its bounds, else empty."""
+    """``"lower"`` or ``"upper"`` where a fit has pressed a value against one of its bounds, else
+    empty.
+    """
     low, high = bounds
     room = _AT * max(abs(end) if math.isfinite(end) else 0.0 for end in bounds)
     if math.isfinite(low) and low - value >= -room:
@@ -99,7 +135,9 @@ def side_at(value: float, bounds: tuple[float, float]) -> str:
 
 
 def constrained(model: Model, constraints: Constraints) -> Model:
-    """The model with what the file lays down: parameters held, bounds that are the narrower of the file's and the model's own, ties."""
+    """The model with what the file lays down: parameters held, bounds that are the narrower of the
+    file's and the model's own, ties.
+    """
     if not constraints:
         return model
     parameters = model.parameters.hold(constraints.fixed)
@@ -110,16 +148,24 @@ def constrained(model: Model, constraints: Constraints) -> Model:
     return model.with_parameters(parameters.with_bounds(narrow)).with_ties(constraints.ties)
 
 
-def constraint_sentences(constraints: Constraints, starts: Mapping[str, float], units: Mapping[str, str]) -> tuple[str, ...]:
+def constraint_sentences(
+    constraints: Constraints, starts: Mapping[str, float], units: Mapping[str, str]
+) -> tuple[str, ...]:
     """What the vehicle file lays down, a sentence each; nothing where it lays down nothing."""
     told = []
     if constraints.fixed:
-        each = [f"{name} = {starts[name]:.6g}{_unit(units.get(name, '1'))}" for name in constraints.fixed]
+        each = [
+            f"{name} = {starts[name]:.6g}{_unit(units.get(name, '1'))}"
+            for name in constraints.fixed
+        ]
         told.append(f"held by the vehicle file: {', '.join(each)}")
     if constraints.ties:
         told.append(f"tied by the vehicle file: {', '.join(tie.words for tie in constraints.ties)}")
     if constraints.bounds:
-        each = [f"{name} from {low:g} to {high:g}{_unit(units.get(name, '1'))}" for name, (low, high) in constraints.bounds.items()]
+        each = [
+            f"{name} from {low:g} to {high:g}{_unit(units.get(name, '1'))}"
+            for name, (low, high) in constraints.bounds.items()
+        ]
         told.append(f"bounded by the vehicle file: {', '.join(each)}")
     return tuple(told)
 
@@ -128,7 +174,9 @@ def _unit(unit: str) -> str:
     return "" if unit == "1" else f" {unit}"
 
 
-def _fixed(table: Any, starts: ChainMap[str, Any], units: Mapping[str, str], path: str | Path) -> tuple[str, ...]:
+def _fixed(
+    table: Any, starts: ChainMap[str, Any], units: Mapping[str, str], path: str | Path
+) -> tuple[str, ...]:
     """``fixed = ["A"]`` holds at the start, ``[fixed] A = 1.0`` gives the value."""
     if isinstance(table, list):
         for name in table:
@@ -136,10 +184,14 @@ def _fixed(table: Any, starts: ChainMap[str, Any], units: Mapping[str, str], pat
             if name not in starts:
                 where = f"{path}, key fixed"
                 raise DeclarationError(
-                    f"{name} has no value to be fixed at", where=where, remedy=f"give it under [{STARTS}], or write [fixed] {name} = ..."
+                    f"{name} has no value to be fixed at",
+                    where=where,
+                    remedy=f"give it under [{STARTS}], or write [fixed] {name} = ...",
                 )
         return tuple(dict.fromkeys(table))
-    for name, value in _table(table, "fixed", path, 'write [fixed] with NAME = value, or fixed = ["NAME"] at the top').items():
+    for name, value in _table(
+        table, "fixed", path, 'write [fixed] with NAME = value, or fixed = ["NAME"] at the top'
+    ).items():
         where = f"{path}, key fixed.{name}"
         _known(name, units, where)
         _once(name, starts, where)
@@ -147,14 +199,22 @@ def _fixed(table: Any, starts: ChainMap[str, Any], units: Mapping[str, str], pat
     return tuple(table)
 
 
-def _ties(table: Any, starts: ChainMap[str, Any], units: Mapping[str, str], fixed: Iterable[str], path: str | Path) -> tuple[Tie, ...]:
+def _ties(
+    table: Any,
+    starts: ChainMap[str, Any],
+    units: Mapping[str, str],
+    fixed: Iterable[str],
+    path: str | Path,
+) -> tuple[Tie, ...]:
     ties: list[Tie] = []
     entries = _table(table, "tied", path, _TIE)
     for name, entry in entries.items():
         where = f"{path}, key tied.{name}"
         _known(name, units, where)
         if name in fixed:
-            raise DeclarationError("given twice, also under fixed", where=where, remedy="keep one of the two")
+            raise DeclarationError(
+                "given twice, also under fixed", where=where, remedy="keep one of the two"
+            )
         _once(name, starts, where)
         ties.append(_tie(name, entry, units, where))
     for tie in ties:
@@ -162,48 +222,99 @@ def _ties(table: Any, starts: ChainMap[str, Any], units: Mapping[str, str], fixe
         for source in tie.sources:
             if source in entries:
                 what = "it follows itself" if source == tie.name else f"{source} is tied itself"
-                raise DeclarationError(what, where=where, remedy="tie it to parameters that are not tied")
+                raise DeclarationError(
+                    what, where=where, remedy="tie it to parameters that are not tied"
+                )
             if source not in starts:
-                raise DeclarationError(f"{source}, which it follows, has no start", where=where, remedy=f"give {source} under [{STARTS}]")
+                raise DeclarationError(
+                    f"{source}, which it follows, has no start",
+                    where=where,
+                    remedy=f"give {source} under [{STARTS}]",
+                )
     for tie in ties:
-        starts[tie.name] = float(tie.of(lambda source: _number(starts[source], units[source], f"{path}, key {STARTS}.{source}")))
+        starts[tie.name] = float(
+            tie.of(
+                lambda source: _number(
+                    starts[source], units[source], f"{path}, key {STARTS}.{source}"
+                )
+            )
+        )
     return tuple(ties)
 
 
 def _tie(name: str, entry: Any, units: Mapping[str, str], where: str) -> Tie:
     terms, constant = [], 0.0
     for term in entry if isinstance(entry, list) else [entry]:
-        if not isinstance(term, dict) or not term or not set(term) <= {"parameter", "factor", "constant"}:
+        if (
+            not isinstance(term, dict)
+            or not term
+            or not set(term) <= {"parameter", "factor", "constant"}
+        ):
             raise DeclarationError("this is no tie", where=where, remedy=_TIE)
         if "constant" in term:
             constant += _number(term["constant"], units[name], where)
         if ("parameter" in term) != ("factor" in term):
-            raise DeclarationError(f"a term has {'no factor' if 'parameter' in term else 'no parameter'}", where=where, remedy=_TIE)
+            raise DeclarationError(
+                f"a term has {'no factor' if 'parameter' in term else 'no parameter'}",
+                where=where,
+                remedy=_TIE,
+            )
         if "parameter" in term:
             _known(term["parameter"], units, where)
             terms.append((term["parameter"], _number(term["factor"], "1", where)))
     if not terms:
-        raise DeclarationError("it follows no parameter", where=where, remedy="a constant alone belongs under [fixed]")
+        raise DeclarationError(
+            "it follows no parameter", where=where, remedy="a constant alone belongs under [fixed]"
+        )
     return Tie(name, tuple(terms), constant)
 
 
 def _bounds(
-    table: Any, starts: Mapping[str, Any], units: Mapping[str, str], held: Iterable[str], path: str | Path
+    table: Any,
+    starts: Mapping[str, Any],
+    units: Mapping[str, str],
+    held: Iterable[str],
+    path: str | Path,
 ) -> Mapping[str, tuple[float, float]]:
     out = {}
-    for name, pair in _table(table, "bounds", path, "write [bounds] with NAME = [low, high]").items():
+    for name, pair in _table(
+        table, "bounds", path, "write [bounds] with NAME = [low, high]"
+    ).items():
         where = f"{path}, key bounds.{name}"
         _known(name, units, where)
         if name in held:
-            raise DeclarationError("it is fixed or tied", where=where, remedy="leave its bounds out")
+            raise DeclarationError(
+                "it is fixed or tied", where=where, remedy="leave its bounds out"
+            )
         if not isinstance(pair, list) or len(pair) != 2:
-            raise DeclarationError("this is no pair", where=where, remedy="write [low, high]; inf and -inf leave a side open")
-        low, high = (float(end) if isinstance(end, float) and math.isinf(end) else _number(end, units[name], where) for end in pair)
+            raise DeclarationError(
+                "this is no pair",
+                where=where,
+                remedy="write [low, high]; inf and -inf leave a side open",
+            )
+        low, high = (
+            float(end)
+            if isinstance(end, float) and math.isinf(end)
+            else _number(end, units[name], where)
+            for end in pair
+        )
         if not low < high:
-            raise DeclarationError(f"{low:g} is not below {high:g}", where=where, remedy="give the lower bound first; [fixed] holds a parameter")
-        start = _number(starts[name], units[name], f"{path}, key {STARTS}.{name}") if name in starts else None
+            raise DeclarationError(
+                f"{low:g} is not below {high:g}",
+                where=where,
+                remedy="give the lower bound first; [fixed] holds a parameter",
+            )
+        start = (
+            _number(starts[name], units[name], f"{path}, key {STARTS}.{name}")
+            if name in starts
+            else None
+        )
         if start is not None and not low <= start <= high:
-            raise DeclarationError(f"the start {start:g} lies outside [{low:g}, {high:g}]", where=where, remedy="widen the bounds or move the start")
+            raise DeclarationError(
+                f"the start {start:g} lies outside [{low:g}, {high:g}]",
+                where=where,
+                remedy="widen the bounds or move the start",
+            )
         out[name] = (low, high)
     return MappingProxyType(out)
 
@@ -216,13 +327,19 @@ def _table(table: Any, key: str, path: str | Path, remedy: str) -> dict[str, Any
 
 def _known(name: Any, units: Mapping[str, str], where: str) -> None:
     if name not in units:
-        raise DeclarationError(f"there is no parameter {name!r} to be estimated", where=where, remedy=closest(str(name), units))
+        raise DeclarationError(
+            f"there is no parameter {name!r} to be estimated",
+            where=where,
+            remedy=closest(str(name), units),
+        )
 
 
 def _once(name: str, starts: ChainMap[str, Any], where: str) -> None:
     """Refuse what the file says in two places; the last map holds what it need not say."""
     if any(name in table for table in starts.maps[:-1]):
-        raise DeclarationError(f"given twice, also under {STARTS}", where=where, remedy="keep one of the two")
+        raise DeclarationError(
+            f"given twice, also under {STARTS}", where=where, remedy="keep one of the two"
+        )
 
 
 def _number(value: object, unit: str, where: str) -> float:
@@ -234,38 +351,50 @@ def _number(value: object, unit: str, where: str) -> float:
 # ---- A user's own model
 
 SUFFIX = ".py"
-NOT_KEYS = ("name", "derivatives", "fixed", "bounds", "tied")  # of a vehicle file, which a constant's would hide
+# of a vehicle file, which a constant's would hide
+NOT_KEYS = ("name", "derivatives", "fixed", "bounds", "tied")
 SHORT_PERIOD = ("alpha", "q", "nz")  # channels that the kinematics of pitching join
 EXAMPLE = "MODEL = own_model(...) as docs/own-models.md shows"
 
 
 @dataclass(frozen=True, eq=False)
 class OwnModel:
-    """A model that a file declares, at the file's own starts, and the file with its hash; of one that never was in a file its name and numbers'."""
+    """A model that a file declares, at the file's own starts, and the file with its hash; of one
+    that never was in a file its name and numbers'.
+    """
 
     model: Model
     identity: InputFile
 
 
 def is_model_file(name: str | OwnModel) -> bool:
-    """Whether ``--model`` names a user's file: one that ends in .py, or a path; a model in memory is as good."""
+    """Whether ``--model`` names a user's file: one that ends in .py, or a path; a model in memory
+    is as good.
+    """
     return isinstance(name, OwnModel) or name.endswith(SUFFIX) or "/" in name or "\\" in name
 
 
 def is_own(model: Model) -> bool:
-    """Whether a model is a user's own: its signals mean what its file says, whatever their names."""
+    """Whether a model is a user's own: its signals mean what its file says, whatever their
+    names.
+    """
     return isinstance(model.equations, OwnEquations)
 
 
 def is_of_aircraft(model: Model) -> bool:
-    """Whether a model speaks of an aircraft's short period: built in, or with its channels and its airspeed by their names and in their units.
+    """Whether a model speaks of an aircraft's short period: built in, or with its channels and its
+    airspeed by their names and in their units.
 
-    Of such an own model the kinematics say what they say of a built-in one, and its channels have the same words.
+    Of such an own model the kinematics say what they say of a built-in one, and its channels have
+    the same words.
     """
     if not is_own(model):
         return True
     outputs = {signal.name: signal.unit for signal in model.equations.outputs}
-    speed = "airspeed" in model.parameters and model.parameters["airspeed"].unit == CHANNEL_UNITS["airspeed"]
+    speed = (
+        "airspeed" in model.parameters
+        and model.parameters["airspeed"].unit == CHANNEL_UNITS["airspeed"]
+    )
     return speed and all(outputs.get(name) == CHANNEL_UNITS[name] for name in SHORT_PERIOD)
 
 
@@ -277,88 +406,154 @@ def inputs_at_rest(model: Model) -> list[float]:
 
 
 def moves_about_rest(model: Model) -> bool:
-    """Whether a natural frequency is asked: not of an own model that starts elsewhere than at rest, about which it need not move."""
+    """Whether a natural frequency is asked: not of an own model that starts elsewhere than at rest,
+    about which it need not move.
+    """
     return not is_own(model) or not (np.any(model.initial.values()) or any(inputs_at_rest(model)))
 
 
 def unit_in(model: Model, name: str) -> str:
-    """The unit that a model declares for a state, an input, an output or a parameter; 1 where it has no such name."""
+    """The unit that a model declares for a state, an input, an output or a parameter; 1 where it
+    has no such name.
+    """
     e = model.equations
     signals = {signal.name: signal.unit for signal in (*e.states, *e.inputs, *e.outputs)}
-    return signals[name] if name in signals else model.parameters[name].unit if name in model.parameters else "1"
+    return (
+        signals[name]
+        if name in signals
+        else model.parameters[name].unit
+        if name in model.parameters
+        else "1"
+    )
 
 
 def read_user_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnModel:
-    """The ``MODEL`` of a user's Python file, which is run once; what the file says of itself becomes the equations' explanation.
+    """The ``MODEL`` of a user's Python file, which is run once; what the file says of itself
+    becomes the equations' explanation.
 
     Raises
     ------
-    DeclarationError : no such file, an error in it (with its line), no ``MODEL`` in it, or one that ``own_model`` did not make or that has the
+    DeclarationError : no such file, an error in it (with its line), no ``MODEL`` in it, or one that
+    ``own_model`` did not make or that has the
         name of one ``built_in``.
     """
     source = read_source(path, DeclarationError, WANTED)
     where = str(source.path)
     module = run_python(source, "model")
     if not hasattr(module, "MODEL"):
-        raise DeclarationError("it declares no MODEL", where=where, remedy=f"put {EXAMPLE} at its top level")
+        raise DeclarationError(
+            "it declares no MODEL", where=where, remedy=f"put {EXAMPLE} at its top level"
+        )
     model = checked_model(module.MODEL, where, built_in)
     equations: Any = model.equations
     _refuse_unused(model, equations, source)
-    return OwnModel(replace(model, equations=replace(equations, explanation=(module.__doc__ or "").strip())), source.identity)
+    return OwnModel(
+        replace(model, equations=replace(equations, explanation=(module.__doc__ or "").strip())),
+        source.identity,
+    )
 
 
 def model_in_memory(model: object, built_in: tuple[str, ...] = ()) -> OwnModel:
-    """A user's own model that was made in Python and stands in no file. Raises DeclarationError as ``read_user_model``."""
+    """A user's own model that was made in Python and stands in no file. Raises DeclarationError as
+    ``read_user_model``.
+    """
     own = checked_model(model, "model", built_in)
-    numbers = repr([(item.name, item.value, item.unit, item.free) for item in (*own.parameters, *own.initial)])
-    return OwnModel(own, InputFile(own.name, hashlib.sha256(f"{own.name}: {numbers}".encode()).hexdigest()))
+    numbers = repr(
+        [(item.name, item.value, item.unit, item.free) for item in (*own.parameters, *own.initial)]
+    )
+    return OwnModel(
+        own, InputFile(own.name, hashlib.sha256(f"{own.name}: {numbers}".encode()).hexdigest())
+    )
 
 
 def checked_model(model: object, where: str, built_in: tuple[str, ...] = ()) -> Model:
     """The model, if it is one of a user's own whose names can serve. Raises DeclarationError."""
     if not isinstance(model, Model) or not is_own(model):
-        raise DeclarationError(f"its MODEL is of type {type(model).__name__}", where=where, remedy=f"make it with own_model, {EXAMPLE}")
+        raise DeclarationError(
+            f"its MODEL is of type {type(model).__name__}",
+            where=where,
+            remedy=f"make it with own_model, {EXAMPLE}",
+        )
     if model.name in built_in:
-        raise DeclarationError(f"the model {model.name!r} is built in", where=where, remedy="give yours another name")
+        raise DeclarationError(
+            f"the model {model.name!r} is built in", where=where, remedy="give yours another name"
+        )
     for name in NOT_KEYS:
         if name in model.parameters and not model.parameters[name].free:
-            raise DeclarationError(f"a constant {name!r} has no place in a vehicle file", where=where, remedy="give it another name")
+            raise DeclarationError(
+                f"a constant {name!r} has no place in a vehicle file",
+                where=where,
+                remedy="give it another name",
+            )
     return model
 
 
 def _refuse_unused(model: Model, equations: OwnEquations, source: Source) -> None:
-    """Raise DeclarationError, with its line, for a parameter that no equation has: none asks for it, and nowhere in the file is it spelt as one."""
-    rest = dict(zip((signal.name for signal in equations.inputs), inputs_at_rest(model), strict=True))
-    signals = {TIME: 0.0, **{item.name: item.value for item in model.initial}, **rest, **{port.name: 0.0 for port in equations.ports}}
-    asked = parameters_read(equations, Starts(signals, {item.name: item.value for item in model.parameters}))
+    """Raise DeclarationError, with its line, for a parameter that no equation has: none asks for
+    it, and nowhere in the file is it spelt as one.
+    """
+    rest = dict(
+        zip((signal.name for signal in equations.inputs), inputs_at_rest(model), strict=True)
+    )
+    signals = {
+        TIME: 0.0,
+        **{item.name: item.value for item in model.initial},
+        **rest,
+        **{port.name: 0.0 for port in equations.ports},
+    }
+    asked = parameters_read(
+        equations, Starts(signals, {item.name: item.value for item in model.parameters})
+    )
     nodes = [*ast.walk(ast.parse(source.content))]
     spelt = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
     for name in model.parameters.free_names:
         if name not in asked and name not in spelt:
-            lines = [node.lineno for node in nodes if isinstance(node, ast.Constant) and node.value == name]
-            where = f"{source.path}{f', line {lines[0]}' if lines else ''}: model {model.name}, parameters, {name}"
-            raise DeclarationError("it is in no equation", where=where, remedy="use it, or leave it out")
+            lines = [
+                node.lineno
+                for node in nodes
+                if isinstance(node, ast.Constant) and node.value == name
+            ]
+            where = (
+                f"{source.path}{f', line {lines[0]}' if lines else ''}: model {model.name}, "
+                f"parameters, {name}"
+            )
+            raise DeclarationError(
+                "it is in no equation", where=where, remedy="use it, or leave it out"
+            )
 
 
 def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]:
-    """Name of the vehicle, the model with the constants and starts that a vehicle file gives, and what the file lays down about them.
+    """Name of the vehicle, the model with the constants and starts that a vehicle file gives, and
+    what the file lays down about them.
 
     What the file leaves out stays as the model says; the constraints are not in the model yet.
 
     Raises
     ------
-    DeclarationError : one line with file, key and remedy: not TOML, an unknown key, a value of the wrong kind or unit or beyond its bounds.
+    DeclarationError : one line with file, key and remedy: not TOML, an unknown key, a value of the
+    wrong kind or unit or beyond its bounds.
     """
     from scenarios.files.schemas import number_in
 
     path, content = source.path, toml_of(source)
     free = [item for item in own.model.parameters if item.free]
-    laid_down = take_constraints(content, {item.name: item.unit for item in free}, path, {item.name: item.value for item in free})
+    laid_down = take_constraints(
+        content,
+        {item.name: item.unit for item in free},
+        path,
+        {item.name: item.value for item in free},
+    )
     name, starts = content.pop("name", path.stem), content.pop("derivatives", {})
     if not isinstance(name, str) or not name:
-        raise DeclarationError(f"{name!r} is no name", where=f"{path}, key name", remedy='write name = "..."')
+        raise DeclarationError(
+            f"{name!r} is no name", where=f"{path}, key name", remedy='write name = "..."'
+        )
     if not isinstance(starts, dict):
-        raise DeclarationError("this is no table", where=f"{path}, key derivatives", remedy="write [derivatives], and below it the starts")
+        raise DeclarationError(
+            "this is no table",
+            where=f"{path}, key derivatives",
+            remedy="write [derivatives], and below it the starts",
+        )
     given = {item.name: item for item in own.model.parameters}
     values = {}
     for table, is_free, keys in ((content, False, ""), (starts, True, "derivatives.")):
@@ -366,25 +561,43 @@ def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]
         for key, value in table.items():
             where = f"{path}, key {keys}{key}"
             if key not in known:
-                raise DeclarationError("there is no such key", where=where, remedy=_remedy(key, known, free=is_free, other=key in given))
+                raise DeclarationError(
+                    "there is no such key",
+                    where=where,
+                    remedy=_remedy(key, known, free=is_free, other=key in given),
+                )
             values[key] = number_in(value, given[key].unit, where)
     try:
         model = own.model.with_values(values)
     except ModelError as error:
-        raise DeclarationError(f"{error.where}: {error.what}", where=str(path), remedy=error.remedy) from None
+        raise DeclarationError(
+            f"{error.where}: {error.what}", where=str(path), remedy=error.remedy
+        ) from None
     refuse_nothing_left(laid_down, [item.name for item in free], path)
     return name, model, laid_down
 
 
 def channel_units(model: Model) -> Mapping[str, str]:
-    """Channel -> unit inside, of all channels that a record for this model may hold: an own model says itself what its names mean."""
+    """Channel -> unit inside, of all channels that a record for this model may hold: an own model
+    says itself what its names mean.
+    """
     if not is_own(model):
         return CHANNEL_UNITS
-    return {TIME: "s", **{signal.name: signal.unit for signal in (*model.equations.inputs, *model.equations.outputs)}}
+    return {
+        TIME: "s",
+        **{
+            signal.name: signal.unit
+            for signal in (*model.equations.inputs, *model.equations.outputs)
+        },
+    }
 
 
 def _remedy(key: str, known: list[str], *, free: bool, other: bool) -> str:
     if other:
-        return "it is a constant: put it above [derivatives]" if free else "it is a parameter: put it under [derivatives]"
+        return (
+            "it is a constant: put it above [derivatives]"
+            if free
+            else "it is a parameter: put it under [derivatives]"
+        )
     what = "parameters" if free else "constants"
     return closest(key, known) if known else f"the model has no {what}"

@@ -28,7 +28,8 @@ from sim.errors import DeclarationError
 MODELS = ("ballistic", "rigid", "flexible", "loes", "lateral", "longitudinal", "multirotor")
 BESIDE = "vehicle.toml"
 FLOWN = ("aircraft_class", "flight_phase")
-# Model -> keys at the top of its file that are there, or are not, in files of no other model; a file without these is a rigid aircraft's.
+# Model -> keys at the top of its file that are there, or are not, in files of no other model; a
+# file without these is a rigid aircraft's.
 _TOLD_BY = {
     "flexible": (("modes", True),),
     "lateral": (("span", True),),
@@ -49,19 +50,23 @@ class VehicleFile:
     ----------
     name : the vehicle's name; the file's where it gives none.
     model : the model it was read for.
-    constants : held values in SI. rigid and flexible: ``mass``, ``wing_area``, ``chord``, ``pitch_inertia``, ``airspeed``,
-        ``air_density``; loes: ``airspeed``, ``gravity`` and, if given, ``vane_arm`` (m, ahead of the c.g.);
-        ballistic: ``air_density_reference``, ``density_scale_height``, ``gravity``; lateral and longitudinal: ``LATERAL_CONSTANTS`` and
-        ``LONGITUDINAL_CONSTANTS`` of the equations.
-    derivatives : starting values in SI, per radian (loes: per unit of the stick); of lateral and longitudinal those that are given.
-    modes : for flexible, (number from 1, values) with ``frequency`` rad/s, ``damping``, ``generalized_mass`` kg m2 and the
-        starts ``CL_eta1 CL_etadot1 Cm_eta1 Cm_etadot1 Ceta1_alpha Ceta1_q Ceta1_de Ceta1_eta1 Ceta1_etadot1`` of that mode, and
-        the couplings ``Ceta1_eta2 ...`` that the file gives.
+    constants : held values in SI. rigid and flexible: ``mass``, ``wing_area``, ``chord``,
+    ``pitch_inertia``, ``airspeed``,
+        ``air_density``; loes: ``airspeed``, ``gravity`` and, if given, ``vane_arm`` (m, ahead of
+        the c.g.); ballistic: ``air_density_reference``, ``density_scale_height``, ``gravity``;
+        lateral and longitudinal: ``LATERAL_CONSTANTS`` and ``LONGITUDINAL_CONSTANTS`` of the
+        equations.
+    derivatives : starting values in SI, per radian (loes: per unit of the stick); of lateral and
+    longitudinal those that are given. modes : for flexible, (number from 1, values) with
+    ``frequency`` rad/s, ``damping``, ``generalized_mass`` kg m2 and the
+        starts ``CL_eta1 CL_etadot1 Cm_eta1 Cm_etadot1 Ceta1_alpha Ceta1_q Ceta1_de Ceta1_eta1
+        Ceta1_etadot1`` of that mode, and the couplings ``Ceta1_eta2 ...`` that the file gives.
     identity : name and hash of the file that was read, None where the values come from elsewhere.
-    aircraft_class, flight_phase : as the file has them, None where it does not say: class I to IV, category A to C of MIL-F-8785C.
-    own : a user's own model with these numbers, None for those of ``MODELS``; ``own_file`` is the file that declares it.
-    constraints : parameters that the file fixes, bounds or ties; their starts stand among the derivatives.
-    text : the file as it stands, empty where there is none.
+    aircraft_class, flight_phase : as the file has them, None where it does not say: class I to IV,
+    category A to C of MIL-F-8785C. own : a user's own model with these numbers, None for those of
+    ``MODELS``; ``own_file`` is the file that declares it. constraints : parameters that the file
+    fixes, bounds or ties; their starts stand among the derivatives. text : the file as it stands,
+    empty where there is none.
     """
 
     name: str
@@ -86,23 +91,42 @@ def vehicle_next_to(record: Path | RecordFile) -> Path | None:
 
 
 def files_read_unnamed(records: Sequence[RecordFile], vehicle: Path | None) -> tuple[str, ...]:
-    """A sentence that names the files that were read without being named: a vehicle file and the JSON files of records; empty without one.
+    """A sentence that names the files that were read without being named: a vehicle file and the
+    JSON files of records; empty without one.
 
     ``vehicle``: the file that ``vehicle_next_to`` found, None where the vehicle file was named.
     """
     names = [str(vehicle)] if vehicle is not None else []
-    names += [str(record.path.with_name(record.sidecar.file)) for record in records if record.sidecar.file and not record.in_memory]
-    return (f"read without being named, because found beside the records: {', '.join(dict.fromkeys(names))}",) if names else ()
+    names += [
+        str(record.path.with_name(record.sidecar.file))
+        for record in records
+        if record.sidecar.file and not record.in_memory
+    ]
+    return (
+        (
+            "read without being named, because found beside the records: "
+            f"{', '.join(dict.fromkeys(names))}",
+        )
+        if names
+        else ()
+    )
 
 
 def refuse_unknown_model(model: str | OwnModel, where: str) -> None:
-    """Raise DeclarationError where there is no such model; whether a user's file declares one is for its reader to say."""
+    """Raise DeclarationError where there is no such model; whether a user's file declares one is
+    for its reader to say.
+    """
     if model not in MODELS and not is_model_file(model):
-        raise DeclarationError(f"there is no model {model!r}", where=where, remedy=f"use one of {', '.join(MODELS)}, or a Python file of your own")
+        raise DeclarationError(
+            f"there is no model {model!r}",
+            where=where,
+            remedy=f"use one of {', '.join(MODELS)}, or a Python file of your own",
+        )
 
 
 def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> VehicleFile:
-    """A vehicle file for one of ``MODELS``, as ``vehicle_of``, or for a user's own model, which alone can do without (None).
+    """A vehicle file for one of ``MODELS``, as ``vehicle_of``, or for a user's own model, which
+    alone can do without (None).
 
     Raises DeclarationError, also where there is no such file.
     """
@@ -112,37 +136,76 @@ def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> Veh
         return own_vehicle(own, None if path is None else read_toml_source(path))
     if path is None:
         what = f"the {model} model needs constants and starting values"
-        raise DeclarationError(what, where="--vehicle", remedy=f"name a vehicle file, or put {BESIDE} beside the record")
+        raise DeclarationError(
+            what,
+            where="--vehicle",
+            remedy=f"name a vehicle file, or put {BESIDE} beside the record",
+        )
     return vehicle_of(read_toml_source(path), model)
 
 
 def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
-    """A user's own model with the numbers of a vehicle file, or with its own where there is none."""
-    name, model, laid_down = own_numbers(own, source) if source is not None else (own.model.name, own.model, NONE)
-    constants, starts = ({item.name: item.value for item in model.parameters if item.free is free} for free in (False, True))
+    """A user's own model with the numbers of a vehicle file, or with its own where there is
+    none.
+    """
+    name, model, laid_down = (
+        own_numbers(own, source) if source is not None else (own.model.name, own.model, NONE)
+    )
+    constants, starts = (
+        {item.name: item.value for item in model.parameters if item.free is free}
+        for free in (False, True)
+    )
     identity = own.identity if source is None else source.identity
     text = source.content.decode("utf-8-sig") if source is not None else ""
-    return VehicleFile(name, model.name, constants, starts, (), identity, model, own.identity, constraints=laid_down, text=text)
+    return VehicleFile(
+        name,
+        model.name,
+        constants,
+        starts,
+        (),
+        identity,
+        model,
+        own.identity,
+        constraints=laid_down,
+        text=text,
+    )
 
 
 def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
-    """A vehicle file of whichever model of an aircraft it is written for. Raises DeclarationError where it is for none, or wrong."""
+    """A vehicle file of whichever model of an aircraft it is written for. Raises DeclarationError
+    where it is for none, or wrong.
+    """
     source = read_toml_source(path)
     content = toml_of(source)
     if "density_scale_height" in content or "air_density_reference" in content:
-        raise DeclarationError("this is a falling body's file, without an airspeed", where=str(source.path), remedy="give the file of an aircraft")
-    return vehicle_of(source, next((model for model, keys in _TOLD_BY.items() if all((key in content) is there for key, there in keys)), "rigid"))
+        raise DeclarationError(
+            "this is a falling body's file, without an airspeed",
+            where=str(source.path),
+            remedy="give the file of an aircraft",
+        )
+    return vehicle_of(
+        source,
+        next(
+            (
+                model
+                for model, keys in _TOLD_BY.items()
+                if all((key in content) is there for key, there in keys)
+            ),
+            "rigid",
+        ),
+    )
 
 
 def vehicle_of(source: Source, model: str) -> VehicleFile:
     """What a file that was read says of a vehicle, for one of ``MODELS``.
 
-    A value is a number in SI units or a text with a unit, ``"24200 lb"``. The starts of an elastic mode stand in its
-    ``[[modes]]`` table; under ``[derivatives]`` they serve as well.
+    A value is a number in SI units or a text with a unit, ``"24200 lb"``. The starts of an elastic
+    mode stand in its ``[[modes]]`` table; under ``[derivatives]`` they serve as well.
 
     Raises
     ------
-    DeclarationError : one line with file, key and remedy: not TOML, an unknown or missing key, a value of the wrong kind, unit or sign.
+    DeclarationError : one line with file, key and remedy: not TOML, an unknown or missing key, a
+    value of the wrong kind, unit or sign.
     """
     from scenarios.files.schemas import SCHEMAS, mode_schema, refuse_unusable, units_of_starts
 
@@ -159,11 +222,20 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
         raise with_place(error, laid_down, path) from None
     modes = []
     for number, table in enumerate(tables, start=1):
-        values = checked(mode_schema(number, len(tables)), table, path, f"modes[{number}]").model_dump(exclude_none=True)
+        values = checked(
+            mode_schema(number, len(tables)), table, path, f"modes[{number}]"
+        ).model_dump(exclude_none=True)
         modes.append((number, values))
-    constants = {key: value for key, value in vehicle.items() if key not in ("name", "derivatives", "modes", *FLOWN)}
+    constants = {
+        key: value
+        for key, value in vehicle.items()
+        if key not in ("name", "derivatives", "modes", *FLOWN)
+    }
     refuse_unusable(model, constants, vehicle["derivatives"], path)
-    starts = {**vehicle["derivatives"], **{key: value for _, mode in modes for key, value in mode.items()}}
+    starts = {
+        **vehicle["derivatives"],
+        **{key: value for _, mode in modes for key, value in mode.items()},
+    }
     refuse_nothing_left(laid_down, [name for name in starts if name in units], path)
     return VehicleFile(
         vehicle.get("name", path.stem),
@@ -179,10 +251,20 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
 
 
 def _mode_tables(content: dict[str, Any], path: str | Path) -> list[dict[str, Any]]:
-    """The ``[[modes]]`` tables, with the modal starts that stand under ``[derivatives]`` moved into them."""
+    """The ``[[modes]]`` tables, with the modal starts that stand under ``[derivatives]`` moved into
+    them.
+    """
     modes = content.get("modes")
-    if not isinstance(modes, list) or not modes or not all(isinstance(mode, dict) for mode in modes):
-        raise DeclarationError("no elastic mode", where=f"{path}, key modes", remedy="add a [[modes]] table for each mode, or use the rigid model")
+    if (
+        not isinstance(modes, list)
+        or not modes
+        or not all(isinstance(mode, dict) for mode in modes)
+    ):
+        raise DeclarationError(
+            "no elastic mode",
+            where=f"{path}, key modes",
+            remedy="add a [[modes]] table for each mode, or use the rigid model",
+        )
     tables = [dict(mode) for mode in modes]
     derivatives = content.get("derivatives")
     if isinstance(derivatives, dict):
@@ -195,7 +277,9 @@ def _mode_tables(content: dict[str, Any], path: str | Path) -> list[dict[str, An
                 continue
             if key in tables[number - 1]:
                 raise DeclarationError(
-                    f"given twice, also under modes[{number}]", where=f"{path}, key derivatives.{key}", remedy="keep one of the two"
+                    f"given twice, also under modes[{number}]",
+                    where=f"{path}, key derivatives.{key}",
+                    remedy="keep one of the two",
                 )
             tables[number - 1][key] = value
         content["derivatives"] = kept
@@ -203,8 +287,13 @@ def _mode_tables(content: dict[str, Any], path: str | Path) -> list[dict[str, An
 
 
 def with_priors(model: Model, free: Sequence[str]) -> Model:
-    """The model with exactly the named parameters free, each with a prior standard deviation of half its starting value: files may be 30 % wrong."""
+    """The model with exactly the named parameters free, each with a prior standard deviation of
+    half its starting value: files may be 30 % wrong.
+    """
     parameters = model.parameters.only_free(free)
     typical = max((abs(parameters[name].value) for name in free), default=1.0)
-    prior = {name: RELATIVE_PRIOR * (abs(parameters[name].value) or OF_TYPICAL * typical or 1.0) for name in free}
+    prior = {
+        name: RELATIVE_PRIOR * (abs(parameters[name].value) or OF_TYPICAL * typical or 1.0)
+        for name in free
+    }
     return model.with_parameters(parameters.with_prior(prior))

@@ -29,16 +29,20 @@ from sim.record import Record
 
 # ---- Records and results as files: CSV that reads back bit for bit, and strict JSON
 
-_SHORT = 40  # characters of a file's name that its temporary one has, so that a long name can be used
-RESPONSE, PREDICTED, TRUE = "response", "predicted_", "true_"  # a study's outputs over time: its file, and what stands before their names
+# characters of a file's name that its temporary one has, so that a long name can be used
+_SHORT = 40
+# a study's outputs over time: its file, and what stands before their names
+RESPONSE, PREDICTED, TRUE = "response", "predicted_", "true_"
 
 
-def write_record(folder: str | Path, record: Record, stem: str = "record", *, simulated: bool = False) -> tuple[Path, Path]:
+def write_record(
+    folder: str | Path, record: Record, stem: str = "record", *, simulated: bool = False
+) -> tuple[Path, Path]:
     """Write ``stem.csv`` and ``stem.json`` and return their paths.
 
-    The CSV has plain names and SI units, each number in the shortest decimal form that reads back as the same
-    float, an empty cell where a sample is missing. The JSON has the name, the hold of the inputs, the units, and
-    that the data are ``simulated`` where they are.
+    The CSV has plain names and SI units, each number in the shortest decimal form that reads back
+    as the same float, an empty cell where a sample is missing. The JSON has the name, the hold of
+    the inputs, the units, and that the data are ``simulated`` where they are.
     """
     table, sidecar = Path(folder) / f"{stem}.csv", Path(folder) / f"{stem}.json"
     columns = [record.time, *(channel.with_gaps() for channel in record.channels)]
@@ -46,19 +50,36 @@ def write_record(folder: str | Path, record: Record, stem: str = "record", *, si
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([TIME, *(channel.name for channel in record.channels)])
     writer.writerows(
-        ["" if math.isnan(value) else repr(value) for value in row] for row in zip(*(column.tolist() for column in columns), strict=True)
+        ["" if math.isnan(value) else repr(value) for value in row]
+        for row in zip(*(column.tolist() for column in columns), strict=True)
     )
     write_text(table, text.getvalue())
     units = {TIME: "s", **{channel.name: channel.unit for channel in record.channels}}
     origin = {"origin": SIMULATED} if simulated else {}
-    write_json(sidecar, {"schema": SCHEMA, "name": record.name, "hold": record.hold.value, "units": units, **origin})
+    write_json(
+        sidecar,
+        {
+            "schema": SCHEMA,
+            "name": record.name,
+            "hold": record.hold.value,
+            "units": units,
+            **origin,
+        },
+    )
     return table, sidecar
 
 
-def write_responses(path: Path, record: Record, predicted: Mapping[str, np.ndarray], true: Mapping[str, np.ndarray] | None = None) -> None:
-    """Write ``time``, the inputs, and of each predicted output ``NAME``, ``predicted_NAME`` and, where known, ``true_NAME``.
+def write_responses(
+    path: Path,
+    record: Record,
+    predicted: Mapping[str, np.ndarray],
+    true: Mapping[str, np.ndarray] | None = None,
+) -> None:
+    """Write ``time``, the inputs, and of each predicted output ``NAME``, ``predicted_NAME`` and,
+    where known, ``true_NAME``.
 
-    ``predicted`` and ``true``: ``(N,)`` by output at the record's samples. SI and radians; a cell is empty where there is no number.
+    ``predicted`` and ``true``: ``(N,)`` by output at the record's samples. SI and radians; a cell
+    is empty where there is no number.
     """
     columns: dict[str, np.ndarray] = {TIME: record.time}
     columns |= {channel.name: channel.with_gaps() for channel in record.inputs}
@@ -69,19 +90,25 @@ def write_responses(path: Path, record: Record, predicted: Mapping[str, np.ndarr
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    rows = zip(*(np.asarray(column, dtype=float).tolist() for column in columns.values()), strict=True)
-    writer.writerows([f"{value:.9g}" if math.isfinite(value) else "" for value in row] for row in rows)
+    rows = zip(
+        *(np.asarray(column, dtype=float).tolist() for column in columns.values()), strict=True
+    )
+    writer.writerows(
+        [f"{value:.9g}" if math.isfinite(value) else "" for value in row] for row in rows
+    )
     path.write_text(text.getvalue(), encoding="utf-8", newline="\n")
 
 
 def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
-    """Write strict JSON: keys sorted, lists of plain values on one line, the same bytes for the same content.
+    """Write strict JSON: keys sorted, lists of plain values on one line, the same bytes for the
+    same content.
 
     NumPy numbers and arrays, tuples, enums and paths are written as what they hold.
 
     Raises
     ------
-    FlightidError : a NaN, an infinity, a None, a key that is no text or an object that JSON does not know; nothing is written.
+    FlightidError : a NaN, an infinity, a None, a key that is no text or an object that JSON does
+    not know; nothing is written.
     """
     write_text(Path(path), json_text(content, str(path)) + "\n")
 
@@ -94,7 +121,8 @@ def json_text(content: Mapping[str, Any], where: str = "JSON") -> str:
 def write_text(path: Path, text: str) -> None:
     """Write a whole file or none, UTF-8: under another name beside it, then renamed.
 
-    A byte of a file's name that is no UTF-8 is written as ``\\udcff``, which JSON reads back as it was. Raises OSError.
+    A byte of a file's name that is no UTF-8 is written as ``\\udcff``, which JSON reads back as it
+    was. Raises OSError.
     """
     write_content(path, text.encode("utf-8", "backslashreplace"))
 
@@ -109,11 +137,14 @@ def write_content(path: Path, content: bytes) -> None:
         part.unlink(missing_ok=True)
 
 
-_DEVICES = frozenset({"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(1, 10))})
+_DEVICES = frozenset(
+    {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(1, 10))}
+)
 
 
 def unportable(name: str) -> str:
-    """Why a file or folder cannot have this name on every system, as the end of a sentence; empty where it can.
+    """Why a file or folder cannot have this name on every system, as the end of a sentence; empty
+    where it can.
 
     Windows refuses some characters, names of devices, and an end of a point or a space.
     """
@@ -128,7 +159,9 @@ def unportable(name: str) -> str:
 
 
 def file_stems(names: Sequence[str]) -> dict[str, str]:
-    """For each name a part of a file's name of letters, digits and ``_``; no two differ by upper and lower case alone."""
+    """For each name a part of a file's name of letters, digits and ``_``; no two differ by upper
+    and lower case alone.
+    """
     stems: dict[str, str] = {}
     for name in dict.fromkeys(names):
         stem = "".join(letter if letter.isalnum() else "_" for letter in name)
@@ -148,8 +181,13 @@ def _plain(value: Any, where: str, key: str) -> Any:
     if isinstance(value, Mapping):
         for name in value:
             if not isinstance(name, str):
-                raise FlightidError(f"the key {name!r} is not a text", where=place, remedy="use texts as keys")
-        return {name: _plain(inner, where, f"{key}.{name}" if key else name) for name, inner in value.items()}
+                raise FlightidError(
+                    f"the key {name!r} is not a text", where=place, remedy="use texts as keys"
+                )
+        return {
+            name: _plain(inner, where, f"{key}.{name}" if key else name)
+            for name, inner in value.items()
+        }
     if isinstance(value, list | tuple):
         return [_plain(inner, where, f"{key}[{index}]") for index, inner in enumerate(value)]
     if isinstance(value, Path):
@@ -157,16 +195,27 @@ def _plain(value: Any, where: str, key: str) -> Any:
     if value is None:
         raise FlightidError("there is no value", where=place, remedy="leave the key out")
     if isinstance(value, float) and not math.isfinite(value):
-        raise FlightidError(f"{value} is not a finite number", where=place, remedy="leave the key out, or report the failure in words")
+        raise FlightidError(
+            f"{value} is not a finite number",
+            where=place,
+            remedy="leave the key out, or report the failure in words",
+        )
     if not isinstance(value, str | bool | int | float):
-        raise FlightidError(f"a {type(value).__name__} cannot be written as JSON", where=place, remedy="write numbers, texts, lists and tables")
+        raise FlightidError(
+            f"a {type(value).__name__} cannot be written as JSON",
+            where=place,
+            remedy="write numbers, texts, lists and tables",
+        )
     return value
 
 
 def _laid_out(value: Any, indent: str) -> str:
     inner = indent + "  "
     if isinstance(value, dict) and value:
-        lines = [f"{inner}{json.dumps(key, ensure_ascii=False)}: {_laid_out(value[key], inner)}" for key in sorted(value)]
+        lines = [
+            f"{inner}{json.dumps(key, ensure_ascii=False)}: {_laid_out(value[key], inner)}"
+            for key in sorted(value)
+        ]
         return "{\n" + ",\n".join(lines) + f"\n{indent}}}"
     if isinstance(value, list) and any(isinstance(item, dict | list) for item in value):
         return "[\n" + ",\n".join(inner + _laid_out(item, inner) for item in value) + f"\n{indent}]"
@@ -176,13 +225,18 @@ def _laid_out(value: Any, indent: str) -> str:
 # ---- The study folder
 
 MANIFEST = "files"
-_folders_SHORT = 40  # characters of a folder's name that its temporary one has, so that a long name can be used
+# characters of a folder's name that its temporary one has, so that a long name can be used
+_folders_SHORT = 40
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-_ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+_ENDING = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
 
 
 class _Scratch:
-    """A temporary folder, and two open files set aside: where all others are used up, removing the folder needs them."""
+    """A temporary folder, and two open files set aside: where all others are used up, removing the
+    folder needs them.
+    """
 
     def __init__(self, beside: Path, name: str) -> None:
         self.path = Path(tempfile.mkdtemp(prefix=f".{name[:_folders_SHORT]}-", dir=beside))
@@ -201,21 +255,26 @@ class _Scratch:
 def study_folder(path: str | Path, main: str) -> Iterator[Path]:
     """A temporary folder to write a study into; on leaving, its files become those of ``path``.
 
-    ``path`` may be missing, empty, or hold an older run. ``main`` is the study's own JSON (``"comparison.json"``,
-    ``"diagnosis.json"``): it must be written, gets the list of all files under the key ``files``, and is renamed last, so
-    a folder with a new ``main`` is a complete one.
+    ``path`` may be missing, empty, or hold an older run. ``main`` is the study's own JSON
+    (``"comparison.json"``, ``"diagnosis.json"``): it must be written, gets the list of all files
+    under the key ``files``, and is renamed last, so a folder with a new ``main`` is a complete one.
 
-    Files of ours are known by that list: what an older ``main`` lists, no other study in the folder lists and the new
-    one did not write is removed; every other file is left alone. If the body raises, nothing is left behind and
-    an older run stays whole.
+    Files of ours are known by that list: what an older ``main`` lists, no other study in the folder
+    lists and the new one did not write is removed; every other file is left alone. If the body
+    raises, nothing is left behind and an older run stays whole.
 
     Raises
     ------
-    FlightidError : ``path`` is a file or cannot be written, or a folder stands where a file of ours should go.
+    FlightidError : ``path`` is a file or cannot be written, or a folder stands where a file of ours
+    should go.
     """
     target = resolved(path)
     if os.path.lexists(target) and not os.path.isdir(target):
-        what = "this is a link that leads nowhere" if os.path.islink(target) else "this is a file, not a folder"
+        what = (
+            "this is a link that leads nowhere"
+            if os.path.islink(target)
+            else "this is a file, not a folder"
+        )
         raise FlightidError(what, where=str(path), remedy="name another folder")
     made: list[Path] = []
     scratch: _Scratch | None = None
@@ -246,14 +305,17 @@ def study_folder(path: str | Path, main: str) -> Iterator[Path]:
 
 @contextmanager
 def files_together(named: Path) -> Iterator[Path]:
-    """A temporary folder to write a record into, with the files that belong beside it; on leaving they go into the folder of ``named``, all or none.
+    """A temporary folder to write a record into, with the files that belong beside it; on leaving
+    they go into the folder of ``named``, all or none.
 
-    ``named`` is the file that the user asked for, which is replaced. Of the others a JSON file is replaced where its schema is ours, any other
-    where such a JSON file beside it shows that an earlier call wrote them.
+    ``named`` is the file that the user asked for, which is replaced. Of the others a JSON file is
+    replaced where its schema is ours, any other where such a JSON file beside it shows that an
+    earlier call wrote them.
 
     Raises
     ------
-    FlightidError : the folder cannot be written, or a file of somebody else has the name of one of ours.
+    FlightidError : the folder cannot be written, or a file of somebody else has the name of one of
+    ours.
     """
     target = named.parent
     made: list[Path] = []
@@ -265,7 +327,9 @@ def files_together(named: Path) -> Iterator[Path]:
             yield scratch.path
             _refuse_strangers(scratch.path, named)
             with _uninterrupted(named):
-                for name in sorted(os.listdir(scratch.path), key=lambda name: (name == named.name, name)):
+                for name in sorted(
+                    os.listdir(scratch.path), key=lambda name: (name == named.name, name)
+                ):
                     os.replace(scratch.path / name, target / name)
         except OSError as error:
             raise unwritable(named, error) from None
@@ -282,9 +346,19 @@ def _refuse_strangers(scratch: Path, named: Path) -> None:
     beside = [named.parent / name for name in sorted(os.listdir(scratch)) if name != named.name]
     ours = {path for path in beside if path.suffix == ".json" and _is_ours(path)}
     for path in (named, *beside):
-        if path.is_dir() or (path in beside and os.path.lexists(path) and path not in ours and (path.suffix == ".json" or not ours)):
-            what = "it stands where a file that goes with the record has to go, and flightid did not write it"
-            raise FlightidError(what, where=str(path), remedy="move it away, or name another record file")
+        if path.is_dir() or (
+            path in beside
+            and os.path.lexists(path)
+            and path not in ours
+            and (path.suffix == ".json" or not ours)
+        ):
+            what = (
+                "it stands where a file that goes with the record has to go, and flightid did not "
+                "write it"
+            )
+            raise FlightidError(
+                what, where=str(path), remedy="move it away, or name another record file"
+            )
 
 
 def _is_ours(path: Path) -> bool:
@@ -294,12 +368,16 @@ def _is_ours(path: Path) -> bool:
 
 @contextmanager
 def _uninterrupted(path: str | Path) -> Iterator[None]:
-    """What would end the process waits until the files are in their place, and then says so: a study is there whole or not at all."""
+    """What would end the process waits until the files are in their place, and then says so: a
+    study is there whole or not at all.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     came: list[int] = []
-    former = {number: signal.getsignal(number) for number in _ENDING if callable(signal.getsignal(number))}
+    former = {
+        number: signal.getsignal(number) for number in _ENDING if callable(signal.getsignal(number))
+    }
     for number in former:
         signal.signal(number, lambda number, frame: came.append(number))
     try:
@@ -319,7 +397,11 @@ def listed_files(main: Path) -> frozenset[str]:
     if not isinstance(content, dict) or not str(content.get("schema", "")).startswith("flightid/"):
         return frozenset()
     names = content.get(MANIFEST)
-    return frozenset(name for name in names if isinstance(name, str) and _is_plain(name)) if isinstance(names, list) else frozenset()
+    return (
+        frozenset(name for name in names if isinstance(name, str) and _is_plain(name))
+        if isinstance(names, list)
+        else frozenset()
+    )
 
 
 def _move_in(scratch: Path, target: Path, main: str, made: list[Path]) -> None:
@@ -331,10 +413,16 @@ def _move_in(scratch: Path, target: Path, main: str, made: list[Path]) -> None:
     _refuse_unportable(written)
     for name in written:
         if (target / name).is_dir():
-            raise FlightidError("a folder stands where a file has to go", where=str(target / name), remedy="move it away, or name another folder")
+            raise FlightidError(
+                "a folder stands where a file has to go",
+                where=str(target / name),
+                remedy="move it away, or name another folder",
+            )
     content = json.loads((scratch / main).read_bytes())
     write_json(scratch / main, {**content, MANIFEST: written})
-    others = [entry for entry in target.glob("*.json") if entry.name != main] if target.is_dir() else []
+    others = (
+        [entry for entry in target.glob("*.json") if entry.name != main] if target.is_dir() else []
+    )
     kept = set(written).union(*(listed_files(entry) for entry in others))
     stale = listed_files(target / main) - kept
     _make(target, made)
@@ -347,7 +435,9 @@ def _move_in(scratch: Path, target: Path, main: str, made: list[Path]) -> None:
 
 
 def _refuse_unportable(names: Sequence[str]) -> None:
-    """Raise ValueError where a study's files cannot all have their names on every system; free names are refused when they are read."""
+    """Raise ValueError where a study's files cannot all have their names on every system; free
+    names are refused when they are read.
+    """
     for name in names:
         if why := unportable(name):
             raise ValueError(f"the name of the file {name!r} {why}")
@@ -361,7 +451,8 @@ def _rename(source: Path, target: Path) -> None:
     except OSError as error:
         if error.errno != errno.EXDEV:
             raise
-        part = target.with_name(f".{target.name}.part")  # the folder is a mount point: what lies beside it is another disk
+        # the folder is a mount point: what lies beside it is another disk
+        part = target.with_name(f".{target.name}.part")
         shutil.copyfile(source, part)
         os.replace(part, target)
 
@@ -388,5 +479,9 @@ def _is_plain(name: str) -> bool:
 
 def unwritable(path: str | Path, error: OSError) -> FlightidError:
     """The error for a place that cannot be written, with what the operating system says of it."""
-    remedy = "make room, or name a place on another disk" if error.errno in _FULL else "name a folder that you may write in"
+    remedy = (
+        "make room, or name a place on another disk"
+        if error.errno in _FULL
+        else "name a folder that you may write in"
+    )
     return FlightidError(f"cannot be written ({error.strerror})", where=str(path), remedy=remedy)

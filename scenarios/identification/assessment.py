@@ -1,4 +1,6 @@
-"""Result of an identification and its assessment: bounds, intervals, predictions, inputs read otherwise."""
+"""Result of an identification and its assessment: bounds, intervals, predictions, inputs read
+otherwise.
+"""
 
 from __future__ import annotations
 
@@ -49,16 +51,20 @@ class AtBound:
     @property
     def words(self) -> str:
         """``"Cm_q is at its lower bound, -30 1/rad"``."""
-        return f"{self.name} is at its {self.side} bound, {self.value:g}{'' if self.unit == '1' else f' {self.unit}'}"
+        return (
+            f"{self.name} is at its {self.side} bound, "
+            f"{self.value:g}{'' if self.unit == '1' else f' {self.unit}'}"
+        )
 
 
 def within_bounds(
     model: Model, estimated: Callable[[Model], tuple[System, Estimate]], *, kept: bool = True
 ) -> tuple[Model, System, Estimate, tuple[AtBound, ...]]:
-    """An estimate whose sigmas are those of what is free: parameters that end at a bound are held there, and the rest estimated again.
+    """An estimate whose sigmas are those of what is free: parameters that end at a bound are held
+    there, and the rest estimated again.
 
-    Its outcome is ``AT_BOUND`` where there are such and the rest has settled. The model comes back with them held. ``kept``: the method keeps
-    bounds; what one does not keep cannot end at one.
+    Its outcome is ``AT_BOUND`` where there are such and the rest has settled. The model comes back
+    with them held. ``kept``: the method keeps bounds; what one does not keep cannot end at one.
     """
     system, estimate = estimated(model)
     found: list[AtBound] = []
@@ -66,8 +72,14 @@ def within_bounds(
         if len(pressed) == sum(name in model.parameters for name in estimate.names):
             break  # nothing would be left to estimate
         found += pressed
-        sound = {name: value for name, value in estimate.as_dict().items() if name in model.parameters and np.isfinite(value)}
-        parameters = model.parameters.with_values({**sound, **{each.name: each.value for each in pressed}})
+        sound = {
+            name: value
+            for name, value in estimate.as_dict().items()
+            if name in model.parameters and np.isfinite(value)
+        }
+        parameters = model.parameters.with_values(
+            {**sound, **{each.name: each.value for each in pressed}}
+        )
         model = model.with_parameters(parameters.hold([each.name for each in pressed]))
         system, estimate = estimated(model)
     if found and estimate.outcome is Outcome.CONVERGED:
@@ -78,14 +90,19 @@ def within_bounds(
 def tied_rows(model: Model, estimate: Estimate) -> tuple[Row, ...]:
     """A row for each parameter that follows others, its sigma from theirs."""
     rows = []
-    known: Mapping[str, float] = {**{item.name: item.value for item in model.parameters}, **estimate.as_dict()}
+    known: Mapping[str, float] = {
+        **{item.name: item.value for item in model.parameters},
+        **estimate.as_dict(),
+    }
     for tie in model.ties:
         slope = np.zeros(len(estimate.names))
         for source, factor in tie.terms:
             if source in estimate.names:
                 slope[estimate.names.index(source)] += factor
         std = float(np.sqrt(variance_along(estimate.covariance, slope[None])[0]))
-        rows.append(Row(tie.name, model.parameters[tie.name].unit, float(tie.of(known.__getitem__)), std))
+        rows.append(
+            Row(tie.name, model.parameters[tie.name].unit, float(tie.of(known.__getitem__)), std)
+        )
     return tuple(rows)
 
 
@@ -103,7 +120,8 @@ def _pressed(model: Model, estimate: Estimate) -> list[AtBound]:
 
 # ---- Profile-likelihood intervals of an identification
 
-PROFILED = ("output-error", "filter-error", "frequency-domain")  # methods with a likelihood of whole records
+# methods with a likelihood of whole records
+PROFILED = ("output-error", "filter-error", "frequency-domain")
 SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
 
 
@@ -111,18 +129,28 @@ def refuse_profile(method: str) -> None:
     """Raise DeclarationError where a method has no likelihood to be followed."""
     if method not in PROFILED:
         what = f"{method} has no likelihood of whole records that a profile could follow"
-        raise DeclarationError(what, where="--profile", remedy=f"use --method {' or '.join(PROFILED)}")
+        raise DeclarationError(
+            what, where="--profile", remedy=f"use --method {' or '.join(PROFILED)}"
+        )
 
 
-def chosen_names(wanted: Sequence[str], estimate: Estimate, held: Collection[str] = ()) -> tuple[str, ...]:
-    """The parameters asked for, all where none is named. Raises DeclarationError for one that is not estimated, as those that are ``held``."""
+def chosen_names(
+    wanted: Sequence[str], estimate: Estimate, held: Collection[str] = ()
+) -> tuple[str, ...]:
+    """The parameters asked for, all where none is named. Raises DeclarationError for one that is
+    not estimated, as those that are ``held``.
+    """
     known = [name for name in estimate.names if not name.startswith("bias_")]
     for name in wanted:
         if name not in known and name in held:
             what = f"{name} is fixed, tied or at its bound: no interval is its own"
             raise DeclarationError(what, where="--profile", remedy=f"use one of {', '.join(known)}")
         if name not in known:
-            raise DeclarationError(f"no parameter {name!r} is estimated", where="--profile", remedy=closest(name, known))
+            raise DeclarationError(
+                f"no parameter {name!r} is estimated",
+                where="--profile",
+                remedy=closest(name, known),
+            )
     return tuple(wanted) or tuple(known)
 
 
@@ -138,12 +166,16 @@ def profiled(
     delays: Mapping[str, str] | None = None,
     band: tuple[float, float] | None = None,
 ) -> tuple[ProfileInterval, ...]:
-    """Intervals of the parameters ``wanted`` (all where none is named) of a settled estimate; none where it did not settle.
+    """Intervals of the parameters ``wanted`` (all where none is named) of a settled estimate; none
+    where it did not settle.
 
-    ``system`` is the one that was estimated; ``calm`` (filter error) the same without forcing; ``delays`` and ``band`` (frequency domain).
-    The fit is made once more from what it found, which takes a step or two.
+    ``system`` is the one that was estimated; ``calm`` (filter error) the same without forcing;
+    ``delays`` and ``band`` (frequency domain). The fit is made once more from what it found, which
+    takes a step or two.
     """
-    names = chosen_names(wanted, estimate, [item.name for item in system.parameters if not item.free])
+    names = chosen_names(
+        wanted, estimate, [item.name for item in system.parameters if not item.free]
+    )
     if estimate.outcome not in SETTLED:
         return ()
     known = {name: value for name, value in estimate.as_dict().items() if name in system.parameters}
@@ -155,13 +187,25 @@ def profiled(
         from ident.frequency_domain.output_error import FrequencySettings, frequency_fit
 
         # Priors stay where the file's starts are: only a fit without them may begin elsewhere.
-        begun = system if settings.use_priors else replace(system, parameters=system.parameters.with_values(known))
-        found, _ = frequency_fit(records, begun, FrequencySettings(band, settings.use_priors), delays=delays)
+        begun = (
+            system
+            if settings.use_priors
+            else replace(system, parameters=system.parameters.with_values(known))
+        )
+        found, _ = frequency_fit(
+            records, begun, FrequencySettings(band, settings.use_priors), delays=delays
+        )
         return () if found is None else frequency.profile_intervals(found, names, covariance)
     from ident.whole_record.gauss_newton import profile_intervals
 
-    pieces = [piece for each in in_pieces(records, calm or system, settings, local) for piece in each]
-    begun = system if settings.use_priors else replace(system, parameters=system.parameters.with_values(known))
+    pieces = [
+        piece for each in in_pieces(records, calm or system, settings, local) for piece in each
+    ]
+    begun = (
+        system
+        if settings.use_priors
+        else replace(system, parameters=system.parameters.with_values(known))
+    )
     layout = lay_out(pieces, begun, settings, local=local)
     if estimate.method == "filter-error":
         from ident.process_noise.best_start import fit_from_best_start as fit_with_filter
@@ -179,7 +223,9 @@ def profiled(
 
 
 def trained_by(system: System, values: Mapping[str, float], settings: FitSettings) -> Trained:
-    """What a free simulation of another record takes from an estimate: ``values`` where they are given, else what the system holds."""
+    """What a free simulation of another record takes from an estimate: ``values`` where they are
+    given, else what the system holds.
+    """
     known = {item.name: float(values.get(item.name, item.value)) for item in system.parameters}
     biases = {name: value for name, value in known.items() if name.startswith("bias_")}
     shared = {name: value for name, value in known.items() if name not in biases}
@@ -191,7 +237,9 @@ def trained_by(system: System, values: Mapping[str, float], settings: FitSetting
 PLACES = 3  # times that a sentence names
 
 
-def isolated_outliers(outputs: Sequence[str], simulated: Sequence[np.ndarray], records: Sequence[Record]) -> list[dict[str, np.ndarray]]:
+def isolated_outliers(
+    outputs: Sequence[str], simulated: Sequence[np.ndarray], records: Sequence[Record]
+) -> list[dict[str, np.ndarray]]:
     """Of each record ``(N,)`` by channel: True at its wild points, from what the simulations miss;
     channels without any are left out.
 
@@ -204,7 +252,10 @@ def isolated_outliers(outputs: Sequence[str], simulated: Sequence[np.ndarray], r
     for row, name in enumerate(outputs if simulated else ()):
         which = [k for k, record in enumerate(records) if name in record.output_names]
         valid = [records[k][name].valid & np.isfinite(simulated[k][row]) for k in which]
-        residuals = [np.where(known, records[k][name].values - simulated[k][row], 0.0) for k, known in zip(which, valid, strict=True)]
+        residuals = [
+            np.where(known, records[k][name].values - simulated[k][row], 0.0)
+            for k, known in zip(which, valid, strict=True)
+        ]
         wrong = isolated_wrong(residuals, valid, [input_edges(records[k]) for k in which])
         for k, mask in zip(which, wrong, strict=True):
             if np.any(mask):
@@ -212,10 +263,15 @@ def isolated_outliers(outputs: Sequence[str], simulated: Sequence[np.ndarray], r
     return out
 
 
-def same_points(some: Sequence[dict[str, np.ndarray]], others: Sequence[dict[str, np.ndarray]]) -> bool:
+def same_points(
+    some: Sequence[dict[str, np.ndarray]], others: Sequence[dict[str, np.ndarray]]
+) -> bool:
     """Whether two lists of masks name the same samples."""
     pairs = zip(some, others, strict=True)
-    return all(a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a) for a, b in pairs)
+    return all(
+        a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a)
+        for a, b in pairs
+    )
 
 
 def left_out(before: Record, after: Record) -> dict[str, np.ndarray]:
@@ -232,26 +288,50 @@ def without(record: Record, masks: dict[str, np.ndarray]) -> Record:
 
     def of(channel: Channel) -> Channel:
         mask = masks.get(channel.name)
-        return channel if mask is None else Channel.of(channel.name, channel.unit, np.where(mask, np.nan, channel.with_gaps()))
+        return (
+            channel
+            if mask is None
+            else Channel.of(channel.name, channel.unit, np.where(mask, np.nan, channel.with_gaps()))
+        )
 
     return replace(record, outputs=tuple(map(of, record.outputs)))
 
 
-def with_outliers(look: RecordCheck, records: Sequence[Record], masks: Sequence[dict[str, np.ndarray]]) -> RecordCheck:
+def with_outliers(
+    look: RecordCheck, records: Sequence[Record], masks: Sequence[dict[str, np.ndarray]]
+) -> RecordCheck:
     """What was seen in the records, with their wild points."""
-    seen = [_seen(record, name, mask) for record, some in zip(records, masks, strict=True) for name, mask in some.items()]
+    seen = [
+        _seen(record, name, mask)
+        for record, some in zip(records, masks, strict=True)
+        for name, mask in some.items()
+    ]
     return replace(look, seen=(*look.seen, *seen))
 
 
 def _seen(record: Record, name: str, mask: np.ndarray) -> Seen:
     times, count = record.time[mask].tolist(), int(np.count_nonzero(mask))
-    places = ", ".join(f"{time:.4g} s" for time in times[:PLACES]) + (" and so on" if count > PLACES else "")
+    places = ", ".join(f"{time:.4g} s" for time in times[:PLACES]) + (
+        " and so on" if count > PLACES else ""
+    )
     channel = record[name]
     away = np.abs(channel.values - np.median(channel.values[channel.valid]))[mask]
-    told = f"has {count} wild point{'s' if count > 1 else ''}, far from the samples around and from the fit ({places})"
+    told = (
+        f"has {count} wild point{'s' if count > 1 else ''}, far from the samples around and from "
+        f"the fit ({places})"
+    )
     told += f", up to {shown(float(np.max(away)), channel.unit)} from the middle of the channel"
     numbers = {"samples": Number(float(count), "1")}
-    finding = RecordFinding(name, Kind.WILD_POINTS, Certainty.COSTS_INFORMATION, told, "", tuple((t, t) for t in times), numbers, mask)
+    finding = RecordFinding(
+        name,
+        Kind.WILD_POINTS,
+        Certainty.COSTS_INFORMATION,
+        told,
+        "",
+        tuple((t, t) for t in times),
+        numbers,
+        mask,
+    )
     return Seen(record.name, finding, "set aside", count)
 
 
@@ -260,9 +340,11 @@ def _seen(record: Record, name: str, mask: np.ndarray) -> Seen:
 
 @dataclass(frozen=True, eq=False)
 class RecordFit:
-    """One record and its free simulation ``simulated (m, N)`` of ``outputs``; only initial state and biases were fitted to it.
+    """One record and its free simulation ``simulated (m, N)`` of ``outputs``; only initial state
+    and biases were fitted to it.
 
-    ``figures`` of the outputs that it has; None where the simulation left all measure. ``held_out``: it took no part in the estimate.
+    ``figures`` of the outputs that it has; None where the simulation left all measure.
+    ``held_out``: it took no part in the estimate.
     """
 
     record: Record
@@ -292,36 +374,56 @@ def record_fits(
 
     Wild points of those that were not fitted are set aside, unless they are ``trusted``: they would
     bend the initial states and biases.
-    Initial states, ``bias_*`` and the parameters ``local`` to a record are fitted to it. ``known``: simulations ``(m, N)`` that are there already.
+    Initial states, ``bias_*`` and the parameters ``local`` to a record are fitted to it. ``known``:
+    simulations ``(m, N)`` that are there already.
     """
 
     def run(records: Sequence[Record]) -> list[np.ndarray | None]:
         return [simulated(record, system, values, settings, local) for record in records]
 
     rows = [*known, *run(fitted[len(known) :])]
-    out = [_assessed(record, system, one, held_out=False) for record, one in zip(fitted, rows, strict=True)]
+    out = [
+        _assessed(record, system, one, held_out=False)
+        for record, one in zip(fitted, rows, strict=True)
+    ]
     masks: list[dict[str, np.ndarray]] = [{} for _ in held_out]
     predicted, kept = run(held_out), list(held_out)
     for _ in range(0 if trusted or not held_out else 2):
         blank = [np.full((len(system.outputs), len(record)), np.nan) for record in held_out]
-        finite = [one if one is not None else none for one, none in zip(predicted, blank, strict=True)]
+        finite = [
+            one if one is not None else none for one, none in zip(predicted, blank, strict=True)
+        ]
         again = isolated_outliers(system.output_names, finite, held_out)
         if same_points(again, masks):
             break
-        masks, kept = again, [without(record, some) for record, some in zip(held_out, again, strict=True)]
+        masks, kept = (
+            again,
+            [without(record, some) for record, some in zip(held_out, again, strict=True)],
+        )
         predicted = run(kept)
-    return (*out, *(_assessed(record, system, one, held_out=True) for record, one in zip(kept, predicted, strict=True)))
+    return (
+        *out,
+        *(
+            _assessed(record, system, one, held_out=True)
+            for record, one in zip(kept, predicted, strict=True)
+        ),
+    )
 
 
 def pooled_fits(fits: Sequence[RecordFit], parted: Sequence[Parted]) -> tuple[RecordFit, ...]:
     """The fits with the parts of each record that was predicted put together: the errors are those
     of all its parts."""
     fitted, held = [fit for fit in fits if not fit.held_out], [fit for fit in fits if fit.held_out]
-    return (*fitted, *(_whole(one, held[span]) for one, span in parts_of(parted, [fit.record for fit in held])))
+    return (
+        *fitted,
+        *(_whole(one, held[span]) for one, span in parts_of(parted, [fit.record for fit in held])),
+    )
 
 
 def _whole(parted: Parted, parts: Sequence[RecordFit]) -> RecordFit:
-    record, (rows,) = put_together(parted, [part.record for part in parts], [[part.simulated for part in parts]])
+    record, (rows,) = put_together(
+        parted, [part.record for part in parts], [[part.simulated for part in parts]]
+    )
     if len(parts) == 1 and len(record) == len(parts[0].record):
         return replace(parts[0], record=record)
     if any(part.figures is None for part in parts):
@@ -329,28 +431,54 @@ def _whole(parted: Parted, parts: Sequence[RecordFit]) -> RecordFit:
     outputs = parts[0].outputs
     channels = tuple(name for name in outputs if name in record.output_names)
     masks = np.array([record[name].valid for name in channels])
-    figures = error_figures([rows[[outputs.index(name) for name in channels]]], [record], [masks], channels)
+    figures = error_figures(
+        [rows[[outputs.index(name) for name in channels]]], [record], [masks], channels
+    )
     return RecordFit(record, outputs, rows, figures, parts[0].held_out)
 
 
-def _assessed(record: Record, system: System, rows: np.ndarray | None, *, held_out: bool) -> RecordFit:
+def _assessed(
+    record: Record, system: System, rows: np.ndarray | None, *, held_out: bool
+) -> RecordFit:
     channels = tuple(name for name in system.output_names if name in record.output_names)
     if rows is None:
         blank = np.full((len(system.outputs), len(record)), np.nan)
         return RecordFit(record, system.output_names, blank, None, held_out)
     at = [system.output_names.index(name) for name in channels]
     masks = np.array([record[name].valid for name in channels])
-    return RecordFit(record, system.output_names, rows, error_figures([rows[at]], [record], [masks], channels), held_out)
+    return RecordFit(
+        record,
+        system.output_names,
+        rows,
+        error_figures([rows[at]], [record], [masks], channels),
+        held_out,
+    )
 
 
-def simulated(record: Record, system: System, values: Mapping[str, float], settings: FitSettings, local: Collection[str] = ()) -> np.ndarray | None:
-    """Outputs ``(m, N)`` of a free simulation; None where it is not finite. A motion that grows is followed in pieces, as in a fit."""
-    known = {name: value for name, value in values.items() if name in system.parameters and not name.startswith("bias_") and name not in local}
+def simulated(
+    record: Record,
+    system: System,
+    values: Mapping[str, float],
+    settings: FitSettings,
+    local: Collection[str] = (),
+) -> np.ndarray | None:
+    """Outputs ``(m, N)`` of a free simulation; None where it is not finite. A motion that grows is
+    followed in pieces, as in a fit.
+    """
+    known = {
+        name: value
+        for name, value in values.items()
+        if name in system.parameters and not name.startswith("bias_") and name not in local
+    }
     started = replace(system, parameters=system.parameters.with_values(known))
-    own = [name for name in system.parameters.free_names if name.startswith("bias_") or name in local]
+    own = [
+        name for name in system.parameters.free_names if name.startswith("bias_") or name in local
+    ]
     frozen = replace(started, parameters=started.parameters.only_free(own))
     pieces = in_pieces([record], started, settings, local)
-    fit = fit_whole_records(FitProblem(lay_out(pieces[0], frozen, replace(settings, use_priors=False), local=local)))
+    fit = fit_whole_records(
+        FitProblem(lay_out(pieces[0], frozen, replace(settings, use_priors=False), local=local))
+    )
     return None if fit is None else of_pieces([line.y for line in fit.lines], pieces)[0]
 
 
@@ -364,8 +492,9 @@ MOVED = 1.0  # sigmas of the estimate, from which the reading matters more than 
 class OtherReading:
     """What the other reading of the inputs gives.
 
-    ``used`` and ``other`` are the two readings; ``moved`` pairs of rows (as used, as read otherwise) of derivatives that differ by more than a
-    sigma of the first; ``gain`` twice the log likelihood by which the other fits better, negative where it fits worse, in samples that count
+    ``used`` and ``other`` are the two readings; ``moved`` pairs of rows (as used, as read
+    otherwise) of derivatives that differ by more than a sigma of the first; ``gain`` twice the log
+    likelihood by which the other fits better, negative where it fits worse, in samples that count
     as independent.
     """
 
@@ -383,7 +512,10 @@ class OtherReading:
     def decision(self) -> str:
         """The reading that the data chose, and by how much."""
         worse = f"{WORDS[self.other]} ones fit worse (twice the log likelihood {self.gain:.1f})"
-        return f"inputs {WORDS[self.used]} between samples: {worse}; --hold {self.other.value} reads them the other way"
+        return (
+            f"inputs {WORDS[self.used]} between samples: {worse}; --hold {self.other.value} reads "
+            "them the other way"
+        )
 
     @property
     def sentence(self) -> str:
@@ -392,8 +524,10 @@ class OtherReading:
         how = "as well" if abs(self.gain) < 0.05 else "better" if self.gain > 0.0 else "worse"
         fits = f"fits {how} (twice the log likelihood {self.gain:+.1f})"
         return (
-            f"{names}: by more than a sigma another value with inputs {WORDS[self.other]} between samples, which {fits}; "
-            f"inputs were read as {WORDS[self.used]}; --hold {self.other.value} reads them the other way"
+            f"{names}: by more than a sigma another value with inputs {WORDS[self.other]} between "
+            f"samples, which {fits}; "
+            f"inputs were read as {WORDS[self.used]}; --hold {self.other.value} reads them the "
+            "other way"
         )
 
 
@@ -402,21 +536,36 @@ def opposite(hold: Hold) -> Hold:
     return Hold.LINEAR if hold is Hold.PREVIOUS else Hold.PREVIOUS
 
 
-def other_reading(used: Hold, rows: Sequence[Row], read_otherwise: Sequence[Row], gain: float) -> OtherReading | None:
+def other_reading(
+    used: Hold, rows: Sequence[Row], read_otherwise: Sequence[Row], gain: float
+) -> OtherReading | None:
     """What moves by more than a sigma between the two readings; None where nothing does."""
     again = {row.name: row for row in read_otherwise}
     pairs = [(row, again[row.name]) for row in rows if row.name in again]
-    moved = tuple((row, new) for row, new in pairs if abs(new.estimate - row.estimate) > MOVED * row.std > 0.0)
+    moved = tuple(
+        (row, new) for row, new in pairs if abs(new.estimate - row.estimate) > MOVED * row.std > 0.0
+    )
     return OtherReading(used, opposite(used), moved, gain) if moved else None
 
 
 def reading_rows(reading: OtherReading) -> list[TableColumn]:
     """A table of the values under each reading, a row for each derivative that moves."""
     rows = [
-        (row.name, row.unit if row.unit != "1" else "", *_values(row, new), f"{(new.estimate - row.estimate) / row.std:+.1f} sigma")
+        (
+            row.name,
+            row.unit if row.unit != "1" else "",
+            *_values(row, new),
+            f"{(new.estimate - row.estimate) / row.std:+.1f} sigma",
+        )
         for row, new in reading.moved
     ]
-    headings = ("derivative", "unit", f"{WORDS[reading.used]} (used)", WORDS[reading.other], "moved by")
+    headings = (
+        "derivative",
+        "unit",
+        f"{WORDS[reading.used]} (used)",
+        WORDS[reading.other],
+        "moved by",
+    )
     return columns_of(headings, rows, left=2)
 
 
@@ -438,7 +587,10 @@ def reading_content(reading: OtherReading) -> dict[str, Any]:
 
 
 def _values(row: Row, new: Row) -> tuple[str, str]:
-    used, other = (f"{number_text(each.estimate, each.std)} +- {number_text(each.std, each.std)}" for each in (row, new))
+    used, other = (
+        f"{number_text(each.estimate, each.std)} +- {number_text(each.std, each.std)}"
+        for each in (row, new)
+    )
     return used, other
 
 
@@ -447,17 +599,20 @@ def _values(row: Row, new: Row) -> tuple[str, str]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class IdentificationResult:
-    """What measured records say of a model: ``rows`` its parameters, ``biases`` the sensors' where the method gives them a sigma.
+    """What measured records say of a model: ``rows`` its parameters, ``biases`` the sensors' where
+    the method gives them a sigma.
 
-    ``record`` is the first; the other segments of a fit are ``others``. ``notes`` say how the records were prepared and the fit was made,
-    ``doubts`` what in the files is likely to be wrong, ``cautions`` what in the result is, ``look`` what the raw columns show. ``reading``: what
-    the other way to read inputs between samples changes, None where nothing is moved by more than a sigma or where it was not asked;
-    ``decided`` the same where the data choose between the two.
-    ``modes``: numbers of the modes from which levels of flying qualities follow, None where there are none. ``system``: the compiled model.
-    ``tied``: parameters that follow others; ``at_bounds`` those that ended at a bound and are not among ``rows``. ``intervals`` by profile
-    likelihood, where they were asked. ``fits``: each record simulated with the estimate, those held out last. ``band``: Hz, of a fit in
-    the frequency domain. ``trained``: what another record is predicted with.
-    ``engine``: of the filter, its ``name`` and a ``sentence``; empty without a filter.
+    ``record`` is the first; the other segments of a fit are ``others``. ``notes`` say how the
+    records were prepared and the fit was made, ``doubts`` what in the files is likely to be wrong,
+    ``cautions`` what in the result is, ``look`` what the raw columns show. ``reading``: what the
+    other way to read inputs between samples changes, None where nothing is moved by more than a
+    sigma or where it was not asked; ``decided`` the same where the data choose between the two.
+    ``modes``: numbers of the modes from which levels of flying qualities follow, None where there
+    are none. ``system``: the compiled model. ``tied``: parameters that follow others; ``at_bounds``
+    those that ended at a bound and are not among ``rows``. ``intervals`` by profile likelihood,
+    where they were asked. ``fits``: each record simulated with the estimate, those held out last.
+    ``band``: Hz, of a fit in the frequency domain. ``trained``: what another record is predicted
+    with. ``engine``: of the filter, its ``name`` and a ``sentence``; empty without a filter.
     """
 
     record: Record
@@ -487,15 +642,19 @@ class IdentificationResult:
     engine: Mapping[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        return f"<Identification: {self.vehicle.model} model of {self.vehicle.name} from {self.record!r}: {self.estimate!r}>"
+        return (
+            f"<Identification: {self.vehicle.model} model of {self.vehicle.name} from "
+            f"{self.record!r}: {self.estimate!r}>"
+        )
 
 
 @dataclass(frozen=True)
 class Options:
     """What an identification is asked besides its method.
 
-    ``profile``: parameters whose interval is wanted, empty for all, None for none. ``band``: Hz, of the frequency domain; None: from the data.
-    ``engine``: of the extended Kalman filter, a key of ``ident.banks.delays.ENGINES``; None: filterpy for one filter, batched for a bank.
+    ``profile``: parameters whose interval is wanted, empty for all, None for none. ``band``: Hz, of
+    the frequency domain; None: from the data. ``engine``: of the extended Kalman filter, a key of
+    ``ident.banks.delays.ENGINES``; None: filterpy for one filter, batched for a bank.
     """
 
     profile: tuple[str, ...] | None = None

@@ -1,7 +1,9 @@
-"""Conditions of an identification: frequency bands, recorded pitch attitude, cautions about results and sigmas.
+"""Conditions of an identification: frequency bands, recorded pitch attitude, cautions about results
+and sigmas.
 
-The equations are those of the effect phugoid with theta an input: u_dot = -g (theta - alpha), the flight path at the record's begin the one further
-unknown of each record. Whether they act is asked of the records: in a tunnel, on a rig or in a simulation at constant speed they do not.
+The equations are those of the effect phugoid with theta an input: u_dot = -g (theta - alpha), the
+flight path at the record's begin the one further unknown of each record. Whether they act is asked
+of the records: in a tunnel, on a rig or in a simulation at constant speed they do not.
 """
 
 from __future__ import annotations
@@ -14,7 +16,12 @@ import numpy as np
 
 from ident.estimate import Estimate, Outcome
 from ident.filters.smoother import coloured_innovations
-from ident.frequency_domain.output_error import FrequencySettings, band_for, fit_frequency_domain, refuse_unfit
+from ident.frequency_domain.output_error import (
+    FrequencySettings,
+    band_for,
+    fit_frequency_domain,
+    refuse_unfit,
+)
 from ident.statistics.residual_spectrum import common_disturbance
 from ident.statistics.residuals import ResidualTest, contradiction, shortfall
 from ident.whole_record.layout import FitSettings, lay_out
@@ -41,7 +48,11 @@ METHOD = "frequency-domain"
 
 def delays_of(model: Model) -> dict[str, str]:
     """Input -> the parameter by which it is late, of a model with delays on its inputs."""
-    return {effect.signal: full_name(effect, "delay") for effect in model.effects if isinstance(effect, InputDelay)}
+    return {
+        effect.signal: full_name(effect, "delay")
+        for effect in model.effects
+        if isinstance(effect, InputDelay)
+    }
 
 
 def refuse_band(band: tuple[float, float] | None, method: str) -> None:
@@ -49,26 +60,49 @@ def refuse_band(band: tuple[float, float] | None, method: str) -> None:
     if band is None:
         return
     if method != METHOD:
-        raise DeclarationError(f"{method} has no band of frequencies", where="--band", remedy=f"use it with --method {METHOD}, or leave it out")
+        raise DeclarationError(
+            f"{method} has no band of frequencies",
+            where="--band",
+            remedy=f"use it with --method {METHOD}, or leave it out",
+        )
     low, high = band
     if not (math.isfinite(high) and 0.0 <= low < high):
-        raise DeclarationError(f"{low:g} to {high:g} Hz is no band", where="--band", remedy="give the lower frequency first, in Hz")
+        raise DeclarationError(
+            f"{low:g} to {high:g} Hz is no band",
+            where="--band",
+            remedy="give the lower frequency first, in Hz",
+        )
 
 
-def chosen_band(records: Sequence[Record], model: Model, outputs: Sequence[str], band: tuple[float, float] | None) -> tuple[float, float]:
-    """The band that is asked for, else the data's own, Hz. Raises ModelError where the model has no frequency response."""
+def chosen_band(
+    records: Sequence[Record],
+    model: Model,
+    outputs: Sequence[str],
+    band: tuple[float, float] | None,
+) -> tuple[float, float]:
+    """The band that is asked for, else the data's own, Hz. Raises ModelError where the model has no
+    frequency response.
+    """
     system = compile_model(model, outputs)
     refuse_unfit(records, system, delays_of(model))
     return band or band_for(records, system)
 
 
 def estimated(
-    records: Sequence[Record], system: System, settings: FitSettings, delays: Mapping[str, str], band: tuple[float, float] | None
+    records: Sequence[Record],
+    system: System,
+    settings: FitSettings,
+    delays: Mapping[str, str],
+    band: tuple[float, float] | None,
 ) -> Estimate:
     """The estimate, its ``fitted`` outputs those of a free simulation with what was found."""
-    found = fit_frequency_domain(records, system, FrequencySettings(band, settings.use_priors), delays=delays)
+    found = fit_frequency_domain(
+        records, system, FrequencySettings(band, settings.use_priors), delays=delays
+    )
     rows = [simulated(record, system, found.as_dict(), settings) for record in records]
-    shown = tuple(blank if row is None else row for row, blank in zip(rows, found.fitted, strict=True))
+    shown = tuple(
+        blank if row is None else row for row, blank in zip(rows, found.fitted, strict=True)
+    )
     return replace(found, fitted=tuple(np.asarray(row) for row in shown))
 
 
@@ -78,14 +112,20 @@ PATH = "phugoid.attitude"
 
 
 def with_weight(model: Model) -> Model:
-    """The model with the component of the weight along the flight path; its begin is free, what a drag polar says stays at usual values."""
+    """The model with the component of the weight along the flight path; its begin is free, what a
+    drag polar says stays at usual values.
+    """
     wider = model.with_effects(Phugoid(attitude_recorded=True))
     held = [name for name in wider.parameters.names if name.startswith("phugoid.") and name != PATH]
     return wider.with_parameters(wider.parameters.hold(held))
 
 
-def with_weight_if_needed(model: Model, records: Sequence[Record], outputs: Sequence[str]) -> tuple[Model, str]:
-    """The model with or without the weight along the flight path, as the records say, and a sentence; empty where no attitude is recorded."""
+def with_weight_if_needed(
+    model: Model, records: Sequence[Record], outputs: Sequence[str]
+) -> tuple[Model, str]:
+    """The model with or without the weight along the flight path, as the records say, and a
+    sentence; empty where no attitude is recorded.
+    """
     if ATTITUDE not in {signal.name for signal in model.equations.inputs}:
         return model, ""
     wider = with_weight(model)
@@ -94,38 +134,51 @@ def with_weight_if_needed(model: Model, records: Sequence[Record], outputs: Sequ
     if found.why_open:
         return (
             model,
-            f"the pitch attitude is measured and not used: fits with and without the weight along the flight path decide nothing ({found.why_open})",
+            "the pitch attitude is measured and not used: fits with and without the weight along "
+            f"the flight path decide nothing ({found.why_open})",
         )
     if gain < BETTER:
         return (
             model,
-            f"the pitch attitude is measured and not used: the weight along the flight path explains no more (twice the log likelihood {gain:.1f})",
+            "the pitch attitude is measured and not used: the weight along the flight path "
+            f"explains no more (twice the log likelihood {gain:.1f})",
         )
     return (
         wider,
-        f"the pitch attitude is measured: the weight along the flight path changes speed and loads (twice the log likelihood {gain:.1f} better)",
+        "the pitch attitude is measured: the weight along the flight path changes speed and loads "
+        f"(twice the log likelihood {gain:.1f} better)",
     )
 
 
 def without_theta(model: Model, records: Sequence[Record]) -> tuple[Model, list[Record]]:
     """The model and records less an attitude among the inputs that nothing uses."""
     inputs = tuple(signal for signal in model.equations.inputs if signal.name != ATTITUDE)
-    bare = [replace(record, inputs=tuple(channel for channel in record.inputs if channel.name != ATTITUDE)) for record in records]
+    bare = [
+        replace(
+            record, inputs=tuple(channel for channel in record.inputs if channel.name != ATTITUDE)
+        )
+        for record in records
+    ]
     return replace(model, equations=replace(model.equations, inputs=inputs)), bare  # type: ignore[type-var]
 
 
 # ---- What speaks against an identification by itself
 
-# Models whose declared derivatives are knowledge; the ballistic coefficient of an unknown body is a mere start.
+# Models whose declared derivatives are knowledge; the ballistic coefficient of an unknown body is a
+# mere start.
 AIRCRAFT = ("rigid", "flexible", "loes", "lateral", "longitudinal")
 FREE_OF_CHARGE = ("delay", "inv_tau")  # of a low-order system: started anywhere, zero included
-NOTABLE = 1.25  # times, by which coloured noise must widen a standard deviation to be worth a caution
-STILL_SHORT = "10 % (in gusts 30 %)"  # what corrected standard deviations lack at most: docs/estimators.md, Coverage
+# times, by which coloured noise must widen a standard deviation to be worth a caution
+NOTABLE = 1.25
+# what corrected standard deviations lack at most: docs/estimators.md, Coverage
+STILL_SHORT = "10 % (in gusts 30 %)"
 CAUSES = "the model lacks something, a channel has a wrong sign or unit, or the file is wrong"
 
 
 def cautions_of(vehicle: VehicleFile, estimate: Estimate, rows: Sequence[Row]) -> tuple[str, ...]:
-    """Sentences, at most one on the outcome, one on coloured noise and one on all derivatives together."""
+    """Sentences, at most one on the outcome, one on coloured noise and one on all derivatives
+    together.
+    """
     told = []
     outcome = estimate.outcome
     if outcome is not Outcome.CONVERGED:
@@ -136,47 +189,94 @@ def cautions_of(vehicle: VehicleFile, estimate: Estimate, rows: Sequence[Row]) -
     return tuple(told)
 
 
-def failed(records: Sequence[Record], estimate: Estimate, rows: Sequence[Row], declared: Mapping[str, float]) -> tuple[str, ...]:
-    """A sentence where an estimate by free simulation is none: it runs away, explains nothing, or determines no derivative."""
+def failed(
+    records: Sequence[Record],
+    estimate: Estimate,
+    rows: Sequence[Row],
+    declared: Mapping[str, float],
+) -> tuple[str, ...]:
+    """A sentence where an estimate by free simulation is none: it runs away, explains nothing, or
+    determines no derivative.
+    """
     measured, left = [], []
     for i, name in enumerate(estimate.output_names):
-        of = [(record[name], row[i]) for record, row in zip(records, estimate.fitted, strict=False) if name in record.output_names]
-        known = [(channel.values[channel.valid], row[channel.valid]) for channel, row in of if np.any(channel.valid)]
+        of = [
+            (record[name], row[i])
+            for record, row in zip(records, estimate.fitted, strict=False)
+            if name in record.output_names
+        ]
+        known = [
+            (channel.values[channel.valid], row[channel.valid])
+            for channel, row in of
+            if np.any(channel.valid)
+        ]
         measured.append(np.concatenate([z - np.mean(z) for z, _ in known] or [np.zeros(1)]))
         left.append(np.concatenate([z - y for z, y in known] or [np.zeros(1)]))
-    units = {name: next(r[name].unit for r in records if name in r.output_names) for name in estimate.output_names}
+    units = {
+        name: next(r[name].unit for r in records if name in r.output_names)
+        for name in estimate.output_names
+    }
     why = failed_simulation(units, measured, left) if len(estimate.fitted) == len(records) else ""
-    if not why and none_determined((row.std, declared[row.name]) for row in rows if row.name in declared):
+    if not why and none_determined(
+        (row.std, declared[row.name]) for row in rows if row.name in declared
+    ):
         why = UNDETERMINED
-    remedy = "check units, signs and declared values, cut the record to single maneuvers, or use --method filter-error or equation-error"
+    remedy = (
+        "check units, signs and declared values, cut the record to single maneuvers, or use "
+        "--method filter-error or equation-error"
+    )
     return (f"the fit has failed: {why}; {remedy}",) if why else ()
 
 
 def coloured(estimate: Estimate) -> str:
-    """One sentence on a filter whose innovations are coloured: by how much standard deviations for white noise are too small."""
+    """One sentence on a filter whose innovations are coloured: by how much standard deviations for
+    white noise are too small.
+    """
     found = coloured_innovations(estimate)
-    if found is None or not found.significant or not found.factor.size or found.factor.max() < NOTABLE:
+    if (
+        found is None
+        or not found.significant
+        or not found.factor.size
+        or found.factor.max() < NOTABLE
+    ):
         return ""
     worst = int(np.argmax(found.factor))
     apart = ", ".join(f"{name} {value:.2f}" for name, value in found.lag_one.items())
-    text = f"the noise is not white (autocorrelation of the residuals one sample apart: {apart}): standard deviations for white noise "
+    text = (
+        f"the noise is not white (autocorrelation of the residuals one sample apart: {apart}): "
+        "standard deviations for white noise "
+    )
     text += f"would be up to {found.factor[worst]:.1f} times too small ({found.names[worst]})"
-    corrected = estimate.sigma(found.names[worst]) >= 0.99 * float(np.sqrt(found.covariance[worst, worst]))
+    corrected = estimate.sigma(found.names[worst]) >= 0.99 * float(
+        np.sqrt(found.covariance[worst, worst])
+    )
     if not corrected:
         return text.replace("would be", "are") + "; those given are for white noise"
-    return f"{text}; those given are corrected for it, and may still be up to {STILL_SHORT} too small, as the colour is known from this record alone"
+    return (
+        f"{text}; those given are corrected for it, and may still be up to {STILL_SHORT} too "
+        "small, as the colour is known from this record alone"
+    )
 
 
 def contradicted(rows: Sequence[Row], declared: Mapping[str, float]) -> str:
-    """One sentence on all derivatives that the vehicle file contradicts by two sigmas, as too large, too small or of the other sign; or nothing."""
+    """One sentence on all derivatives that the vehicle file contradicts by two sigmas, as too
+    large, too small or of the other sign; or nothing.
+    """
     found = []
     for row in rows:
         start = declared.get(row.name, 0.0)
         given = row.estimate, row.std, start
         why = "" if row.name in FREE_OF_CHARGE else contradiction(*given) or shortfall(*given)
         if why:
-            found.append(f"{row.name} {number_text(row.estimate, row.std)} +- {number_text(row.std, row.std)} {why} (vehicle file {start:.4g})")
-    return f"not to be believed: {'; '.join(found)}; {CAUSES}; flightid diagnose looks for the cause" if found else ""
+            found.append(
+                f"{row.name} {number_text(row.estimate, row.std)} +- "
+                f"{number_text(row.std, row.std)} {why} (vehicle file {start:.4g})"
+            )
+    return (
+        f"not to be believed: {'; '.join(found)}; {CAUSES}; flightid diagnose looks for the cause"
+        if found
+        else ""
+    )
 
 
 # ---- Cautions on sigmas that are smaller than the errors
@@ -202,7 +302,8 @@ def sigma_cautions(
     tests: Sequence[ResidualTest] = (),
     local: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """A sentence on each reason for which sigmas of the method are smaller than its errors; else nothing.
+    """A sentence on each reason for which sigmas of the method are smaller than its errors; else
+    nothing.
 
     Lost rows: see ``LOST_ROWS``. A model that is unstable at the estimate (of ``system``, with
     ``local`` parameters of each record) where one cause moves the residuals of several outputs,
@@ -210,14 +311,22 @@ def sigma_cautions(
     frequency domain, by the same sign. Gusts, for filter error: their intensity is more than two
     of its sigmas.
     """
-    unstable = _of_instability(records, estimate, system, tests, local) if system is not None else ()
+    unstable = (
+        _of_instability(records, estimate, system, tests, local) if system is not None else ()
+    )
     return (*_of_lost_rows(records, estimate), *(unstable or _of_gusts(records, estimate)))
 
 
 def _of_instability(
-    records: Sequence[Record], estimate: Estimate, system: System, tests: Sequence[ResidualTest], local: Sequence[str]
+    records: Sequence[Record],
+    estimate: Estimate,
+    system: System,
+    tests: Sequence[ResidualTest],
+    local: Sequence[str],
 ) -> tuple[str, ...]:
-    """Errors of a free simulation grow with its unstable mode, while sigmas of output error count the sensors' noise alone."""
+    """Errors of a free simulation grow with its unstable mode, while sigmas of output error count
+    the sensors' noise alone.
+    """
     if not np.all(np.isfinite(estimate.values)) or not disturbed_outputs(records, estimate, tests):
         return ()
     known = {name: value for name, value in estimate.as_dict().items() if name in system.parameters}
@@ -227,8 +336,10 @@ def _of_instability(
         return ()
     return (
         f"the model is unstable at the estimate: its free simulation doubles small errors, such as "
-        f"those of inputs between samples and of rounding, every {np.log(2.0) / fastest(layout):.2g} s; "
-        f"sigmas of {estimate.method} count the noise of the sensors alone and are too small, and values "
+        "those of inputs between samples and of rounding, every "
+        f"{np.log(2.0) / fastest(layout):.2g} s; "
+        f"sigmas of {estimate.method} count the noise of the sensors alone and are too small, and "
+        "values "
         f"may be wrong by many of them; use --method filter-error, which allows for such errors",
     )
 
@@ -238,8 +349,10 @@ def _of_lost_rows(records: Sequence[Record], estimate: Estimate) -> tuple[str, .
     if least is None or share < least or not any(record.inputs for record in records):
         return ()
     return (
-        f"rows are lost in {100 * share:.0f} % of the sample intervals, and with them the inputs: from {100 * least:g} % "
-        f"on that biases {estimate.method} by more than half a sigma where inputs step; where only outputs are missing, "
+        f"rows are lost in {100 * share:.0f} % of the sample intervals, and with them the inputs: "
+        f"from {100 * least:g} % "
+        f"on that biases {estimate.method} by more than half a sigma where inputs step; where only "
+        "outputs are missing, "
         f"keep the row and leave their cells empty",
     )
 
@@ -247,7 +360,8 @@ def _of_lost_rows(records: Sequence[Record], estimate: Estimate) -> tuple[str, .
 def lost_rows(records: Sequence[Record]) -> float:
     """Share of the sample intervals, of all records together, in which at least one row is lost.
 
-    The usual interval of a record is the one that a quarter of its intervals do not exceed: half of them may be longer.
+    The usual interval of a record is the one that a quarter of its intervals do not exceed: half of
+    them may be longer.
     """
     longer, count = 0, 0
     for record in records:
@@ -262,10 +376,15 @@ def _of_gusts(records: Sequence[Record], estimate: Estimate) -> tuple[str, ...]:
         factor, worst, held = SHORT_IN_GUSTS[estimate.method]
         return (
             f"one cause moves the residuals of several outputs, as gusts do: in gusts sigmas of "
-            f"{estimate.method} are {factor:g} times too small, of single derivatives up to {worst:g} times (two of "
+            f"{estimate.method} are {factor:g} times too small, of single derivatives up to "
+            f"{worst:g} times (two of "
             f"them held {100 * held:.0f} % of the true values); those of equation-error hold",
         )
-    if estimate.method == "filter-error" and INTENSITY in estimate.names and estimate.value(INTENSITY) > 2.0 * estimate.sigma(INTENSITY):
+    if (
+        estimate.method == "filter-error"
+        and INTENSITY in estimate.names
+        and estimate.value(INTENSITY) > 2.0 * estimate.sigma(INTENSITY)
+    ):
         factor, held = FILTER_ERROR
         return (
             f"gusts act: in gusts whose spectrum is not Dryden's sigmas of filter-error are up "
@@ -275,14 +394,20 @@ def _of_gusts(records: Sequence[Record], estimate: Estimate) -> tuple[str, ...]:
     return ()
 
 
-def disturbed_outputs(records: Sequence[Record], estimate: Estimate, tests: Sequence[ResidualTest]) -> tuple[str, ...]:
-    """Outputs of a free simulation whose residuals are not white, where one cause moves several of them as process noise does.
+def disturbed_outputs(
+    records: Sequence[Record], estimate: Estimate, tests: Sequence[ResidualTest]
+) -> tuple[str, ...]:
+    """Outputs of a free simulation whose residuals are not white, where one cause moves several of
+    them as process noise does.
 
-    Measured on flights of three models: of 120 with white noise of each sensor none is called so, of 120 with AR(1) noise three, of 240 in gusts all.
+    Measured on flights of three models: of 120 with white noise of each sensor none is called so,
+    of 120 with AR(1) noise three, of 240 in gusts all.
     """
     if estimate.method not in SHORT_IN_GUSTS or not _moved_together(records, estimate):
         return ()
-    failed = (test.channel for test in tests if not test.passed and test.channel in estimate.output_names)
+    failed = (
+        test.channel for test in tests if not test.passed and test.channel in estimate.output_names
+    )
     return tuple(dict.fromkeys(failed))  # an output may fail more than one test
 
 
@@ -290,8 +415,15 @@ def _moved_together(records: Sequence[Record], estimate: Estimate) -> bool:
     return common_disturbance(*_residuals(records, estimate))
 
 
-def _residuals(records: Sequence[Record], estimate: Estimate) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Measured minus fitted ``(m, N)`` a record, zero where a sample is missing, and which samples there are."""
+def _residuals(
+    records: Sequence[Record], estimate: Estimate
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Measured minus fitted ``(m, N)`` a record, zero where a sample is missing, and which samples
+    there are.
+    """
     measured = [record.output_array(estimate.output_names) for record in records]
-    residuals = [np.where(known, z - fitted, 0.0) for (z, known), fitted in zip(measured, estimate.fitted, strict=True)]
+    residuals = [
+        np.where(known, z - fitted, 0.0)
+        for (z, known), fitted in zip(measured, estimate.fitted, strict=True)
+    ]
     return residuals, [known for _, known in measured]

@@ -14,7 +14,13 @@ from ident.flying_qualities.levels import Flown, mode_levels
 from scenarios.files.measured.columns import sidecar_path
 from scenarios.files.measured.record_file import all_simulated, identities
 from scenarios.files.sources import InputFile, resolved, versions
-from scenarios.files.writing import RESPONSE, study_folder, write_json, write_record, write_responses
+from scenarios.files.writing import (
+    RESPONSE,
+    study_folder,
+    write_json,
+    write_record,
+    write_responses,
+)
 from scenarios.identification.assessment import IdentificationResult, RecordFit, reading_content
 from scenarios.identification.identify import Identified
 from scenarios.identification.report import (
@@ -45,13 +51,22 @@ if TYPE_CHECKING:
 
 
 def identification_figures(
-    found: IdentificationResult, measured: Record, data: str = MEASURED_DATA, sensor_noise: Mapping[str, float] = MappingProxyType({})
+    found: IdentificationResult,
+    measured: Record,
+    data: str = MEASURED_DATA,
+    sensor_noise: Mapping[str, float] = MappingProxyType({}),
 ) -> Iterator[Named]:
-    """The figures of an identification: stem of each file, and what draws it; ``measured`` has the channels that were recorded.
+    """The figures of an identification: stem of each file, and what draws it; ``measured`` has the
+    channels that were recorded.
 
-    ``data``: what the samples are called. ``sensor_noise``: of outputs whose residual is more than it; bands about residuals are drawn with it.
+    ``data``: what the samples are called. ``sensor_noise``: of outputs whose residual is more than
+    it; bands about residuals are drawn with it.
     """
-    from scenarios.plots.estimates import figure_correlation, figure_innovations, figure_parameter_histories
+    from scenarios.plots.estimates import (
+        figure_correlation,
+        figure_innovations,
+        figure_parameter_histories,
+    )
     from scenarios.plots.signals import figure_fit, figure_record, response_of, units_of
 
     estimate, title = found.estimate, f"{found.record.name}: {found.vehicle.model}, {found.method}"
@@ -64,17 +79,34 @@ def identification_figures(
     if found.band is not None and found.fits[0].figures is not None:
         yield "spectra", partial(figure_spectra, found.fits[0], noise, found.band, title, data)
     if estimate.history is not None:
-        followed = [(name, unit) for name, unit in zip(estimate.names, estimate.units, strict=True) if name in estimate.history.names]
+        followed = [
+            (name, unit)
+            for name, unit in zip(estimate.names, estimate.units, strict=True)
+            if name in estimate.history.names
+        ]
         names, kinds = zip(*followed, strict=True)  # a delay that a bank found has no history
-        yield "parameters", partial(figure_parameter_histories, estimate.history, names, kinds, title=title)
+        yield (
+            "parameters",
+            partial(figure_parameter_histories, estimate.history, names, kinds, title=title),
+        )
         units = units_of(found.record, estimate.output_names)
-        yield "innovations", partial(figure_innovations, estimate.history, estimate.output_names, units, title)
+        yield (
+            "innovations",
+            partial(figure_innovations, estimate.history, estimate.output_names, units, title),
+        )
     if len(estimate.names) > 1:
-        yield "correlation", partial(figure_correlation, estimate.names, estimate.correlation, title)
+        yield (
+            "correlation",
+            partial(figure_correlation, estimate.names, estimate.correlation, title),
+        )
 
 
-def other_records(found: IdentificationResult, noise: Mapping[str, float], data: str = MEASURED_DATA) -> Iterator[Named]:
-    """The free simulation of every record but the first: ``fit_2``, ..., and ``held_out``, ``held_out_2``, ... of those that were not fitted."""
+def other_records(
+    found: IdentificationResult, noise: Mapping[str, float], data: str = MEASURED_DATA
+) -> Iterator[Named]:
+    """The free simulation of every record but the first: ``fit_2``, ..., and ``held_out``,
+    ``held_out_2``, ... of those that were not fitted.
+    """
     from scenarios.plots.signals import Response, figure_fit
 
     count = {True: 0, False: 0}
@@ -90,28 +122,60 @@ def other_records(found: IdentificationResult, noise: Mapping[str, float], data:
         yield name, partial(figure_fit, each.record, [response], None, title, noise, data)
 
 
-def figure_spectra(each: RecordFit, noise: Mapping[str, float], band: tuple[float, float], title: str = "", data: str = MEASURED_DATA) -> Figure:
-    """Amplitudes of the recorded and the simulated outputs and of their difference at the record's harmonics; what was fitted is shaded.
+def figure_spectra(
+    each: RecordFit,
+    noise: Mapping[str, float],
+    band: tuple[float, float],
+    title: str = "",
+    data: str = MEASURED_DATA,
+) -> Figure:
+    """Amplitudes of the recorded and the simulated outputs and of their difference at the record's
+    harmonics; what was fitted is shaded.
 
-    Of a transform over the root of the number of samples, so that white noise has its own standard deviation at every frequency. Angles in
-    degrees.
+    Of a transform over the root of the number of samples, so that white noise has its own standard
+    deviation at every frequency. Angles in degrees.
     """
-    from scenarios.plots.style import LABEL_SIZE, LIGHT, MEASURED, TRUE, finish, make_sheet, method_style, y_label
+    from scenarios.plots.style import (
+        LABEL_SIZE,
+        LIGHT,
+        MEASURED,
+        TRUE,
+        finish,
+        make_sheet,
+        method_style,
+        y_label,
+    )
 
     record = each.record
-    shown = [channel for channel in record.outputs if channel.name in each.outputs and np.any(channel.valid)]
+    shown = [
+        channel
+        for channel in record.outputs
+        if channel.name in each.outputs and np.any(channel.valid)
+    ]
     sheet = make_sheet([1.3] * len(shown), row_gap=0.18)
     count = len(record)
-    frequency = np.arange(1, (count + 1) // 2) * (count - 1) / count / (record.time[-1] - record.time[0])
+    frequency = (
+        np.arange(1, (count + 1) // 2) * (count - 1) / count / (record.time[-1] - record.time[0])
+    )
     for channel, panel in zip(shown, sheet.panels, strict=True):
         unit = display_unit(channel.unit)
-        bridged = np.interp(record.time, record.time[channel.valid], channel.values[channel.valid])  # gaps as the fit bridges them
+        # gaps as the fit bridges them
+        bridged = np.interp(record.time, record.time[channel.valid], channel.values[channel.valid])
         rows = bridged, each.simulated[each.outputs.index(channel.name)]
-        measured, simulated = (unit.factor * np.fft.rfft(row)[1 : len(frequency) + 1] / np.sqrt(count) for row in rows)
+        measured, simulated = (
+            unit.factor * np.fft.rfft(row)[1 : len(frequency) + 1] / np.sqrt(count) for row in rows
+        )
         panel.axvspan(*band, color=LIGHT, alpha=0.5, linewidth=0, label="fitted")
         panel.plot(frequency, np.abs(measured), label=data, **{**MEASURED, "markersize": 5.0})
-        panel.plot(frequency, np.abs(simulated), label="free simulation", **method_style(0, alone=True))
-        panel.plot(frequency, np.abs(measured - simulated), label="their difference", **method_style(1, alone=True))
+        panel.plot(
+            frequency, np.abs(simulated), label="free simulation", **method_style(0, alone=True)
+        )
+        panel.plot(
+            frequency,
+            np.abs(measured - simulated),
+            label="their difference",
+            **method_style(1, alone=True),
+        )
         if channel.name in noise:
             panel.axhline(unit.factor * noise[channel.name], label="noise level of the fit", **TRUE)
         panel.set_xscale("log")
@@ -136,10 +200,16 @@ def write_identification(identified: Identified, out: Path, *, figures: Formats 
         if kept is not None:
             write_kept(scratch, kept)
         for fit in found.fits[:1]:
-            simulated = {name: row for name, row in zip(fit.outputs, fit.simulated, strict=True) if name in fit.record.output_names}
+            simulated = {
+                name: row
+                for name, row in zip(fit.outputs, fit.simulated, strict=True)
+                if name in fit.record.output_names
+            }
             write_responses(scratch / f"{RESPONSE}.csv", fit.record, simulated)
         for number, record in enumerate(measured, start=1):
-            write_record(scratch, record, "record" if number == 1 else f"record_{number}", simulated=made)
+            write_record(
+                scratch, record, "record" if number == 1 else f"record_{number}", simulated=made
+            )
         for file in (*identified.files, *identified.validation):
             _spare_inputs(scratch, out, file.path)
         drawn: tuple[Drawn, ...] = ()
@@ -147,25 +217,40 @@ def write_identification(identified: Identified, out: Path, *, figures: Formats 
             from scenarios.plots.drawing import drawn_for_page
 
             data = SIMULATED_DATA if made else MEASURED_DATA
-            drawn = drawn_for_page(identification_figures(found, measured[0], data, estimated_noise(found)), scratch, figures)
+            drawn = drawn_for_page(
+                identification_figures(found, measured[0], data, estimated_noise(found)),
+                scratch,
+                figures,
+            )
         fitted, predicted = identities(identified.files), identities(identified.validation)
         write_page(scratch, identification_page(found, identified.flown, fitted, predicted, drawn))
-        write_json(scratch / MAIN, identification_content(found, fitted, identified.flown, predicted))
+        write_json(
+            scratch / MAIN, identification_content(found, fitted, identified.flown, predicted)
+        )
     return out
 
 
 def _spare_inputs(scratch: Path, out: Path, path: Path) -> None:
-    """Refuse to put our copy of the record in the place of the user's, unless it is the same to the byte."""
+    """Refuse to put our copy of the record in the place of the user's, unless it is the same to the
+    byte.
+    """
     for given in (path, sidecar_path(path)):
         ours = scratch / given.name
         if not (given.is_file() and ours.is_file() and resolved(given).parent == resolved(out)):
             continue
         if ours.read_bytes() != given.read_bytes():
-            raise FlightidError("the study's record would take the place of this file", where=str(given), remedy="name another folder with --out")
+            raise FlightidError(
+                "the study's record would take the place of this file",
+                where=str(given),
+                remedy="name another folder with --out",
+            )
 
 
 def identification_content(
-    found: IdentificationResult, files: Sequence[InputFile], flown: Flown, validation: Sequence[InputFile] = ()
+    found: IdentificationResult,
+    files: Sequence[InputFile],
+    flown: Flown,
+    validation: Sequence[InputFile] = (),
 ) -> dict[str, Any]:
     """Content of ``comparison.json`` for measured records: no ``true``, no ``published``."""
     content = estimate_content(found.estimate, found.rows, found.derived, found.fixed, found.tests)
@@ -177,15 +262,45 @@ def identification_content(
         "method": found.method,
         **({"engine": dict(found.engine)} if found.engine else {}),
         **content,
-        **({"flying_qualities": levels_content(mode_levels(found.modes, flown), flown)} if found.modes is not None else {}),
-        **({"biases": {row.name: {"estimate": row.estimate, "std": row.std, "unit": row.unit} for row in found.biases}} if found.biases else {}),
+        **(
+            {"flying_qualities": levels_content(mode_levels(found.modes, flown), flown)}
+            if found.modes is not None
+            else {}
+        ),
+        **(
+            {
+                "biases": {
+                    row.name: {"estimate": row.estimate, "std": row.std, "unit": row.unit}
+                    for row in found.biases
+                }
+            }
+            if found.biases
+            else {}
+        ),
         **({"sensor_noise": noise} if (noise := estimated_noise(found)) else {}),
         **constraints_content(found.vehicle.constraints, found.tied, found.at_bounds),
         **intervals_content(found.intervals),
         **fits_content(found.fits),
-        **({"segments": [[float(r.time[0]), float(r.time[-1])] for r in (found.record, *found.others)]} if found.others else {}),
-        **({"input_reading": reading_content(reading)} if (reading := found.reading or found.decided) else {}),
-        "warnings": [*found.doubts, *found.cautions, *([found.reading.sentence] if found.reading else []), *found.look.set_aside],
+        **(
+            {
+                "segments": [
+                    [float(r.time[0]), float(r.time[-1])] for r in (found.record, *found.others)
+                ]
+            }
+            if found.others
+            else {}
+        ),
+        **(
+            {"input_reading": reading_content(reading)}
+            if (reading := found.reading or found.decided)
+            else {}
+        ),
+        "warnings": [
+            *found.doubts,
+            *found.cautions,
+            *([found.reading.sentence] if found.reading else []),
+            *found.look.set_aside,
+        ],
         "notes": list(found.notes),
         "record": record_content(found.look),
         "inputs": {
@@ -200,7 +315,14 @@ def identification_content(
 
 def _validated(files: Sequence[InputFile]) -> dict[str, list[str]]:
     """Names and hashes of the files that were only predicted."""
-    return {"validation": [file.name for file in files], "validation_sha256": [file.sha256 for file in files]} if files else {}
+    return (
+        {
+            "validation": [file.name for file in files],
+            "validation_sha256": [file.sha256 for file in files],
+        }
+        if files
+        else {}
+    )
 
 
 def _model_file(found: IdentificationResult) -> dict[str, str]:

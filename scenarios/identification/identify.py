@@ -16,10 +16,21 @@ from ident.statistics.intervals import ProfileInterval
 from ident.statistics.residuals import ResidualTest, residual_tests
 from ident.whole_record.layout import FitSettings
 from scenarios.files.channel_names import CHANNEL_UNITS
-from scenarios.files.measured.record_file import RecordFile, path_of, read_with_validation, refuse_twice
+from scenarios.files.measured.record_file import (
+    RecordFile,
+    path_of,
+    read_with_validation,
+    refuse_twice,
+)
 from scenarios.files.records import has_clock
 from scenarios.files.user_models import channel_units, constraint_sentences, moves_about_rest
-from scenarios.files.vehicles import VehicleFile, files_read_unnamed, read_vehicle, refuse_unknown_model, vehicle_next_to
+from scenarios.files.vehicles import (
+    VehicleFile,
+    files_read_unnamed,
+    read_vehicle,
+    refuse_unknown_model,
+    vehicle_next_to,
+)
 from scenarios.identification.assessment import (
     PLAIN,
     SETTLED,
@@ -54,10 +65,30 @@ from scenarios.identification.conditions import (
     with_weight_if_needed,
     without_theta,
 )
-from scenarios.identification.methods import FILTERS, METHODS, engine_of, estimated_by, forced, refuse_method, uses_attitude
-from scenarios.preparation.declared_model import BETTER, held_by_computer, likelier_by, model_of_file, outputs_with_bias, step_for
+from scenarios.identification.methods import (
+    FILTERS,
+    METHODS,
+    engine_of,
+    estimated_by,
+    forced,
+    refuse_method,
+    uses_attitude,
+)
+from scenarios.preparation.declared_model import (
+    BETTER,
+    held_by_computer,
+    likelier_by,
+    model_of_file,
+    outputs_with_bias,
+    step_for,
+)
 from scenarios.preparation.plan import BY_HAND, Request, column_choices, flown_of, reading_options
-from scenarios.preparation.plausibility import cruise_caution, refuse_still, refuse_unpredictable, refuse_unrelated_records
+from scenarios.preparation.plausibility import (
+    cruise_caution,
+    refuse_still,
+    refuse_unpredictable,
+    refuse_unrelated_records,
+)
 from scenarios.preparation.reading import prepare
 from scenarios.studies.rows import rows_of
 from sim.declaration.compile import compile_model
@@ -77,7 +108,8 @@ if TYPE_CHECKING:
 
 # ---- Identification of a measured record: no truth, noise levels from the data themselves
 
-SIMULATED = ("output-error", FREQUENCY)  # methods whose fitted outputs are those of a free simulation
+# methods whose fitted outputs are those of a free simulation
+SIMULATED = ("output-error", FREQUENCY)
 FIT_STEP = 0.01
 SLOW = (SPEED, ATTITUDE)  # states of a phugoid, which is no short-period mode
 
@@ -93,37 +125,52 @@ def identify(
     *,
     trusted: bool = False,
 ) -> IdentificationResult:
-    """Estimate a vehicle file's model from a record, or by a whole-record method from it and ``others`` together.
+    """Estimate a vehicle file's model from a record, or by a whole-record method from it and
+    ``others`` together.
 
     ``model`` is the vehicle file's with a measured flow among its inputs; None: the file's own.
     Records ``held_out`` are predicted,
     less their wild points unless they are ``trusted``.
 
-    Each output but an altitude (of an own model those that it names) gets a bias, each record its own initial state. A filter takes its measurement
-    noise and its start from an output-error fit, its initial state from the first samples, and is iterated from its own result.
-    ``filter-error`` puts an aircraft into Dryden turbulence, and forces a falling body by white noise, both of unknown size.
+    Each output but an altitude (of an own model those that it names) gets a bias, each record its
+    own initial state. A filter takes its measurement noise and its start from an output-error fit,
+    its initial state from the first samples, and is iterated from its own result. ``filter-error``
+    puts an aircraft into Dryden turbulence, and forces a falling body by white noise, both of
+    unknown size.
 
     Raises
     ------
-    DeclarationError : an unknown method. ModelError : the record has none of the model's outputs. RecordError : a number beyond all measure.
+    DeclarationError : an unknown method. ModelError : the record has none of the model's outputs.
+    RecordError : a number beyond all measure.
     """
     records: Sequence[Record] = [record, *others]
     refuse_method([*records, *held_out], vehicle, method, options, len(records))
     if vehicle.model == "loes" and method == "ekf":
         return _low_order(record, vehicle, held_out, options.engine, trusted=trusted)
-    model, records, held_out, said = _declared(model or model_of_file(vehicle), records, held_out, vehicle, method)
+    model, records, held_out, said = _declared(
+        model or model_of_file(vehicle), records, held_out, vehicle, method
+    )
     outputs = _measured(model, records)
-    biased = model.with_biases(outputs_with_bias(model, outputs) if vehicle.model != "ballistic" else [])
-    # A common factor of an elastic coordinate is not in the data: only a prior fixes it. Filters know no bounds.
+    biased = model.with_biases(
+        outputs_with_bias(model, outputs) if vehicle.model != "ballistic" else []
+    )
+    # A common factor of an elastic coordinate is not in the data: only a prior fixes it. Filters
+    # know no bounds.
     settings = FitSettings(step_for(model, records, FIT_STEP), use_priors=bool(vehicle.modes))
     if method == FREQUENCY:
         options = replace(options, band=chosen_band(records, biased, outputs, options.band))
     bounded, system, estimate, at_bounds = within_bounds(
-        biased, lambda each: estimated_by(records, each, outputs, method, settings, options), kept=method not in FILTERS
+        biased,
+        lambda each: estimated_by(records, each, outputs, method, settings, options),
+        kept=method not in FILTERS,
     )
     tests = _tests(records, estimate)
     rows, names = rows_of(estimate), [f"bias_{name}" for name in biased.biases]
-    airborne = vehicle.model != "ballistic" and moves_about_rest(model) and bool(np.all(np.isfinite(estimate.values)))
+    airborne = (
+        vehicle.model != "ballistic"
+        and moves_about_rest(model)
+        and bool(np.all(np.isfinite(estimate.values)))
+    )
     flown, compiled = estimate.only(system.parameters.names), compile_model(bounded, outputs)
     return IdentificationResult(
         record,
@@ -133,7 +180,11 @@ def identify(
         tuple(row for row in rows if row.name not in names),
         tuple(row for row in rows if row.name in names),
         _derived(vehicle, system, estimate, flown if airborne else None),
-        {item.name: (item.value, item.unit) for item in biased.parameters if not item.free and item.name not in {tie.name for tie in model.ties}},
+        {
+            item.name: (item.value, item.unit)
+            for item in biased.parameters
+            if not item.free and item.name not in {tie.name for tie in model.ties}
+        },
         tests,
         tuple(others),
         notes=(*(note for note in (said, estimate.message) if note), *_laid_down(vehicle, model)),
@@ -155,9 +206,15 @@ def identify(
 
 
 def _declared(
-    model: Model, records: Sequence[Record], held_out: Sequence[Record], vehicle: VehicleFile, method: str
+    model: Model,
+    records: Sequence[Record],
+    held_out: Sequence[Record],
+    vehicle: VehicleFile,
+    method: str,
 ) -> tuple[Model, Sequence[Record], Sequence[Record], str]:
-    """The model with what a measured attitude tells of it, the records with what the method takes of them, and a sentence on that."""
+    """The model with what a measured attitude tells of it, the records with what the method takes
+    of them, and a sentence on that.
+    """
     if vehicle.own is not None:
         return model, records, held_out, ""
     if not uses_attitude(vehicle, method):
@@ -169,61 +226,128 @@ def _declared(
 
 def _measured(model: Model, records: Sequence[Record]) -> list[str]:
     """The model's outputs that one of the records has."""
-    return [signal.name for signal in model.equations.outputs if any(signal.name in each.output_names for each in records)]
+    return [
+        signal.name
+        for signal in model.equations.outputs
+        if any(signal.name in each.output_names for each in records)
+    ]
 
 
-def _derived(vehicle: VehicleFile, system: System, estimate: Estimate, flown: Estimate | None) -> dict[str, tuple[float, float]]:
-    """The modes of what was estimated, ``flown`` where it moves about a rest, and the delay of a low-order system."""
+def _derived(
+    vehicle: VehicleFile, system: System, estimate: Estimate, flown: Estimate | None
+) -> dict[str, tuple[float, float]]:
+    """The modes of what was estimated, ``flown`` where it moves about a rest, and the delay of a
+    low-order system.
+    """
     derived = modal_estimate(system, flown, SLOW) if flown is not None else {}
     if vehicle.model == "loes" and "delay" in estimate.names:
         derived["delay"] = estimate.value("delay"), estimate.sigma("delay")
     return derived
 
 
-def _low_order(record: Record, vehicle: VehicleFile, held_out: Sequence[Record], engine: str | None, *, trusted: bool) -> IdentificationResult:
+def _low_order(
+    record: Record,
+    vehicle: VehicleFile,
+    held_out: Sequence[Record],
+    engine: str | None,
+    *,
+    trusted: bool,
+) -> IdentificationResult:
     """The low-order system by its own filter, and what it predicts."""
     from scenarios.identification.low_order import identify_loes
 
     found = identify_loes(record, vehicle, engine)
     model, settings = model_of_file(vehicle), FitSettings(FIT_STEP)
-    outputs = [signal.name for signal in model.equations.outputs if signal.name in record.output_names]
+    outputs = [
+        signal.name for signal in model.equations.outputs if signal.name in record.output_names
+    ]
     system = compile_model(model.with_biases(outputs), outputs)
-    values = {**found.estimate.as_dict(), **{name: value for name, (value, _) in found.fixed.items()}}
+    values = {
+        **found.estimate.as_dict(),
+        **{name: value for name, (value, _) in found.fixed.items()},
+    }
     fits = record_fits([record], held_out, system, values, settings, trusted=trusted)
     modes = characteristics(compile_model(model), found.estimate)
-    cautions, trained = cautions_of(vehicle, found.estimate, found.rows), trained_by(system, values, settings)
-    return replace(found, cautions=cautions, fits=fits, modes=modes, system=compile_model(model), trained=trained)
+    cautions, trained = (
+        cautions_of(vehicle, found.estimate, found.rows),
+        trained_by(system, values, settings),
+    )
+    return replace(
+        found,
+        cautions=cautions,
+        fits=fits,
+        modes=modes,
+        system=compile_model(model),
+        trained=trained,
+    )
 
 
 def _fits(
-    records: Sequence[Record], held_out: Sequence[Record], system: System, estimate: Estimate, settings: FitSettings, *, trusted: bool
+    records: Sequence[Record],
+    held_out: Sequence[Record],
+    system: System,
+    estimate: Estimate,
+    settings: FitSettings,
+    *,
+    trusted: bool,
 ) -> tuple[RecordFit, ...]:
-    """Free simulations of all records; those that the estimate carries already are not made again."""
-    simulated = estimate.fitted if estimate.method in SIMULATED and estimate.output_names == system.output_names else ()
-    return record_fits(records, held_out, system, estimate.as_dict(), settings, [PATH], simulated, trusted=trusted)
+    """Free simulations of all records; those that the estimate carries already are not made
+    again.
+    """
+    simulated = (
+        estimate.fitted
+        if estimate.method in SIMULATED and estimate.output_names == system.output_names
+        else ()
+    )
+    return record_fits(
+        records, held_out, system, estimate.as_dict(), settings, [PATH], simulated, trusted=trusted
+    )
 
 
 def _laid_down(vehicle: VehicleFile, model: Model) -> tuple[str, ...]:
     units = {item.name: item.unit for item in model.parameters}
-    return constraint_sentences(vehicle.constraints, {item.name: item.value for item in model.parameters}, units)
+    return constraint_sentences(
+        vehicle.constraints, {item.name: item.value for item in model.parameters}, units
+    )
 
 
 def _intervals(
-    records: Sequence[Record], model: Model, outputs: list[str], estimate: Estimate, settings: FitSettings, options: Options
+    records: Sequence[Record],
+    model: Model,
+    outputs: list[str],
+    estimate: Estimate,
+    settings: FitSettings,
+    options: Options,
 ) -> tuple[ProfileInterval, ...]:
     """Profile-likelihood intervals where they are asked."""
     if options.profile is None:
         return ()
     calm = compile_model(model, outputs)
-    system = compile_model(forced(model, records), outputs) if estimate.method == "filter-error" else calm
-    return profiled(estimate, records, system, settings, options.profile, calm=calm, local=[PATH], delays=delays_of(model), band=options.band)
+    system = (
+        compile_model(forced(model, records), outputs)
+        if estimate.method == "filter-error"
+        else calm
+    )
+    return profiled(
+        estimate,
+        records,
+        system,
+        settings,
+        options.profile,
+        calm=calm,
+        local=[PATH],
+        delays=delays_of(model),
+        band=options.band,
+    )
 
 
 def _tests(records: Sequence[Record], estimate: Estimate) -> tuple[ResidualTest, ...]:
     """Tests of the residuals of all records, one after the other."""
     measured = [each.output_array(estimate.output_names) for each in records]
     valid = np.concatenate([known for _, known in measured], axis=1)
-    residuals = np.concatenate([z - fitted for (z, _), fitted in zip(measured, estimate.fitted, strict=True)], axis=1)
+    residuals = np.concatenate(
+        [z - fitted for (z, _), fitted in zip(measured, estimate.fitted, strict=True)], axis=1
+    )
     return residual_tests(estimate, np.where(valid, residuals, 0.0), valid)
 
 
@@ -234,8 +358,9 @@ def _tests(records: Sequence[Record], estimate: Estimate) -> tuple[ResidualTest,
 class Identified:
     """An identification with what it was made from.
 
-    ``flown``: by which class and category levels of flying qualities are told. ``measured``: the fitted records as they would be written.
-    ``files`` are those of the fit, ``validation`` those that were predicted; ``plan``: how all were read.
+    ``flown``: by which class and category levels of flying qualities are told. ``measured``: the
+    fitted records as they would be written. ``files`` are those of the fit, ``validation`` those
+    that were predicted; ``plan``: how all were read.
     """
 
     found: IdentificationResult
@@ -250,7 +375,8 @@ class Identified:
 
 
 def identify_files(request: Request, method: str, options: Options = PLAIN) -> Identified:
-    """Read everything, fit, and say what the other reading of the inputs between samples would change where nobody said how to read them.
+    """Read everything, fit, and say what the other reading of the inputs between samples would
+    change where nobody said how to read them.
 
     Raises
     ------
@@ -258,12 +384,21 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
     """
     refuse_unknown_model(request.model, "--model")
     if method not in METHODS:
-        raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
-    refuse_twice([*request.records, *request.validate], "name each record once, for the fit or for --validate")
+        raise DeclarationError(
+            f"there is no method {method!r}",
+            where="--method",
+            remedy=f"use one of {', '.join(METHODS)}",
+        )
+    refuse_twice(
+        [*request.records, *request.validate],
+        "name each record once, for the fit or for --validate",
+    )
     beside = vehicle_next_to(request.records[0]) if request.vehicle is None else None
     vehicle = read_vehicle(request.vehicle or beside, request.model)
     flown = flown_of(request, vehicle)
-    choices = column_choices(request, channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS)
+    choices = column_choices(
+        request, channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS
+    )
     files, validation = read_with_validation(request.records, request.validate)
 
     # A search for maneuvers resamples nothing: a rate is for files that have no clock of their own.
@@ -273,10 +408,22 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
         return _identified(vehicle, method, (files, validation), choices, plan, asked, opening)
 
     ready, found = identified(request.plan, options)
-    if method not in FILTERS and found.record.inputs and request.plan.hold is None and not any(file.sidecar.says_hold for file in files):
-        ready, found = _read_otherwise(ready, found, lambda hold, asked: identified(replace(request.plan, hold=hold), asked), options)
+    if (
+        method not in FILTERS
+        and found.record.inputs
+        and request.plan.hold is None
+        and not any(file.sidecar.says_hold for file in files)
+    ):
+        ready, found = _read_otherwise(
+            ready,
+            found,
+            lambda hold, asked: identified(replace(request.plan, hold=hold), asked),
+            options,
+        )
     proposed = _filter_error_proposed(request, vehicle, found)
-    found = replace(found, notes=(*files_read_unnamed([*files, *validation], beside), *found.notes, *proposed))
+    found = replace(
+        found, notes=(*files_read_unnamed([*files, *validation], beside), *found.notes, *proposed)
+    )
     return Identified(found, flown, ready.measured, files, validation, request.plan)
 
 
@@ -291,10 +438,13 @@ def _identified(
 ) -> tuple[Prepared, IdentificationResult]:
     """Records prepared by ``plan``, and what a fit to them finds; ``opening``: options of the
     command line that open the files."""
-    # The filter of the low-order system has equations of its own, at one speed, and finds the trim itself.
+    # The filter of the low-order system has equations of its own, at one speed, and finds the trim
+    # itself.
     own = vehicle.model == "loes" and method == "ekf"
     flow, attitude = not own and method != FREQUENCY, uses_attitude(vehicle, method)
-    ready = prepare(files[0], model_of_file(vehicle), plan, choices, files[1], flow=flow, attitude=attitude)
+    ready = prepare(
+        files[0], model_of_file(vehicle), plan, choices, files[1], flow=flow, attitude=attitude
+    )
     refuse_unrelated_records(ready.fitted, ready.validation)
     refuse_still(ready.fitted, ready.model)
     refuse_unpredictable(ready.predicted, ready.model)
@@ -303,25 +453,47 @@ def _identified(
     notes = ready.notes
     if method in FILTERS and others and len(files[0]) * len(plan.segments) == 1:
         first, others = max((first, *others), key=len), []
-        notes = (*notes, f"a filter runs along one part of a record: the longest, {first.name}, is used")
+        notes = (
+            *notes,
+            f"a filter runs along one part of a record: the longest, {first.name}, is used",
+        )
 
     def fitted(records: Sequence[Record]) -> IdentificationResult:
-        return identify(records[0], vehicle, method, records[1:], ready.model, ready.validation, asked, trusted=trusted)
+        return identify(
+            records[0],
+            vehicle,
+            method,
+            records[1:],
+            ready.model,
+            ready.validation,
+            asked,
+            trusted=trusted,
+        )
 
     found, masks = _without_outliers(fitted, (first, *others), trusted=trusted)
     look = with_outliers(ready.look, (first, *others), masks)
     held = [fit.record for fit in found.fits if fit.held_out]
-    look = with_outliers(look, ready.validation, [left_out(*pair) for pair in zip(ready.validation, held, strict=True)])
+    look = with_outliers(
+        look,
+        ready.validation,
+        [left_out(*pair) for pair in zip(ready.validation, held, strict=True)],
+    )
     found = replace(found, fits=pooled_fits(found.fits, ready.parted))
     by_name = {record.name: some for record, some in zip((first, *others), masks, strict=True)}
     measured = tuple(without(record, by_name.get(record.name, {})) for record in ready.measured)
     cruise = cruise_caution(ready.measured, files[0][0].identity.name, opening)
     doubts = (*ready.doubts, *([cruise] if cruise else []))
-    return replace(ready, measured=measured), replace(found, notes=(*notes, *found.notes), doubts=doubts, look=look)
+    return replace(ready, measured=measured), replace(
+        found, notes=(*notes, *found.notes), doubts=doubts, look=look
+    )
 
 
-def _filter_error_proposed(request: Request, vehicle: VehicleFile, found: IdentificationResult) -> tuple[str, ...]:
-    """The command for filter error, where residuals are as process noise makes them and the model has a place for it."""
+def _filter_error_proposed(
+    request: Request, vehicle: VehicleFile, found: IdentificationResult
+) -> tuple[str, ...]:
+    """The command for filter error, where residuals are as process noise makes them and the model
+    has a place for it.
+    """
     moved = disturbed_outputs([found.record, *found.others], found.estimate, found.tests)
     if not moved:
         return ()
@@ -333,23 +505,41 @@ def _filter_error_proposed(request: Request, vehicle: VehicleFile, found: Identi
     words = [str(path) if path is not None else "RECORD" for path in paths]
     model = request.model if isinstance(request.model, str) else "MODEL"
     given = {"--model": model, "--vehicle": request.vehicle}
-    options = [word for option, value in given.items() if isinstance(value, str | Path) for word in (option, str(value))]
+    options = [
+        word
+        for option, value in given.items()
+        if isinstance(value, str | Path)
+        for word in (option, str(value))
+    ]
     validate = [str(path) for record in request.validate if (path := path_of(record)) is not None]
-    options += [*(word for path in validate for word in ("--validate", path)), *reading_options(request)]
+    options += [
+        *(word for path in validate for word in ("--validate", path)),
+        *reading_options(request),
+    ]
     command = shlex.join(["flightid", "identify", *words, *options, "--method", "filter-error"])
     listed = f"{', '.join(moved[:-1])} and {moved[-1]}" if len(moved) > 1 else moved[0]
-    return (f"one cause moves the residuals of {listed}, as turbulence does; {command} estimates such noise together with the parameters",)
+    return (
+        f"one cause moves the residuals of {listed}, as turbulence does; {command} estimates such "
+        "noise together with the parameters",
+    )
 
 
 def _without_outliers(
-    fitted: Callable[[Sequence[Record]], IdentificationResult], records: Sequence[Record], *, trusted: bool
+    fitted: Callable[[Sequence[Record]], IdentificationResult],
+    records: Sequence[Record],
+    *,
+    trusted: bool,
 ) -> tuple[IdentificationResult, list[dict[str, np.ndarray]]]:
-    """A fit less isolated wrong samples, and these by record and channel; looked for again among all samples once they no longer bend the fit."""
+    """A fit less isolated wrong samples, and these by record and channel; looked for again among
+    all samples once they no longer bend the fit.
+    """
     found = fitted(records)
     masks: list[dict[str, np.ndarray]] = [{} for _ in records]
     for _ in range(0 if trusted else 2):
         fits = [fit for fit in found.fits if not fit.held_out]
-        again = isolated_outliers(fits[0].outputs if fits else (), [fit.simulated for fit in fits], records)
+        again = isolated_outliers(
+            fits[0].outputs if fits else (), [fit.simulated for fit in fits], records
+        )
         if same_points(again, masks):
             break
         masks = again
@@ -358,33 +548,48 @@ def _without_outliers(
 
 
 def _read_otherwise(
-    ready: Prepared, found: IdentificationResult, again: Callable[[Hold, Options], tuple[Prepared, IdentificationResult]], options: Options
+    ready: Prepared,
+    found: IdentificationResult,
+    again: Callable[[Hold, Options], tuple[Prepared, IdentificationResult]],
+    options: Options,
 ) -> tuple[Prepared, IdentificationResult]:
-    """The identification under the reading of its inputs that the data choose, with what the other one changes where they do not choose.
+    """The identification under the reading of its inputs that the data choose, with what the other
+    one changes where they do not choose.
 
-    The first reading was chosen before wild points were set aside; inputs that a computer steps stay held.
+    The first reading was chosen before wild points were set aside; inputs that a computer steps
+    stay held.
     """
     used = found.record.hold
     other_ready, other = again(opposite(used), replace(options, profile=None))
     if any(each.estimate.outcome not in SETTLED for each in (found, other)):
         return ready, found
     gain = _gain(found, other)
-    if gain >= BETTER and not all(held_by_computer(record) for record in (found.record, *found.others)):
+    if gain >= BETTER and not all(
+        held_by_computer(record) for record in (found.record, *found.others)
+    ):
         if options.profile is not None:
             other_ready, other = again(opposite(used), options)
         decision = OtherReading(opposite(used), used, (), -gain).decision
         chosen = f"inputs {WORDS[opposite(used)]} between samples: {BY_HAND}"
         notes = tuple(decision if note == chosen else note for note in other.notes)
-        return other_ready, replace(other, decided=other_reading(opposite(used), other.rows, found.rows, -gain), notes=notes)
+        return other_ready, replace(
+            other, decided=other_reading(opposite(used), other.rows, found.rows, -gain), notes=notes
+        )
     reading = other_reading(used, found.rows, other.rows, gain)
     if reading is not None and reading.decided:
-        said = [note for note in found.notes if note.startswith(f"inputs {WORDS[used]} between samples")]
-        return ready, replace(found, decided=reading, notes=found.notes if said else (*found.notes, reading.decision))
+        said = [
+            note for note in found.notes if note.startswith(f"inputs {WORDS[used]} between samples")
+        ]
+        return ready, replace(
+            found, decided=reading, notes=found.notes if said else (*found.notes, reading.decision)
+        )
     return ready, replace(found, reading=reading)
 
 
 def _gain(found: IdentificationResult, other: IdentificationResult) -> float:
-    """Twice the log likelihood by which the simulations of another identification of the same records fit them better."""
+    """Twice the log likelihood by which the simulations of another identification of the same
+    records fit them better.
+    """
     pairs = [pair for pair in zip(found.fits, other.fits, strict=True) if not pair[0].held_out]
     if not pairs or any(fit.figures is None for pair in pairs for fit in pair):
         return 2.0 * (other.estimate.log_likelihood - found.estimate.log_likelihood)

@@ -1,7 +1,9 @@
-"""Low-order equivalent system of a measured record by the filter of NASA TM-101722 and its bank of delays.
+"""Low-order equivalent system of a measured record by the filter of NASA TM-101722 and its bank of
+delays.
 
-What NASA TM-101722 chose by hand is chosen here by rule: R is read off the record, P0 is a quarter of the starting values, Q is the one
-found on the simulation's record, perturbations are taken about the trim where the record begins in it.
+What NASA TM-101722 chose by hand is chosen here by rule: R is read off the record, P0 is a quarter
+of the starting values, Q is the one found on the simulation's record, perturbations are taken about
+the trim where the record begins in it.
 """
 
 from __future__ import annotations
@@ -31,11 +33,30 @@ from sim.vehicles.factory import loes_filter_model, model_from_constants
 
 # ---- The fourteen-state filter of NASA TM-101722 set up for a record
 
-# Initial variances of the paper's Tables 1 and 2 for what starts near zero, as deviations. L_q starts at one but is known
-# better than to a quarter (a tenth in the tables); nz_0's is not printed: [own].
-ENGINEERING_STD = {"delta": 0.01, "L_delta": 0.025, "L_q": 0.1, "L_0": 0.01, "M_0": 0.1, "delta_0": 1.5, "nz_0": 0.5}
-# Table 1, initial state estimate, with the sign of the pseudo-control turned; SI, per inch of stick. The delay is the bank's.
-PAPER_START = {"L_alpha": -1.91, "M_alpha": -14.0, "L_delta": -1.30e-4, "M_delta": 0.377, "L_q": 1.01, "M_q": -3.68, "inv_tau": 7.92, "delay": 0.0}
+# Initial variances of the paper's Tables 1 and 2 for what starts near zero, as deviations. L_q
+# starts at one but is known better than to a quarter (a tenth in the tables); nz_0's is not
+# printed: [own].
+ENGINEERING_STD = {
+    "delta": 0.01,
+    "L_delta": 0.025,
+    "L_q": 0.1,
+    "L_0": 0.01,
+    "M_0": 0.1,
+    "delta_0": 1.5,
+    "nz_0": 0.5,
+}
+# Table 1, initial state estimate, with the sign of the pseudo-control turned; SI, per inch of
+# stick. The delay is the bank's.
+PAPER_START = {
+    "L_alpha": -1.91,
+    "M_alpha": -14.0,
+    "L_delta": -1.30e-4,
+    "M_delta": 0.377,
+    "L_q": 1.01,
+    "M_q": -3.68,
+    "inv_tau": 7.92,
+    "delay": 0.0,
+}
 SIMULATION_SHARE = 0.1  # of the flight's noise deviations: R / 100
 
 
@@ -50,24 +71,30 @@ def loes_filter_system(
 
     Parameters
     ----------
-    model : from ``loes_model``; its values are the start (of alpha and q as well), its delay the held one.
-    record : gives the start of delta (the first stick) and of nz_0 (the first nz); alpha and q are perturbations about trim.
-    noise_std : R of alpha (rad), q (rad/s) and nz (g) as deviations; those of alpha and q are their P0 too.
-    process_density : of the rates of q, alpha or delta, (unit/s)^2 s.
-    engineering : deviations of what starts near zero, the state delta among them.
+    model : from ``loes_model``; its values are the start (of alpha and q as well), its delay the
+    held one. record : gives the start of delta (the first stick) and of nz_0 (the first nz); alpha
+    and q are perturbations about trim. noise_std : R of alpha (rad), q (rad/s) and nz (g) as
+    deviations; those of alpha and q are their P0 too. process_density : of the rates of q, alpha or
+    delta, (unit/s)^2 s. engineering : deviations of what starts near zero, the state delta among
+    them.
     """
     filtered = loes_filter_model(model)
     values, valid = record.output_array(["nz"])
     start = {"nz_0": float(values[0, int(np.argmax(valid[0]))])} if valid.any() else {}
     parameters = proportional_priors(filtered.parameters.with_values(start), engineering)
     std = {"alpha": noise_std["alpha"], "q": noise_std["q"], "delta": engineering["delta"]}
-    initial = filtered.initial.with_values({"delta": float(record["stick"].values[0])}).with_prior(std)
+    initial = filtered.initial.with_values({"delta": float(record["stick"].values[0])}).with_prior(
+        std
+    )
     noise = Noise({name: noise_std[name] for name in ("alpha", "q", "nz")}, dict(process_density))
-    return compile_model(replace(filtered, parameters=parameters, initial=initial, noise=noise), online=True)
+    return compile_model(
+        replace(filtered, parameters=parameters, initial=initial, noise=noise), online=True
+    )
 
 
 def about_trim(record: Record, until: float) -> Record:
-    """The record with alpha, q and stick as perturbations: less their means up to the time ``until`` (s), before the maneuver.
+    """The record with alpha, q and stick as perturbations: less their means up to the time
+    ``until`` (s), before the maneuver.
 
     Raises RecordError when a channel has no sample by then.
     """
@@ -78,25 +105,42 @@ def about_trim(record: Record, until: float) -> Record:
         if channel.name not in ("alpha", "q", "stick"):
             return channel
         if not use.any():
-            raise RecordError(f"no sample up to {until:g} s", where=f"{record.name}, channel {channel.name}", remedy="give a later time")
-        return replace(channel, values=np.where(channel.valid, channel.values - channel.values[use].mean(), 0.0))
+            raise RecordError(
+                f"no sample up to {until:g} s",
+                where=f"{record.name}, channel {channel.name}",
+                remedy="give a later time",
+            )
+        return replace(
+            channel,
+            values=np.where(channel.valid, channel.values - channel.values[use].mean(), 0.0),
+        )
 
-    return replace(record, inputs=tuple(moved(c) for c in record.inputs), outputs=tuple(moved(c) for c in record.outputs))
+    return replace(
+        record,
+        inputs=tuple(moved(c) for c in record.inputs),
+        outputs=tuple(moved(c) for c in record.outputs),
+    )
 
 
 # ---- Identification of a measured record's low-order equivalent system by the paper's filter
 # and its bank of delays
 
-DENSITY: Mapping[str, float] = MappingProxyType({"q": 1e-6})  # (rad/s2)^2 s, what the rule finds on the simulation's record
+# (rad/s2)^2 s, what the rule finds on the simulation's record
+DENSITY: Mapping[str, float] = MappingProxyType({"q": 1e-6})
 DERIVED = ("natural_frequency", "damping_ratio", "delay")
-PERTURBED = ("alpha", "q", "stick")  # the model's perturbations from trim; nz has a zero of its own, nz_0
+# the model's perturbations from trim; nz has a zero of its own, nz_0
+PERTURBED = ("alpha", "q", "stick")
 QUIET = 0.5  # s at the record's beginning
 _FEWEST_QUIET = 8
-_STILL, _OFF_TRIM = 3.0, 5.0  # noise deviations: scatter of a channel at rest, and a level that is no scatter
+# noise deviations: scatter of a channel at rest, and a level that is no scatter
+_STILL, _OFF_TRIM = 3.0, 5.0
 
 
-def identify_loes(record: Record, vehicle: VehicleFile, engine: str | None = None) -> IdentificationResult:
-    """Run the bank of delays with a refined delay over a record, from a vehicle file's starting values, by an engine of ``ENGINES``.
+def identify_loes(
+    record: Record, vehicle: VehicleFile, engine: str | None = None
+) -> IdentificationResult:
+    """Run the bank of delays with a refined delay over a record, from a vehicle file's starting
+    values, by an engine of ``ENGINES``.
 
     Raises
     ------
@@ -108,28 +152,46 @@ def identify_loes(record: Record, vehicle: VehicleFile, engine: str | None = Non
     system = filter_system(about_trim, vehicle, noise)
     chosen = ENGINES[engine] if engine else BATCHED
     found = run_delay_bank(about_trim, system, engine=chosen)
-    second = against_filterpy(about_trim, system, found.bank, found.delays) if chosen is BATCHED else None
+    second = (
+        against_filterpy(about_trim, system, found.bank, found.delays)
+        if chosen is BATCHED
+        else None
+    )
     trim = np.array([offsets.get(name, 0.0) for name in found.estimate.output_names])[:, None]
     estimate = replace(found.estimate, fitted=tuple(rows + trim for rows in found.estimate.fitted))
     z, valid = record.output_array(estimate.output_names)
     tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
-    fixed = {item.name: (item.value, item.unit) for item in system.parameters if not item.free and item.name not in estimate.names}
+    fixed = {
+        item.name: (item.value, item.unit)
+        for item in system.parameters
+        if not item.free and item.name not in estimate.names
+    }
     if "delay" in fixed:
         fixed["delay"] = (found.refined, "s")
-    derived, kept = derived_of(estimate, vehicle, weighted_delay(found)), bank_content(chosen.name, second)
-    return IdentificationResult(record, vehicle, "ekf", estimate, rows_of(estimate), (), derived, fixed, tests, engine=kept)
+    derived, kept = (
+        derived_of(estimate, vehicle, weighted_delay(found)),
+        bank_content(chosen.name, second),
+    )
+    return IdentificationResult(
+        record, vehicle, "ekf", estimate, rows_of(estimate), (), derived, fixed, tests, engine=kept
+    )
 
 
 def filter_system(record: Record, vehicle: VehicleFile, noise: Mapping[str, float]) -> System:
-    """The fourteen-state filter of a vehicle file for a record about its trim, or for the beginning of one."""
-    return loes_filter_system(model_from_constants("loes", vehicle.constants, vehicle.derivatives), record, noise, DENSITY)
+    """The fourteen-state filter of a vehicle file for a record about its trim, or for the beginning
+    of one.
+    """
+    return loes_filter_system(
+        model_from_constants("loes", vehicle.constants, vehicle.derivatives), record, noise, DENSITY
+    )
 
 
 def noise_levels(record: Record) -> dict[str, float]:
     """Standard deviation of the noise of alpha (rad), q (rad/s) and nz (g), read off the record.
 
-    Never below a tenth of the flight's in the paper, which it used for its simulation: a record without noise
-    still differs from a low-order model. A channel that is absent, or too short to tell, gets that too.
+    Never below a tenth of the flight's in the paper, which it used for its simulation: a record
+    without noise still differs from a low-order model. A channel that is absent, or too short to
+    tell, gets that too.
     """
     telemetry = load_x29("F").telemetry
     floor = {"alpha": telemetry.alpha_noise, "q": telemetry.q_noise, "nz": telemetry.nz_noise}
@@ -144,9 +206,11 @@ def noise_levels(record: Record) -> dict[str, float]:
 
 
 def trim_of(record: Record, noise: Mapping[str, float]) -> dict[str, float]:
-    """Levels of alpha, q and stick where the record begins at rest and off zero; empty where it begins in motion or about zero.
+    """Levels of alpha, q and stick where the record begins at rest and off zero; empty where it
+    begins in motion or about zero.
 
-    At rest: for ``QUIET`` s the stick does not move at all and no output scatters by more than three noise deviations.
+    At rest: for ``QUIET`` s the stick does not move at all and no output scatters by more than
+    three noise deviations.
     """
     quiet = record.time <= record.time[0] + QUIET
     levels = {}
@@ -169,21 +233,36 @@ def less(record: Record, offsets: Mapping[str, float]) -> Record:
         return record
 
     def moved(channel: Channel) -> Channel:
-        return replace(channel, values=np.where(channel.valid, channel.values - offsets.get(channel.name, 0.0), 0.0))
+        return replace(
+            channel,
+            values=np.where(channel.valid, channel.values - offsets.get(channel.name, 0.0), 0.0),
+        )
 
-    return replace(record, inputs=tuple(moved(c) for c in record.inputs), outputs=tuple(moved(c) for c in record.outputs))
+    return replace(
+        record,
+        inputs=tuple(moved(c) for c in record.inputs),
+        outputs=tuple(moved(c) for c in record.outputs),
+    )
 
 
-def derived_of(estimate: Estimate, vehicle: VehicleFile, delay: tuple[float, float]) -> dict[str, tuple[float, float]]:
+def derived_of(
+    estimate: Estimate, vehicle: VehicleFile, delay: tuple[float, float]
+) -> dict[str, tuple[float, float]]:
     """Natural frequency (rad/s), damping ratio and delay (s) with standard deviations.
 
-    ``delay`` stands in, with its deviation, where the estimate does not have it. Frequency and damping are left out where the
-    short period does not oscillate or a number is not finite.
+    ``delay`` stands in, with its deviation, where the estimate does not have it. Frequency and
+    damping are left out where the short period does not oscillate or a number is not finite.
     """
     fixed = {} if "delay" in estimate.names else {"delay": delay[0]}
     with np.errstate(all="ignore"):
-        found = qualities(estimate, vehicle.constants["airspeed"], vehicle.constants["gravity"], fixed)
-    out = {each.name: (each.value, each.std) for each in found if each.name in DERIVED and np.isfinite([each.value, each.std]).all()}
+        found = qualities(
+            estimate, vehicle.constants["airspeed"], vehicle.constants["gravity"], fixed
+        )
+    out = {
+        each.name: (each.value, each.std)
+        for each in found
+        if each.name in DERIVED and np.isfinite([each.value, each.std]).all()
+    }
     return {**out, "delay": delay} if fixed else out
 
 
@@ -193,6 +272,8 @@ def weighted_delay(found: DelayBank) -> tuple[float, float]:
 
 
 def mean_delay(delays: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
-    """Mean and standard deviation by weights ``(B,)``, s; the latter never below that of one step of the grid, which is not resolved."""
+    """Mean and standard deviation by weights ``(B,)``, s; the latter never below that of one step
+    of the grid, which is not resolved.
+    """
     mean = float(weights @ delays)
     return mean, float(np.sqrt(weights @ (delays - mean) ** 2 + np.diff(delays).mean() ** 2 / 12.0))

@@ -1,4 +1,6 @@
-"""Any model by any method: what a method refuses, what it needs besides the model, and its estimate."""
+"""Any model by any method: what a method refuses, what it needs besides the model, and its
+estimate.
+"""
 
 from __future__ import annotations
 
@@ -34,55 +36,95 @@ BIASED = 1.0  # of a total channel's scatter, by which its sensor may be off
 BEGINNING = 5  # samples whose median says where a sensor begins
 ACCELERATION_DENSITY = 1.0  # (m/s2)^2 s, start of the noise that forces a falling body
 TURBULENCE = "gust-turbulence"
-FORCED = 0.1  # of a state's change in a second, by which white noise moves it in a second where the fit begins
+# of a state's change in a second, by which white noise moves it in a second where the fit begins
+FORCED = 0.1
 ASIDE = 0.1  # from rest, where rates are tried for a parameter that acts
 NEAR = 3.0  # sigmas of a fit, by which a filter's first pass may leave it
 WIDE = 20.0  # sigmas of a fit, as a filter's prior about it: the data then count 1 + 1/400 times
-# Of a channel's scatter, a filter's least noise: variances then lie half the digits apart, and the rest is left for the update.
+# Of a channel's scatter, a filter's least noise: variances then lie half the digits apart, and the
+# rest is left for the update.
 LEAST_NOISE = float(np.finfo(float).eps ** 0.25)
 SETTLED = (Outcome.CONVERGED, Outcome.MAX_ITERATIONS)
 LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
 
 
 def uses_attitude(vehicle: VehicleFile, method: str) -> bool:
-    """Whether a measured pitch attitude can enter: the speed that it changes is a state which only a whole-record simulation has."""
+    """Whether a measured pitch attitude can enter: the speed that it changes is a state which only
+    a whole-record simulation has.
+    """
     return vehicle.model == "rigid" and method in ("output-error", "filter-error")
 
 
-def refuse_method(records: Sequence[Record], vehicle: VehicleFile, method: str, options: Options, fitted: int) -> None:
-    """Refuse a method that there is not, or not for these records (the first ``fitted`` of them to be fitted) and this model."""
+def refuse_method(
+    records: Sequence[Record], vehicle: VehicleFile, method: str, options: Options, fitted: int
+) -> None:
+    """Refuse a method that there is not, or not for these records (the first ``fitted`` of them to
+    be fitted) and this model.
+    """
     if method not in METHODS:
-        raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
+        raise DeclarationError(
+            f"there is no method {method!r}",
+            where="--method",
+            remedy=f"use one of {', '.join(METHODS)}",
+        )
     if fitted > 1 and method in FILTERS:
         what = f"a filter runs along one segment, and there are {fitted}"
-        raise DeclarationError(what, where="--method", remedy="use output-error, filter-error or equation-error, or one pair of --from and --to")
+        raise DeclarationError(
+            what,
+            where="--method",
+            remedy=(
+                "use output-error, filter-error or equation-error, or one pair of --from and --to"
+            ),
+        )
     if options.profile is not None:
         refuse_profile(method)
     refuse_band(options.band, method)
     if method in FILTERS and vehicle.constraints.bounds:
-        what = f"a filter keeps no bounds, and the vehicle file bounds {', '.join(vehicle.constraints.bounds)}"
-        raise DeclarationError(what, where="--method", remedy="use output-error, filter-error, equation-error or frequency-domain")
+        what = (
+            "a filter keeps no bounds, and the vehicle file bounds "
+            f"{', '.join(vehicle.constraints.bounds)}"
+        )
+        raise DeclarationError(
+            what,
+            where="--method",
+            remedy="use output-error, filter-error, equation-error or frequency-domain",
+        )
     for each in records:
         _refuse_beyond_measure(each)
     if vehicle.model == "loes" and method == "ekf" and vehicle.constraints:
-        what = "the bank of delays estimates every derivative from its start, and the vehicle file fixes or ties some"
-        raise DeclarationError(what, where="--method", remedy="use output-error, filter-error or frequency-domain")
+        what = (
+            "the bank of delays estimates every derivative from its start, and the vehicle file "
+            "fixes or ties some"
+        )
+        raise DeclarationError(
+            what, where="--method", remedy="use output-error, filter-error or frequency-domain"
+        )
     if options.engine is not None:
         _refuse_engine(options.engine, method)
     if vehicle.model == "loes" and method == "ukf":
-        raise DeclarationError("a pure delay has no unscented filter here", where="--method", remedy="use ekf: a bank of filters, refined")
+        raise DeclarationError(
+            "a pure delay has no unscented filter here",
+            where="--method",
+            remedy="use ekf: a bank of filters, refined",
+        )
 
 
 def _refuse_engine(engine: str, method: str) -> None:
     if engine not in ENGINES:
-        raise DeclarationError(f"there is no engine {engine!r}", where="--engine", remedy=f"use one of {', '.join(ENGINES)}")
+        raise DeclarationError(
+            f"there is no engine {engine!r}",
+            where="--engine",
+            remedy=f"use one of {', '.join(ENGINES)}",
+        )
     if method != "ekf":
         what = f"only the extended Kalman filter has two engines, and the method is {method}"
         raise DeclarationError(what, where="--engine", remedy="leave it out, or use --method ekf")
 
 
 def engine_of(method: str, options: Options) -> dict[str, str]:
-    """Content of the key ``engine`` in the study file of a single filter; empty where the method is no filter."""
+    """Content of the key ``engine`` in the study file of a single filter; empty where the method is
+    no filter.
+    """
     if method == "ukf":
         sentence = f"first pass {UNSCENTED}; further passes by the own sigma-point kernel"
         return {"name": "filterpy", "sentence": sentence}
@@ -96,14 +138,22 @@ def _refuse_beyond_measure(record: Record) -> None:
         if wrong.size:
             where = f"{record.name}, channel {channel.name} at {record.time[wrong[0]]:g} s"
             raise RecordError(
-                f"{channel.values[wrong[0]]:g} is no measurement", where=where, remedy="leave the cell empty where the sample is missing"
+                f"{channel.values[wrong[0]]:g} is no measurement",
+                where=where,
+                remedy="leave the cell empty where the sample is missing",
             )
 
 
 def estimated_by(
-    records: Sequence[Record], model: Model, outputs: list[str], method: str, settings: FitSettings, options: Options
+    records: Sequence[Record],
+    model: Model,
+    outputs: list[str],
+    method: str,
+    settings: FitSettings,
+    options: Options,
 ) -> tuple[System, Estimate]:
-    """The system that a method estimates, and what it finds; a filter runs along the first record, begun from a fit of it.
+    """The system that a method estimates, and what it finds; a filter runs along the first record,
+    begun from a fit of it.
 
     Raises
     ------
@@ -114,11 +164,18 @@ def estimated_by(
     except np.linalg.LinAlgError as error:
         what = f"the linear algebra of {method} fails on it ({error})"
         remedy = "check the units and the size of times and channels, or use another --method"
-        raise RecordError(what, where=", ".join(record.name for record in records), remedy=remedy) from error
+        raise RecordError(
+            what, where=", ".join(record.name for record in records), remedy=remedy
+        ) from error
 
 
 def _estimated_by(
-    records: Sequence[Record], model: Model, outputs: list[str], method: str, settings: FitSettings, options: Options
+    records: Sequence[Record],
+    model: Model,
+    outputs: list[str],
+    method: str,
+    settings: FitSettings,
+    options: Options,
 ) -> tuple[System, Estimate]:
     system = compile_model(model, outputs)
     if method == "equation-error":
@@ -134,25 +191,42 @@ def _estimated_by(
     fit = fit_output_error(records, system, settings, local=[PATH])
     if method not in FILTERS:
         return system, fit
-    delay = next((name for name in set(delays_of(model).values()) if model.parameters[name].free), None)
+    delay = next(
+        (name for name in set(delays_of(model).values()) if model.parameters[name].free), None
+    )
     if delay is None:
         return _filtered(records[0], model, outputs, method, settings, options, fit)
     value = _values_of(fit).get(delay, model.parameters[delay].value)
     held = model.with_parameters(model.parameters.with_values({delay: value}).hold([delay]))
-    filtered, found = _filtered(records[0], held, outputs, method, settings, options, fit.only([name for name in fit.names if name != delay]))
+    filtered, found = _filtered(
+        records[0],
+        held,
+        outputs,
+        method,
+        settings,
+        options,
+        fit.only([name for name in fit.names if name != delay]),
+    )
     return filtered, _with_delay(found, fit, delay) if _values_of(fit) else found
 
 
 def _with_delay(found: Estimate, fit: Estimate, delay: str) -> Estimate:
-    """A filter's estimate with the delay that was held in it, of an output-error ``fit``, whose uncertainty moves the others as it does there."""
+    """A filter's estimate with the delay that was held in it, of an output-error ``fit``, whose
+    uncertainty moves the others as it does there.
+    """
     at = fit.names.index(delay)
     variance = float(fit.covariance[at, at])
     if not variance > 0.0:
         return found
-    slopes = {name: float(fit.covariance[fit.names.index(name), at]) / variance for name in fit.names}
+    slopes = {
+        name: float(fit.covariance[fit.names.index(name), at]) / variance for name in fit.names
+    }
     moves = np.array([*(slopes.get(name, 0.0) for name in found.names), 1.0])
     covariance = np.pad(found.covariance, (0, 1)) + variance * np.outer(moves, moves)
-    said = f"{delay} is that of the output-error fit: a pure delay has no state that a filter could estimate"
+    said = (
+        f"{delay} is that of the output-error fit: a pure delay has no state that a filter could "
+        "estimate"
+    )
     return replace(
         found,
         names=(*found.names, delay),
@@ -163,20 +237,35 @@ def _with_delay(found: Estimate, fit: Estimate, delay: str) -> Estimate:
     )
 
 
-def _by_filter_error(records: Sequence[Record], model: Model, outputs: list[str], settings: FitSettings, options: Options) -> tuple[System, Estimate]:
-    """Filter error in turbulence; of equations of totals with white noise on the states where the fit in turbulence does not settle.
+def _by_filter_error(
+    records: Sequence[Record],
+    model: Model,
+    outputs: list[str],
+    settings: FitSettings,
+    options: Options,
+) -> tuple[System, Estimate]:
+    """Filter error in turbulence; of equations of totals with white noise on the states where the
+    fit in turbulence does not settle.
 
-    Turbulence moves a record through the angle of attack alone. Where speed and pitch are forced as well, biases of all sensors then follow
-    what is left over; with a noise of its own on each state, and zeros of sensors left to the coefficients, the likelihood decides.
+    Turbulence moves a record through the angle of attack alone. Where speed and pitch are forced as
+    well, biases of all sensors then follow what is left over; with a noise of its own on each
+    state, and zeros of sensors left to the coefficients, the likelihood decides.
     """
     from ident.process_noise.filter_error import fit_filter_error
 
     def fitted(calm: Model, rough: Model) -> tuple[System, Estimate]:
         system = compile_model(calm, outputs)
-        return system, fit_filter_error(records, compile_model(rough, outputs), settings, calm=system, local=[PATH])
+        return system, fit_filter_error(
+            records, compile_model(rough, outputs), settings, calm=system, local=[PATH]
+        )
 
     first = fitted(model, forced(model, records))
-    if first[1].outcome is Outcome.CONVERGED or is_own(model) or not of_totals(model) or options.profile is not None:
+    if (
+        first[1].outcome is Outcome.CONVERGED
+        or is_own(model)
+        or not of_totals(model)
+        or options.profile is not None
+    ):
         return first
     zeros = [name for name in model.parameters.free_names if not name.startswith("bias_")]
     calm = model.with_parameters(model.parameters.only_free(zeros))
@@ -184,18 +273,30 @@ def _by_filter_error(records: Sequence[Record], model: Model, outputs: list[str]
     system, second = fitted(calm, calm.with_noise(replace(calm.noise, process_density=noise)))
     if second.outcome is not Outcome.CONVERGED or second.log_likelihood <= first[1].log_likelihood:
         return first
-    said = f"white noise on {', '.join(noise)} and no sensor biases: the fit with vertical turbulence and biases did not settle"
-    return system, replace(second, message="; ".join(text for text in (second.message, said) if text))
+    said = (
+        f"white noise on {', '.join(noise)} and no sensor biases: the fit with vertical turbulence "
+        "and biases did not settle"
+    )
+    return system, replace(
+        second, message="; ".join(text for text in (second.message, said) if text)
+    )
 
 
 def _filtered(
-    record: Record, model: Model, outputs: list[str], method: str, settings: FitSettings, options: Options, fit: Estimate
+    record: Record,
+    model: Model,
+    outputs: list[str],
+    method: str,
+    settings: FitSettings,
+    options: Options,
+    fit: Estimate,
 ) -> tuple[System, Estimate]:
-    """A filter along one record, begun from an output-error ``fit`` of it, with a covariance corrected for coloured innovations.
+    """A filter along one record, begun from an output-error ``fit`` of it, with a covariance
+    corrected for coloured innovations.
 
-    Priors that the record contradicts are made as wide as the estimate lies from their start, as in the bank of delays.
-    Where the filter assumes more noise than the record has, its steps are no longer than those of the fit: the error of
-    longer ones might exceed that noise.
+    Priors that the record contradicts are made as wide as the estimate lies from their start, as in
+    the bank of delays. Where the filter assumes more noise than the record has, its steps are no
+    longer than those of the fit: the error of longer ones might exceed that noise.
     """
     ready = _for_filter(model, record, outputs, fit)
     first = compile_model(_near_fit(ready, fit), outputs, online=True)
@@ -213,10 +314,19 @@ def _filtered(
         estimate = _run_filter(record, system, first, method, options, steps)
     estimate = with_coloured_covariance(estimate)
     if calm and not estimate.message:
-        said = f"{', '.join(calm)}: hardly any noise; a filter needs some, and assumes {LEAST_NOISE:.1g} of the channel's scatter"
-        estimate = replace(estimate, message=f"{said}: sigmas are those of that noise, and output-error gives smaller ones")
+        said = (
+            f"{', '.join(calm)}: hardly any noise; a filter needs some, and assumes "
+            f"{LEAST_NOISE:.1g} of the channel's scatter"
+        )
+        estimate = replace(
+            estimate,
+            message=f"{said}: sigmas are those of that noise, and output-error gives smaller ones",
+        )
     if not _values_of(fit) and not estimate.message:
-        said = f"the output-error fit that gives the filter its start did not settle ({fit.outcome.value}): it started from the vehicle file"
+        said = (
+            "the output-error fit that gives the filter its start did not settle "
+            f"({fit.outcome.value}): it started from the vehicle file"
+        )
         estimate = replace(estimate, message=said)
     return system, estimate
 
@@ -226,12 +336,25 @@ def _calm(fit: Estimate, ready: Model) -> list[str]:
     if not _values_of(fit):
         return []
     assumed = ready.noise.measurement_std
-    return [name for name, found in zip(fit.output_names, fit.noise_std.tolist(), strict=True) if found < assumed[name]]
+    return [
+        name
+        for name, found in zip(fit.output_names, fit.noise_std.tolist(), strict=True)
+        if found < assumed[name]
+    ]
 
 
-def _run_filter(record: Record, system: System, first: System, method: str, options: Options, steps: FilterSettings | None) -> Estimate:
+def _run_filter(
+    record: Record,
+    system: System,
+    first: System,
+    method: str,
+    options: Options,
+    steps: FilterSettings | None,
+) -> Estimate:
     if method == "ekf":
-        return run_iterated_ekf(record, system, steps, first=first, by=ENGINES[options.engine or FILTERPY.name].one_pass)
+        return run_iterated_ekf(
+            record, system, steps, first=first, by=ENGINES[options.engine or FILTERPY.name].one_pass
+        )
     from ident.filters.ukf import run_iterated_ukf
 
     return run_iterated_ukf(record, system, steps, first=first)
@@ -240,9 +363,10 @@ def _run_filter(record: Record, system: System, first: System, method: str, opti
 def forced(model: Model, records: Sequence[Record] = ()) -> Model:
     """The model with what filter error estimates besides the derivatives.
 
-    Turbulence where gusts act, white noise on the acceleration of a falling body. Of a user's own model and of a multirotor, which feels gusts
-    as moments without a model of them, white noise on each state whose rate has a free parameter,
-    in proportion to what that state changes in a second in ``records``; a common factor on its standard deviation is estimated.
+    Turbulence where gusts act, white noise on the acceleration of a falling body. Of a user's own
+    model and of a multirotor, which feels gusts as moments without a model of them, white noise on
+    each state whose rate has a free parameter, in proportion to what that state changes in a second
+    in ``records``; a common factor on its standard deviation is estimated.
 
     Raises
     ------
@@ -252,24 +376,41 @@ def forced(model: Model, records: Sequence[Record] = ()) -> Model:
 
     if is_own(model):
         return _with_white_noise(model, records)
-    rough = next((effect for effect in effects_for(model.equations) if effect.name == TURBULENCE), None)
+    rough = next(
+        (effect for effect in effects_for(model.equations) if effect.name == TURBULENCE), None
+    )
     if rough is not None:
         return model.with_effects(rough)
     if model.equations.name == Multirotor().name:
         return _with_white_noise(model, records)
     if not any(state.name == "velocity" for state in model.equations.states):
-        what = f"the {model.equations.name} model has no turbulence that filter-error could estimate"
-        raise DeclarationError(what, where="--method", remedy="use output-error, ekf, ukf or equation-error")
-    return model.with_noise(replace(model.noise, process_density={"velocity": ACCELERATION_DENSITY}))
+        what = (
+            f"the {model.equations.name} model has no turbulence that filter-error could estimate"
+        )
+        raise DeclarationError(
+            what, where="--method", remedy="use output-error, ekf, ukf or equation-error"
+        )
+    return model.with_noise(
+        replace(model.noise, process_density={"velocity": ACCELERATION_DENSITY})
+    )
 
 
 def _with_white_noise(model: Model, records: Sequence[Record]) -> Model:
     """The model with white noise on each state whose rate has a free parameter."""
-    return model.with_noise(replace(model.noise, process_density={name: _density(name, records) for name in _driven_states(model, records)}))
+    return model.with_noise(
+        replace(
+            model.noise,
+            process_density={
+                name: _density(name, records) for name in _driven_states(model, records)
+            },
+        )
+    )
 
 
 def _driven_states(model: Model, records: Sequence[Record]) -> list[str]:
-    """States whose rate moves with a free parameter at some time: a rate that is another state is known, and nothing forces it."""
+    """States whose rate moves with a free parameter at some time: a rate that is another state is
+    known, and nothing forces it.
+    """
     system = compile_model(model)
     times = np.concatenate([np.zeros(1), *(record.time for record in records)])
     rest = np.array([*system.initial.values(), *inputs_at_rest(model)]) + ASIDE
@@ -278,16 +419,25 @@ def _driven_states(model: Model, records: Sequence[Record]) -> list[str]:
     moved: set[str] = set()
     for name in system.parameters.free_names:
         other = p.copy()
-        other[system.parameters.index(name)] += ASIDE * max(1.0, abs(other[system.parameters.index(name)]))
-        rates = zip(system.f(times, x, u, p.tolist()), system.f(times, x, u, other.tolist()), system.state_names, strict=True)
+        other[system.parameters.index(name)] += ASIDE * max(
+            1.0, abs(other[system.parameters.index(name)])
+        )
+        rates = zip(
+            system.f(times, x, u, p.tolist()),
+            system.f(times, x, u, other.tolist()),
+            system.state_names,
+            strict=True,
+        )
         moved |= {state for one, two, state in rates if np.any(one != two)}
     return [name for name in system.state_names if name in moved]
 
 
 def _density(state: str, records: Sequence[Record]) -> float:
-    """Spectral density, unit^2/s, that moves a state in a second by a tenth of what it is recorded to change in one; not recorded: .1 of its unit.
+    """Spectral density, unit^2/s, that moves a state in a second by a tenth of what it is recorded
+    to change in one; not recorded: .1 of its unit.
 
-    Airspeed changes in a second by a small part of its scatter along a record: noise in proportion to that would follow its sensor everywhere.
+    Airspeed changes in a second by a small part of its scatter along a record: noise in proportion
+    to that would follow its sensor everywhere.
     """
     channels = [(record.time, record[state]) for record in records if state in record.output_names]
     changes = max((_change_in_a_second(time, channel) for time, channel in channels), default=0.0)
@@ -295,7 +445,9 @@ def _density(state: str, records: Sequence[Record]) -> float:
 
 
 def _change_in_a_second(time: np.ndarray, channel: Channel) -> float:
-    """Root mean square of what a channel changes in a second, about the mean of that; of a shorter record its scatter."""
+    """Root mean square of what a channel changes in a second, about the mean of that; of a shorter
+    record its scatter.
+    """
     t, values = time[channel.valid], channel.values[channel.valid]
     if t.size < 2 or t[-1] - t[0] < 2.0:
         return float(np.std(values)) if t.size else 0.0
@@ -306,8 +458,9 @@ def _change_in_a_second(time: np.ndarray, channel: Channel) -> float:
 def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate) -> Model:
     """Noise, initial state and bias priors for a filter, from the record alone.
 
-    A sensor's zero is looked for about where its record begins, the perturbation from trim about zero: a record of total
-    angles must not start the state at the trim's. Equations of totals are the other way about.
+    A sensor's zero is looked for about where its record begins, the perturbation from trim about
+    zero: a record of total angles must not start the state at the trim's. Equations of totals are
+    the other way about.
     """
     std, spread, begins = {}, {}, {}
     totals = of_totals(model)
@@ -315,7 +468,9 @@ def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate)
         channel = record[name]
         values = channel.values[channel.valid]
         spread[name] = max(float(np.std(values)), 1e-12)
-        sound = fit.outcome in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS) and 0 < fitted < spread[name]
+        sound = (
+            fit.outcome in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS) and 0 < fitted < spread[name]
+        )
         std[name] = max(float(fitted), LEAST_NOISE * spread[name]) if sound else 0.1 * spread[name]
         begins[name] = float(np.median(values[:BEGINNING]))
     states = []
@@ -330,29 +485,42 @@ def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate)
     states += _settled_actuators(model, record)
     zeros = {f"bias_{name}": 0.0 if totals else begins[name] for name in model.biases}
     parameters = model.parameters.with_values(zeros)
-    parameters = parameters.with_prior({f"bias_{name}": (BIASED if totals else 3.0) * spread[name] for name in model.biases})
-    return replace(model, initial=ParameterSet(tuple(states)), parameters=parameters, noise=Noise(std))
+    parameters = parameters.with_prior(
+        {f"bias_{name}": (BIASED if totals else 3.0) * spread[name] for name in model.biases}
+    )
+    return replace(
+        model, initial=ParameterSet(tuple(states)), parameters=parameters, noise=Noise(std)
+    )
 
 
 def _settled_actuators(model: Model, record: Record) -> list[Parameter]:
-    """Where the states of the model's own lags begin in a filter: settled at the first input, as a whole-record simulation has them."""
+    """Where the states of the model's own lags begin in a filter: settled at the first input, as a
+    whole-record simulation has them.
+    """
     lags = [effect for effect in model.effects if isinstance(effect, ActuatorLag)]
     first = {effect.signal: float(record[effect.signal].values[0]) for effect in lags}
     return [
-        Parameter(state.name, first[effect.signal], state.unit, free=False, source="settled") for effect in lags for state in effect.online_states
+        Parameter(state.name, first[effect.signal], state.unit, free=False, source="settled")
+        for effect in lags
+        for state in effect.online_states
     ]
 
 
 def _near_fit(model: Model, fit: Estimate) -> Model:
-    """The model for a filter's first pass, which only gives a point to linearise at: derivatives near those of an output-error fit.
+    """The model for a filter's first pass, which only gives a point to linearise at: derivatives
+    near those of an output-error fit.
 
-    Where there is no fit they start as declared, with priors that keep the points of an unscented filter (sqrt(n) sigmas out, n
-    unknowns) from turning a sign.
+    Where there is no fit they start as declared, with priors that keep the points of an unscented
+    filter (sqrt(n) sigmas out, n unknowns) from turning a sign.
     """
     count = sum(item.free for item in model.initial) + len(model.parameters.free_names)
     biases = {f"bias_{output}" for output in model.biases}
     values = _values_of(fit)
-    std = {name: NEAR * float(sigma) for name, sigma in zip(fit.names, fit.std, strict=True) if name in values}
+    std = {
+        name: NEAR * float(sigma)
+        for name, sigma in zip(fit.names, fit.std, strict=True)
+        if name in values
+    }
     parameters, narrowed = model.parameters.with_values(values), {}
     for name in parameters.free_names:
         if name in biases:
@@ -366,7 +534,9 @@ def _near_fit(model: Model, fit: Estimate) -> Model:
 
 
 def _about_fit(model: Model, fit: Estimate) -> Model:
-    """The model with priors about an output-error fit, so wide that they add next to nothing to what the record says."""
+    """The model with priors about an output-error fit, so wide that they add next to nothing to
+    what the record says.
+    """
     values = _values_of(fit)
     sigma = dict(zip(fit.names, fit.std.tolist(), strict=True))
     prior = {name: max(model.parameters[name].prior_std, WIDE * sigma[name]) for name in values}
@@ -375,11 +545,15 @@ def _about_fit(model: Model, fit: Estimate) -> Model:
 
 def _values_of(fit: Estimate) -> dict[str, float]:
     """Values of a fit that has settled, by name; empty for one that has not."""
-    sound = fit.outcome in (Outcome.CONVERGED, Outcome.DEGENERATE) and bool(np.all(np.isfinite([*fit.values, *fit.std])))
+    sound = fit.outcome in (Outcome.CONVERGED, Outcome.DEGENERATE) and bool(
+        np.all(np.isfinite([*fit.values, *fit.std]))
+    )
     return fit.as_dict() if sound else {}
 
 
-def _first_state(name: str, record: Record, outputs: list[str], std: dict[str, float], spread: dict[str, float]) -> tuple[float, float]:
+def _first_state(
+    name: str, record: Record, outputs: list[str], std: dict[str, float], spread: dict[str, float]
+) -> tuple[float, float]:
     if name in outputs:
         channel = record[name]
         if name != "altitude":

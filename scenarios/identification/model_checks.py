@@ -19,7 +19,8 @@ from sim.propagation import rk4_step
 # ---- An example of a motion
 
 ANGLE = 0.05  # rad, of a doublet on an angle; one unit at most on any other input
-MODEST = 0.02  # of a state's value at the start, by which a pulse may move it: a tank must not run dry
+# of a state's value at the start, by which a pulse may move it: a tank must not run dry
+MODEST = 0.02
 PULSE = 1.5  # over a root's size: half the doublet's length
 BETWEEN = 8.0  # pulses from one doublet to the next
 FINE = 20.0  # steps in a pulse, and within the quickest root's time
@@ -32,8 +33,9 @@ STEEPEST = 1e20  # of a slope by any unknown
 class Motion:
     """``pulse`` s, half the length of each doublet; ``amplitudes`` of the inputs; ``end`` s.
 
-    ``names`` of the unknowns: free parameters, states at the start, biases of outputs. ``slopes``: of each output ``(N, unknowns)``;
-    ``sizes``: its largest value less its first. ``ran_away``: the motion was cut short where it left all measure.
+    ``names`` of the unknowns: free parameters, states at the start, biases of outputs. ``slopes``:
+    of each output ``(N, unknowns)``; ``sizes``: its largest value less its first. ``ran_away``: the
+    motion was cut short where it left all measure.
     """
 
     pulse: float
@@ -58,46 +60,75 @@ def doublet_motion(model: Model) -> Motion:
 
     def inputs(t: float) -> list[float]:
         along = [(t - (1.0 + BETWEEN * i) * pulse) / pulse for i in range(len(rest))]
-        return [each + size * ((0.0 <= at < 1.0) - (1.0 <= at < 2.0)) for each, size, at in zip(rest, amplitudes.values(), along, strict=True)]
+        return [
+            each + size * ((0.0 <= at < 1.0) - (1.0 <= at < 2.0))
+            for each, size, at in zip(rest, amplitudes.values(), along, strict=True)
+        ]
 
     free = [model.parameters.index(name) for name in model.parameters.free_names]
     unknown = len(free) + len(system.states)
     p: list[complex | np.ndarray] = [complex(value) for value in model.parameters.values()]
     for column, i in enumerate(free):
         p[i] = _stepped(model.parameters.items[i].value, column, unknown)
-    x = np.array([_stepped(value, len(free) + i, unknown) for i, value in enumerate(system.initial.values())])
+    x = np.array(
+        [_stepped(value, len(free) + i, unknown) for i, value in enumerate(system.initial.values())]
+    )
     outputs, largest = [], FAR * max(1.0, float(np.max(np.abs(x))))
     with np.errstate(all="ignore"):
         for k in range(count):
             t = k * step
             u = inputs(t + 0.5 * step)
-            read = np.array([np.broadcast_to(row, (unknown,)) for row in system.h(t, list(x), u, p)])
+            read = np.array(
+                [np.broadcast_to(row, (unknown,)) for row in system.h(t, list(x), u, p)]
+            )
             # The root of a negative number is imaginary as no slope is.
-            if not (np.all(np.isfinite(read)) and np.max(np.abs(x.real)) < largest and np.max(np.abs(x.imag)) < STEEPEST * COMPLEX_STEP):
+            if not (
+                np.all(np.isfinite(read))
+                and np.max(np.abs(x.real)) < largest
+                and np.max(np.abs(x.imag)) < STEEPEST * COMPLEX_STEP
+            ):
                 break
             outputs.append(read)
             x = np.array(rk4_step(system.f, t, list(x), (u, u, u), p, step))
     along = np.array(outputs).reshape(-1, len(system.outputs), unknown)
     slopes, values = along.imag / COMPLEX_STEP, along.real[:, :, 0]
-    biased = [i for i, signal in enumerate(system.outputs) if signal.name in getattr(model.equations, "biased_outputs", ())]
+    biased = [
+        i
+        for i, signal in enumerate(system.outputs)
+        if signal.name in getattr(model.equations, "biased_outputs", ())
+    ]
     constant = np.eye(len(system.outputs))[:, biased]
     names = (
         *model.parameters.free_names,
         *(f"{name} at the start" for name in system.state_names),
         *(f"bias of {system.output_names[i]}" for i in biased),
     )
-    wide = tuple(np.hstack([slopes[:, i], np.tile(constant[i], (len(along), 1))]) for i in range(len(system.outputs)))
-    moves = tuple(float(np.max(np.abs(values[:, i] - values[0, i]), initial=0.0)) if len(values) else 0.0 for i in range(len(system.outputs)))
+    wide = tuple(
+        np.hstack([slopes[:, i], np.tile(constant[i], (len(along), 1))])
+        for i in range(len(system.outputs))
+    )
+    moves = tuple(
+        float(np.max(np.abs(values[:, i] - values[0, i]), initial=0.0)) if len(values) else 0.0
+        for i in range(len(system.outputs))
+    )
     return Motion(pulse, amplitudes, step * len(along), names, wide, moves, len(along) < count)
 
 
 def _amplitudes(system: System, rest: list[float], pulse: float) -> dict[str, float]:
     """Doublets that move no state far from where it starts, by input."""
     x, p = system.initial.values(), system.parameters.values().tolist()
-    gains = np.abs(complex_step_jacobian(lambda u: system.f(0.0, x.tolist(), u, p), rest)) if rest else np.zeros((len(x), 0))
+    gains = (
+        np.abs(complex_step_jacobian(lambda u: system.f(0.0, x.tolist(), u, p), rest))
+        if rest
+        else np.zeros((len(x), 0))
+    )
     out = {}
     for i, signal in enumerate(system.inputs):
-        limits = [MODEST * abs(value) / (gain * pulse) for value, gain in zip(x, gains[:, i], strict=True) if value and gain > 0.0]
+        limits = [
+            MODEST * abs(value) / (gain * pulse)
+            for value, gain in zip(x, gains[:, i], strict=True)
+            if value and gain > 0.0
+        ]
         out[signal.name] = min([ANGLE if signal.unit == "rad" else 1.0, *limits])
     return out
 
@@ -114,13 +145,16 @@ SHAPE = (3, 5)
 ASIDE = 0.01  # of a value, or of one: how far the points are apart at which functions are compared
 STEP = 1e-6  # of a value, or of ``ASIDE``: step of central differences
 SIZE = 0.01  # of an output's largest value: the noise in which the parameters are sought
-UNDETERMINED = 1e-10  # of the largest eigenvalue of the scaled information, below which a direction is not in the data
+# of the largest eigenvalue of the scaled information, below which a direction is not in the data
+UNDETERMINED = 1e-10
 SHARE = 1e-3  # of such a direction that makes a parameter part of it
 
 
 @dataclass(frozen=True)
 class Excited:
-    """How well a parameter would be known: ``sigma`` in its unit, infinite where no output shows it; ``beside`` those that it hides behind."""
+    """How well a parameter would be known: ``sigma`` in its unit, infinite where no output shows
+    it; ``beside`` those that it hides behind.
+    """
 
     name: str
     value: float
@@ -131,12 +165,17 @@ class Excited:
 def unknown_units(model: Model) -> list[str]:
     """Signals and parameters whose unit is only a label, ``"NAME (UNIT)"``."""
     e = model.equations
-    named = [(each.name, each.unit) for each in (*e.states, *e.inputs, *e.outputs, *e.ports, *model.parameters)]
+    named = [
+        (each.name, each.unit)
+        for each in (*e.states, *e.inputs, *e.outputs, *e.ports, *model.parameters)
+    ]
     return [f"{name} ({unit})" for name, unit in dict.fromkeys(named) if not is_unit(unit)]
 
 
 def one_by_one(model: Model) -> float:
-    """Largest relative difference between a call with arrays of ``SHAPE`` and calls with single numbers, over all rates and readings."""
+    """Largest relative difference between a call with arrays of ``SHAPE`` and calls with single
+    numbers, over all rates and readings.
+    """
     system = compile_model(model)
     points = _points(model, system, int(np.prod(SHAPE)))
     together = _answers(system, [row.reshape(SHAPE) for row in points])
@@ -149,26 +188,39 @@ def one_by_one(model: Model) -> float:
 
 
 def steps_against_differences(model: Model) -> float:
-    """Largest difference between complex steps and central differences over all rates and readings, relative to the largest slope of each."""
+    """Largest difference between complex steps and central differences over all rates and readings,
+    relative to the largest slope of each.
+    """
     system = compile_model(model)
     point = _points(model, system, 2)[:, 1].tolist()
     exact = complex_step_jacobian(lambda at: _answers(system, at), point)
     found = np.zeros_like(exact)
     for k, value in enumerate(point):
         step = STEP * (abs(value) or ASIDE)
-        above, below = (np.array(_answers(system, [*point[:k], value + sign * step, *point[k + 1 :]]), dtype=float) for sign in (1.0, -1.0))
+        above, below = (
+            np.array(
+                _answers(system, [*point[:k], value + sign * step, *point[k + 1 :]]), dtype=float
+            )
+            for sign in (1.0, -1.0)
+        )
         found[:, k] = (above - below) / (2.0 * step)
     sizes = np.abs(np.array(point)) + ASIDE
     return _apart((exact * sizes).T, (found * sizes).T)
 
 
 def excited(model: Model) -> tuple[Motion, list[Excited]]:
-    """The motion that a doublet on each input makes, and how well it tells the free parameters beside initial states and biases.
+    """The motion that a doublet on each input makes, and how well it tells the free parameters
+    beside initial states and biases.
 
-    Cramer-Rao bounds for white noise of ``SIZE`` on each output; an output that does not move says nothing.
+    Cramer-Rao bounds for white noise of ``SIZE`` on each output; an output that does not move says
+    nothing.
     """
     motion = doublet_motion(model)
-    rows = [slopes / (SIZE * size) for slopes, size in zip(motion.slopes, motion.sizes, strict=True) if size > 0.0]
+    rows = [
+        slopes / (SIZE * size)
+        for slopes, size in zip(motion.slopes, motion.sizes, strict=True)
+        if size > 0.0
+    ]
     names = model.parameters.free_names
     if not rows:
         return motion, [Excited(name, model.parameters[name].value, np.inf) for name in names]
@@ -187,7 +239,11 @@ def excited(model: Model) -> tuple[Motion, list[Excited]]:
             out.append(Excited(name, value, np.inf))
             continue
         mine = untold[place[0]]
-        beside = [motion.names[seen[j]] for j in np.flatnonzero(np.any(untold[:, mine], axis=1)) if seen[j] != i]
+        beside = [
+            motion.names[seen[j]]
+            for j in np.flatnonzero(np.any(untold[:, mine], axis=1))
+            if seen[j] != i
+        ]
         sigma = np.inf if np.any(mine) else float(np.sqrt(variance[place[0]])) / float(lengths[i])
         out.append(Excited(name, value, sigma, tuple(beside)))
     return motion, out
@@ -195,9 +251,13 @@ def excited(model: Model) -> tuple[Motion, list[Excited]]:
 
 def _points(model: Model, system: System, count: int) -> np.ndarray:
     """States, inputs and parameters at ``count`` points about the starts, ``(n, count)``."""
-    start = np.concatenate([system.initial.values(), inputs_at_rest(model), system.parameters.values()])
+    start = np.concatenate(
+        [system.initial.values(), inputs_at_rest(model), system.parameters.values()]
+    )
     sides = np.sin(np.outer(1.0 + np.arange(len(start)), 1.0 + np.arange(count)))
-    return np.asarray(start[:, None] + ASIDE * sides * np.where(start == 0.0, 1.0, np.abs(start))[:, None])
+    return np.asarray(
+        start[:, None] + ASIDE * sides * np.where(start == 0.0, 1.0, np.abs(start))[:, None]
+    )
 
 
 def _answers(system: System, point: Sequence[Any]) -> list[Any]:
@@ -208,5 +268,12 @@ def _answers(system: System, point: Sequence[Any]) -> list[Any]:
 
 def _apart(one: np.ndarray, other: np.ndarray) -> float:
     """Largest difference relative to the largest number of each column."""
-    sizes = np.maximum(np.max(np.abs(np.atleast_2d(one)), axis=0), np.max(np.abs(np.atleast_2d(other)), axis=0))
-    return float(np.max(np.max(np.abs(np.atleast_2d(one - other)), axis=0) / np.where(sizes > 0.0, sizes, 1.0), initial=0.0))
+    sizes = np.maximum(
+        np.max(np.abs(np.atleast_2d(one)), axis=0), np.max(np.abs(np.atleast_2d(other)), axis=0)
+    )
+    return float(
+        np.max(
+            np.max(np.abs(np.atleast_2d(one - other)), axis=0) / np.where(sizes > 0.0, sizes, 1.0),
+            initial=0.0,
+        )
+    )

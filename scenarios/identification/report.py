@@ -17,26 +17,78 @@ from ident.statistics.noise_levels import sensor_noise, used_runs
 from ident.tracing.diagnosis import Quantity
 from scenarios.files.sources import InputFile
 from scenarios.files.user_models import Constraints
-from scenarios.identification.assessment import AtBound, IdentificationResult, RecordFit, reading_rows
+from scenarios.identification.assessment import (
+    AtBound,
+    IdentificationResult,
+    RecordFit,
+    reading_rows,
+)
 from scenarios.identification.conditions import METHOD as FREQUENCY
 from scenarios.identification.conditions import PATH
 from scenarios.identification.methods import uses_attitude
 from scenarios.kept import IDENTIFY, KeptModel, KeptReading
 from scenarios.pages.folder import figures
-from scenarios.pages.model import Block, Bullets, Page, Prose, as_sentence, capital, now, reproduction, section, summary_sentences
-from scenarios.pages.tables import columns_table, derived_table, estimates_table, fixed_table, levels_of_noise, rows_table, tests_table
+from scenarios.pages.model import (
+    Block,
+    Bullets,
+    Page,
+    Prose,
+    as_sentence,
+    capital,
+    now,
+    reproduction,
+    section,
+    summary_sentences,
+)
+from scenarios.pages.tables import (
+    columns_table,
+    derived_table,
+    estimates_table,
+    fixed_table,
+    levels_of_noise,
+    rows_table,
+    tests_table,
+)
 from scenarios.plots.formats import Drawn
 from scenarios.preparation.plan import LIFT, SPEED, Plan
 from scenarios.preparation.recording import record_lines, record_table
 from scenarios.studies.rows import Row
-from scenarios.terminal.quantities import console, derived_line, determined, displayed, number_text, shown_in, spaced, test_line, unit_cell
-from scenarios.terminal.summary import BELOW, Summary, levels_line, print_summary, residual_phrase, result_phrase
-from scenarios.terminal.tables import WIDTH, TableColumn, columns_of, print_lines, print_paragraph, print_table, table_lines, wrapped
+from scenarios.terminal.quantities import (
+    console,
+    derived_line,
+    determined,
+    displayed,
+    number_text,
+    shown_in,
+    spaced,
+    test_line,
+    unit_cell,
+)
+from scenarios.terminal.summary import (
+    BELOW,
+    Summary,
+    levels_line,
+    print_summary,
+    residual_phrase,
+    result_phrase,
+)
+from scenarios.terminal.tables import (
+    WIDTH,
+    TableColumn,
+    columns_of,
+    print_lines,
+    print_paragraph,
+    print_table,
+    table_lines,
+    wrapped,
+)
 
 # ---- What stands beside an estimate, for comparison.json
 
 
-def constraints_content(constraints: Constraints, tied: Sequence[Row], at_bounds: Sequence[AtBound]) -> dict[str, Any]:
+def constraints_content(
+    constraints: Constraints, tied: Sequence[Row], at_bounds: Sequence[AtBound]
+) -> dict[str, Any]:
     """What the vehicle file lays down and what came of it; empty where nothing is."""
     out: dict[str, Any] = {}
     if constraints.fixed:
@@ -46,12 +98,20 @@ def constraints_content(constraints: Constraints, tied: Sequence[Row], at_bounds
     if constraints.ties:
         rows = {row.name: row for row in tied}
         out["tied"] = {
-            tie.name: {"estimate": rows[tie.name].estimate, "std": rows[tie.name].std, "unit": rows[tie.name].unit, "tie": tie.words}
+            tie.name: {
+                "estimate": rows[tie.name].estimate,
+                "std": rows[tie.name].std,
+                "unit": rows[tie.name].unit,
+                "tie": tie.words,
+            }
             for tie in constraints.ties
             if tie.name in rows
         }
     if at_bounds:
-        out["at_bound"] = {each.name: {"value": each.value, "unit": each.unit, "bound": each.side} for each in at_bounds}
+        out["at_bound"] = {
+            each.name: {"value": each.value, "unit": each.unit, "bound": each.side}
+            for each in at_bounds
+        }
     return {"constraints": out} if out else {}
 
 
@@ -59,7 +119,12 @@ def intervals_content(intervals: Sequence[ProfileInterval]) -> dict[str, Any]:
     """Profile-likelihood intervals by parameter; an end that is left out is open."""
     if not intervals:
         return {}
-    return {"intervals": {"level": LEVEL, "parameters": {each.name: _interval(each) for each in intervals}}}
+    return {
+        "intervals": {
+            "level": LEVEL,
+            "parameters": {each.name: _interval(each) for each in intervals},
+        }
+    }
 
 
 def fits_content(fits: Sequence[RecordFit]) -> dict[str, Any]:
@@ -68,11 +133,15 @@ def fits_content(fits: Sequence[RecordFit]) -> dict[str, Any]:
 
 
 def _pair(low: float, high: float) -> dict[str, float]:
-    return {key: value for key, value in (("low", low), ("high", high)) if abs(value) != float("inf")}
+    return {
+        key: value for key, value in (("low", low), ("high", high)) if abs(value) != float("inf")
+    }
 
 
 def _interval(each: ProfileInterval) -> dict[str, Any]:
-    ends = {key: value for key, value in (("low", each.low), ("high", each.high)) if value is not None}
+    ends = {
+        key: value for key, value in (("low", each.low), ("high", each.high)) if value is not None
+    }
     bounds = [key for key, at in (("low", each.low_bound), ("high", each.high_bound)) if at]
     return {**ends, **({"at_bound": bounds} if bounds else {}), "agrees_with_sigma": each.agrees}
 
@@ -82,7 +151,12 @@ def _fit(each: RecordFit) -> dict[str, Any]:
     if each.figures is not None:
         figures = each.figures
         content["channels"] = {
-            name: {"rms_error": figures.rmse[name], "fit_percent": each.fit_percent(name), "r2": figures.r2[name], "theil": figures.theil[name]}
+            name: {
+                "rms_error": figures.rmse[name],
+                "fit_percent": each.fit_percent(name),
+                "r2": figures.r2[name],
+                "theil": figures.theil[name],
+            }
             for name in figures.rmse
         }
     return content
@@ -101,20 +175,40 @@ def bound_lines(at_bounds: Sequence[AtBound], tied: Sequence[Row]) -> list[str]:
     """A line for each parameter at a bound and each that follows others."""
     # What follows only what is held has no sigma of its own.
     sigmas = [f" +- {number_text(row.std, row.std)}" if row.std > 0.0 else "" for row in tied]
-    followed = [f"{row.name} {number_text(row.estimate, row.std)}{sigma}{spaced(row.unit)}, tied" for row, sigma in zip(tied, sigmas, strict=True)]
+    followed = [
+        f"{row.name} {number_text(row.estimate, row.std)}{sigma}{spaced(row.unit)}, tied"
+        for row, sigma in zip(tied, sigmas, strict=True)
+    ]
     return [*(each.words for each in at_bounds), *followed]
 
 
-def interval_lines(intervals: Sequence[ProfileInterval], units: Mapping[str, str], width: int = WIDTH) -> list[str]:
-    """A table of the intervals, and a sentence on those that a sigma does not tell, each line within ``width``."""
-    lines = table_lines(columns_of(INTERVALS, interval_rows(intervals, units), left=2), title=PROFILED, width=width)
-    return [*lines, *(line for sentence in interval_sentences(intervals) for line in wrapped(sentence, width))]
+def interval_lines(
+    intervals: Sequence[ProfileInterval], units: Mapping[str, str], width: int = WIDTH
+) -> list[str]:
+    """A table of the intervals, and a sentence on those that a sigma does not tell, each line
+    within ``width``.
+    """
+    lines = table_lines(
+        columns_of(INTERVALS, interval_rows(intervals, units), left=2), title=PROFILED, width=width
+    )
+    return [
+        *lines,
+        *(line for sentence in interval_sentences(intervals) for line in wrapped(sentence, width)),
+    ]
 
 
-def interval_rows(intervals: Sequence[ProfileInterval], units: Mapping[str, str]) -> list[tuple[str, ...]]:
+def interval_rows(
+    intervals: Sequence[ProfileInterval], units: Mapping[str, str]
+) -> list[tuple[str, ...]]:
     """Cells below ``INTERVALS``."""
     return [
-        (each.name, unit_cell(shown_in(units.get(each.name, ""), each.name).unit), *_ends(each, units), _sides(each), "" if each.agrees else "no")
+        (
+            each.name,
+            unit_cell(shown_in(units.get(each.name, ""), each.name).unit),
+            *_ends(each, units),
+            _sides(each),
+            "" if each.agrees else "no",
+        )
         for each in intervals
     ]
 
@@ -131,12 +225,17 @@ def interval_sentences(intervals: Sequence[ProfileInterval]) -> list[str]:
         said.append(f"the interval is not +- 2 sigma: {', '.join(skewed)}; quote the interval")
     better = [each.name for each in intervals if each.better > LIKELIER]
     if better:
-        said.append(f"likelier values than the estimate were found along {', '.join(better)}: the fit was not at its best")
+        said.append(
+            f"likelier values than the estimate were found along {', '.join(better)}: the fit was "
+            "not at its best"
+        )
     return said
 
 
 def fit_lines(fits: Sequence[RecordFit], width: int = WIDTH) -> list[str]:
-    """A table of what the free simulations miss, a row for each record and channel, no line longer than ``width``."""
+    """A table of what the free simulations miss, a row for each record and channel, no line longer
+    than ``width``.
+    """
     return table_lines(columns_of(FITS, fit_rows(fits), left=3), title=SIMULATED, width=width)
 
 
@@ -150,7 +249,11 @@ def fit_rows(fits: Sequence[RecordFit]) -> list[tuple[str, ...]]:
             continue
         for name, error in each.figures.rmse.items():
             value, _, unit = displayed(Quantity(error, 0.0, each.record[name].unit))
-            figures = f"{each.fit_percent(name):.1f}", f"{each.figures.r2[name]:.4f}", f"{each.figures.theil[name]:.3f}"
+            figures = (
+                f"{each.fit_percent(name):.1f}",
+                f"{each.figures.r2[name]:.4f}",
+                f"{each.figures.theil[name]:.3f}",
+            )
             rows.append((each.record.name, word, name, f"{value:.3g}{spaced(unit)}", *figures))
     return rows
 
@@ -169,7 +272,10 @@ def _end(each: ProfileInterval, side: int, factor: float) -> str:
 
 def _sides(each: ProfileInterval) -> str:
     """``"-1.8 to +2.6"``."""
-    low, high = ("open" if end is None else f"{(end - each.value) / each.sigma:+.2g}" for end in (each.low, each.high))
+    low, high = (
+        "open" if end is None else f"{(end - each.value) / each.sigma:+.2g}"
+        for end in (each.low, each.high)
+    )
     return f"{low} to {high}"
 
 
@@ -183,18 +289,27 @@ UNMEASURABLE = "not measurable from this record"
 
 
 def estimated_noise(found: IdentificationResult) -> dict[str, float]:
-    """Sensor noise (SI) of each output whose residual fails a test, where the high frequencies of what free simulations miss show it."""
+    """Sensor noise (SI) of each output whose residual fails a test, where the high frequencies of
+    what free simulations miss show it.
+    """
     return {name: level for name, level in _levels(found).items() if level is not None}
 
 
 def _levels(found: IdentificationResult) -> dict[str, float | None]:
-    """The same with None where a record is too short, or its samples are too smooth for a sensor's; never below the rounding of a converter."""
+    """The same with None where a record is too short, or its samples are too smooth for a sensor's;
+    never below the rounding of a converter.
+    """
     coloured = {test.channel.partition(",")[0] for test in found.tests if not test.passed}
     out: dict[str, float | None] = {}
     for name in found.estimate.output_names:
         runs, values = [], []
         for fit in found.fits:
-            if fit.held_out or fit.figures is None or name not in coloured or name not in fit.record.output_names:
+            if (
+                fit.held_out
+                or fit.figures is None
+                or name not in coloured
+                or name not in fit.record.output_names
+            ):
                 continue
             channel = fit.record[name]
             residual = channel.values - fit.simulated[fit.outputs.index(name)]
@@ -206,25 +321,39 @@ def _levels(found: IdentificationResult) -> dict[str, float | None]:
 
 
 def noise_phrase(found: IdentificationResult) -> str:
-    """``"sensor noise (estimated, 1 sigma): q 0.09 deg/s"``; empty where every residual is white, and is the noise."""
+    """``"sensor noise (estimated, 1 sigma): q 0.09 deg/s"``; empty where every residual is white,
+    and is the noise.
+    """
     levels = []
     for name, level in _levels(found).items():
         if level is None:
             levels.append(f"{name} {UNMEASURABLE}")
             continue
-        unit = next(record[name].unit for record in (found.record, *found.others) if name in record.output_names)
+        unit = next(
+            record[name].unit
+            for record in (found.record, *found.others)
+            if name in record.output_names
+        )
         factor, shown = shown_in(unit, name)
         levels.append(f"{name} {factor * level:.3g}{spaced(shown)}")
-    return f"sensor noise (estimated from high frequencies, 1 sigma): {', '.join(levels)}" if levels else ""
+    return (
+        f"sensor noise (estimated from high frequencies, 1 sigma): {', '.join(levels)}"
+        if levels
+        else ""
+    )
 
 
 # ---- The model of an identification as its study folder keeps it
 
 
 def kept_identification(found: IdentificationResult, plan: Plan) -> KeptModel | None:
-    """The model that an identification leaves; None where its numbers are not finite, and it predicts nothing."""
+    """The model that an identification leaves; None where its numbers are not finite, and it
+    predicts nothing.
+    """
     trained, vehicle, first = found.trained, found.vehicle, found.record
-    if trained is None or not np.all(np.isfinite([*trained.shared.values(), *trained.own[0].values()])):
+    if trained is None or not np.all(
+        np.isfinite([*trained.shared.values(), *trained.own[0].values()])
+    ):
         return None
     by_own_filter = vehicle.model == "loes" and found.method == "ekf"
     measured = set(first.input_names)
@@ -240,7 +369,17 @@ def kept_identification(found: IdentificationResult, plan: Plan) -> KeptModel | 
     )
     identity = vehicle.identity if vehicle.text else None
     biases = tuple(name.removeprefix("bias_") for name in trained.own[0])
-    return KeptModel(IDENTIFY, vehicle.model, identity, vehicle.text, vehicle.own_file, reading, biases, trained, weighed=PATH in trained.shared)
+    return KeptModel(
+        IDENTIFY,
+        vehicle.model,
+        identity,
+        vehicle.text,
+        vehicle.own_file,
+        reading,
+        biases,
+        trained,
+        weighed=PATH in trained.shared,
+    )
 
 
 # ---- An identification in the terminal
@@ -248,28 +387,54 @@ def kept_identification(found: IdentificationResult, plan: Plan) -> KeptModel | 
 HEADINGS = ("parameter", "unit", "estimate", "+- sigma", "sigma %", "start")
 
 
-def print_identification(found: IdentificationResult, flown: Flown, out: Console | None = None, details: str = BELOW) -> None:
+def print_identification(
+    found: IdentificationResult, flown: Flown, out: Console | None = None, details: str = BELOW
+) -> None:
     """Print an identification; ``details`` says where else it is to be read."""
     out = out or console()
     records = (found.record, *found.others)
     print_summary(out, identification_summary(found, details))
     for record in records:
-        told = f"; {found.vehicle.model} model, {found.method}: {found.estimate.outcome.value}" if record is records[-1] else ""
-        print_paragraph(out, f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s{told}", 0)
+        told = (
+            f"; {found.vehicle.model} model, {found.method}: {found.estimate.outcome.value}"
+            if record is records[-1]
+            else ""
+        )
+        print_paragraph(
+            out,
+            f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} "
+            f"s{told}",
+            0,
+        )
     if found.engine:
         print_paragraph(out, f"engine: {found.engine['sentence']}", 0)
-    said = [*(f"warning: {doubt}" for doubt in found.doubts), *(f"caution: {caution}" for caution in found.cautions)]
+    said = [
+        *(f"warning: {doubt}" for doubt in found.doubts),
+        *(f"caution: {caution}" for caution in found.cautions),
+    ]
     for line in (*said, *record_lines(found.look), *bound_lines(found.at_bounds, found.tied)):
         print_paragraph(out, line, 0)
     print_table(out, "", _estimates(found))
-    print_lines(out, interval_lines(found.intervals, {row.name: row.unit for row in found.rows}, out.width))
+    print_lines(
+        out, interval_lines(found.intervals, {row.name: row.unit for row in found.rows}, out.width)
+    )
     if found.reading:
         print_paragraph(out, f"caution: {found.reading.sentence}", 0)
         print_table(out, "", reading_rows(found.reading))
     print_paragraph(out, f"residual (1 sigma): {_residual(found)}", 0)
     print_lines(out, fit_lines(found.fits, out.width))
-    reached = levels_line(mode_levels(found.modes, flown), flown, found.tests) if found.modes is not None else ""
-    for line in (derived_line(found.derived), reached, test_line(found.tests), noise_phrase(found), *(f"note: {note}" for note in found.notes)):
+    reached = (
+        levels_line(mode_levels(found.modes, flown), flown, found.tests)
+        if found.modes is not None
+        else ""
+    )
+    for line in (
+        derived_line(found.derived),
+        reached,
+        test_line(found.tests),
+        noise_phrase(found),
+        *(f"note: {note}" for note in found.notes),
+    ):
         if line:
             print_paragraph(out, line, 0)
 
@@ -277,15 +442,22 @@ def print_identification(found: IdentificationResult, flown: Flown, out: Console
 def identification_summary(found: IdentificationResult, details: str = BELOW) -> Summary:
     """Records, model and method; the outcome; what matters most; what the fit leaves."""
     records = (found.record, *found.others)
-    named = found.record.name if len(records) == 1 else f"{found.record.name} and {len(records) - 1} more"
+    named = (
+        found.record.name
+        if len(records) == 1
+        else f"{found.record.name} and {len(records) - 1} more"
+    )
     samples = sum(len(record) for record in records)
     rows = [(row.name, row.estimate, row.std, row.unit) for row in found.rows]
     vague = [row.name for row in found.rows if not determined(row.estimate, row.std)]
-    outcome = found.estimate.outcome.value + (f"; not determined: {', '.join(vague)}" if vague else "")
+    outcome = found.estimate.outcome.value + (
+        f"; not determined: {', '.join(vague)}" if vague else ""
+    )
     cautions = len(found.cautions) + len(found.doubts)
     outcome += f"; {cautions} caution{'s' if cautions > 1 else ''} below" if cautions else ""
     return Summary(
-        f"{named}, {samples} samples; {found.vehicle.name}, {found.vehicle.model} model, {found.method}",
+        f"{named}, {samples} samples; {found.vehicle.name}, {found.vehicle.model} model, "
+        f"{found.method}",
         outcome,
         result_phrase(rows, found.derived),
         residual_phrase(found.tests),
@@ -294,8 +466,15 @@ def identification_summary(found: IdentificationResult, details: str = BELOW) ->
 
 
 def _estimates(found: IdentificationResult) -> Sequence[TableColumn]:
-    starts = {**found.vehicle.derivatives, **{name: value for _, mode in found.vehicle.modes for name, value in mode.items()}}
-    return columns_of(HEADINGS, [_cells(row, starts.get(row.name)) for row in (*found.rows, *found.biases)], left=2)
+    starts = {
+        **found.vehicle.derivatives,
+        **{name: value for _, mode in found.vehicle.modes for name, value in mode.items()},
+    }
+    return columns_of(
+        HEADINGS,
+        [_cells(row, starts.get(row.name)) for row in (*found.rows, *found.biases)],
+        left=2,
+    )
 
 
 def _cells(row: Row, start: float | None) -> tuple[str, ...]:
@@ -315,9 +494,15 @@ def _cells(row: Row, start: float | None) -> tuple[str, ...]:
 
 
 def _residual(found: IdentificationResult) -> str:
-    units = {channel.name: channel.unit for record in (found.record, *found.others) for channel in record.outputs}
+    units = {
+        channel.name: channel.unit
+        for record in (found.record, *found.others)
+        for channel in record.outputs
+    }
     levels = zip(found.estimate.output_names, found.estimate.noise_std, strict=True)
-    shown = [(name, displayed(Quantity(float(std), 0.0, units.get(name, "")))) for name, std in levels]
+    shown = [
+        (name, displayed(Quantity(float(std), 0.0, units.get(name, "")))) for name, std in levels
+    ]
     return ", ".join(f"{name} {value:.3g}{spaced(unit)}" for name, (value, _, unit) in shown)
 
 
@@ -327,23 +512,42 @@ SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
 
 
 def identification_page(
-    found: IdentificationResult, flown: Flown, files: Sequence[InputFile], validation: Sequence[InputFile] = (), drawn: Sequence[Drawn] = ()
+    found: IdentificationResult,
+    flown: Flown,
+    files: Sequence[InputFile],
+    validation: Sequence[InputFile] = (),
+    drawn: Sequence[Drawn] = (),
 ) -> Page:
     """The page of an identification: ``files`` were fitted, those of ``validation`` predicted."""
     estimate, records = found.estimate, (found.record, *found.others)
     settled = estimate.outcome in SETTLED
     white = all(test.passed for test in found.tests)
-    inputs = [("fitted", file.name, file.sha256) for file in files] + [("predicted", file.name, file.sha256) for file in validation]
-    inputs += [(use, file.name, file.sha256) for use, file in (("vehicle", found.vehicle.identity), ("model", found.vehicle.own_file)) if file]
-    samples = f"{sum(map(len, records))} samples of {len(records)} records" if len(records) > 1 else f"{len(found.record)} samples"
+    inputs = [("fitted", file.name, file.sha256) for file in files] + [
+        ("predicted", file.name, file.sha256) for file in validation
+    ]
+    inputs += [
+        (use, file.name, file.sha256)
+        for use, file in (("vehicle", found.vehicle.identity), ("model", found.vehicle.own_file))
+        if file
+    ]
+    samples = (
+        f"{sum(map(len, records))} samples of {len(records)} records"
+        if len(records) > 1
+        else f"{len(found.record)} samples"
+    )
     reading = (found.reading.sentence,) if found.reading else ()
     hint = estimate.outcome.hint
     return Page(
         title=f"{capital(found.vehicle.name)}: {_model(found)} model",
-        kind=f"Identification from {', '.join(dict.fromkeys(record.name for record in records))}, {found.method}",
+        kind=(
+            f"Identification from {', '.join(dict.fromkeys(record.name for record in records))}, "
+            f"{found.method}"
+        ),
         verdict=estimate.outcome.value.partition(":")[0].partition(",")[0],
         tone="open" if not settled else "good" if white and not found.cautions else "fair",
-        sentence=as_sentence(f"{len(found.rows)} parameters from {samples}" + (f". {capital(hint)}" if hint else "")),
+        sentence=as_sentence(
+            f"{len(found.rows)} parameters from {samples}" + (f". {capital(hint)}" if hint else "")
+        ),
         summary=summary_sentences(identification_summary(found)),
         warnings=tuple(map(as_sentence, (*found.doubts, *found.cautions, *reading))),
         sections=(
@@ -360,28 +564,54 @@ def identification_page(
 
 
 def _found(found: IdentificationResult, flown: Flown) -> list[Block]:
-    starts = {**found.vehicle.derivatives, **{name: value for _, mode in found.vehicle.modes for name, value in mode.items()}}
+    starts = {
+        **found.vehicle.derivatives,
+        **{name: value for _, mode in found.vehicle.modes for name, value in mode.items()},
+    }
     blocks: list[Block] = [estimates_table("Parameters", found.rows, starts)]
     blocks += [estimates_table("Biases of the sensors", found.biases)] if found.biases else []
     blocks += [derived_table("What follows from them", found.derived)] if found.derived else []
-    levels = levels_line(mode_levels(found.modes, flown), flown, found.tests) if found.modes is not None else ""
-    blocks += [Prose(as_sentence(line)) for line in (*bound_lines(found.at_bounds, found.tied), levels) if line]
+    levels = (
+        levels_line(mode_levels(found.modes, flown), flown, found.tests)
+        if found.modes is not None
+        else ""
+    )
+    blocks += [
+        Prose(as_sentence(line))
+        for line in (*bound_lines(found.at_bounds, found.tied), levels)
+        if line
+    ]
     if found.intervals:
         units = {row.name: row.unit for row in found.rows}
         blocks += [rows_table(capital(PROFILED), INTERVALS, interval_rows(found.intervals, units))]
         blocks += [Prose(as_sentence(line)) for line in interval_sentences(found.intervals)]
     if found.reading:
-        blocks += [columns_table("If the inputs were read otherwise between samples", reading_rows(found.reading))]
+        blocks += [
+            columns_table(
+                "If the inputs were read otherwise between samples", reading_rows(found.reading)
+            )
+        ]
     return blocks
 
 
 def _evidence(found: IdentificationResult) -> list[Block]:
     estimate = found.estimate
-    units = {channel.name: channel.unit for record in (found.record, *found.others) for channel in record.outputs}
-    noise = {name: (float(std), units.get(name, "1")) for name, std in zip(estimate.output_names, estimate.noise_std, strict=True)}
+    units = {
+        channel.name: channel.unit
+        for record in (found.record, *found.others)
+        for channel in record.outputs
+    }
+    noise = {
+        name: (float(std), units.get(name, "1"))
+        for name, std in zip(estimate.output_names, estimate.noise_std, strict=True)
+    }
     blocks: list[Block] = [tests_table("Residual tests", found.tests)] if found.tests else []
     phrase = noise_phrase(found)
-    return [*blocks, levels_of_noise("Residual, one sigma", noise), *([Prose(as_sentence(phrase))] if phrase else [])]
+    return [
+        *blocks,
+        levels_of_noise("Residual, one sigma", noise),
+        *([Prose(as_sentence(phrase))] if phrase else []),
+    ]
 
 
 def _made(found: IdentificationResult) -> list[Block]:
@@ -394,11 +624,22 @@ def _made(found: IdentificationResult) -> list[Block]:
 
 
 def _model(found: IdentificationResult) -> str:
-    return found.vehicle.own_file.name if found.vehicle.own_file is not None else found.vehicle.model
+    return (
+        found.vehicle.own_file.name if found.vehicle.own_file is not None else found.vehicle.model
+    )
 
 
 def _command(found: IdentificationResult, files: Sequence[InputFile]) -> list[str]:
     """What would be typed for this, as far as the result tells."""
     vehicle = found.vehicle.identity
     given = ["--vehicle", os.fspath(vehicle.name)] if vehicle is not None else []
-    return ["flightid", "identify", *(file.name for file in files), "--model", _model(found), *given, "--method", found.method]
+    return [
+        "flightid",
+        "identify",
+        *(file.name for file in files),
+        "--model",
+        _model(found),
+        *given,
+        "--method",
+        found.method,
+    ]

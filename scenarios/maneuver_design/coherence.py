@@ -1,4 +1,5 @@
-"""Frequency responses that a designed maneuver would give: coherence and random error, before flight.
+"""Frequency responses that a designed maneuver would give: coherence and random error, before
+flight.
 
 The maneuver as the model flies it, with drawn sensor noise, goes through the estimate of
 ``flightid response``; what it says is averaged over the draws.
@@ -12,7 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.frequency_response import LEAST_COHERENCE, Signals, Spectra, estimate_responses
-from ident.frequency_response.estimate import decimated, frequencies, lowest_frequency, window_lengths
+from ident.frequency_response.estimate import (
+    decimated,
+    frequencies,
+    lowest_frequency,
+    window_lengths,
+)
 from scenarios.maneuver_design.setting import Setting
 from scenarios.maneuver_design.within_limits import LimitedManeuver
 

@@ -22,7 +22,16 @@ from scenarios.files.writing import study_folder, write_json, write_record, writ
 from scenarios.maneuver_design.design import DesignedManeuver, DesignResult
 from scenarios.maneuver_design.setting import PACE_IS, offset_of
 from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import Bullets, Page, Prose, as_sentence, capital, now, reproduction, section
+from scenarios.pages.model import (
+    Bullets,
+    Page,
+    Prose,
+    as_sentence,
+    capital,
+    now,
+    reproduction,
+    section,
+)
 from scenarios.pages.tables import rows_table
 from scenarios.plots.formats import USUAL, Drawn, Formats
 from scenarios.terminal.quantities import number_text, shown_in, spaced
@@ -36,23 +45,47 @@ if TYPE_CHECKING:
 
 # ---- A design in lines for the terminal
 
-SHOWN = ("nz", "alpha", "q", "beta", "p", "r", "phi", "ny", "airspeed")  # outputs whose extremes stand in the table, those that the model has
+# outputs whose extremes stand in the table, those that the model has
+SHOWN = ("nz", "alpha", "q", "beta", "p", "r", "phi", "ny", "airspeed")
 LEAST = 0.05  # chance, below which no maneuver is said to decide
 
 
 def design_text(design: DesignResult, width: int = WIDTH, details: str = BELOW) -> str:
     """What a terminal of this width shows."""
     lines = [*summary_lines(summary_of(design, details), width), ""]
-    lines += table_lines(columns_of(*comparison(design), left=1, words=("held by",)), title=_title(design), width=width)
+    lines += table_lines(
+        columns_of(*comparison(design), left=1, words=("held by",)),
+        title=_title(design),
+        width=width,
+    )
     if design.acting:
         lines += [
             "",
-            *table_lines(columns_of(*contest_table(design), left=2), title=f"{design.best.kind}: who would be told from whom", width=width, keys=2),
+            *table_lines(
+                columns_of(*contest_table(design), left=2),
+                title=f"{design.best.kind}: who would be told from whom",
+                width=width,
+                keys=2,
+            ),
         ]
-    lines += ["", *table_lines(columns_of(*sigma_table(design), left=2), title="expected standard deviations (Cramer-Rao)", width=width, keys=2)]
+    lines += [
+        "",
+        *table_lines(
+            columns_of(*sigma_table(design), left=2),
+            title="expected standard deviations (Cramer-Rao)",
+            width=width,
+            keys=2,
+        ),
+    ]
     if design.best.responses is not None:
-        title = "frequency responses expected of one flight, share of the band with a coherence of 0.6 or more, and random error"
-        lines += ["", *table_lines(columns_of(*response_table(design), left=1), title=title, width=width)]
+        title = (
+            "frequency responses expected of one flight, share of the band with a coherence of 0.6 "
+            "or more, and random error"
+        )
+        lines += [
+            "",
+            *table_lines(columns_of(*response_table(design), left=1), title=title, width=width),
+        ]
     for note in notes_of(design):
         lines += wrapped(note, width)
     lines += wrapped(f"again: {design.asked.command()}", width)
@@ -63,8 +96,16 @@ def summary_of(design: DesignResult, details: str = BELOW) -> Summary:
     """Vehicle and limits; the best maneuver; what it tells and how far it goes."""
     setting, best = design.setting, design.best
     seconds = setting.room.time[-1]
-    study = f"{setting.vehicle.name}, {setting.model.name} model: {len(design.maneuvers)} kinds of maneuver, {seconds:g} s at {setting.rate:g} Hz"
-    return Summary(study, verdict_of(design), f"{_tells(design)}; peaks {extremes_text(design, best)}", details=details)
+    study = (
+        f"{setting.vehicle.name}, {setting.model.name} model: {len(design.maneuvers)} kinds of "
+        f"maneuver, {seconds:g} s at {setting.rate:g} Hz"
+    )
+    return Summary(
+        study,
+        verdict_of(design),
+        f"{_tells(design)}; peaks {extremes_text(design, best)}",
+        details=details,
+    )
 
 
 def verdict_of(design: DesignResult) -> str:
@@ -74,12 +115,17 @@ def verdict_of(design: DesignResult) -> str:
         return f"FLY: {maneuver_text(design, best)}"
     if best.chance < LEAST:
         return f"NONE DECIDES: within these limits no maneuver tells {names}"
-    return f"FLY: {maneuver_text(design, best)} tells {names} with a chance of {percent(best.chance)}"
+    return (
+        f"FLY: {maneuver_text(design, best)} tells {names} with a chance of {percent(best.chance)}"
+    )
 
 
 def maneuver_text(design: DesignResult, maneuver: DesignedManeuver) -> str:
     """``"3-2-1-1 (step 0.48 s), elevator 3.2 deg"``."""
-    peaks = [f"{name} {_shown(design, name, value)}" for name, value in peaks_of(design, maneuver).items()]
+    peaks = [
+        f"{name} {_shown(design, name, value)}"
+        for name, value in peaks_of(design, maneuver).items()
+    ]
     return f"{maneuver.kind} ({pace_text(maneuver)}), {', '.join(peaks)}"
 
 
@@ -92,7 +138,10 @@ def pace_text(maneuver: DesignedManeuver) -> str:
 
 def peaks_of(design: DesignResult, maneuver: DesignedManeuver) -> dict[str, float]:
     """Largest deflection from rest by input."""
-    return {name: float(np.max(np.abs(row))) for name, row in zip(design.setting.rest, maneuver.flight.rows, strict=True)}
+    return {
+        name: float(np.max(np.abs(row)))
+        for name, row in zip(design.setting.rest, maneuver.flight.rows, strict=True)
+    }
 
 
 def comparison(design: DesignResult) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
@@ -104,7 +153,11 @@ def comparison(design: DesignResult) -> tuple[tuple[str, ...], list[tuple[str, .
     headings += (*(f"{name} from .. to" for name in outputs), "held by")
     rows = []
     for each in design.maneuvers:
-        row = [each.kind, pace_text(each), *(_shown(design, name, value) for name, value in peaks_of(design, each).items())]
+        row = [
+            each.kind,
+            pace_text(each),
+            *(_shown(design, name, value) for name, value in peaks_of(design, each).items()),
+        ]
         row += [f"{100.0 * each.criterion:.3g}"]
         row += [f"{each.log_likelihood:.1f}", f"{100.0 * each.chance:.0f}"] if told else []
         row += [_range(design, each, name) for name in outputs]
@@ -113,12 +166,28 @@ def comparison(design: DesignResult) -> tuple[tuple[str, ...], list[tuple[str, .
 
 
 def contest_table(design: DesignResult) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Headings and rows of what each effect's flight says against the other, of the best maneuver."""
-    headings = ("acts", "is told from", "gain over none", "log likelihood", "sigma", "told %", "wrong %")
+    """Headings and rows of what each effect's flight says against the other, of the best
+    maneuver.
+    """
+    headings = (
+        "acts",
+        "is told from",
+        "gain over none",
+        "log likelihood",
+        "sigma",
+        "told %",
+        "wrong %",
+    )
     rows: list[tuple[str, ...]] = []
     for each in design.best.contests:
         d = each.decision
-        cells = (f"{each.found:.1f}", f"{d.log_likelihood:.1f}", f"{0.5 * d.std:.1f}", f"{100.0 * each.chance:.1f}", f"{100.0 * d.wrong:.2g}")
+        cells = (
+            f"{each.found:.1f}",
+            f"{d.log_likelihood:.1f}",
+            f"{0.5 * d.std:.1f}",
+            f"{100.0 * each.chance:.1f}",
+            f"{100.0 * d.wrong:.2g}",
+        )
         rows.append((acting_text(each.true), each.rival.effect.name, *cells))
     return headings, rows
 
@@ -130,7 +199,10 @@ def sigma_table(design: DesignResult) -> tuple[tuple[str, ...], list[tuple[str, 
     rows = []
     for name in design.best.sigmas:
         sigmas = [each.sigmas[name] for each in design.maneuvers]
-        told = [f"{std:.2g}" if std < 1e3 * max(abs(parameters[name].value), 1e-3) else "not determined" for std in sigmas]
+        told = [
+            f"{std:.2g}" if std < 1e3 * max(abs(parameters[name].value), 1e-3) else "not determined"
+            for std in sigmas
+        ]
         rows.append((name, parameters[name].unit, number_text(parameters[name].value), *told))
     return headings, rows
 
@@ -149,7 +221,11 @@ def response_table(design: DesignResult) -> tuple[tuple[str, ...], list[tuple[st
             for _, found in kinds:
                 error = 100.0 * float(np.median(found.random_error[m, q]))
                 shown = f"{error:.2g}" if error < 100.0 else "above 100"
-                cells += [f"{100.0 * found.usable[m, q]:.0f}", f"{found.coherence[m, q].min():.2f}", shown]
+                cells += [
+                    f"{100.0 * found.usable[m, q]:.0f}",
+                    f"{found.coherence[m, q].min():.2f}",
+                    shown,
+                ]
             rows.append(tuple(cells))
     return tuple(headings), rows
 
@@ -158,11 +234,23 @@ def notes_of(design: DesignResult) -> list[str]:
     """What the design rests on: noise, limits, trim, sizes."""
     setting = design.setting
     noise = [f"{name} {_shown(design, name, value)}" for name, value in setting.noise.items()]
-    limits = [f"{name} {_ends(design, name, ends)}" for name, ends in setting.limits.outputs.items()]
-    limits += [f"{name} {_shown(design, name, value)}" for name, value in setting.limits.amplitude.items()]
-    limits += [f"{name} {_shown(design, name, value)} a second" for name, value in setting.limits.rate.items()]
-    notes = [f"noise (1 sigma): {', '.join(noise)}", f"limits: {', '.join(limits)}; load factors are totals, 1 in level flight"]
-    trim = [f"{name} {_shown(design, name, value)}" for name, value in setting.rest.items() if value]
+    limits = [
+        f"{name} {_ends(design, name, ends)}" for name, ends in setting.limits.outputs.items()
+    ]
+    limits += [
+        f"{name} {_shown(design, name, value)}" for name, value in setting.limits.amplitude.items()
+    ]
+    limits += [
+        f"{name} {_shown(design, name, value)} a second"
+        for name, value in setting.limits.rate.items()
+    ]
+    notes = [
+        f"noise (1 sigma): {', '.join(noise)}",
+        f"limits: {', '.join(limits)}; load factors are totals, 1 in level flight",
+    ]
+    trim = [
+        f"{name} {_shown(design, name, value)}" for name, value in setting.rest.items() if value
+    ]
     return notes + ([f"trim: {', '.join(trim)}"] if trim else [])
 
 
@@ -183,14 +271,21 @@ def percent(chance: float) -> str:
 
 def extremes_text(design: DesignResult, maneuver: DesignedManeuver) -> str:
     """Extremes of all outputs in one line."""
-    return ", ".join(f"{name} {_range(design, maneuver, name)}" for name in maneuver.flight.extremes)
+    return ", ".join(
+        f"{name} {_range(design, maneuver, name)}" for name in maneuver.flight.extremes
+    )
 
 
 def _title(design: DesignResult) -> str:
     if design.best.responses is not None:
-        return "maneuvers over the band within the limits, the one with the least random errors first"
+        return (
+            "maneuvers over the band within the limits, the one with the least random errors first"
+        )
     told = "; log likelihood and chance are the least over who acts" if design.acting else ""
-    return f"maneuvers at equal amplitude and time, within the limits, the best first; mean sigma: geometric mean over the values{told}"
+    return (
+        "maneuvers at equal amplitude and time, within the limits, the best first; mean sigma: "
+        f"geometric mean over the values{told}"
+    )
 
 
 def _tells(design: DesignResult) -> str:
@@ -199,10 +294,16 @@ def _tells(design: DesignResult) -> str:
         share = 100.0 * float(np.mean(best.responses.usable))
         low, high = best.responses.frequency[[0, -1]]
         error = 100.0 * best.responses.criterion
-        return f"responses from {low:.3g} to {high:.3g} Hz usable in {share:.0f} % of the band, mean random error {error:.2g} %"
+        return (
+            f"responses from {low:.3g} to {high:.3g} Hz usable in {share:.0f} % of the band, mean "
+            f"random error {error:.2g} %"
+        )
     if not design.acting:
         return f"expected sigmas {100.0 * best.criterion:.3g} % of the derivatives (geometric mean)"
-    return f"expected log likelihood {best.log_likelihood:.1f}; {'; '.join(acting_text(each) for each in design.acting)}"
+    return (
+        f"expected log likelihood {best.log_likelihood:.1f}; "
+        f"{'; '.join(acting_text(each) for each in design.acting)}"
+    )
 
 
 def _range(design: DesignResult, maneuver: DesignedManeuver, name: str) -> str:
@@ -223,7 +324,10 @@ def _shown(design: DesignResult, name: str, value: float) -> str:
 
 def units_shown(design: DesignResult) -> Mapping[str, str]:
     """Unit inside of every channel."""
-    return {name: unit_in(design.setting.model, name) for name in (*design.setting.rest, *design.setting.noise)}
+    return {
+        name: unit_in(design.setting.model, name)
+        for name in (*design.setting.rest, *design.setting.noise)
+    }
 
 
 # ---- The content of design.json: SI, load factors in g and as totals
@@ -251,7 +355,10 @@ def design_content(design: DesignResult) -> dict[str, Any]:
         "noise": dict(setting.noise),
         "trim": dict(setting.rest),
         "limits": {
-            "outputs": {name: [value for value in ends if math.isfinite(value)] for name, ends in setting.limits.outputs.items()},
+            "outputs": {
+                name: [value for value in ends if math.isfinite(value)]
+                for name, ends in setting.limits.outputs.items()
+            },
             "amplitude": dict(setting.limits.amplitude),
             "rate": dict(setting.limits.rate),
         },
@@ -259,14 +366,19 @@ def design_content(design: DesignResult) -> dict[str, Any]:
         "warnings": [],
         "notes": notes_of(design),
         "inputs": {
-            key: value for name, file in files.items() if file is not None for key, value in ((name, file.name), (f"{name}_sha256", file.sha256))
+            key: value
+            for name, file in files.items()
+            if file is not None
+            for key, value in ((name, file.name), (f"{name}_sha256", file.sha256))
         },
         "versions": versions(),
     }
 
 
 def maneuver_content(design: DesignResult, maneuver: DesignedManeuver) -> dict[str, Any]:
-    """One kind: pace, peaks, expected sigmas (those that are finite), and what it says of the effects."""
+    """One kind: pace, peaks, expected sigmas (those that are finite), and what it says of the
+    effects.
+    """
     content: dict[str, Any] = {
         "kind": maneuver.kind,
         "pace": maneuver.pace,
@@ -295,13 +407,23 @@ def maneuver_content(design: DesignResult, maneuver: DesignedManeuver) -> dict[s
             ],
         }
     if maneuver.contests:
-        content |= {"chance": maneuver.chance, "log_likelihood": maneuver.log_likelihood, "contests": [_contest(each) for each in maneuver.contests]}
+        content |= {
+            "chance": maneuver.chance,
+            "log_likelihood": maneuver.log_likelihood,
+            "contests": [_contest(each) for each in maneuver.contests],
+        }
     return content
 
 
 def _acting(acting: Acting) -> dict[str, Any]:
     units = {item.name: item.unit for item in acting.effect.parameters}
-    return {"name": acting.effect.name, "parameters": {name: {"value": value, "unit": units.get(name, "1")} for name, value in acting.values.items()}}
+    return {
+        "name": acting.effect.name,
+        "parameters": {
+            name: {"value": value, "unit": units.get(name, "1")}
+            for name, value in acting.values.items()
+        },
+    }
 
 
 def _contest(contest: Contest) -> dict[str, Any]:
@@ -333,20 +455,46 @@ def design_figures(design: DesignResult) -> Iterator[Named]:
         motion, flown = each.flight.motion, each.flight.planned.record
         outputs = zip(motion.system.output_names, motion.fit.lines[0].y, strict=True)
         shown = {name: row + offset_of(setting.model, name) for name, row in outputs}
-        courses.append(ManeuverCourse(f"{each.kind}, {pace_text(each)}", {channel.name: channel.values for channel in flown.inputs}, shown))
-    limits = {name: (setting.rest[name] - size, setting.rest[name] + size) for name, size in setting.limits.amplitude.items()}
+        courses.append(
+            ManeuverCourse(
+                f"{each.kind}, {pace_text(each)}",
+                {channel.name: channel.values for channel in flown.inputs},
+                shown,
+            )
+        )
+    limits = {
+        name: (setting.rest[name] - size, setting.rest[name] + size)
+        for name, size in setting.limits.amplitude.items()
+    }
     if design.best.responses is not None:
         kinds = [(each.kind, each.responses) for each in design.maneuvers]
-        title = f"{setting.vehicle.name}: coherence expected of one flight\ndotted: 0.6, from which a response is usable"
+        title = (
+            f"{setting.vehicle.name}: coherence expected of one flight\ndotted: 0.6, from which a "
+            "response is usable"
+        )
         yield "coherence", partial(figure_coherence, kinds, title)
-    title = f"{setting.vehicle.name}: maneuvers at equal amplitude and time\nthe best: {design.best.kind}; dashed: limits"
-    yield "maneuvers", partial(figure_maneuvers, setting.room.time, courses, {**limits, **setting.limits.outputs}, units_shown(design), title)
+    title = (
+        f"{setting.vehicle.name}: maneuvers at equal amplitude and time\nthe best: "
+        f"{design.best.kind}; dashed: limits"
+    )
+    yield (
+        "maneuvers",
+        partial(
+            figure_maneuvers,
+            setting.room.time,
+            courses,
+            {**limits, **setting.limits.outputs},
+            units_shown(design),
+            title,
+        ),
+    )
 
 
 # ---- The page of a design: which maneuver to fly, what it would tell, and how far it goes
 
 RULE = (
-    "A maneuver decides where the loop would find the effect that acts and prefer it to the other by more than the three units of twice the log "
+    "A maneuver decides where the loop would find the effect that acts and prefer it to the other "
+    "by more than the three units of twice the log "
     "likelihood below which it calls two names ambiguous"
 )
 
@@ -355,7 +503,14 @@ def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
     """The page of a design with the figures ``drawn``."""
     setting, told = design.setting, bool(design.acting)
     word, _, rest = verdict_of(design).partition(": ")
-    inputs = [(use, file.name, file.sha256) for use, file in (("vehicle", setting.vehicle.identity), ("model", setting.vehicle.own_file)) if file]
+    inputs = [
+        (use, file.name, file.sha256)
+        for use, file in (
+            ("vehicle", setting.vehicle.identity),
+            ("model", setting.vehicle.own_file),
+        )
+        if file
+    ]
     names, rows = sigma_table(design)
     return Page(
         title=f"{setting.vehicle.name}: maneuver design",
@@ -366,16 +521,33 @@ def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
         summary=(),
         warnings=(),
         sections=(
-            *section("Maneuvers", rows_table("Equal amplitude and time, within the limits, the best first", *comparison(design))),
+            *section(
+                "Maneuvers",
+                rows_table(
+                    "Equal amplitude and time, within the limits, the best first",
+                    *comparison(design),
+                ),
+            ),
             *(
-                section("Who is told from whom", rows_table(f"The {design.best.kind}", *contest_table(design)), Prose(f"{RULE}.", "note"))
+                section(
+                    "Who is told from whom",
+                    rows_table(f"The {design.best.kind}", *contest_table(design)),
+                    Prose(f"{RULE}.", "note"),
+                )
                 if told
                 else ()
             ),
-            *section("Expected frequency responses", rows_table("Of one flight", *response_table(design)) if design.best.responses else None),
+            *section(
+                "Expected frequency responses",
+                rows_table("Of one flight", *response_table(design))
+                if design.best.responses
+                else None,
+            ),
             *section("Expected standard deviations", rows_table("Cramer-Rao bounds", names, rows)),
             *section("Figures", *figures(drawn)),
-            *section("What it rests on", Bullets(tuple(map(as_sentence, map(capital, notes_of(design)))))),
+            *section(
+                "What it rests on", Bullets(tuple(map(as_sentence, map(capital, notes_of(design)))))
+            ),
         ),
         reproduction=reproduction(shlex.split(design.asked.command()), "", inputs),
         created=now(),
@@ -390,9 +562,11 @@ EXPECTED = "expected"
 
 
 def write_design(design: DesignResult, folder: str | Path, *, figures: Formats = USUAL) -> Path:
-    """Write ``maneuver.csv`` (the best), ``maneuver_KIND.csv`` of each kind, ``expected.csv``, figures, the page, ``design.json``; the folder.
+    """Write ``maneuver.csv`` (the best), ``maneuver_KIND.csv`` of each kind, ``expected.csv``,
+    figures, the page, ``design.json``; the folder.
 
-    The CSV have ``time`` and the inputs in SI, held between samples, as the JSON beside each says; of a model of totals the trim is in them.
+    The CSV have ``time`` and the inputs in SI, held between samples, as the JSON beside each says;
+    of a model of totals the trim is in them.
     """
     with study_folder(folder, MAIN) as scratch:
         write_maneuver(scratch, design.best, FLOWN)
@@ -420,12 +594,21 @@ def write_maneuver(folder: Path, maneuver: DesignedManeuver, stem: str = FLOWN) 
 
 
 def _expected(design: DesignResult) -> str:
-    """Outputs that the model has in the best maneuver, beside its inputs; load factors of perturbations without the weight, as a fit has them."""
+    """Outputs that the model has in the best maneuver, beside its inputs; load factors of
+    perturbations without the weight, as a fit has them.
+    """
     flight = design.best.flight
-    columns = {TIME: design.setting.room.time, **{channel.name: channel.values for channel in flight.planned.record.inputs}}
-    columns |= dict(zip(flight.motion.system.output_names, flight.motion.fit.lines[0].y, strict=True))
+    columns = {
+        TIME: design.setting.room.time,
+        **{channel.name: channel.values for channel in flight.planned.record.inputs},
+    }
+    columns |= dict(
+        zip(flight.motion.system.output_names, flight.motion.fit.lines[0].y, strict=True)
+    )
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows([f"{value:.9g}" for value in row] for row in zip(*columns.values(), strict=True))
+    writer.writerows(
+        [f"{value:.9g}" for value in row] for row in zip(*columns.values(), strict=True)
+    )
     return text.getvalue()

@@ -20,12 +20,25 @@ from scenarios.files.sources import Source
 from scenarios.files.user_models import OwnModel, channel_units, inputs_at_rest, is_own, unit_in
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.identification.model_checks import PULSE, doublet_motion
-from scenarios.preparation.declared_model import model_of_file, outputs_with_bias, root_sizes, step_for
+from scenarios.preparation.declared_model import (
+    model_of_file,
+    outputs_with_bias,
+    root_sizes,
+    step_for,
+)
 from scenarios.preparation.measured_inputs import of_totals
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.errors import DeclarationError
-from sim.maneuvers import Maneuver, MultiStep, Spacing, Sweep, doublet, least_peak_multisine, three_two_one_one
+from sim.maneuvers import (
+    Maneuver,
+    MultiStep,
+    Spacing,
+    Sweep,
+    doublet,
+    least_peak_multisine,
+    three_two_one_one,
+)
 from sim.maths import G0, complex_step_jacobian
 from sim.record import Channel, Hold, Record
 
@@ -36,16 +49,18 @@ TYPICAL, JUST_FOUND = "typical", "found"
 
 @dataclass(frozen=True, eq=False)
 class DesignRequest:
-    """What is asked. Texts are as they are typed, ``NAME=VALUE``, values with a unit where they have another than SI.
+    """What is asked. Texts are as they are typed, ``NAME=VALUE``, values with a unit where they
+    have another than SI.
 
     Attributes
     ----------
     model, vehicle : as of ``identify``. limits : a TOML file, or its content.
     tell : names of effects to be told apart, the first against each other one.
-    size : ``typical``, ``found`` (just found in the reference maneuver), or ``KEY=VALUE,...`` of the first effect's own parameters.
-    values : derivatives that are better known than from the vehicle file. noise, amplitude : by output, by input.
-    duration, rate : s and samples a second; None: as the model's roots, or the band, ask for.
-    band : Hz; sweeps and multisines over it, compared by the frequency responses that they give.
+    size : ``typical``, ``found`` (just found in the reference maneuver), or ``KEY=VALUE,...`` of
+    the first effect's own parameters. values : derivatives that are better known than from the
+    vehicle file. noise, amplitude : by output, by input. duration, rate : s and samples a second;
+    None: as the model's roots, or the band, ask for. band : Hz; sweeps and multisines over it,
+    compared by the frequency responses that they give.
     """
 
     model: str | OwnModel
@@ -64,12 +79,18 @@ class DesignRequest:
     def command(self) -> str:
         """What is typed for it."""
         words = ["flightid", "design", "--model", self.command_names.get("model", str(self.model))]
-        vehicle = self.command_names.get("vehicle", str(self.vehicle) if isinstance(self.vehicle, Path) else "")
+        vehicle = self.command_names.get(
+            "vehicle", str(self.vehicle) if isinstance(self.vehicle, Path) else ""
+        )
         words += ["--vehicle", vehicle] if vehicle else []
         words += ["--limits", str(self.limits)] if isinstance(self.limits, Path) else []
         words += ["--tell", ",".join(self.tell)] if self.tell else []
         words += ["--size", self.size] if self.tell and self.size != TYPICAL else []
-        for option, texts in (("--value", self.values), ("--noise", self.noise), ("--amplitude", self.amplitude)):
+        for option, texts in (
+            ("--value", self.values),
+            ("--noise", self.noise),
+            ("--amplitude", self.amplitude),
+        ):
             words += [option, ",".join(texts)] if texts else []
         words += ["--duration", f"{self.duration:g}"] if self.duration is not None else []
         words += ["--rate", f"{self.rate:g}"] if self.rate is not None else []
@@ -86,12 +107,13 @@ MOST_HARMONICS = 60  # of all inputs together
 
 @dataclass(frozen=True)
 class Room:
-    """Where maneuvers have room: sample times ``(N,)`` in s, a ``pulse`` (s) that the roots ask for, and the number of inputs.
+    """Where maneuvers have room: sample times ``(N,)`` in s, a ``pulse`` (s) that the roots ask
+    for, and the number of inputs.
 
     The first and last two pulses are rest: the trim shows, and the motion dies out.
     ``corners`` : rad/s of each input, above which a sine of full amplitude is faster than the limit
-    of its rate: limit over amplitude; empty where no rate is limited. ``band`` : rad/s, of sweeps and
-    multisines; None follows the pace.
+    of its rate: limit over amplitude; empty where no rate is limited. ``band`` : rad/s, of sweeps
+    and multisines; None follows the pace.
     """
 
     time: np.ndarray
@@ -124,11 +146,16 @@ class Room:
         return float(self.time[-1]) - 2.0 * self.lead
 
 
-Shapes = np.ndarray | None  # (inputs, N) of largest magnitude one; None where the pace leaves no room
+# (inputs, N) of largest magnitude one; None where the pace leaves no room
+Shapes = np.ndarray | None
 
 
-def steps_in_turn(room: Room, pace: float, single: Callable[[float, float, float], Maneuver], units: float) -> Shapes:
-    """A maneuver of ``units`` paces on one input after the other, each round with the other sign, while there is time."""
+def steps_in_turn(
+    room: Room, pace: float, single: Callable[[float, float, float], Maneuver], units: float
+) -> Shapes:
+    """A maneuver of ``units`` paces on one input after the other, each round with the other sign,
+    while there is time.
+    """
     length, gap = units * pace, max(2.0 * room.pulse, pace)
     out = np.zeros((room.inputs, len(room.time)))
     at, count = room.lead, 0
@@ -155,15 +182,18 @@ def sweeps(room: Room, pace: float) -> Shapes:
         begin = room.lead + i * each
         row = Sweep(1.0, low, high, each, begin, TAPER * each, Spacing.LOGARITHMIC)(room.time)
         at = np.clip((room.time - begin) / each, 0.0, 1.0)
-        rows.append(room.slow_enough(i, row * np.minimum(1.0, room.corner(i) / (low * (high / low) ** at))))
+        rows.append(
+            room.slow_enough(i, row * np.minimum(1.0, room.corner(i) / (low * (high / low) ** at)))
+        )
     return np.array(rows)
 
 
 def multisines(room: Room, pace: float) -> Shapes:
-    """Orthogonal multisines on all inputs at once, harmonics dealt out in turn up to half a period of ``pace``, phases of least peak.
+    """Orthogonal multisines on all inputs at once, harmonics dealt out in turn up to half a period
+    of ``pace``, phases of least peak.
 
-    Harmonics that would be faster than the limit of the rate are smaller, so that nothing is cut off
-    and the inputs stay orthogonal.
+    Harmonics that would be faster than the limit of the rate are smaller, so that nothing is cut
+    off and the inputs stay orthogonal.
     """
     samples = math.floor(room.active / room.interval + 1e-9)
     period = samples * room.interval
@@ -177,9 +207,13 @@ def multisines(room: Room, pace: float) -> Shapes:
     rows = []
     for i in range(room.inputs):
         own = range(lowest + i, highest + 1, room.inputs)
-        shares = [min(1.0, room.corner(i) * period / (2.0 * math.pi * harmonic)) for harmonic in own]
+        shares = [
+            min(1.0, room.corner(i) * period / (2.0 * math.pi * harmonic)) for harmonic in own
+        ]
         equal = min(shares) == max(shares)
-        row = least_peak_multisine(1.0, period, own, begin, shares=None if equal else shares)(room.time)
+        row = least_peak_multisine(1.0, period, own, begin, shares=None if equal else shares)(
+            room.time
+        )
         rows.append(room.slow_enough(i, row))
     return np.array(rows)
 
@@ -195,7 +229,9 @@ PACE_IS = {"3-2-1-1": "step", "doublet": "step", "sweep": "up to", "multisine": 
 
 
 def no_faster(rows: np.ndarray, rate: np.ndarray, interval: float) -> np.ndarray:
-    """Samples ``(inputs, N)`` that follow ``rows`` and change by no more than ``rate (inputs,)`` in a second."""
+    """Samples ``(inputs, N)`` that follow ``rows`` and change by no more than ``rate (inputs,)`` in
+    a second.
+    """
     out = rows.copy()
     if not np.any(np.isfinite(rate)):
         return out
@@ -206,30 +242,40 @@ def no_faster(rows: np.ndarray, rate: np.ndarray, interval: float) -> np.ndarray
 
 
 def as_held(record: Record) -> dict[str, MultiStep]:
-    """The inputs of a record as maneuvers that hold each sample until the next, for a truth to fly."""
+    """The inputs of a record as maneuvers that hold each sample until the next, for a truth to
+    fly.
+    """
     interval = float(record.time[-1] - record.time[-2])
     times = (*record.time.tolist(), float(record.time[-1] + interval))
-    return {channel.name: MultiStep(tuple(channel.values.tolist()), times) for channel in record.inputs}
+    return {
+        channel.name: MultiStep(tuple(channel.values.tolist()), times) for channel in record.inputs
+    }
 
 
 # ---- What a maneuver must not exceed
 
 DEGREE = np.pi / 180.0
-# Chosen: gentle flying that perturbations about trim still describe; load factors are totals, 1 in level flight.
+# Chosen: gentle flying that perturbations about trim still describe; load factors are totals, 1 in
+# level flight.
 USUAL: Mapping[str, tuple[float, float]] = {
     "nz": (0.0, 2.0),
     "ny": (-0.5, 0.5),
-    **{name: (-size * DEGREE, size * DEGREE) for name, size in {"q": 25.0, "beta": 10.0, "p": 60.0, "r": 20.0, "phi": 60.0}.items()},
+    **{
+        name: (-size * DEGREE, size * DEGREE)
+        for name, size in {"q": 25.0, "beta": 10.0, "p": 60.0, "r": 20.0, "phi": 60.0}.items()
+    },
 }
-ANGLE_OF_ATTACK, PITCH, SPEED = 8.0 * DEGREE, 20.0 * DEGREE, 0.1  # either side of the trim; of the airspeed a share
+# either side of the trim; of the airspeed a share
+ANGLE_OF_ATTACK, PITCH, SPEED = 8.0 * DEGREE, 20.0 * DEGREE, 0.1
 DEFLECTION = 5.0 * DEGREE
 THRUST = 0.05  # of the weight
 
 
 @dataclass(frozen=True)
 class Limits:
-    """``outputs`` : lowest and highest reading, SI and total load factors; ``amplitude`` : largest deflection from rest by input; ``rate`` : its
-    fastest change, unit/s, by input where it is limited."""
+    """``outputs`` : lowest and highest reading, SI and total load factors; ``amplitude`` : largest
+    deflection from rest by input; ``rate`` : its fastest change, unit/s, by input where it is
+    limited."""
 
     outputs: Mapping[str, tuple[float, float]]
     amplitude: Mapping[str, float]
@@ -237,12 +283,16 @@ class Limits:
 
 
 def offset_of(model: Model, output: str) -> float:
-    """What is added to an output of the model to have the total: of a load factor of perturbations the weight."""
+    """What is added to an output of the model to have the total: of a load factor of perturbations
+    the weight.
+    """
     return 1.0 if output == "nz" and not of_totals(model) else 0.0
 
 
 def usual_limits(model: Model, rest: Mapping[str, float]) -> Limits:
-    """Limits where nobody names any. ``rest`` : outputs in trim. A user's own model has those of channels that it calls the same."""
+    """Limits where nobody names any. ``rest`` : outputs in trim. A user's own model has those of
+    channels that it calls the same.
+    """
     outputs: dict[str, tuple[float, float]] = {}
     for signal in model.equations.outputs:
         name, at = signal.name, rest[signal.name]
@@ -254,17 +304,26 @@ def usual_limits(model: Model, rest: Mapping[str, float]) -> Limits:
             outputs[name] = ((1.0 - SPEED) * at, (1.0 + SPEED) * at)
         elif name in USUAL and (not is_own(model) or signal.unit in ("rad", "rad/s")):
             outputs[name] = USUAL[name]
-    return Limits(outputs, {signal.name: _usual_amplitude(model, signal.name, signal.unit) for signal in model.equations.inputs}, {})
+    return Limits(
+        outputs,
+        {
+            signal.name: _usual_amplitude(model, signal.name, signal.unit)
+            for signal in model.equations.inputs
+        },
+        {},
+    )
 
 
 def limits_of(given: Path | Mapping[str, Any] | None, model: Model, usual: Limits) -> Limits:
     """The usual limits with those of a file, or of its content, in their place.
 
-    Keys: ``OUTPUT_max`` (alone it holds to both sides of zero, but of a load factor), ``OUTPUT_min``, ``INPUT_amplitude``, ``INPUT_rate``.
+    Keys: ``OUTPUT_max`` (alone it holds to both sides of zero, but of a load factor),
+    ``OUTPUT_min``, ``INPUT_amplitude``, ``INPUT_rate``.
 
     Raises
     ------
-    DeclarationError : a key that there is not, a value of a wrong kind, unit or sign, a lowest above a highest.
+    DeclarationError : a key that there is not, a value of a wrong kind, unit or sign, a lowest
+    above a highest.
     """
     if given is None:
         return usual
@@ -275,22 +334,35 @@ def limits_of(given: Path | Mapping[str, Any] | None, model: Model, usual: Limit
     found: dict[str, dict[str, float]] = {}
     for key, value in content.items():
         if key not in known:
-            raise DeclarationError("there is no such key", where=f"{where}, key {key}", remedy=closest(key, known))
+            raise DeclarationError(
+                "there is no such key", where=f"{where}, key {key}", remedy=closest(key, known)
+            )
         name, kind, unit = known[key]
         number = number_in(value, unit, f"{where}, key {key}")
         if kind in ("amplitude", "rate"):
             if number <= 0.0:
-                raise DeclarationError(f"value {number:g} is not above 0", where=f"{where}, key {key}", remedy="give a positive number")
+                raise DeclarationError(
+                    f"value {number:g} is not above 0",
+                    where=f"{where}, key {key}",
+                    remedy="give a positive number",
+                )
             (amplitude if kind == "amplitude" else rate)[name] = number
         else:
             found.setdefault(name, {})[kind] = number
     for name, ends in found.items():
         low, high = outputs.get(name, (-np.inf, np.inf))
         high = ends.get("max", high)
-        # A pull-up's limit says nothing of a push-over's; an angle's or a rate's holds to both sides.
-        low = ends.get("min", low if name in ("nz", "airspeed") or "max" not in ends else -abs(high))
+        # A pull-up's limit says nothing of a push-over's; an angle's or a rate's holds to both
+        # sides.
+        low = ends.get(
+            "min", low if name in ("nz", "airspeed") or "max" not in ends else -abs(high)
+        )
         if not low < high:
-            raise DeclarationError(f"{low:g} is not below {high:g}", where=f"{where}, key {name}_max", remedy="give a highest above the lowest")
+            raise DeclarationError(
+                f"{low:g} is not below {high:g}",
+                where=f"{where}, key {name}_max",
+                remedy="give a highest above the lowest",
+            )
         outputs[name] = (low, high)
     return Limits(outputs, amplitude, rate)
 
@@ -320,14 +392,24 @@ def _usual_amplitude(model: Model, name: str, unit: str) -> float:
 
 # Standard deviations of usual instruments, SI and g, where nobody names any.
 INSTRUMENTS: Mapping[str, float] = {
-    **{"alpha": 0.0012, "q": 0.0015, "nz": 0.012, "beta": 0.0012, "p": 0.0015, "r": 0.0015, "phi": 0.0015, "ny": 0.005},
+    **{
+        "alpha": 0.0012,
+        "q": 0.0015,
+        "nz": 0.012,
+        "beta": 0.0012,
+        "p": 0.0015,
+        "r": 0.0015,
+        "phi": 0.0015,
+        "ny": 0.005,
+    },
     **{"airspeed": 0.2, "theta": 0.0015, "nx": 0.004},
 }
 SHARE = 0.01  # of an output's largest move under doublets, of a user's own model
 RATE, DURATION = 50.0, 20.0  # samples a second, s
 SAMPLES, PULSES = 20.0, 40.0  # of an own model: in a pulse, and pulses in its flight
 SLOW = 0.1  # of the quickest root: a slower one sets no step
-PER_PERIOD, CYCLES = 10.0, 5.0  # samples of the highest frequency of a band, periods of its lowest for each input
+# samples of the highest frequency of a band, periods of its lowest for each input
+PER_PERIOD, CYCLES = 10.0, 5.0
 MOST_SAMPLES = 20_000  # a design simulates hundreds of flights
 
 
@@ -335,7 +417,8 @@ MOST_SAMPLES = 20_000  # a design simulates hundreds of flights
 class Setting:
     """What a design works on.
 
-    ``model`` has its biases and starts in trim; ``rest`` are the inputs there, ``still`` the outputs, by name. ``step`` s of a fit.
+    ``model`` has its biases and starts in trim; ``rest`` are the inputs there, ``still`` the
+    outputs, by name. ``step`` s of a fit.
     """
 
     vehicle: VehicleFile
@@ -352,14 +435,30 @@ class Setting:
         return 1.0 / self.room.interval
 
     def planned(self, rows: np.ndarray, *, quick: bool = False) -> Planned:
-        """A flight of inputs ``(inputs, N)`` from rest; ``quick``: in steps that only compare maneuvers."""
+        """A flight of inputs ``(inputs, N)`` from rest; ``quick``: in steps that only compare
+        maneuvers.
+        """
         units = channel_units(self.model)
         names = [signal.name for signal in self.model.equations.inputs]
-        inputs = [Channel.of(name, units[name], self.rest[name] + row) for name, row in zip(names, rows, strict=True)]
-        outputs = [Channel.of(name, units[name], np.full(len(self.room.time), self.still[name])) for name in self.noise]
-        record = Record(self.room.time, tuple(inputs), tuple(outputs), Hold.PREVIOUS, "planned maneuver")
+        inputs = [
+            Channel.of(name, units[name], self.rest[name] + row)
+            for name, row in zip(names, rows, strict=True)
+        ]
+        outputs = [
+            Channel.of(name, units[name], np.full(len(self.room.time), self.still[name]))
+            for name in self.noise
+        ]
+        record = Record(
+            self.room.time, tuple(inputs), tuple(outputs), Hold.PREVIOUS, "planned maneuver"
+        )
         step = max(self.step, min(self.room.interval, 2.5 * self.step)) if quick else self.step
-        return Planned(record, self.model, tuple(self.noise), np.array([*self.noise.values()]), FitSettings(max_step=step, enough=1e-6))
+        return Planned(
+            record,
+            self.model,
+            tuple(self.noise),
+            np.array([*self.noise.values()]),
+            FitSettings(max_step=step, enough=1e-6),
+        )
 
 
 def setting_of(asked: DesignRequest) -> Setting:
@@ -372,9 +471,22 @@ def setting_of(asked: DesignRequest) -> Setting:
     vehicle = read_vehicle(asked.vehicle, asked.model)
     model = model_of_file(vehicle).with_noise(Noise())
     if not model.equations.inputs:
-        what = f"the {model.name} model has no input to design: what it does follows from where it begins"
-        raise DeclarationError(what, where="--model", remedy="vary height and speed of release with flightid run NAME --set")
-    model = model.with_values(numbers_of(asked.values, {item.name: item.unit for item in model.parameters if item.free}, "--value"))
+        what = (
+            f"the {model.name} model has no input to design: what it does follows from where it "
+            "begins"
+        )
+        raise DeclarationError(
+            what,
+            where="--model",
+            remedy="vary height and speed of release with flightid run NAME --set",
+        )
+    model = model.with_values(
+        numbers_of(
+            asked.values,
+            {item.name: item.unit for item in model.parameters if item.free},
+            "--value",
+        )
+    )
     model, rest = in_trim(model)
     still = _outputs_at(model, rest)
     pulse = PULSE / _frequency(model, rest)
@@ -389,17 +501,23 @@ def setting_of(asked: DesignRequest) -> Setting:
     room = replace(room, corners=tuple(corners) if np.any(np.isfinite(corners)) else ())
     biased = model.with_biases(outputs_with_bias(model, list(noise)))
     setting = Setting(vehicle, biased, room, limits, noise, rest, still, 0.01)
-    return replace(setting, step=step_for(model, [setting.planned(np.zeros((len(rest), len(room.time)))).record], 0.01))
+    return replace(
+        setting,
+        step=step_for(model, [setting.planned(np.zeros((len(rest), len(room.time)))).record], 0.01),
+    )
 
 
 def in_trim(model: Model) -> tuple[Model, dict[str, float]]:
-    """The model where it is at rest, and its inputs there: perturbations and own models as they are, totals in level flight by Newton's method.
+    """The model where it is at rest, and its inputs there: perturbations and own models as they
+    are, totals in level flight by Newton's method.
 
     Raises DeclarationError where there is no level flight at the reference airspeed.
     """
     names = [signal.name for signal in model.equations.inputs]
     rest = dict(zip(names, inputs_at_rest(model), strict=True))
-    if is_own(model) or not {"airspeed", "theta"} <= {state.name for state in model.equations.states}:
+    if is_own(model) or not {"airspeed", "theta"} <= {
+        state.name for state in model.equations.states
+    }:
         return model, rest
     system, p = compile_model(model), model.parameters.values().tolist()
     states, speed = list(system.state_names), model.initial["airspeed"].value
@@ -407,23 +525,48 @@ def in_trim(model: Model) -> tuple[Model, dict[str, float]]:
     def rates(v: list[Any]) -> list[Any]:
         alpha, elevator, thrust = v
         x = [{"airspeed": speed, "alpha": alpha, "theta": alpha, "q": 0.0}[name] for name in states]
-        found = dict(zip(states, system.f(0.0, x, [{"elevator": elevator, "thrust": thrust}[name] for name in names], p), strict=True))
+        found = dict(
+            zip(
+                states,
+                system.f(
+                    0.0, x, [{"elevator": elevator, "thrust": thrust}[name] for name in names], p
+                ),
+                strict=True,
+            )
+        )
         return [found["airspeed"], found["alpha"], found["q"]]
 
     at = np.zeros(3)
     for _ in range(30):
-        step = np.linalg.lstsq(complex_step_jacobian(rates, at.tolist()), np.array(rates(at.tolist()), dtype=float), rcond=None)[0]
+        step = np.linalg.lstsq(
+            complex_step_jacobian(rates, at.tolist()),
+            np.array(rates(at.tolist()), dtype=float),
+            rcond=None,
+        )[0]
         at = at - step
-    if not (np.all(np.isfinite(at)) and np.max(np.abs(rates(at.tolist()))) < 1e-6 and abs(at[0]) < 0.6):
-        raise DeclarationError("there is no level flight with these numbers", where=f"{speed:g} m/s", remedy="check the vehicle file")
+    if not (
+        np.all(np.isfinite(at)) and np.max(np.abs(rates(at.tolist()))) < 1e-6 and abs(at[0]) < 0.6
+    ):
+        raise DeclarationError(
+            "there is no level flight with these numbers",
+            where=f"{speed:g} m/s",
+            remedy="check the vehicle file",
+        )
     start = model.initial.with_values({"alpha": at[0], "theta": at[0]})
     return model.with_initial(start), {"elevator": float(at[1]), "thrust": float(at[2])}
 
 
 def _outputs_at(model: Model, rest: Mapping[str, float]) -> dict[str, float]:
     system = compile_model(model)
-    values = system.h(0.0, system.initial.values().tolist(), list(rest.values()), system.parameters.values().tolist())
-    return {name: float(np.real(value)) for name, value in zip(system.output_names, values, strict=True)}
+    values = system.h(
+        0.0,
+        system.initial.values().tolist(),
+        list(rest.values()),
+        system.parameters.values().tolist(),
+    )
+    return {
+        name: float(np.real(value)) for name, value in zip(system.output_names, values, strict=True)
+    }
 
 
 def _frequency(model: Model, rest: Mapping[str, float]) -> float:
@@ -449,11 +592,15 @@ def _refuse_band(asked: DesignRequest) -> None:
 def _room(asked: DesignRequest, model: Model, pulse: float) -> Room:
     for option, value in (("--duration", asked.duration), ("--rate", asked.rate)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
-            raise DeclarationError(f"{value:g} is not above 0", where=option, remedy="give a positive number")
+            raise DeclarationError(
+                f"{value:g} is not above 0", where=option, remedy="give a positive number"
+            )
     own = is_own(model)
     rate = asked.rate or (_rounded(SAMPLES / pulse) if own else RATE)
     least = pulse * (4.0 * len(model.equations.inputs) + 5.0)
-    duration = asked.duration or (math.ceil(PULSES * pulse * rate) / rate if own else max(DURATION, math.ceil(1.5 * least)))
+    duration = asked.duration or (
+        math.ceil(PULSES * pulse * rate) / rate if own else max(DURATION, math.ceil(1.5 * least))
+    )
     band = None
     if asked.band is not None:
         low, high = asked.band
@@ -461,18 +608,30 @@ def _room(asked: DesignRequest, model: Model, pulse: float) -> Room:
         rate = asked.rate or max(rate, _rounded(PER_PERIOD * high))
         if PER_PERIOD * high > rate * (1.0 + 1e-9):
             what = f"{rate:g} samples a second are too few for {high:g} Hz"
-            raise DeclarationError(what, where="--rate", remedy=f"give {PER_PERIOD * high:g} or more")
+            raise DeclarationError(
+                what, where="--rate", remedy=f"give {PER_PERIOD * high:g} or more"
+            )
         needed = CYCLES / low * len(model.equations.inputs) + 4.0 * pulse + 2.0 / rate
         duration = asked.duration or math.ceil(max(duration, needed))
         if duration < 0.8 * needed:
             what = f"{duration:g} s are too short for {low:g} Hz"
-            raise DeclarationError(what, where="--duration", remedy=f"give {math.ceil(needed)} s, five periods for each input")
+            raise DeclarationError(
+                what,
+                where="--duration",
+                remedy=f"give {math.ceil(needed)} s, five periods for each input",
+            )
     count = round(duration * rate)
     if count > MOST_SAMPLES:
-        raise DeclarationError(f"{count} samples", where="--duration, --rate", remedy=f"ask for {MOST_SAMPLES} at most")
+        raise DeclarationError(
+            f"{count} samples", where="--duration, --rate", remedy=f"ask for {MOST_SAMPLES} at most"
+        )
     room = Room(np.arange(count + 1) / rate, pulse, len(model.equations.inputs), band=band)
     if count < 20 or room.active < 4.0 * pulse * room.inputs:
-        raise DeclarationError(f"{duration:g} s leave no room for a maneuver", where="--duration", remedy=f"give {least:.2g} s or more")
+        raise DeclarationError(
+            f"{duration:g} s leave no room for a maneuver",
+            where="--duration",
+            remedy=f"give {least:.2g} s or more",
+        )
     return room
 
 
@@ -485,9 +644,17 @@ def _noise(asked: DesignRequest, model: Model) -> dict[str, float]:
     if not is_own(model):
         return {name: INSTRUMENTS[name] for name in units}
     sizes = doublet_motion(model).sizes
-    found = {name: float(f"{SHARE * size:.2g}") for name, size in zip(units, sizes, strict=True) if size > 0.0}
+    found = {
+        name: float(f"{SHARE * size:.2g}")
+        for name, size in zip(units, sizes, strict=True)
+        if size > 0.0
+    }
     if not found:
-        raise DeclarationError("no output moves", where="--noise", remedy="name the outputs that are measured, --noise NAME=SIZE")
+        raise DeclarationError(
+            "no output moves",
+            where="--noise",
+            remedy="name the outputs that are measured, --noise NAME=SIZE",
+        )
     return found
 
 
@@ -498,9 +665,15 @@ def numbers_of(texts: Sequence[str], units: Mapping[str, str], option: str) -> d
         name, equals, value = (part.strip() for part in word.partition("="))
         where = f"{option} {word.strip()}"
         if not equals:
-            raise DeclarationError("this is not NAME=VALUE", where=where, remedy=f"write for example {option} {next(iter(units), 'NAME')}=0.1")
+            raise DeclarationError(
+                "this is not NAME=VALUE",
+                where=where,
+                remedy=f"write for example {option} {next(iter(units), 'NAME')}=0.1",
+            )
         if name not in units:
-            raise DeclarationError(f"there is no {name!r} here", where=where, remedy=closest(name, units))
+            raise DeclarationError(
+                f"there is no {name!r} here", where=where, remedy=closest(name, units)
+            )
         out[name] = number_in(_typed(value), units[name], where)
     return out
 
@@ -515,11 +688,17 @@ def _typed(text: str) -> float | str:
 def _positive(numbers: dict[str, float], option: str) -> dict[str, float]:
     for name, value in numbers.items():
         if value <= 0.0:
-            raise DeclarationError(f"{value:g} is not above 0", where=f"{option} {name}", remedy="give a positive number")
+            raise DeclarationError(
+                f"{value:g} is not above 0",
+                where=f"{option} {name}",
+                remedy="give a positive number",
+            )
     return numbers
 
 
 def _rounded(value: float) -> float:
     """The next of 1, 2, 5, 10, 20 ... that is not below."""
     decade = 10.0 ** math.floor(math.log10(value))
-    return next(decade * digit for digit in (1.0, 2.0, 5.0, 10.0) if decade * digit >= value * (1.0 - 1e-9))
+    return next(
+        decade * digit for digit in (1.0, 2.0, 5.0, 10.0) if decade * digit >= value * (1.0 - 1e-9)
+    )

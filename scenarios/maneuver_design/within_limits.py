@@ -12,14 +12,17 @@ from ident.tracing.candidate_model.fitted_model import FittedModel
 from scenarios.maneuver_design.setting import Setting, no_faster, offset_of
 from sim.errors import DeclarationError, ModelError
 
-ATTEMPTS, USUALLY, STUBBORN = 16, 4, 3.0  # behind a limit of the rate the peak hardly follows the amplitude
+# behind a limit of the rate the peak hardly follows the amplitude
+ATTEMPTS, USUALLY, STUBBORN = 16, 4, 3.0
 INSIDE = 0.999  # of a limit: a finer simulation differs by less
 TOO_WILD = 0.2  # by which a maneuver whose simulation leaves all measure is made smaller
 
 
 @dataclass(frozen=True, eq=False)
 class LimitedManeuver:
-    """A maneuver within its limits: ``rows (inputs, N)`` from rest, the share ``scale`` of the amplitude, its simulation, and extremes by output."""
+    """A maneuver within its limits: ``rows (inputs, N)`` from rest, the share ``scale`` of the
+    amplitude, its simulation, and extremes by output.
+    """
 
     rows: np.ndarray
     scale: float
@@ -29,10 +32,19 @@ class LimitedManeuver:
     bound_by: str
 
 
-def within_limits(setting: Setting, shapes: np.ndarray, *, quick: bool = False, start: float = 1.0, bound_by: str = "") -> LimitedManeuver:
-    """The maneuver of ``shapes (inputs, N)``, peaks of one, at the amplitude of the limits, or scaled down until the response stays inside.
+def within_limits(
+    setting: Setting,
+    shapes: np.ndarray,
+    *,
+    quick: bool = False,
+    start: float = 1.0,
+    bound_by: str = "",
+) -> LimitedManeuver:
+    """The maneuver of ``shapes (inputs, N)``, peaks of one, at the amplitude of the limits, or
+    scaled down until the response stays inside.
 
-    ``start`` : the scale to begin with, and ``bound_by`` what made it so. Raises DeclarationError where the limits leave nothing.
+    ``start`` : the scale to begin with, and ``bound_by`` what made it so. Raises DeclarationError
+    where the limits leave nothing.
     """
     amplitude = np.array([*setting.limits.amplitude.values()])[:, None]
     rate = np.array([setting.limits.rate.get(name, np.inf) for name in setting.limits.amplitude])
@@ -51,14 +63,22 @@ def within_limits(setting: Setting, shapes: np.ndarray, *, quick: bool = False, 
             return LimitedManeuver(rows, scale, planned, simulated(planned), extremes, bound_by)
         scale, bound_by = scale * INSIDE / worst ** (1.0 if attempt < USUALLY else STUBBORN), name
     raise DeclarationError(
-        f"no maneuver stays within {bound_by or 'the limits'}", where="--limits", remedy="widen it, shorten the flight, or check the starting values"
+        f"no maneuver stays within {bound_by or 'the limits'}",
+        where="--limits",
+        remedy="widen it, shorten the flight, or check the starting values",
     )
 
 
 def _extremes(setting: Setting, motion: FittedModel) -> dict[str, tuple[float, float]]:
     """Lowest and highest reading by output, load factors as totals."""
     rows = zip(motion.system.output_names, motion.fit.lines[0].y, strict=True)
-    return {name: (offset_of(setting.model, name) + float(row.min()), offset_of(setting.model, name) + float(row.max())) for name, row in rows}
+    return {
+        name: (
+            offset_of(setting.model, name) + float(row.min()),
+            offset_of(setting.model, name) + float(row.max()),
+        )
+        for name, row in rows
+    }
 
 
 def _worst(setting: Setting, extremes: Mapping[str, tuple[float, float]]) -> tuple[float, str]:
@@ -68,7 +88,11 @@ def _worst(setting: Setting, extremes: Mapping[str, tuple[float, float]]) -> tup
         least, most = setting.limits.outputs.get(name, (-np.inf, np.inf))
         at = setting.still[name] + offset_of(setting.model, name)
         if not least < at < most:
-            raise DeclarationError(f"{name} is {at:g} before any maneuver", where="--limits", remedy="let the limits hold the rest")
+            raise DeclarationError(
+                f"{name} is {at:g} before any maneuver",
+                where="--limits",
+                remedy="let the limits hold the rest",
+            )
         share = max((at - low) / (at - least), (high - at) / (most - at))
         if share > worst:
             worst, whose = share, name

@@ -42,14 +42,41 @@ if TYPE_CHECKING:
 # ---- A page as HTML
 
 _DARK = {
-    **{"paper": "#14171b", "ink": "#e8eaed", "soft": "#a9b0b8", "line": "#363c44", "fill": "#1d2127", "accent": "#7cc0f0"},
+    **{
+        "paper": "#14171b",
+        "ink": "#e8eaed",
+        "soft": "#a9b0b8",
+        "line": "#363c44",
+        "fill": "#1d2127",
+        "accent": "#7cc0f0",
+    },
     **{"good": "#5fd0ae", "fair": "#f0b45c", "open": "#ff9a70"},
-    **{"f-black": "#e8eaed", "f-white": "#14171b", "f-light": "#363c44", "f-grey": "#9aa1a9", "f-blue": "#4fb0ea"},
-    **{"f-vermilion": "#ff8f45", "f-green": "#2fc99b", "f-purple": "#e29ac3", "f-sky": "#3d82ad", "f-orange": "#f0b23a"},
+    **{
+        "f-black": "#e8eaed",
+        "f-white": "#14171b",
+        "f-light": "#363c44",
+        "f-grey": "#9aa1a9",
+        "f-blue": "#4fb0ea",
+    },
+    **{
+        "f-vermilion": "#ff8f45",
+        "f-green": "#2fc99b",
+        "f-purple": "#e29ac3",
+        "f-sky": "#3d82ad",
+        "f-orange": "#f0b23a",
+    },
 }
-# Colours of the figures (`scenarios/plots/style.py`) by the name of the variable that stands for them on a page.
+# Colours of the figures (`scenarios/plots/style.py`) by the name of the variable that stands for
+# them on a page.
 _FIGURES = {
-    **{"#000000": "f-black", "#ffffff": "f-white", "#d9d9d9": "f-light", "#7f7f7f": "f-grey", "#0072b2": "f-blue", "#d55e00": "f-vermilion"},
+    **{
+        "#000000": "f-black",
+        "#ffffff": "f-white",
+        "#d9d9d9": "f-light",
+        "#7f7f7f": "f-grey",
+        "#0072b2": "f-blue",
+        "#d55e00": "f-vermilion",
+    },
     **{"#009e73": "f-green", "#cc79a7": "f-purple", "#56b4e9": "f-sky", "#e69f00": "f-orange"},
 }
 
@@ -57,19 +84,29 @@ _FIGURES = {
 def page_html(page: Page) -> str:
     """The page; the same for the same content.
 
-    Its policy allows the one style and the one script that are in it, by their hashes, and nothing from anywhere.
+    Its policy allows the one style and the one script that are in it, by their hashes, and nothing
+    from anywhere.
     """
     from markupsafe import Markup
 
     style, script = _style(), _resource("page.js")
-    inputs = Table("Input files", (Column("use"), Column("file", code=True), Column("SHA-256", code=True)), page.reproduction.inputs)
+    inputs = Table(
+        "Input files",
+        (Column("use"), Column("file", code=True), Column("SHA-256", code=True)),
+        page.reproduction.inputs,
+    )
     text = _template().render(
         page=page,
-        policy=f"default-src 'none'; style-src '{_digest(style)}'; script-src '{_digest(script)}'; base-uri 'none'; form-action 'none'",
+        policy=(
+            f"default-src 'none'; style-src '{_digest(style)}'; script-src '{_digest(script)}'; "
+            "base-uri 'none'; form-action 'none'"
+        ),
         style=Markup(style),
         script=Markup(script),
         version=page.reproduction.versions.get("flightid", ""),
-        versions=", ".join(f"{name} {version}" for name, version in page.reproduction.versions.items()),
+        versions=", ".join(
+            f"{name} {version}" for name, version in page.reproduction.versions.items()
+        ),
         sections=list(_named(page.sections)),
         inputs=inputs,
     )
@@ -97,8 +134,18 @@ def _template() -> Template:
     from jinja2 import Environment, StrictUndefined
     from markupsafe import Markup
 
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters |= {"signs": signs, "kind": _kind, "rows": _rows, "numeric": _numeric, "unit": _unit, "day": _day, "drawing": Markup}
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= {
+        "signs": signs,
+        "kind": _kind,
+        "rows": _rows,
+        "numeric": _numeric,
+        "unit": _unit,
+        "day": _day,
+        "drawing": Markup,
+    }
     return environment.from_string(_resource("page.html"))
 
 
@@ -121,15 +168,25 @@ def _unit(column: Column) -> str:
 
 def _day(created: str) -> str:
     """``2026-11-23 08:10 UTC`` of a time stamp."""
-    return f"{created[:10]} {created[11:16]} UTC" if len(created) >= len("2026-11-23T08:10") else created
+    return (
+        f"{created[:10]} {created[11:16]} UTC"
+        if len(created) >= len("2026-11-23T08:10")
+        else created
+    )
 
 
 @cache
 def _style() -> str:
-    rules = "".join(f'svg [{use}="{colour}"] {{ {use}: var(--{name}); }}\n' for colour, name in _FIGURES.items() for use in ("fill", "stroke"))
+    rules = "".join(
+        f'svg [{use}="{colour}"] {{ {use}: var(--{name}); }}\n'
+        for colour, name in _FIGURES.items()
+        for use in ("fill", "stroke")
+    )
     style = _resource("page.css")
     light = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", style[: style.index("}")]))
-    dark = "color-scheme: dark; " + " ".join(f"--{name}: {colour};" for name, colour in _DARK.items())
+    dark = "color-scheme: dark; " + " ".join(
+        f"--{name}: {colour};" for name, colour in _DARK.items()
+    )
     bright = " ".join(f"--{name}: {colour};" for name, colour in light.items())
     style = style.replace("--dark: 1; /*DARK*/", dark).replace("/*LIGHT*/", bright)
     return style.replace("@media print", rules + "@media print", 1)
@@ -149,7 +206,9 @@ SCHEMA = "flightid/report/1"
 _MOST = 1_000_000  # of digits and rows that a page may ask for
 _TAG = "svg|g|defs|clipPath|rect|path|text|tspan"
 _ATTRIBUTE = r'\s(?!on|href|style|src)[a-zA-Z][a-zA-Z-]*="(?:url\(#[\w-]+\)|(?!url)[^"<>]*)"'
-_ELEMENT = re.compile(rf"/(?:{_TAG})>[^>]*$|(?:{_TAG})(?:{_ATTRIBUTE})*\s*/?>[^>]*$", re.DOTALL | re.ASCII)
+_ELEMENT = re.compile(
+    rf"/(?:{_TAG})>[^>]*$|(?:{_TAG})(?:{_ATTRIBUTE})*\s*/?>[^>]*$", re.DOTALL | re.ASCII
+)
 Kind = TypeVar("Kind")
 
 
@@ -168,7 +227,8 @@ def page_content(page: Page) -> dict[str, Any]:
         "sections": [_section(each) for each in page.sections],
         "reproduction": {
             "commands": list(page.reproduction.commands),
-            "versions": [list(pair) for pair in page.reproduction.versions.items()],  # in their order, which keys would lose
+            # in their order, which keys would lose
+            "versions": [list(pair) for pair in page.reproduction.versions.items()],
             "seed": page.reproduction.seed,
             "inputs": [list(each) for each in page.reproduction.inputs],
         },
@@ -176,14 +236,17 @@ def page_content(page: Page) -> dict[str, Any]:
 
 
 def page_of(content: Mapping[str, Any]) -> Page:
-    """The page that ``page_content`` describes; a study may be somebody else's, so that every value is of its kind and figures only draw.
+    """The page that ``page_content`` describes; a study may be somebody else's, so that every value
+    is of its kind and figures only draw.
 
     Raises KeyError, TypeError or ValueError for a content that describes none.
     """
     if content["schema"] != SCHEMA:
         raise ValueError(content["schema"])
     again = content["reproduction"]
-    inputs = tuple((_text(use), _text(name), _text(digest)) for use, name, digest in _list(again["inputs"]))
+    inputs = tuple(
+        (_text(use), _text(name), _text(digest)) for use, name, digest in _list(again["inputs"])
+    )
     versions = {_text(name): _text(version) for name, version in _list(again["versions"])}
     return Page(
         _text(content["title"]),
@@ -201,12 +264,21 @@ def page_of(content: Mapping[str, Any]) -> Page:
 
 def _section(each: Section) -> dict[str, Any]:
     out: dict[str, Any] = {"title": each.title, "blocks": [_block(block) for block in each.blocks]}
-    return out | ({"parts": [_section(part) for part in each.parts]} if each.parts else {}) | ({"card": each.card} if each.card else {})
+    return (
+        out
+        | ({"parts": [_section(part) for part in each.parts]} if each.parts else {})
+        | ({"card": each.card} if each.card else {})
+    )
 
 
 def _section_of(content: Mapping[str, Any]) -> Section:
     parts = tuple(map(_section_of, _list(content.get("parts", []))))
-    return Section(_text(content["title"]), tuple(map(_block_of, _list(content["blocks"]))), parts, _text(content.get("card", "")))
+    return Section(
+        _text(content["title"]),
+        tuple(map(_block_of, _list(content["blocks"]))),
+        parts,
+        _text(content.get("card", "")),
+    )
 
 
 def _block(block: Block) -> dict[str, Any]:
@@ -221,13 +293,21 @@ def _block(block: Block) -> dict[str, Any]:
             return {"figure": block.name, "svg": block.svg, "caption": block.caption}
         case Table():
             columns = [_column(column) for column in block.columns]
-            out: dict[str, Any] = {"table": block.caption, "columns": columns, "rows": [list(map(_cell, row)) for row in block.rows]}
+            out: dict[str, Any] = {
+                "table": block.caption,
+                "columns": columns,
+                "rows": [list(map(_cell, row)) for row in block.rows],
+            }
             out |= {"units": list(block.units)} if block.units else {}
             return out | ({} if block.printed is None else {"printed": block.printed})
 
 
 def _column(column: Column) -> dict[str, Any]:
-    return {"heading": column.heading, **({} if column.unit is None else {"unit": column.unit}), **({"code": True} if column.code else {})}
+    return {
+        "heading": column.heading,
+        **({} if column.unit is None else {"unit": column.unit}),
+        **({"code": True} if column.code else {}),
+    }
 
 
 def _block_of(content: Mapping[str, Any]) -> Block:
@@ -256,7 +336,13 @@ def _cell(cell: Cell) -> Any:
     if isinstance(cell, Link):
         return {"text": cell.text, "to": cell.to}
     out: dict[str, Any] = {"value": cell.value}
-    further = {"sigma": cell.sigma, "unit": cell.unit or None, "digits": cell.digits, "signed": cell.signed or None, "shown": cell.shown or None}
+    further = {
+        "sigma": cell.sigma,
+        "unit": cell.unit or None,
+        "digits": cell.digits,
+        "signed": cell.signed or None,
+        "shown": cell.shown or None,
+    }
     return out | {key: value for key, value in further.items() if value is not None}
 
 
@@ -310,10 +396,16 @@ def _count(value: Any) -> int:
 
 
 def _drawing(value: Any) -> str:
-    """The ``<svg>`` of a figure as our renderer writes it: elements that draw, and no attribute that runs or loads anything."""
+    """The ``<svg>`` of a figure as our renderer writes it: elements that draw, and no attribute
+    that runs or loads anything.
+    """
     text = _text(value)
     parts = text.split("<")
-    if parts[0] or not (text.startswith("<svg ") and text.endswith("</svg>")) or not all(_ELEMENT.match(part) for part in parts[1:]):
+    if (
+        parts[0]
+        or not (text.startswith("<svg ") and text.endswith("</svg>"))
+        or not all(_ELEMENT.match(part) for part in parts[1:])
+    ):
         raise ValueError("a figure holds more than a drawing")
     return text
 
@@ -351,19 +443,33 @@ def rebuilt(folder: str | Path) -> Path:
     folder = Path(folder)
     source = folder / CONTENT
     if not folder.is_dir():
-        raise FlightidError("there is no such folder", where=str(folder), remedy="name the folder of a study, what --out was given")
+        raise FlightidError(
+            "there is no such folder",
+            where=str(folder),
+            remedy="name the folder of a study, what --out was given",
+        )
     if not source.is_file():
-        raise FlightidError(f"has no {CONTENT}: {_older(folder)}", where=str(folder), remedy=_again(folder))
+        raise FlightidError(
+            f"has no {CONTENT}: {_older(folder)}", where=str(folder), remedy=_again(folder)
+        )
     content = read_content(source, FlightidError, "the folder of a study", MOST_DOCUMENT)
     try:
         text = page_html(page_of(json_value(content)))
     except (KeyError, TypeError, ValueError, AttributeError, FlightidError):
-        raise FlightidError("is no content of a page that this version can show", where=str(source), remedy=_again(folder)) from None
+        raise FlightidError(
+            "is no content of a page that this version can show",
+            where=str(source),
+            remedy=_again(folder),
+        ) from None
     target = folder / PAGE
     try:
         write_text(target, text)
     except OSError as error:
-        raise FlightidError(f"cannot be written ({error.strerror})", where=str(target), remedy="name a folder that you may write in") from None
+        raise FlightidError(
+            f"cannot be written ({error.strerror})",
+            where=str(target),
+            remedy="name a folder that you may write in",
+        ) from None
     return target
 
 
@@ -382,11 +488,18 @@ def _again(folder: Path) -> str:
     name = document.get("scenario")
     if not document:
         return "name the folder that --out was given"
-    if document.get("schema") == "flightid/comparison/1" and isinstance(name, str) and "seed" in document:
+    if (
+        document.get("schema") == "flightid/comparison/1"
+        and isinstance(name, str)
+        and "seed" in document
+    ):
         return f"run it again: flightid run {name} --seed {document['seed']} --out {folder}"
     if isinstance(name, str) and "runs" in document:
         seed = document.get("seed", document.get("first_seed", 1))
-        return f"run it again: flightid campaign {name} --runs {document['runs']} --seed {seed} --out {folder}"
+        return (
+            f"run it again: flightid campaign {name} --runs {document['runs']} --seed {seed} --out "
+            f"{folder}"
+        )
     return f"run its command again with --out {folder}"
 
 

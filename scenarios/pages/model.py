@@ -1,4 +1,6 @@
-"""The document of a page: title, sections of prose, tables, figures and numbers, and how to reproduce it."""
+"""The document of a page: title, sections of prose, tables, figures and numbers, and how to
+reproduce it.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,8 @@ UNDETERMINED = "not determined"
 _DIGITS = r"(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?"
 _UNIT = r" (?:%|sigma|deg(?:/s2?)?|rad(?:/s2?)?|m?s|Hz|m(?:/s2?)?|g|kg|N)"
 _QUANTITY = re.compile(
-    rf"(?:<|> ?|over )?(?P<value>[+-]?{_DIGITS})(?: (?:\+-|±) (?P<sigma>{_DIGITS}))?(?P<unit>{_UNIT})?(?P<mark> ?\*| \(bound\))?"
+    rf"(?:<|> ?|over )?(?P<value>[+-]?{_DIGITS})(?: (?:\+-|±) "
+    rf"(?P<sigma>{_DIGITS}))?(?P<unit>{_UNIT})?(?P<mark> ?\*| \(bound\))?"
 )  # "<1e-300" and "over +900 %" sort by their number
 
 
@@ -32,10 +35,12 @@ _BELOW = re.compile(r"(?:[A-Za-z0-9][A-Za-z0-9._+-]*/)*[A-Za-z0-9][A-Za-z0-9._+-
 
 @dataclass(frozen=True)
 class Number:
-    """A value with its standard deviation (None: it has none) in ``unit`` (empty: that of its column or row).
+    """A value with its standard deviation (None: it has none) in ``unit`` (empty: that of its
+    column or row).
 
-    ``digits`` are behind the point; None takes as many as the sigma makes sensible, five significant ones without it. ``signed`` shows a plus.
-    ``shown`` replaces the number on the page, which still sorts by it.
+    ``digits`` are behind the point; None takes as many as the sigma makes sensible, five
+    significant ones without it. ``signed`` shows a plus. ``shown`` replaces the number on the page,
+    which still sorts by it.
 
     Raises ModelError for a value or a sigma that is not finite.
     """
@@ -49,7 +54,11 @@ class Number:
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.value) or not (self.sigma is None or math.isfinite(self.sigma)):
-            raise ModelError(f"{self.value} +- {self.sigma} is not finite", where="number of a page", remedy="say in words why there is none")
+            raise ModelError(
+                f"{self.value} +- {self.sigma} is not finite",
+                where="number of a page",
+                remedy="say in words why there is none",
+            )
 
     @property
     def text(self) -> str:
@@ -67,14 +76,20 @@ class Number:
 
 @dataclass(frozen=True)
 class Link:
-    """Words that lead to a file below the page's own folder. Raises ModelError for anything else: a page leads nowhere outside."""
+    """Words that lead to a file below the page's own folder. Raises ModelError for anything else: a
+    page leads nowhere outside.
+    """
 
     text: str
     to: str
 
     def __post_init__(self) -> None:
         if not _BELOW.fullmatch(self.to):
-            raise ModelError(f"{self.to!r} is no file below the page", where="link of a page", remedy="give its path from the page's folder")
+            raise ModelError(
+                f"{self.to!r} is no file below the page",
+                where="link of a page",
+                remedy="give its path from the page's folder",
+            )
 
 
 Cell = Number | Link | str
@@ -89,24 +104,43 @@ def estimate(value: float, sigma: float | None, unit: str = "") -> Cell:
     return Number(value, sigma if sigma else None, unit)
 
 
-def known(value: float | None, digits: int | None = None, *, signed: bool = False, unit: str = "") -> Cell:
+def known(
+    value: float | None, digits: int | None = None, *, signed: bool = False, unit: str = ""
+) -> Cell:
     """A number where there is one, else a dash."""
-    return "–" if value is None or not math.isfinite(value) else Number(value, None, unit, digits, signed)
+    return (
+        "–"
+        if value is None or not math.isfinite(value)
+        else Number(value, None, unit, digits, signed)
+    )
 
 
 def read_cell(text: str) -> Cell:
     """What a printed table says: a finite number (with its sigma, and per cent), else the words."""
     found = _QUANTITY.fullmatch(text.strip())
-    if found is None or not math.isfinite(float(found["value"])) or not math.isfinite(float(found["sigma"] or 0.0)):
+    if (
+        found is None
+        or not math.isfinite(float(found["value"]))
+        or not math.isfinite(float(found["sigma"] or 0.0))
+    ):
         return signs(text) if text.strip() not in ("-", "") else ("–" if text.strip() else "")
     value, sigma = float(found["value"]), found["sigma"]
     unit = (found["unit"] or "").strip().replace("sigma", "σ")
-    return Number(value, float(sigma) if sigma else None, unit, shown=signs(text.strip().replace(" sigma", " σ")))
+    return Number(
+        value,
+        float(sigma) if sigma else None,
+        unit,
+        shown=signs(text.strip().replace(" sigma", " σ")),
+    )
 
 
 def signs(text: str) -> str:
     """Signs as they are printed in books."""
-    text = text.replace("+-", "±").replace("->", "→").replace(" ± ", "\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}")
+    text = (
+        text.replace("+-", "±")
+        .replace("->", "→")
+        .replace(" ± ", "\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}")
+    )
     return re.sub(r"(?<![\w.])-(?=[\d.])", "−", text)
 
 
@@ -119,7 +153,9 @@ def as_sentence(text: str) -> str:
 
 
 def summary_sentences(summary: Summary) -> tuple[str, ...]:
-    """What matters most and what the fit leaves, of the five lines that a terminal shows; study and outcome stand above them."""
+    """What matters most and what the fit leaves, of the five lines that a terminal shows; study and
+    outcome stand above them.
+    """
     residual = f"residual: {summary.residual}" if summary.residual else ""
     return tuple(as_sentence(line) for line in (summary.result, residual) if line)
 
@@ -127,19 +163,24 @@ def summary_sentences(summary: Summary) -> tuple[str, ...]:
 def capital(text: str) -> str:
     """The first letter large, but for names of parameters, effects and files."""
     first = text.split(" ", 1)[0]
-    return text if any(mark in first.rstrip(".:") for mark in "_.:-") else text[:1].upper() + text[1:]
+    return (
+        text if any(mark in first.rstrip(".:") for mark in "_.:-") else text[:1].upper() + text[1:]
+    )
 
 
 # ---- The document that every page shows
 
 BY_ROW = "by row"  # the unit of a column whose rows have units of their own
-_NUMBER = re.compile(r"[+−-]?(\d+\.?\d*|\.\d+)(e[+−-]?\d{1,2})?[ %]*", re.ASCII)  # names such as 1_2 or nan are none
+# names such as 1_2 or nan are none
+_NUMBER = re.compile(r"[+−-]?(\d+\.?\d*|\.\d+)(e[+−-]?\d{1,2})?[ %]*", re.ASCII)
 TONES = ("good", "fair", "open", "plain")
 
 
 @dataclass(frozen=True)
 class Prose:
-    """A paragraph; ``kind`` is ``""``, ``"note"``, ``"warning"`` or ``"code"``; ``term`` stands before it, bold."""
+    """A paragraph; ``kind`` is ``""``, ``"note"``, ``"warning"`` or ``"code"``; ``term`` stands
+    before it, bold.
+    """
 
     text: str
     kind: str = ""
@@ -164,7 +205,9 @@ class Fold:
 
 @dataclass(frozen=True)
 class Column:
-    """A heading, and the unit of its numbers: None of words, ``BY_ROW``, ``"1"`` of counts and ratios. ``code``: hashes and names of files."""
+    """A heading, and the unit of its numbers: None of words, ``BY_ROW``, ``"1"`` of counts and
+    ratios. ``code``: hashes and names of files.
+    """
 
     heading: str
     unit: str | None = None
@@ -173,11 +216,13 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells below columns; ``units`` of the rows where they have units of their own, which the page shows behind the first column.
+    """Rows of cells below columns; ``units`` of the rows where they have units of their own, which
+    the page shows behind the first column.
 
     ``printed``: how many rows stand on paper, the first of them; None is all.
 
-    Raises ModelError where a row has another length than the columns, a number has no unit, or a number stands as a word.
+    Raises ModelError where a row has another length than the columns, a number has no unit, or a
+    number stands as a word.
     """
 
     caption: str
@@ -188,25 +233,43 @@ class Table:
 
     def __post_init__(self) -> None:
         if self.units and len(self.units) != len(self.rows):
-            raise ModelError("as many units as rows", where=f"table {self.caption!r}", remedy="give each row its unit")
+            raise ModelError(
+                "as many units as rows",
+                where=f"table {self.caption!r}",
+                remedy="give each row its unit",
+            )
         for at, row in enumerate(self.rows):
             if len(row) != len(self.columns):
-                raise ModelError(f"row {at + 1} has {len(row)} cells", where=f"table {self.caption!r}", remedy=f"give it {len(self.columns)}")
+                raise ModelError(
+                    f"row {at + 1} has {len(row)} cells",
+                    where=f"table {self.caption!r}",
+                    remedy=f"give it {len(self.columns)}",
+                )
             for column, cell in zip(self.columns, row, strict=True):
                 self._check(column, cell)
 
     def _check(self, column: Column, cell: Cell) -> None:
         where = f"table {self.caption!r}, column {column.heading!r}"
         if isinstance(cell, Number):
-            if not cell.unit and (column.unit is None or (column.unit == BY_ROW and not self.units)):
-                raise ModelError(f"{cell.text} has no unit", where=where, remedy="give the column, the row or the number one")
+            if not cell.unit and (
+                column.unit is None or (column.unit == BY_ROW and not self.units)
+            ):
+                raise ModelError(
+                    f"{cell.text} has no unit",
+                    where=where,
+                    remedy="give the column, the row or the number one",
+                )
         elif not column.code and _is_number(cell if isinstance(cell, str) else cell.text):
-            raise ModelError(f"the number {cell} stands as a word", where=where, remedy="make it a Number")
+            raise ModelError(
+                f"the number {cell} stands as a word", where=where, remedy="make it a Number"
+            )
 
 
 @dataclass(frozen=True)
 class Figure:
-    """An SVG element with its caption; what a reader who cannot see it is told is its ``aria-label``."""
+    """An SVG element with its caption; what a reader who cannot see it is told is its
+    ``aria-label``.
+    """
 
     name: str
     svg: str
@@ -218,7 +281,9 @@ Block = Prose | Bullets | Fold | Table | Figure
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with its blocks; ``parts`` are sections below it, ``card`` draws a frame around it, ``"hint"`` a broken one."""
+    """A heading with its blocks; ``parts`` are sections below it, ``card`` draws a frame around it,
+    ``"hint"`` a broken one.
+    """
 
     title: str
     blocks: tuple[Block, ...] = ()
@@ -233,7 +298,9 @@ class Section:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """How to do it again: commands, seed, versions of programs, and of each input its use, name and SHA-256."""
+    """How to do it again: commands, seed, versions of programs, and of each input its use, name and
+    SHA-256.
+    """
 
     commands: tuple[str, ...]
     versions: dict[str, str] = field(default_factory=dict)
@@ -243,8 +310,8 @@ class Reproduction:
 
 @dataclass(frozen=True)
 class Page:
-    """A page. ``kind`` says of what; ``verdict`` is a word or two, its ``tone`` one of ``TONES``, ``sentence`` goes on from it;
-    ``summary`` are the lines that are read first."""
+    """A page. ``kind`` says of what; ``verdict`` is a word or two, its ``tone`` one of ``TONES``,
+    ``sentence`` goes on from it; ``summary`` are the lines that are read first."""
 
     title: str
     kind: str
@@ -259,12 +326,24 @@ class Page:
 
     def __post_init__(self) -> None:
         if self.tone not in TONES:
-            raise ModelError(f"there is no tone {self.tone!r}", where=f"page {self.title!r}", remedy=f"use one of {', '.join(TONES)}")
+            raise ModelError(
+                f"there is no tone {self.tone!r}",
+                where=f"page {self.title!r}",
+                remedy=f"use one of {', '.join(TONES)}",
+            )
 
 
-def section(title: str, *blocks: Block | None, parts: tuple[Section, ...] = (), card: str = "") -> tuple[Section, ...]:
-    """A section with what there is of its blocks; none where there is nothing in it, so that calls can be strung together."""
-    there = tuple(block for block in blocks if block is not None and not (isinstance(block, Table) and not block.rows))
+def section(
+    title: str, *blocks: Block | None, parts: tuple[Section, ...] = (), card: str = ""
+) -> tuple[Section, ...]:
+    """A section with what there is of its blocks; none where there is nothing in it, so that calls
+    can be strung together.
+    """
+    there = tuple(
+        block
+        for block in blocks
+        if block is not None and not (isinstance(block, Table) and not block.rows)
+    )
     there = tuple(block for block in there if not (isinstance(block, Bullets) and not block.items))
     return (Section(title, there, parts, card),) if there or parts else ()
 
@@ -273,7 +352,22 @@ def _is_number(text: str) -> bool:
     return _NUMBER.fullmatch(text) is not None
 
 
-__all__ = ["BY_ROW", "PURE", "Block", "Bullets", "Column", "Figure", "Fold", "Number", "Page", "Prose", "Reproduction", "Section", "Table", "section"]
+__all__ = [
+    "BY_ROW",
+    "PURE",
+    "Block",
+    "Bullets",
+    "Column",
+    "Figure",
+    "Fold",
+    "Number",
+    "Page",
+    "Prose",
+    "Reproduction",
+    "Section",
+    "Table",
+    "section",
+]
 
 
 # ---- How what a page shows is done again
@@ -282,13 +376,19 @@ PROGRAM = "flightid"
 _PACKAGES = ("scenarios", PROGRAM)  # python -m
 
 
-def reproduction(usual: Sequence[str], seed: str = "", inputs: Sequence[tuple[str, str, str]] = ()) -> Reproduction:
-    """The command that was typed, or ``usual`` (its words) where none was; ``seed`` in a sentence; use, name and SHA-256 of each input."""
+def reproduction(
+    usual: Sequence[str], seed: str = "", inputs: Sequence[tuple[str, str, str]] = ()
+) -> Reproduction:
+    """The command that was typed, or ``usual`` (its words) where none was; ``seed`` in a sentence;
+    use, name and SHA-256 of each input.
+    """
     return Reproduction((shlex.join(typed() or usual),), versions(), seed, tuple(inputs))
 
 
 def typed() -> list[str]:
-    """The words of this process's command line, beginning with the program's name; none where another program uses the library."""
+    """The words of this process's command line, beginning with the program's name; none where
+    another program uses the library.
+    """
     program, *words = sys.argv or [""]
     path = Path(program)
     ours = path.stem == PROGRAM or (path.name == "__main__.py" and path.parent.name in _PACKAGES)

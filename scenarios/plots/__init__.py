@@ -1,1 +1,3 @@
-"""Figures: pure functions that take results and return matplotlib Figures; the only modules that import matplotlib."""
+"""Figures: pure functions that take results and return matplotlib Figures; the only modules that
+import matplotlib.
+"""

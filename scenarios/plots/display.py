@@ -19,7 +19,9 @@ from sim.declaration.proposal import GUARD
 
 @dataclass(frozen=True)
 class DisplayUnit:
-    """A unit as a figure shows it: ``shown = factor * value``, and the text in brackets at the axis."""
+    """A unit as a figure shows it: ``shown = factor * value``, and the text in brackets at the
+    axis.
+    """
 
     text: str
     factor: float = 1.0
@@ -35,9 +37,28 @@ MEASURED_DATA, SIMULATED_DATA = "measured", "simulated record"
 _EXPONENTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _POWERS = str.maketrans("234", "²³⁴")
 _SIGNALS = {
-    **{"alpha": r"$\alpha$", "q": "$q$", "nz": "$n_z$", "theta": r"$\theta$", "airspeed": "$V$", "nx": "$n_x$"},
-    **{"beta": r"$\beta$", "p": "$p$", "r": "$r$", "phi": r"$\phi$", "ny": "$n_y$", "psi": r"$\psi$", "height": "height $h$"},
-    **{"elevator": r"elevator $\delta_e$", "aileron": r"aileron $\delta_a$", "rudder": r"rudder $\delta_r$"},
+    **{
+        "alpha": r"$\alpha$",
+        "q": "$q$",
+        "nz": "$n_z$",
+        "theta": r"$\theta$",
+        "airspeed": "$V$",
+        "nx": "$n_x$",
+    },
+    **{
+        "beta": r"$\beta$",
+        "p": "$p$",
+        "r": "$r$",
+        "phi": r"$\phi$",
+        "ny": "$n_y$",
+        "psi": r"$\psi$",
+        "height": "height $h$",
+    },
+    **{
+        "elevator": r"elevator $\delta_e$",
+        "aileron": r"aileron $\delta_a$",
+        "rudder": r"rudder $\delta_r$",
+    },
     **{"thrust": "thrust $T$", "stick": r"stick $\delta_p$"},
 }
 _SYMBOLS = {
@@ -49,7 +70,8 @@ _SYMBOLS = {
     "natural_frequency": r"$\omega_n$",
     "damping_ratio": r"$\zeta$",
 }
-# Subscripts of a subscript are written on its line: at the size of a tick label they cannot be read.
+# Subscripts of a subscript are written on its line: at the size of a tick label they cannot be
+# read.
 _ARGUMENTS = {
     **{"alpha": r"\alpha", "q": "q", "de": r"\delta e", "delta": r"\delta", "0": "0", "V": "V"},
     **{"beta": r"\beta", "p": "p", "r": "r", "da": r"\delta a", "dr": r"\delta r"},
@@ -57,12 +79,20 @@ _ARGUMENTS = {
 
 
 def display_unit(unit: str, name: str = "") -> DisplayUnit:
-    """How a unit of ours is shown, as in every table, with typeset powers; ``name`` tells a frequency from a rate.
+    """How a unit of ours is shown, as in every table, with typeset powers; ``name`` tells a
+    frequency from a rate.
 
     A label of an unknown kind (that of a stick) is kept.
     """
     factor, shown = shown_in(unit, name)
-    return DisplayUnit("–" if shown in NO_UNIT else plain(re.sub(r"(?<=[A-Za-z])[234]\b", lambda power: power[0].translate(_POWERS), shown)), factor)
+    return DisplayUnit(
+        "–"
+        if shown in NO_UNIT
+        else plain(
+            re.sub(r"(?<=[A-Za-z])[234]\b", lambda power: power[0].translate(_POWERS), shown)
+        ),
+        factor,
+    )
 
 
 def axis_label(name: str, unit: DisplayUnit) -> str:
@@ -71,7 +101,9 @@ def axis_label(name: str, unit: DisplayUnit) -> str:
 
 
 def symbol(name: str) -> str:
-    """The textbook symbol of a signal or parameter in mathtext; a name that has none stays as it is."""
+    """The textbook symbol of a signal or parameter in mathtext; a name that has none stays as it
+    is.
+    """
     if name in _SIGNALS or name in _SYMBOLS:
         return _SIGNALS.get(name) or _SYMBOLS[name]
     if name.startswith("bias_"):
@@ -90,16 +122,22 @@ def symbol(name: str) -> str:
 
 
 def scaled_unit(unit: DisplayUnit, size: float) -> DisplayUnit:
-    """The unit with a power of a thousand in front, so that values of this size (in ``unit``) need few digits at an axis."""
+    """The unit with a power of a thousand in front, so that values of this size (in ``unit``) need
+    few digits at an axis.
+    """
     if not (size > 0.0 and math.isfinite(size)) or 0.02 <= size < 2e4:
         return unit
     power = 3 * math.floor(math.log10(size) / 3.0)
     text = "10" + str(power).translate(_EXPONENTS)
-    return DisplayUnit(text if unit.text == "–" else f"{text} {unit.text}", unit.factor * 10.0**-power)
+    return DisplayUnit(
+        text if unit.text == "–" else f"{text} {unit.text}", unit.factor * 10.0**-power
+    )
 
 
 def signed(value: float, form: str) -> str:
-    """A number with its sign, the minus as long as the plus; ``form`` is what follows the sign, e.g. ``".3g"``."""
+    """A number with its sign, the minus as long as the plus; ``form`` is what follows the sign,
+    e.g. ``".3g"``.
+    """
     return format(value, f"+{form}").replace("-", "−")
 
 
@@ -116,12 +154,15 @@ def _argument(text: str) -> str | None:
 
 # ---- Rows of a filter's history by name
 
-_HUGE = 1e30  # a filter that diverges may end near the largest number; a figure needs no more than this
+# a filter that diverges may end near the largest number; a figure needs no more than this
+_HUGE = 1e30
 
 
 @dataclass(frozen=True, eq=False)
 class StateHistory:
-    """One entry of the filter's state over time: ``time``, ``mean``, ``std``, all ``(K,)``, K = sound samples."""
+    """One entry of the filter's state over time: ``time``, ``mean``, ``std``, all ``(K,)``, K =
+    sound samples.
+    """
 
     time: np.ndarray
     mean: np.ndarray
@@ -129,7 +170,9 @@ class StateHistory:
 
 
 def course(history: FilterHistory, name: str, factor: float = 1.0) -> StateHistory:
-    """Estimate and standard deviation of one state or parameter, multiplied by ``factor``; the samples after a breakdown are left out."""
+    """Estimate and standard deviation of one state or parameter, multiplied by ``factor``; the
+    samples after a breakdown are left out.
+    """
     row, sound = history.names.index(name), sound_samples(history)
     mean = np.clip(factor * history.mean[row, :sound], -_HUGE, _HUGE)
     std = np.clip(factor * history.std[row, :sound], 0.0, _HUGE)
@@ -137,9 +180,11 @@ def course(history: FilterHistory, name: str, factor: float = 1.0) -> StateHisto
 
 
 def sound_samples(history: FilterHistory) -> int:
-    """How many samples the filter got through; after a breakdown a history only repeats its last sound sample.
+    """How many samples the filter got through; after a breakdown a history only repeats its last
+    sound sample.
 
-    A repeated sample has no measurement and an identity for a transition. A gap in the data has a transition of its own.
+    A repeated sample has no measurement and an identity for a transition. A gap in the data has a
+    transition of its own.
     """
     identity = np.eye(len(history.names))
     repeated = ~np.any(history.valid, axis=0) & np.all(history.transition == identity, axis=(1, 2))
@@ -147,13 +192,20 @@ def sound_samples(history: FilterHistory) -> int:
     return int(good[-1]) + 1 if good.size else 0
 
 
-def settled_limits(low: np.ndarray, middle: np.ndarray, high: np.ndarray, marks: Sequence[float]) -> tuple[float, float]:
-    """Limits of an axis that show where a course ``(K,)`` ended, the marks, and of its early part what does not dwarf them."""
+def settled_limits(
+    low: np.ndarray, middle: np.ndarray, high: np.ndarray, marks: Sequence[float]
+) -> tuple[float, float]:
+    """Limits of an axis that show where a course ``(K,)`` ended, the marks, and of its early part
+    what does not dwarf them.
+    """
     half = len(middle) // 2
     ends = np.array([low[-1], high[-1], middle[half:].min(), middle[half:].max(), *marks])
     bottom, top = float(ends.min()), float(ends.max())
     span = top - bottom or abs(top) or 1.0
-    bottom, top = max(bottom - 1.2 * span, min(bottom, float(middle.min()))), min(top + 1.2 * span, max(top, float(middle.max())))
+    bottom, top = (
+        max(bottom - 1.2 * span, min(bottom, float(middle.min()))),
+        min(top + 1.2 * span, max(top, float(middle.max()))),
+    )
     margin = 0.12 * (top - bottom or span)
     return bottom - margin, top + margin
 
@@ -163,7 +215,8 @@ def settled_limits(low: np.ndarray, middle: np.ndarray, high: np.ndarray, marks:
 
 @dataclass(frozen=True)
 class NamedEffects:
-    """What a verdict names: effects that it claims, by claim what could stand in its place, and hints.
+    """What a verdict names: effects that it claims, by claim what could stand in its place, and
+    hints.
 
     ``noise_left``: with the claims the residual is noise.
     """
@@ -176,7 +229,11 @@ class NamedEffects:
     @property
     def named(self) -> tuple[str, ...]:
         """All of them."""
-        return (*self.claimed, *(name for each in self.alternatives.values() for name in each), *self.hints)
+        return (
+            *self.claimed,
+            *(name for each in self.alternatives.values() for name in each),
+            *self.hints,
+        )
 
     def complete(self, within: tuple[str, ...]) -> bool:
         """Whether a model with these effects needed nothing more."""
@@ -185,11 +242,16 @@ class NamedEffects:
 
 def is_alternative(c: Candidate, standing: NamedEffects) -> bool:
     """Whether a candidate could stand in the place of a claim beside all the others."""
-    return any(c.name in names and set(standing.claimed) - {claim} <= set(c.within) for claim, names in standing.alternatives.items())
+    return any(
+        c.name in names and set(standing.claimed) - {claim} <= set(c.within)
+        for claim, names in standing.alternatives.items()
+    )
 
 
 def reason(c: Candidate, standing: NamedEffects, beside: Sequence[Candidate]) -> str:
-    """What a candidate is to the verdict, or what spoke against it; ``beside`` are the candidates of the same round."""
+    """What a candidate is to the verdict, or what spoke against it; ``beside`` are the candidates
+    of the same round.
+    """
     if c.name in standing.claimed:
         return "claimed"
     if is_alternative(c, standing):
@@ -204,7 +266,9 @@ def reason(c: Candidate, standing: NamedEffects, beside: Sequence[Candidate]) ->
         return "linearised: brings less"
     winner = next((each for each in beside if each.name in standing.claimed), None)
     if winner is None:
-        return "brings less" if c.weight < max(each.weight for each in beside) else "not spread evenly"
+        return (
+            "brings less" if c.weight < max(each.weight for each in beside) else "not spread evenly"
+        )
     return "like the claimed, less" if winner.name in c.collinear_with else "brings less"
 
 
@@ -213,7 +277,9 @@ def reason(c: Candidate, standing: NamedEffects, beside: Sequence[Candidate]) ->
 
 @dataclass(frozen=True, eq=False)
 class Replicated:
-    """An effect's parameters from each of ``records`` by itself, and from the fitted ones ``together``."""
+    """An effect's parameters from each of ``records`` by itself, and from the fitted ones
+    ``together``.
+    """
 
     name: str
     records: tuple[str, ...]
@@ -223,7 +289,9 @@ class Replicated:
 
 @dataclass(frozen=True, eq=False)
 class Pictured:
-    """What the figures show of a diagnosis; ``noise`` by channel; ``data`` is what the records are called."""
+    """What the figures show of a diagnosis; ``noise`` by channel; ``data`` is what the records are
+    called.
+    """
 
     fitted: tuple[FittedRecord, ...]
     predictions: tuple[Prediction, ...]

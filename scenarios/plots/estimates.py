@@ -12,7 +12,17 @@ from matplotlib.patches import Rectangle
 
 from ident.estimate import FilterHistory
 from ident.statistics.residual_spectrum import autocovariance
-from scenarios.plots.display import DisplayUnit, StateHistory, axis_label, course, display_unit, scaled_unit, settled_limits, sound_samples, symbol
+from scenarios.plots.display import (
+    DisplayUnit,
+    StateHistory,
+    axis_label,
+    course,
+    display_unit,
+    scaled_unit,
+    settled_limits,
+    sound_samples,
+    symbol,
+)
 from scenarios.plots.style import (
     BLACK,
     BLUE,
@@ -56,17 +66,22 @@ def figure_parameter_histories(
 
     Parameters
     ----------
-    names, units : parameters (or states) to show, in the history; the axes show where they settle, so a wide band may
+    names, units : parameters (or states) to show, in the history; the axes show where they settle,
+    so a wide band may
         begin outside.
-    true : dashed lines, named ``true_label``. published : a square after the last sample, prior : a diamond before the first, each with two
-        standard deviations where these are known. One far outside the panel becomes an arrow with its value.
+    true : dashed lines, named ``true_label``. published : a square after the last sample, prior : a
+    diamond before the first, each with two
+        standard deviations where these are known. One far outside the panel becomes an arrow with
+        its value.
 
     After a breakdown the course ends, and its panels say when.
     """
     true, published, prior = true or {}, published or {}, prior or {}
     columns = 2 if len(names) <= 4 else 3
     rows = -(-len(names) // columns)
-    sheet = make_sheet([1.15] * rows, (1.0,) * columns, count=len(names), row_gap=0.36, column_gap=0.58, left=0.6)
+    sheet = make_sheet(
+        [1.15] * rows, (1.0,) * columns, count=len(names), row_gap=0.36, column_gap=0.58, left=0.6
+    )
     sound = sound_samples(history)
     broke = sound < len(history.time)
     for name, unit, panel in zip(names, units, sheet.panels, strict=True):
@@ -77,14 +92,25 @@ def figure_parameter_histories(
             caption(panel, f"{axis_label(name, shown)}: no sound sample", LABEL_SIZE)
             continue
         path = course(history, name, shown.factor)
-        _panel(panel, path, history, shown, published.get(name), prior.get(name), true.get(name), true_label)
+        _panel(
+            panel,
+            path,
+            history,
+            shown,
+            published.get(name),
+            prior.get(name),
+            true.get(name),
+            true_label,
+        )
     for panel in sheet.panels[-columns:]:
         time_axis(panel)
     return finish(sheet, title, head=0.24)
 
 
 def _unit(history: FilterHistory, name: str, unit: str, true: float) -> DisplayUnit:
-    """The unit with the power of a thousand that suits the largest of truth, later estimates and their bands."""
+    """The unit with the power of a thousand that suits the largest of truth, later estimates and
+    their bands.
+    """
     base, path = display_unit(unit, name), course(history, name)
     later = slice(len(history.time) // 2, None)
     reached = np.abs(path.mean[later]) + 2.0 * path.std[later]
@@ -112,26 +138,51 @@ def _panel(
     pad = 0.05 * (last - first)
     span = top - bottom
     for entry in (published, prior):
-        # A mark that lies not far outside widens the panel, one far away may not squeeze the course.
+        # A mark that lies not far outside widens the panel, one far away may not squeeze the
+        # course.
         if entry is not None and bottom - 0.6 * span <= unit.factor * entry[0] <= top + 0.6 * span:
-            bottom, top = min(bottom, unit.factor * entry[0] - 0.05 * span), max(top, unit.factor * entry[0] + 0.05 * span)
+            bottom, top = (
+                min(bottom, unit.factor * entry[0] - 0.05 * span),
+                max(top, unit.factor * entry[0] + 0.05 * span),
+            )
     panel.set_ylim(bottom, top)
     panel.set_xlim(first - pad, last + pad)
     _mark(panel, last + 0.5 * pad, published, unit, "s", VERMILION, "published ±2σ")
     _mark(panel, first - 0.5 * pad, prior, unit, "D", GREEN, "prior ±2σ")
 
 
-def _mark(panel: Axes, x: float, entry: ValueAndStd | None, unit: DisplayUnit, marker: str, colour: str, label: str) -> None:
+def _mark(
+    panel: Axes,
+    x: float,
+    entry: ValueAndStd | None,
+    unit: DisplayUnit,
+    marker: str,
+    colour: str,
+    label: str,
+) -> None:
     if entry is None:
         return
     value, std = unit.factor * entry[0], None if entry[1] is None else 2.0 * unit.factor * entry[1]
     bottom, top = panel.get_ylim()
     inside = bottom <= value <= top
-    panel.errorbar([x], [value], yerr=None if std is None else [std], fmt=marker, color=colour, markersize=4.0, linewidth=1.2, label=label)
+    panel.errorbar(
+        [x],
+        [value],
+        yerr=None if std is None else [std],
+        fmt=marker,
+        color=colour,
+        markersize=4.0,
+        linewidth=1.2,
+        label=label,
+    )
     if not inside:
         edge, end = (top, "^") if value > top else (bottom, "v")
         panel.plot([x], [edge], marker=end, color=colour, markersize=5.0, clip_on=False, zorder=5)
-        side = "right" if x > panel.get_xlim()[0] + 0.5 * (panel.get_xlim()[1] - panel.get_xlim()[0]) else "left"
+        side = (
+            "right"
+            if x > panel.get_xlim()[0] + 0.5 * (panel.get_xlim()[1] - panel.get_xlim()[0])
+            else "left"
+        )
         panel.annotate(
             f"{value:.4g}".replace("-", "−"),
             (x, edge),
@@ -152,45 +203,90 @@ LARGE, TOLD = 0.9, 0.5
 _RIGHT, _COUNT = 1.0, 0.28  # inches
 
 
-def figure_correlation(names: Sequence[str], correlation: np.ndarray, title: str = "", large: float = LARGE) -> Figure:
-    """Heat map of a correlation matrix ``(n, n)``, lower triangle; pairs from ``TOLD`` on carry their number, those above ``large`` are framed.
+def figure_correlation(
+    names: Sequence[str], correlation: np.ndarray, title: str = "", large: float = LARGE
+) -> Figure:
+    """Heat map of a correlation matrix ``(n, n)``, lower triangle; pairs from ``TOLD`` on carry
+    their number, those above ``large`` are framed.
 
-    Entries that are not finite (a parameter of no variance) are left grey. Raises ModelError for fewer than two parameters.
+    Entries that are not finite (a parameter of no variance) are left grey. Raises ModelError for
+    fewer than two parameters.
     """
     n = len(names)
     if n < 2:
-        raise ModelError(f"{n} parameter(s)", where="figure of correlations", remedy="draw it for two parameters or more")
+        raise ModelError(
+            f"{n} parameter(s)",
+            where="figure of correlations",
+            remedy="draw it for two parameters or more",
+        )
     matrix = np.array(correlation, dtype=float)
     # The first row and the last column of the triangle are empty: they are not drawn.
     matrix, n = matrix[1:, :-1], n - 1
     below = np.tril(np.ones((n, n), dtype=bool))
     shown = np.ma.masked_where(~below | ~np.isfinite(matrix), matrix)
-    labels = [symbol(name) for name in names]  # of the columns all but the last, of the rows all but the first
+    # of the columns all but the last, of the rows all but the first
+    labels = [symbol(name) for name in names]
     size = LABEL_SIZE if n <= 20 else TICK_SIZE - 2.0
-    left, bottom = (max([0.6, *(text_width(label, size) + 0.2 for label in some)]) for some in (labels[1:], labels[:-1]))
+    left, bottom = (
+        max([0.6, *(text_width(label, size) + 0.2 for label in some)])
+        for some in (labels[1:], labels[:-1])
+    )
     cell = min(max(0.42, min(0.8, 2.0 / n)), (WIDTH - left - _RIGHT) / n)
     width = max(n * cell + left + _RIGHT, 5.0)
     head = title_space(title, width)
     height = max(n * cell, 1.2) + head + _COUNT + bottom
     figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
     panel = figure.add_axes((left / width, bottom / height, n * cell / width, n * cell / height))
-    image = panel.imshow(shown, cmap="RdBu_r", vmin=-1.0, vmax=1.0, interpolation="none", aspect="auto")
+    image = panel.imshow(
+        shown, cmap="RdBu_r", vmin=-1.0, vmax=1.0, interpolation="none", aspect="auto"
+    )
     number_size = min(TICK_SIZE, 27.0 * cell)
     for row, column in np.argwhere(below):
         value = matrix[row, column]
         if not np.isfinite(value):
-            panel.add_patch(Rectangle((column - 0.5, row - 0.5), 1.0, 1.0, facecolor=GREY, linewidth=0, antialiased=False))
+            panel.add_patch(
+                Rectangle(
+                    (column - 0.5, row - 0.5),
+                    1.0,
+                    1.0,
+                    facecolor=GREY,
+                    linewidth=0,
+                    antialiased=False,
+                )
+            )
         elif abs(value) >= TOLD:
             if abs(value) > large:
-                panel.add_patch(Rectangle((column - 0.46, row - 0.46), 0.92, 0.92, fill=False, edgecolor=BLACK, linewidth=1.3))
+                panel.add_patch(
+                    Rectangle(
+                        (column - 0.46, row - 0.46),
+                        0.92,
+                        0.92,
+                        fill=False,
+                        edgecolor=BLACK,
+                        linewidth=1.3,
+                    )
+                )
             colour = "white" if abs(value) > 0.65 else BLACK
-            panel.text(column, row, _short(value), ha="center", va="center", fontsize=number_size, color=colour)
+            panel.text(
+                column,
+                row,
+                _short(value),
+                ha="center",
+                va="center",
+                fontsize=number_size,
+                color=colour,
+            )
     panel.set_xticks(range(n), labels[:-1], rotation=90, fontsize=size)
     panel.set_yticks(range(n), labels[1:], fontsize=size)
     panel.tick_params(length=0)
     for spine in panel.spines.values():
         spine.set_visible(False)
-    bar = figure.colorbar(image, cax=figure.add_axes(((left + n * cell + 0.25) / width, bottom / height, 0.14 / width, n * cell / height)))
+    bar = figure.colorbar(
+        image,
+        cax=figure.add_axes(
+            ((left + n * cell + 0.25) / width, bottom / height, 0.14 / width, n * cell / height)
+        ),
+    )
     bar.set_ticks([-1.0, -0.5, 0.0, 0.5, 1.0])
     bar.set_label("correlation (–)", fontsize=LABEL_SIZE)
     bar.ax.tick_params(labelsize=TICK_SIZE)
@@ -213,12 +309,20 @@ OF_PRIOR = 5.0  # bounds so many times as wide as nine in ten others are the pri
 _FEWEST = 8  # samples from which an autocorrelation says anything
 
 
-def figure_innovations(history: FilterHistory, output_names: Sequence[str], units: Sequence[str], title: str = "", lags: int = 50) -> Figure:
-    """Innovations with bounds of two standard deviations, 2 sqrt((H P H' + R)_ii) (eq. 23 of NASA TM-101722), beside
-    each the autocorrelation of the normalised innovations with the band that holds 95 % of those of white noise.
+def figure_innovations(
+    history: FilterHistory,
+    output_names: Sequence[str],
+    units: Sequence[str],
+    title: str = "",
+    lags: int = 50,
+) -> Figure:
+    """Innovations with bounds of two standard deviations, 2 sqrt((H P H' + R)_ii) (eq. 23 of NASA
+    TM-101722), beside each the autocorrelation of the normalised innovations with the band that
+    holds 95 % of those of white noise.
 
-    ``output_names`` and ``units`` are those of the ``m`` outputs in order. Missing samples and those after a breakdown are
-    left out; an output without any is not drawn. The share of samples outside the bounds is stated. Angles in degrees.
+    ``output_names`` and ``units`` are those of the ``m`` outputs in order. Missing samples and
+    those after a breakdown are left out; an output without any is not drawn. The share of samples
+    outside the bounds is stated. Angles in degrees.
     """
     sound = sound_samples(history)
     rows = [row for row in range(len(output_names)) if np.any(history.valid[row])]
@@ -229,15 +333,28 @@ def figure_innovations(history: FilterHistory, output_names: Sequence[str], unit
     for row, (left, right) in zip(rows, sheet.axes, strict=False):
         valid, base = history.valid[row], display_unit(units[row])
         # A power of ten stands in the unit: above the axis it would run into the caption.
-        unit = scaled_unit(base, base.factor * _limit(history.innovation[row, valid], history.innovation_std[row, valid]))
-        _innovations(left, history.time[valid], unit.factor * history.innovation[row, valid], unit.factor * history.innovation_std[row, valid])
+        unit = scaled_unit(
+            base,
+            base.factor
+            * _limit(history.innovation[row, valid], history.innovation_std[row, valid]),
+        )
+        _innovations(
+            left,
+            history.time[valid],
+            unit.factor * history.innovation[row, valid],
+            unit.factor * history.innovation_std[row, valid],
+        )
         left.set_xlim(history.time[0], history.time[-1])
         y_label(left, axis_label(output_names[row], unit))
         normalised = np.where(valid, history.innovation[row] / history.innovation_std[row], 0.0)
         _autocorrelation(right, normalised, valid, lags)
         late = f"; ends at {history.time[sound - 1]:.3g} s" if sound < len(valid) else ""
         outside = float(np.mean(np.abs(normalised[valid]) > 2.0))
-        caption(left, f"{symbol(output_names[row])}: {100 * outside:.1f} % outside ±2σ ({100 * EXPECTED_OUTSIDE:.1f} % expected){late}")
+        caption(
+            left,
+            f"{symbol(output_names[row])}: {100 * outside:.1f} % outside ±2σ "
+            f"({100 * EXPECTED_OUTSIDE:.1f} % expected){late}",
+        )
     if len(sheet.axes[-1]) == 2:
         time_axis(sheet.axes[-1][0])
         sheet.axes[-1][1].set_xlabel("lag (samples)", fontsize=LABEL_SIZE)
@@ -246,7 +363,16 @@ def figure_innovations(history: FilterHistory, output_names: Sequence[str], unit
 
 def _innovations(panel: Axes, time: np.ndarray, innovation: np.ndarray, std: np.ndarray) -> None:
     panel.axhline(0.0, **ZERO)
-    panel.plot(time, innovation, color=BLUE, linestyle="none", marker=".", markersize=3.0, markeredgewidth=0.0, label="innovation")
+    panel.plot(
+        time,
+        innovation,
+        color=BLUE,
+        linestyle="none",
+        marker=".",
+        markersize=3.0,
+        markeredgewidth=0.0,
+        label="innovation",
+    )
     panel.plot(time, 2.0 * std, color=VERMILION, linewidth=1.1, label="±2σ bounds")
     panel.plot(time, -2.0 * std, color=VERMILION, linewidth=1.1)
     limit = _limit(innovation, std)
@@ -254,19 +380,32 @@ def _innovations(panel: Axes, time: np.ndarray, innovation: np.ndarray, std: np.
     if beyond.any():
         edge = 0.97 * limit * np.sign(innovation[beyond])
         label = "innovation beyond the axis"
-        panel.plot(time[beyond], edge, color=BLACK, linestyle="none", marker="d", markersize=5.0, markeredgewidth=0.0, label=label)
+        panel.plot(
+            time[beyond],
+            edge,
+            color=BLACK,
+            linestyle="none",
+            marker="d",
+            markersize=5.0,
+            markeredgewidth=0.0,
+            label=label,
+        )
     panel.set_ylim(-limit, limit)
 
 
 def _limit(innovation: np.ndarray, std: np.ndarray) -> float:
-    """Where the axis ends: the first bounds come from the prior and may dwarf all others, and so may innovations within them."""
+    """Where the axis ends: the first bounds come from the prior and may dwarf all others, and so
+    may innovations within them.
+    """
     usual = float(np.quantile(std, 0.9))
     of_prior = std > OF_PRIOR * usual
     return 1.15 * max(float(np.abs(innovation[~of_prior]).max()), 2.0 * usual)
 
 
 def _autocorrelation(panel: Axes, normalised: np.ndarray, valid: np.ndarray, lags: int) -> None:
-    """Missing samples are zero in ``normalised``, so they add to no sum; the band follows the number of pairs at each lag."""
+    """Missing samples are zero in ``normalised``, so they add to no sum; the band follows the
+    number of pairs at each lag.
+    """
     n, used = len(normalised), int(np.count_nonzero(valid))
     last = min(lags, used // 4)
     power = float(np.sum(normalised**2))
@@ -277,7 +416,9 @@ def _autocorrelation(panel: Axes, normalised: np.ndarray, valid: np.ndarray, lag
     r = autocovariance(normalised, last)[1:] * n / power
     pairs = np.maximum(autocovariance(valid.astype(float), last)[1:] * n, 0.0)
     band = 1.96 * np.sqrt(pairs) / used
-    panel.fill_between(lag, -band, band, color=SKY, alpha=0.35, linewidth=0, label="95 % band of white noise")
+    panel.fill_between(
+        lag, -band, band, color=SKY, alpha=0.35, linewidth=0, label="95 % band of white noise"
+    )
     panel.axhline(0.0, **ZERO)
     panel.vlines(lag, 0.0, r, color=BLACK, linewidth=1.0)
     limit = min(1.05, 1.25 * max(float(np.abs(r).max()), 2.0 * float(band.max())))

@@ -21,26 +21,39 @@ USUAL: Formats = (PNG,)
 
 
 def formats_wanted(figures: bool | str | Sequence[str]) -> Formats:
-    """The same from Python: True for the usual format, False for none, or names of formats. Raises DeclarationError as ``formats_of``."""
+    """The same from Python: True for the usual format, False for none, or names of formats. Raises
+    DeclarationError as ``formats_of``.
+    """
     if isinstance(figures, bool):
         return USUAL if figures else ()
     return formats_of([figures] if isinstance(figures, str) else list(figures) or [NONE])
 
 
 def formats_of(asked: Sequence[str] | None, none: bool = False) -> Formats:
-    """The formats that are asked for, in the order of ``FORMATS``: each text names one or several with commas between; None is ``USUAL``.
+    """The formats that are asked for, in the order of ``FORMATS``: each text names one or several
+    with commas between; None is ``USUAL``.
 
-    ``none``, in the texts or as the second argument, asks for no figure. Raises DeclarationError for another name, for ``none`` beside
-    a format and for no name at all.
+    ``none``, in the texts or as the second argument, asks for no figure. Raises DeclarationError
+    for another name, for ``none`` beside a format and for no name at all.
     """
     names = [name.strip().lower() for text in asked or () for name in text.split(",")]
-    remedy = f"name {', '.join(FORMATS[:-1])} or {FORMATS[-1]}, several with commas between, or {NONE}"
+    remedy = (
+        f"name {', '.join(FORMATS[:-1])} or {FORMATS[-1]}, several with commas between, or {NONE}"
+    )
     for name in names:
         if name not in (*FORMATS, NONE):
-            raise DeclarationError(f"{name!r} is no format of a figure" if name else "no format is named", where="--figures", remedy=remedy)
+            raise DeclarationError(
+                f"{name!r} is no format of a figure" if name else "no format is named",
+                where="--figures",
+                remedy=remedy,
+            )
     wanted = set(names) - {NONE}
     if wanted and (none or NONE in names):
-        raise DeclarationError(f"no figures, and figures as {' and '.join(sorted(wanted))}", where="--figures", remedy="ask for one of the two")
+        raise DeclarationError(
+            f"no figures, and figures as {' and '.join(sorted(wanted))}",
+            where="--figures",
+            remedy="ask for one of the two",
+        )
     if none or NONE in names:
         return ()
     return tuple(name for name in FORMATS if name in wanted) if asked else USUAL
@@ -76,11 +89,16 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
     {
         "record": "The record: inputs and outputs",
         "fit": "Recorded against estimated outputs, and what the estimate leaves",
-        "held_out": "Recorded against predicted on data that were not fitted, and what the prediction leaves",
+        "held_out": (
+            "Recorded against predicted on data that were not fitted, and what the prediction "
+            "leaves"
+        ),
         "spectra": "Spectra of recorded and simulated outputs and of what is left",
         "parameters": "Parameters over time with two sigmas",
         "states": "States of the filter over time with two sigmas",
-        "innovations": "Innovations with two sigmas, and their autocorrelation with the band of white noise",
+        "innovations": (
+            "Innovations with two sigmas, and their autocorrelation with the band of white noise"
+        ),
         "correlation": "Correlation of the estimates",
         "errors": "Errors of the estimates in sigmas",
         "repeated": "Errors over repeated flights in reported sigmas",
@@ -89,7 +107,9 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "equivalents": "Estimates against true and condensed values",
         "trajectory": "The fall: recorded, true and estimated",
         "ballistic_coefficient": "Ballistic coefficient over time with two sigmas",
-        "fit_other": "Recorded against simulated outputs of the study that this one is compared with",
+        "fit_other": (
+            "Recorded against simulated outputs of the study that this one is compared with"
+        ),
         "compared": "The two studies side by side",
         "delays": "Likelihood of each delay of the bank",
         "linear": "Flown against the linear loop",
@@ -99,28 +119,69 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "compared_estimates": "Estimates of all studies with two sigmas",
         "compared_errors": "Errors of all studies",
         "compared_responses": "Outputs of all studies over time",
-        "campaign": "Errors of all runs in their own sigmas, and the share of intervals that hold the reference",
-        "verdicts": "Verdicts by what was hidden, with the share of right answers and its exact 95 % interval",
-        "confusion": "What was concluded (along) of what was hidden (up the side), in per cent of its flights",
-        "reliability": "The share of names that is right against the probability that they were given, with exact 95 % intervals",
-        "effect_coverage": "The share of effects' parameters within one, two and three reported sigmas of the truth, flights resampled whole",
-        "maneuvers": "Inputs and expected responses of every maneuver, the best first, with the limits",
-        "effects": "Which flight has which effect: filled, has it; grey, not told; open, has it not",
+        "campaign": (
+            "Errors of all runs in their own sigmas, and the share of intervals that hold the "
+            "reference"
+        ),
+        "verdicts": (
+            "Verdicts by what was hidden, with the share of right answers and its exact 95 % "
+            "interval"
+        ),
+        "confusion": (
+            "What was concluded (along) of what was hidden (up the side), in per cent of its "
+            "flights"
+        ),
+        "reliability": (
+            "The share of names that is right against the probability that they were given, with "
+            "exact 95 % intervals"
+        ),
+        "effect_coverage": (
+            "The share of effects' parameters within one, two and three reported sigmas of the "
+            "truth, flights resampled whole"
+        ),
+        "maneuvers": (
+            "Inputs and expected responses of every maneuver, the best first, with the limits"
+        ),
+        "effects": (
+            "Which flight has which effect: filled, has it; grey, not told; open, has it not"
+        ),
         "shared": "What each flight says of a shared value by itself, and the common value",
-        "over": "Derivatives of all flights over the condition, with the common line and the scatter between flights",
-        "flight": "The whole flight: inputs and motion, maneuvers with their numbers, trim points grey",
-        "response": "Magnitude, phase and coherence over frequency, with 95 % bands; grey: outside the usable band",
-        "mismatch": "The estimated response over the fitted one, between the envelopes of dynamics that a pilot does not notice",
-        "bandwidth": "The attitude response with its phase and gain bandwidth and its phase delay, spans of 95 %",
-        "coherence": "Coherence of every response that is expected of one flight, over frequency; dotted: the limit of a usable one",
-        "loop": "The broken-loop response with its gain and phase margins, and its distance from -1, spans of 95 %",
+        "over": (
+            "Derivatives of all flights over the condition, with the common line and the scatter "
+            "between flights"
+        ),
+        "flight": (
+            "The whole flight: inputs and motion, maneuvers with their numbers, trim points grey"
+        ),
+        "response": (
+            "Magnitude, phase and coherence over frequency, with 95 % bands; grey: outside the "
+            "usable band"
+        ),
+        "mismatch": (
+            "The estimated response over the fitted one, between the envelopes of dynamics that a "
+            "pilot does not notice"
+        ),
+        "bandwidth": (
+            "The attitude response with its phase and gain bandwidth and its phase delay, spans of "
+            "95 %"
+        ),
+        "coherence": (
+            "Coherence of every response that is expected of one flight, over frequency; dotted: "
+            "the limit of a usable one"
+        ),
+        "loop": (
+            "The broken-loop response with its gain and phase margins, and its distance from -1, "
+            "spans of 95 %"
+        ),
         "watched": "Parameters while the stream arrived",
     }
 )
 
 
 def caption_of(stem: str, captions: Mapping[str, str] = CAPTIONS) -> str:
-    """The caption of ``fit``, ``fit_2`` and ``fit_METHOD`` alike, the number or method behind it; the stem in words where there is none."""
+    """The caption of ``fit``, ``fit_2`` and ``fit_METHOD`` alike, the number or method behind it;
+    the stem in words where there is none.
+    """
     known = [name for name in captions if stem == name or stem.startswith(f"{name}_")]
     if not known:
         words = stem.replace("_", " ")

@@ -12,7 +12,16 @@ from matplotlib.figure import Figure
 
 from ident.estimate import FilterHistory
 from ident.frequency_response.transfer_function import unnoticeable
-from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, axis_label, course, display_unit, plain, scaled_unit, symbol
+from scenarios.plots.display import (
+    MEASURED_DATA,
+    SIMULATED_DATA,
+    axis_label,
+    course,
+    display_unit,
+    plain,
+    scaled_unit,
+    symbol,
+)
 from scenarios.plots.style import (
     BLACK,
     BLUE,
@@ -40,7 +49,8 @@ from sim.errors import DeclarationError
 
 _DEEPEST = 1e4  # of a log-likelihood below its maximum: what lies lower is drawn there
 _LABEL = 2.6  # inches
-_LEAST, _WORDS = 1e-16, 2.1  # of the response, where what is exactly equal is drawn; inches, for names beside bars
+# of the response, where what is exactly equal is drawn; inches, for names beside bars
+_LEAST, _WORDS = 1e-16, 2.1
 
 
 @dataclass(frozen=True)
@@ -72,20 +82,34 @@ def figure_side_by_side(
     title: str = "",
     printed: Sequence[Mapping[str, float]] = (),
 ) -> Figure:
-    """Two estimates with bounds of two standard deviations, one small panel for each quantity (fig. 8 of NASA TM-101722).
+    """Two estimates with bounds of two standard deviations, one small panel for each quantity (fig.
+    8 of NASA TM-101722).
 
     ``printed`` : of both, what a paper prints, in the same units; drawn beside them.
     """
     names = [name for name in first if name in second]
     columns = 4
     rows = -(-len(names) // columns)
-    sheet = make_sheet([1.3] * rows, (1.0,) * columns, count=len(names), share_x=False, row_gap=0.36, column_gap=0.5, left=0.55)
+    sheet = make_sheet(
+        [1.3] * rows,
+        (1.0,) * columns,
+        count=len(names),
+        share_x=False,
+        row_gap=0.36,
+        column_gap=0.5,
+        left=0.55,
+    )
     for name, panel in zip(names, sheet.panels, strict=True):
         base = display_unit(first[name].unit, name)
-        largest = max(abs(first[name].value), abs(second[name].value), first[name].std, second[name].std)
+        largest = max(
+            abs(first[name].value), abs(second[name].value), first[name].std, second[name].std
+        )
         unit = scaled_unit(base, base.factor * largest)
         caption(panel, axis_label(name, unit), LABEL_SIZE)
-        for x, bar, colour, marker, label in ((0.0, first[name], BLUE, "o", first_label), (1.0, second[name], VERMILION, "s", second_label)):
+        for x, bar, colour, marker, label in (
+            (0.0, first[name], BLUE, "o", first_label),
+            (1.0, second[name], VERMILION, "s", second_label),
+        ):
             yerr = [2.0 * unit.factor * bar.std]
             panel.errorbar(
                 [x],
@@ -101,20 +125,41 @@ def figure_side_by_side(
         for x, cells in zip((0.25, 1.25), printed, strict=False):
             if name in cells:
                 value = [unit.factor * cells[name]]
-                panel.plot([x], value, color=BLACK, linestyle="none", marker="D", markersize=4.0, fillstyle="none", label="published")
+                panel.plot(
+                    [x],
+                    value,
+                    color=BLACK,
+                    linestyle="none",
+                    marker="D",
+                    markersize=4.0,
+                    fillstyle="none",
+                    label="published",
+                )
         panel.set_xlim(-0.6, 1.6)
         panel.set_xticks([])
         panel.margins(y=0.2)
     return finish(sheet, title, bottom=0.15, head=0.24)
 
 
-def figure_states(history: FilterHistory, names: Sequence[str], units: Sequence[str], title: str = "") -> Figure:
-    """States of a filter over time with bounds of two standard deviations, one wide panel each, whole range."""
+def figure_states(
+    history: FilterHistory, names: Sequence[str], units: Sequence[str], title: str = ""
+) -> Figure:
+    """States of a filter over time with bounds of two standard deviations, one wide panel each,
+    whole range.
+    """
     sheet = make_sheet([1.1] * len(names), row_gap=0.2)
     for name, unit, panel in zip(names, units, sheet.panels, strict=True):
         shown = display_unit(unit)
         path = course(history, name, shown.factor)
-        panel.fill_between(path.time, path.mean - 2.0 * path.std, path.mean + 2.0 * path.std, color=SKY, alpha=0.5, linewidth=0, label="±2σ")
+        panel.fill_between(
+            path.time,
+            path.mean - 2.0 * path.std,
+            path.mean + 2.0 * path.std,
+            color=SKY,
+            alpha=0.5,
+            linewidth=0,
+            label="±2σ",
+        )
         panel.plot(path.time, path.mean, color=BLUE, linewidth=1.0, label="estimate")
         y_label(panel, axis_label(name, shown))
     time_axis(sheet.panels[-1])
@@ -122,17 +167,46 @@ def figure_states(history: FilterHistory, names: Sequence[str], units: Sequence[
 
 
 def figure_delays(curve: LikelihoodCurve, title: str = "") -> Figure:
-    """How far each delay's log-likelihood lies below the largest (logarithmic), with the most likely, the weighted and the refined delay."""
+    """How far each delay's log-likelihood lies below the largest (logarithmic), with the most
+    likely, the weighted and the refined delay.
+    """
     sheet = make_sheet([2.0], right=0.3)
     panel = sheet.panels[0]
     below = np.clip(np.max(curve.log_likelihood) - curve.log_likelihood, 0.0, _DEEPEST)
-    panel.plot(1e3 * curve.delays, below, color=BLUE, marker="o", markersize=4.0, linewidth=1.0, label="bank of filters, one pass")
-    panel.axvline(1e3 * curve.most_likely, color=BLUE, linewidth=2.4, alpha=0.5, label="most likely")
-    panel.axvline(1e3 * curve.weighted_mean, color=GREEN, linewidth=1.3, linestyle="--", label="likelihood-weighted sum")
-    panel.axvline(1e3 * curve.refined, color=VERMILION, linewidth=1.2, label="refined" + (" ±2σ" if curve.refined_std > 0 else ""))
+    panel.plot(
+        1e3 * curve.delays,
+        below,
+        color=BLUE,
+        marker="o",
+        markersize=4.0,
+        linewidth=1.0,
+        label="bank of filters, one pass",
+    )
+    panel.axvline(
+        1e3 * curve.most_likely, color=BLUE, linewidth=2.4, alpha=0.5, label="most likely"
+    )
+    panel.axvline(
+        1e3 * curve.weighted_mean,
+        color=GREEN,
+        linewidth=1.3,
+        linestyle="--",
+        label="likelihood-weighted sum",
+    )
+    panel.axvline(
+        1e3 * curve.refined,
+        color=VERMILION,
+        linewidth=1.2,
+        label="refined" + (" ±2σ" if curve.refined_std > 0 else ""),
+    )
     if curve.refined_std > 0:
         half = 2e3 * curve.refined_std
-        panel.axvspan(1e3 * curve.refined - half, 1e3 * curve.refined + half, color=SKY, alpha=0.4, linewidth=0)
+        panel.axvspan(
+            1e3 * curve.refined - half,
+            1e3 * curve.refined + half,
+            color=SKY,
+            alpha=0.4,
+            linewidth=0,
+        )
     panel.set_yscale("symlog", linthresh=10.0)
     panel.set_ylim(1.6 * max(float(below.max()), 10.0), -3.0)
     panel.set_xlabel("delay (ms)", fontsize=LABEL_SIZE)
@@ -141,12 +215,16 @@ def figure_delays(curve: LikelihoodCurve, title: str = "") -> Figure:
 
 
 def figure_peaks(rows: Sequence[tuple[str, float]], words: str, title: str = "") -> Figure:
-    """One number for each variant as a horizontal bar; ``words`` says what it is. Signs are shown where one is negative."""
+    """One number for each variant as a horizontal bar; ``words`` says what it is. Signs are shown
+    where one is negative.
+    """
     n, sign = len(rows), "+" if any(round(value, 2) < 0 for _, value in rows) else ""
     sheet = make_sheet([0.38 * n + 0.1], left=_LABEL + 0.2, right=0.5)
     panel = sheet.panels[0]
     places = np.arange(n)[::-1]
-    panel.barh(places, [value for _, value in rows], height=0.5, color=[VERMILION] + [BLUE] * (n - 1))
+    panel.barh(
+        places, [value for _, value in rows], height=0.5, color=[VERMILION] + [BLUE] * (n - 1)
+    )
     panel.axvline(0.0, **ZERO)
     for place, (_, value) in zip(places, rows, strict=True):
         # What rounds to nothing has no sign.
@@ -161,7 +239,9 @@ def figure_peaks(rows: Sequence[tuple[str, float]], words: str, title: str = "")
             fontsize=TICK_SIZE,
             color=BLACK,
         )
-    panel.set_yticks(places, ["\n".join(folded(plain(label), _LABEL, TICK_SIZE)) for label, _ in rows])
+    panel.set_yticks(
+        places, ["\n".join(folded(plain(label), _LABEL, TICK_SIZE)) for label, _ in rows]
+    )
     panel.margins(x=0.18)
     panel.grid(False, axis="y")
     panel.set_xlabel(words, fontsize=LABEL_SIZE)
@@ -178,9 +258,13 @@ def figure_linear(
     curves: Mapping[str, Sequence[float]],
     title: str = "",
 ) -> Figure:
-    """Flown ``(m, F)`` and linear responses over time (s), and the misfit of q over the size of the stick (in), both logarithmic."""
+    """Flown ``(m, F)`` and linear responses over time (s), and the misfit of q over the size of the
+    stick (in), both logarithmic.
+    """
     sheet = make_sheet([1.05] * (len(names) + 1) + [1.9], row_gap=0.45, share_x=False)
-    for name, unit, one, other, panel in zip(names, units, flown, linear, sheet.panels, strict=False):
+    for name, unit, one, other, panel in zip(
+        names, units, flown, linear, sheet.panels, strict=False
+    ):
         shown = display_unit(unit)
         panel.plot(time, shown.factor * one, color=BLUE, linewidth=2.4, label="flown, noise-free")
         panel.plot(time, shown.factor * other, label="linear, python-control", **TRUE)
@@ -188,14 +272,30 @@ def figure_linear(
         panel.set_xlim(time[0], time[-1])
     shown, row = display_unit(units[names.index("q")]), names.index("q")
     panel = sheet.panels[len(names)]
-    panel.plot(time, shown.factor * (flown[row] - linear[row]), color=VERMILION, linewidth=1.0, label="flown less linear")
+    panel.plot(
+        time,
+        shown.factor * (flown[row] - linear[row]),
+        color=VERMILION,
+        linewidth=1.0,
+        label="flown less linear",
+    )
     panel.axhline(0.0, **ZERO)
     panel.set_xlim(time[0], time[-1])
     y_label(panel, f"difference in {symbol('q')} ({shown.text})")
     time_axis(panel)
     panel = sheet.panels[-1]
-    for (label, values), colour, marker in zip(curves.items(), (BLUE, GREEN, BLACK), ("o", "s", "^"), strict=True):
-        panel.plot(sticks, np.maximum(values, _LEAST), color=colour, marker=marker, markersize=4.5, linewidth=1.0, label=label)
+    for (label, values), colour, marker in zip(
+        curves.items(), (BLUE, GREEN, BLACK), ("o", "s", "^"), strict=True
+    ):
+        panel.plot(
+            sticks,
+            np.maximum(values, _LEAST),
+            color=colour,
+            marker=marker,
+            markersize=4.5,
+            linewidth=1.0,
+            label=label,
+        )
     panel.set_xscale("log")
     panel.set_yscale("log")
     panel.set_ylim(_LEAST / 3.0, 30.0)
@@ -212,20 +312,37 @@ def figure_open_margins(
     effects: Sequence[tuple[str, float]],
     title: str = "",
 ) -> Figure:
-    """Phase margins of flight over those of simulation (deg), and what each open value does to their difference.
+    """Phase margins of flight over those of simulation (deg), and what each open value does to
+    their difference.
 
-    ``clouds`` and ``declared`` : a label with margins of simulation and flight. ``effects`` : a label with degrees, drawn where there are any.
+    ``clouds`` and ``declared`` : a label with margins of simulation and flight. ``effects`` : a
+    label with degrees, drawn where there are any.
     """
     heights = [3.4, 0.3 * len(effects) + 0.1] if effects else [3.4]
     sheet = make_sheet(heights, share_x=False, row_gap=0.62, left=_WORDS if effects else 0.72)
     panel = sheet.panels[0]
-    for (label, simulation, flight), colour, marker in zip(clouds, (BLUE, VERMILION), ("o", "x"), strict=True):
-        panel.plot(simulation, flight, color=colour, marker=marker, markersize=4.5, linestyle="none", label=label)
-    every = np.concatenate([np.concatenate([simulation, flight]) for _, simulation, flight in clouds] + [np.array(d[1:]) for d in declared])
+    for (label, simulation, flight), colour, marker in zip(
+        clouds, (BLUE, VERMILION), ("o", "x"), strict=True
+    ):
+        panel.plot(
+            simulation,
+            flight,
+            color=colour,
+            marker=marker,
+            markersize=4.5,
+            linestyle="none",
+            label=label,
+        )
+    every = np.concatenate(
+        [np.concatenate([simulation, flight]) for _, simulation, flight in clouds]
+        + [np.array(d[1:]) for d in declared]
+    )
     ends = np.array([every.min() - 2.0, every.max() + 2.0])
     panel.plot(ends, ends, label="equal: above it the paper's sign", **TRUE)
     for (label, x, y), marker in zip(declared, ("D", "*"), strict=False):
-        panel.plot([x], [y], color=BLACK, marker=marker, markersize=8.0, linestyle="none", label=label)
+        panel.plot(
+            [x], [y], color=BLACK, marker=marker, markersize=8.0, linestyle="none", label=label
+        )
     panel.set_xlim(*ends)
     panel.set_ylim(*ends)
     panel.set_xlabel("phase margin of the simulation (deg)", fontsize=LABEL_SIZE)
@@ -234,9 +351,14 @@ def figure_open_margins(
         panel, places = sheet.panels[1], np.arange(len(effects))[::-1]
         panel.barh(places, [value for _, value in effects], height=0.55, color=BLUE)
         panel.axvline(0.0, **ZERO)
-        panel.set_yticks(places, ["\n".join(folded(label, _WORDS - 0.3, TICK_SIZE)) for label, _ in effects])
+        panel.set_yticks(
+            places, ["\n".join(folded(label, _WORDS - 0.3, TICK_SIZE)) for label, _ in effects]
+        )
         panel.grid(False, axis="y")
-        panel.set_xlabel("flight less simulation, from the middle to the high end of the range (deg)", fontsize=LABEL_SIZE)
+        panel.set_xlabel(
+            "flight less simulation, from the middle to the high end of the range (deg)",
+            fontsize=LABEL_SIZE,
+        )
     return finish(sheet, title)
 
 
@@ -384,7 +506,9 @@ def figure_bandwidth(estimate: EstimatedResponses, number: int = 0) -> Figure:
         (angle, curve.phase, curve.phase_std),
     ):
         half = np.minimum(1.96 * std, _MOST)
-        panel.fill_between(curve.omega, value - half, value + half, color=SKY, alpha=0.45, linewidth=0)
+        panel.fill_between(
+            curve.omega, value - half, value + half, color=SKY, alpha=0.45, linewidth=0
+        )
         panel.plot(curve.omega, value, color=BLUE, linewidth=1.2, label="attitude")
         panel.set_xscale("log")
         panel.set_xlim(float(curve.omega[0]), float(curve.omega[-1]))
@@ -434,7 +558,9 @@ def figure_margins(estimate: EstimatedResponses) -> Figure:
     )
     for panel, (value, std, label, marks, sign) in zip(sheet.panels, rows, strict=True):
         half = np.minimum(1.96 * std, _MOST)
-        panel.fill_between(curve.omega, value - half, value + half, color=SKY, alpha=0.45, linewidth=0)
+        panel.fill_between(
+            curve.omega, value - half, value + half, color=SKY, alpha=0.45, linewidth=0
+        )
         panel.plot(curve.omega, value, color=BLUE, linewidth=1.2, label="broken loop")
         panel.axhline(0.0, color=GREY, linewidth=0.7, linestyle=":")
         panel.set_xscale("log")
@@ -449,7 +575,9 @@ def figure_margins(estimate: EstimatedResponses) -> Figure:
             text = "phase margin" if sign > 0.0 else "gain margin"
             panel.plot([at, at], [zero, zero + end], color=colour, linewidth=1.4, label=text)
             span = [zero + sign * margin.low, zero + sign * margin.high]
-            panel.plot([at, at], span, color=colour, linewidth=5.0, alpha=0.35, solid_capstyle="butt")
+            panel.plot(
+                [at, at], span, color=colour, linewidth=5.0, alpha=0.35, solid_capstyle="butt"
+            )
         y_label(panel, label)
     if margins.distance is not None:
         least = margins.distance

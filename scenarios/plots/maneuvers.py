@@ -69,10 +69,12 @@ class Searched(Protocol):
 
 
 def figure_flight(found: Searched, title: str = "") -> Figure:
-    """Controls and motion of a whole record, each as the band between its least and largest values, maneuvers as coloured spans.
+    """Controls and motion of a whole record, each as the band between its least and largest values,
+    maneuvers as coloured spans.
 
-    A maneuver is marked in the panel of its input, with its number above; trim points are grey in all panels. Angles in degrees.
-    Long pauses in the rows are cut out: a column of panels for each part, wide as it is long.
+    A maneuver is marked in the panel of its input, with its number above; trim points are grey in
+    all panels. Angles in degrees. Long pauses in the rows are cut out: a column of panels for each
+    part, wide as it is long.
     """
     record = found.record
     names = [name for name in (*AXES, *SHOWN) if name in record.output_names]
@@ -83,7 +85,13 @@ def figure_flight(found: Searched, title: str = "") -> Figure:
     for name, panels in zip(names, sheet.axes, strict=True):
         unit = display_unit(record[name].unit, name)
         time, low, high = _parted(*envelope(record.time, unit.factor * record[name].with_gaps()))
-        marked = [each for each in found.maneuvers if each.found.axis == "all" or each.found.channel == name or each.found.channel not in names]
+        marked = [
+            each
+            for each in found.maneuvers
+            if each.found.axis == "all"
+            or each.found.channel == name
+            or each.found.channel not in names
+        ]
         for panel, (first, last) in zip(panels, parts, strict=True):
             panel.fill_between(time, low, high, color=BLUE, linewidth=0.6, step=None)
             for each in marked:
@@ -129,7 +137,9 @@ def _mark(panel: Axes, each: Numbered) -> None:
 
 
 def _parts(time: np.ndarray) -> list[tuple[float, float]]:
-    """Begin and end of the parts between long pauses, s; the longest pauses where there are more than a figure has columns for."""
+    """Begin and end of the parts between long pauses, s; the longest pauses where there are more
+    than a figure has columns for.
+    """
     steps = np.diff(time)
     usual = float(np.median(steps)) if steps.size else 0.0
     pauses = np.flatnonzero(steps > max(PAUSE, 5.0 * usual))
@@ -143,12 +153,19 @@ def _parts(time: np.ndarray) -> list[tuple[float, float]]:
 def _parted(time: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, ...]:
     """The band with a hole at each pause in the rows."""
     steps = np.diff(time)
-    pauses = np.flatnonzero(steps > max(PAUSE, 5.0 * float(np.median(steps)))) + 1 if steps.size else np.array([], dtype=int)
+    pauses = (
+        np.flatnonzero(steps > max(PAUSE, 5.0 * float(np.median(steps)))) + 1
+        if steps.size
+        else np.array([], dtype=int)
+    )
     return tuple(np.insert(values, pauses, np.nan) for values in (time, low, high))
 
 
-def envelope(time: np.ndarray, values: np.ndarray, bins: int = BINS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middle, least and largest value of at most ``bins`` successive blocks of samples; blocks without a sample are left out.
+def envelope(
+    time: np.ndarray, values: np.ndarray, bins: int = BINS
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Middle, least and largest value of at most ``bins`` successive blocks of samples; blocks
+    without a sample are left out.
 
     Neighbouring blocks share a sample, so that the band has no holes.
     """
@@ -183,9 +200,14 @@ class ManeuverCourse:
 
 
 def figure_maneuvers(
-    time: np.ndarray, courses: Sequence[ManeuverCourse], limits: Mapping[str, tuple[float, float]], units: Mapping[str, str], title: str = ""
+    time: np.ndarray,
+    courses: Sequence[ManeuverCourse],
+    limits: Mapping[str, tuple[float, float]],
+    units: Mapping[str, str],
+    title: str = "",
 ) -> Figure:
-    """A column a maneuver, the first the best; a row an input, held between samples, and an output; angles in degrees.
+    """A column a maneuver, the first the best; a row an input, held between samples, and an output;
+    angles in degrees.
 
     ``limits``: lowest and highest by name, drawn where they are near what is flown.
     """
@@ -195,7 +217,10 @@ def figure_maneuvers(
     for row, name in enumerate(names):
         unit = display_unit(units.get(name, ""), name)
         flown = [unit.factor * {**course.inputs, **course.outputs}[name] for course in courses]
-        low, high = min(float(each.min()) for each in flown), max(float(each.max()) for each in flown)
+        low, high = (
+            min(float(each.min()) for each in flown),
+            max(float(each.max()) for each in flown),
+        )
         near = [unit.factor * end for end in limits.get(name, ()) if np.isfinite(end)]
         reach = _IN_SIGHT * (max(abs(low), abs(high)) or 1.0)
         shown = [end for end in near if abs(end) <= reach]
@@ -205,7 +230,9 @@ def figure_maneuvers(
             panel = sheet.axes[row][column]
             style: dict[str, Any] = {"drawstyle": "steps-post"} if name in course.inputs else {}
             look = method_style(column, alone=True)
-            panel.plot(time, values, label=plain(course.label), color=look["color"], linewidth=1.0, **style)
+            panel.plot(
+                time, values, label=plain(course.label), color=look["color"], linewidth=1.0, **style
+            )
             for end in shown:
                 panel.axhline(end, **_LIMIT)
             panel.set_ylim(low - margin, high + margin)
@@ -236,13 +263,21 @@ def figure_coherence(kinds: Sequence[tuple[str, Any]], title: str = "") -> Figur
     ``kinds`` : name of the maneuver and its ``Expected`` responses.
     """
     first: Expected = kinds[0][1]
-    sheet = make_sheet([1.0] * len(first.outputs), (1.0,) * len(first.inputs), column_gap=0.25, row_gap=0.12)
+    sheet = make_sheet(
+        [1.0] * len(first.outputs), (1.0,) * len(first.inputs), column_gap=0.25, row_gap=0.12
+    )
     for m, output in enumerate(first.outputs):
         for q, name in enumerate(first.inputs):
             panel = sheet.axes[m][q]
             for number, (kind, found) in enumerate(kinds):
                 look = method_style(number, alone=True)
-                panel.plot(found.frequency, found.coherence[m, q], label=plain(kind), color=look["color"], linewidth=1.2)
+                panel.plot(
+                    found.frequency,
+                    found.coherence[m, q],
+                    label=plain(kind),
+                    color=look["color"],
+                    linewidth=1.2,
+                )
             panel.axhline(0.6, color=GREY, linewidth=0.7, linestyle=":")
             panel.set_xscale("log")
             panel.set_xlim(float(first.frequency[0]), float(first.frequency[-1]))
@@ -265,7 +300,9 @@ _FLIGHTS, _LONGEST = 45, 12  # names, and letters in them, that stand at the axi
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A line ``(k,)`` over ``along (k,)`` with its sigma ``(k,)``, and the scatter of flights about it."""
+    """A line ``(k,)`` over ``along (k,)`` with its sigma ``(k,)``, and the scatter of flights about
+    it.
+    """
 
     along: np.ndarray
     middle: np.ndarray
@@ -275,7 +312,9 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class OverCondition:
-    """A derivative of n flights over a condition: values and sigmas ``(n,)``, which flights stand out, and the pooled line."""
+    """A derivative of n flights over a condition: values and sigmas ``(n,)``, which flights stand
+    out, and the pooled line.
+    """
 
     name: str
     unit: str
@@ -288,7 +327,9 @@ class OverCondition:
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """A parameter that flights share: each flight's own value and sigma ``(n,)`` over the condition ``(n,)``, which have it, and the common one."""
+    """A parameter that flights share: each flight's own value and sigma ``(n,)`` over the condition
+    ``(n,)``, which have it, and the common one.
+    """
 
     name: str
     unit: str
@@ -300,22 +341,62 @@ class Shared:
     common_sigma: float
 
 
-def figure_over_condition(rows: Sequence[OverCondition], condition: str, unit: str, title: str = "") -> Figure:
-    """A panel a derivative: each flight with two sigmas, the pooled line with its band, and the scatter of the flights about it."""
-    sheet = make_sheet([_PANEL] * (-(-len(rows) // 2)), (1.0, 1.0) if len(rows) > 1 else (1.0,), count=len(rows), row_gap=0.16)
+def figure_over_condition(
+    rows: Sequence[OverCondition], condition: str, unit: str, title: str = ""
+) -> Figure:
+    """A panel a derivative: each flight with two sigmas, the pooled line with its band, and the
+    scatter of the flights about it.
+    """
+    sheet = make_sheet(
+        [_PANEL] * (-(-len(rows) // 2)),
+        (1.0, 1.0) if len(rows) > 1 else (1.0,),
+        count=len(rows),
+        row_gap=0.16,
+    )
     across = display_unit(unit, condition)
     for row, panel in zip(rows, sheet.panels, strict=True):
         shown = display_unit(row.unit, row.name)
         at, along = across.factor * row.condition, across.factor * row.line.along
         middle, sigma = shown.factor * row.line.middle, shown.factor * row.line.sigma
         wide = 2.0 * np.hypot(sigma, shown.factor * row.line.scatter)
-        panel.fill_between(along, middle - wide, middle + wide, color=LIGHT, alpha=0.6, linewidth=0, label="flights within ±2σ")
-        panel.fill_between(along, middle - 2 * sigma, middle + 2 * sigma, color=BLUE, alpha=0.3, linewidth=0, label="pooled ±2σ")
+        panel.fill_between(
+            along,
+            middle - wide,
+            middle + wide,
+            color=LIGHT,
+            alpha=0.6,
+            linewidth=0,
+            label="flights within ±2σ",
+        )
+        panel.fill_between(
+            along,
+            middle - 2 * sigma,
+            middle + 2 * sigma,
+            color=BLUE,
+            alpha=0.3,
+            linewidth=0,
+            label="pooled ±2σ",
+        )
         panel.plot(along, middle, "-", color=BLUE, linewidth=1.2, label="pooled")
-        for chosen, colour, label in ((~row.out, BLACK, "one flight ±2σ"), (row.out, VERMILION, "stands out")):
+        for chosen, colour, label in (
+            (~row.out, BLACK, "one flight ±2σ"),
+            (row.out, VERMILION, "stands out"),
+        ):
             if np.any(chosen):
-                values, sigmas = shown.factor * row.values[chosen], shown.factor * row.sigmas[chosen]
-                panel.errorbar(at[chosen], values, 2 * sigmas, fmt=".", color=colour, markersize=4.5, elinewidth=0.7, label=label)
+                values, sigmas = (
+                    shown.factor * row.values[chosen],
+                    shown.factor * row.sigmas[chosen],
+                )
+                panel.errorbar(
+                    at[chosen],
+                    values,
+                    2 * sigmas,
+                    fmt=".",
+                    color=colour,
+                    markersize=4.5,
+                    elinewidth=0.7,
+                    label=label,
+                )
         _limits(panel, shown.factor * row.values, shown.factor * row.sigmas)
         y_label(panel, axis_label(row.name, shown))
     for panel in sheet.panels[-len(sheet.widths) :]:
@@ -324,7 +405,9 @@ def figure_over_condition(rows: Sequence[OverCondition], condition: str, unit: s
 
 
 def figure_shared(rows: Sequence[Shared], condition: str, unit: str, title: str = "") -> Figure:
-    """A panel an effect: the value of each flight by itself over the condition, and the common one of the flights that have it."""
+    """A panel an effect: the value of each flight by itself over the condition, and the common one
+    of the flights that have it.
+    """
     sheet = make_sheet([1.35] * len(rows), row_gap=0.2)
     across = display_unit(unit, condition)
     for row, panel in zip(rows, sheet.panels, strict=True):
@@ -332,11 +415,24 @@ def figure_shared(rows: Sequence[Shared], condition: str, unit: str, title: str 
         low, high = (shown.factor * (row.common + side * 2 * row.common_sigma) for side in (-1, 1))
         panel.axhspan(low, high, color=BLUE, alpha=0.3, linewidth=0, label="common value ±2σ")
         panel.axhline(shown.factor * row.common, color=BLUE, linewidth=1.2)
-        for chosen, colour, label in ((row.has, BLACK, "has it, ±2σ"), (~row.has, GREY, "has it not, or not told")):
+        for chosen, colour, label in (
+            (row.has, BLACK, "has it, ±2σ"),
+            (~row.has, GREY, "has it not, or not told"),
+        ):
             if np.any(chosen):
-                values, sigmas = shown.factor * row.values[chosen], shown.factor * row.sigmas[chosen]
+                values, sigmas = (
+                    shown.factor * row.values[chosen],
+                    shown.factor * row.sigmas[chosen],
+                )
                 panel.errorbar(
-                    across.factor * row.condition[chosen], values, 2 * sigmas, fmt=".", color=colour, markersize=4.5, elinewidth=0.7, label=label
+                    across.factor * row.condition[chosen],
+                    values,
+                    2 * sigmas,
+                    fmt=".",
+                    color=colour,
+                    markersize=4.5,
+                    elinewidth=0.7,
+                    label=label,
                 )
         _limits(panel, shown.factor * row.values, shown.factor * row.sigmas)
         y_label(panel, plain(f"{row.name} ({shown.text})"))
@@ -344,29 +440,60 @@ def figure_shared(rows: Sequence[Shared], condition: str, unit: str, title: str 
     return finish(sheet, title)
 
 
-def figure_effects(flights: Sequence[str], probabilities: Mapping[str, np.ndarray], title: str = "") -> Figure:
-    """A row an effect, a column a flight: filled where the flight has it, open where it has it not, half where it does not tell."""
+def figure_effects(
+    flights: Sequence[str], probabilities: Mapping[str, np.ndarray], title: str = ""
+) -> Figure:
+    """A row an effect, a column a flight: filled where the flight has it, open where it has it not,
+    half where it does not tell.
+    """
     names = list(probabilities)
     named = len(flights) <= _FLIGHTS and max(map(len, flights)) <= _LONGEST
-    sheet = make_sheet([_ROW * len(names) + 0.15], left=max(0.72, *(text_width(plain(name)) + 0.25 for name in names)))
+    sheet = make_sheet(
+        [_ROW * len(names) + 0.15],
+        left=max(0.72, *(text_width(plain(name)) + 0.25 for name in names)),
+    )
     panel = sheet.panels[0]
     for y, name in zip(range(len(names) - 1, -1, -1), names, strict=True):
         p = probabilities[name]
         x = 1 + np.arange(len(flights))
-        for chosen, face, label in ((p > 0.95, BLUE, "has it"), ((p >= 0.05) & (p <= 0.95), LIGHT, "not told"), (p < 0.05, "white", "has it not")):
+        for chosen, face, label in (
+            (p > 0.95, BLUE, "has it"),
+            ((p >= 0.05) & (p <= 0.95), LIGHT, "not told"),
+            (p < 0.05, "white", "has it not"),
+        ):
             if np.any(chosen):
                 at = x[chosen]
-                panel.plot(at, np.full(len(at), y), "s", color=BLUE, markerfacecolor=face, markersize=5.0, markeredgewidth=0.7, label=label)
+                panel.plot(
+                    at,
+                    np.full(len(at), y),
+                    "s",
+                    color=BLUE,
+                    markerfacecolor=face,
+                    markersize=5.0,
+                    markeredgewidth=0.7,
+                    label=label,
+                )
     panel.set_yticks(range(len(names)), [plain(name) for name in names[::-1]])
     panel.set_ylim(-0.6, len(names) - 0.4)
     panel.set_xlim(0.2, len(flights) + 0.8)
     panel.tick_params(axis="both", labelsize=TICK_SIZE, length=0)
     if named:
         panel.grid(False)
-        panel.set_xticks(1 + np.arange(len(flights)), [plain(flight) for flight in flights], rotation=90)
+        panel.set_xticks(
+            1 + np.arange(len(flights)), [plain(flight) for flight in flights], rotation=90
+        )
     else:
-        panel.set_xlabel(f"flight, in the order of the file: {plain(flights[0])} to {plain(flights[-1])}", fontsize=LABEL_SIZE)
-    return finish(sheet, title, bottom=0.2 + max(text_width(plain(flight), TICK_SIZE) for flight in flights) if named else 0.5)
+        panel.set_xlabel(
+            f"flight, in the order of the file: {plain(flights[0])} to {plain(flights[-1])}",
+            fontsize=LABEL_SIZE,
+        )
+    return finish(
+        sheet,
+        title,
+        bottom=0.2 + max(text_width(plain(flight), TICK_SIZE) for flight in flights)
+        if named
+        else 0.5,
+    )
 
 
 def _limits(panel: object, values: np.ndarray, sigmas: np.ndarray) -> None:

@@ -9,7 +9,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, axis_label, display_unit, plain, scaled_unit, signed, symbol
+from scenarios.plots.display import (
+    MEASURED_DATA,
+    SIMULATED_DATA,
+    axis_label,
+    display_unit,
+    plain,
+    scaled_unit,
+    signed,
+    symbol,
+)
 from scenarios.plots.style import (
     BLACK,
     BLUE,
@@ -29,13 +38,16 @@ from scenarios.plots.style import (
     y_label,
 )
 
-SIGMAS, PERCENT = 8.0, 40.0  # largest errors that are drawn to scale; those beyond become arrows with their size
+# largest errors that are drawn to scale; those beyond become arrows with their size
+SIGMAS, PERCENT = 8.0, 40.0
 _LINE = 0.14  # inches, one mark with its number
 
 
 @dataclass(frozen=True)
 class ParameterColumn:
-    """One parameter in one study, all in one unit; ``std`` is zero where none is stated, ``published`` with its deviation likewise."""
+    """One parameter in one study, all in one unit; ``std`` is zero where none is stated,
+    ``published`` with its deviation likewise.
+    """
 
     estimate: float
     std: float
@@ -51,7 +63,8 @@ class ParameterColumn:
 
 @dataclass(frozen=True, eq=False)
 class StudyResponse:
-    """Measured and predicted outputs and inputs of one study at ``time (N,)``, SI, by name; ``units`` by channel.
+    """Measured and predicted outputs and inputs of one study at ``time (N,)``, SI, by name;
+    ``units`` by channel.
 
     ``simulated``: a program made the record.
     """
@@ -68,20 +81,44 @@ class StudyResponse:
 Rows = Mapping[str, Sequence[ParameterColumn | None]]
 
 
-def figure_studies_estimates(rows: Rows, units: Mapping[str, str], labels: Sequence[str], title: str = "") -> Figure:
-    """A panel a parameter: estimate and published value of each study with bars of two standard deviations, true and condensed value.
+def figure_studies_estimates(
+    rows: Rows, units: Mapping[str, str], labels: Sequence[str], title: str = ""
+) -> Figure:
+    """A panel a parameter: estimate and published value of each study with bars of two standard
+    deviations, true and condensed value.
 
-    ``rows``: by parameter one entry a study, None where it says nothing. Studies with names too long for the axis are numbered there
-    and named under the title.
+    ``rows``: by parameter one entry a study, None where it says nothing. Studies with names too
+    long for the axis are numbered there and named under the title.
     """
     columns = min(3, len(rows))
-    sheet = make_sheet([1.45] * -(-len(rows) // columns), (1.0,) * columns, count=len(rows), row_gap=0.42, column_gap=0.62, left=0.66)
-    room = (WIDTH - sheet.left - sheet.right - sheet.column_gap * (columns - 1)) / columns / len(labels)
+    sheet = make_sheet(
+        [1.45] * -(-len(rows) // columns),
+        (1.0,) * columns,
+        count=len(rows),
+        row_gap=0.42,
+        column_gap=0.62,
+        left=0.66,
+    )
+    room = (
+        (WIDTH - sheet.left - sheet.right - sheet.column_gap * (columns - 1))
+        / columns
+        / len(labels)
+    )
     numbered = any(text_width(label, TICK_SIZE) > room for label in labels)
     if numbered:
-        title = "\n".join([title, *(f"{number}: {label}" for number, label in enumerate(labels, start=1))])
+        title = "\n".join(
+            [title, *(f"{number}: {label}" for number, label in enumerate(labels, start=1))]
+        )
     for (name, row), panel in zip(rows.items(), sheet.panels, strict=True):
-        sizes = [max(abs(each.estimate), *(abs(x) for x in (each.true, each.condensed) if x is not None), 0.0) for each in row if each is not None]
+        sizes = [
+            max(
+                abs(each.estimate),
+                *(abs(x) for x in (each.true, each.condensed) if x is not None),
+                0.0,
+            )
+            for each in row
+            if each is not None
+        ]
         plain_unit = display_unit(units[name], name)
         unit = scaled_unit(plain_unit, plain_unit.factor * max(sizes))
         label = axis_label(name, unit)
@@ -89,7 +126,10 @@ def figure_studies_estimates(rows: Rows, units: Mapping[str, str], labels: Seque
         for x, each in enumerate(row):
             if each is not None:
                 _draw_estimate(panel, float(x), each, unit.factor)
-        panel.set_xticks(range(len(labels)), [str(i + 1) if numbered else plain(label) for i, label in enumerate(labels)])
+        panel.set_xticks(
+            range(len(labels)),
+            [str(i + 1) if numbered else plain(label) for i, label in enumerate(labels)],
+        )
         panel.tick_params(labelbottom=True)
         panel.set_xlim(-0.6, len(labels) - 0.4)
         panel.grid(False, axis="x")
@@ -100,15 +140,21 @@ def figure_studies_estimates(rows: Rows, units: Mapping[str, str], labels: Seque
 
 
 def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") -> Figure:
-    """Errors of each parameter in every study: in % at the left, in the study's own standard deviations at the right.
+    """Errors of each parameter in every study: in % at the left, in the study's own standard
+    deviations at the right.
 
-    Against the condensed value where a study has one, else the true one. Published values are open squares of their study's colour.
+    Against the condensed value where a study has one, else the true one. Published values are open
+    squares of their study's colour.
     """
     n, studies = len(rows), len(labels)
-    printed = any(each is not None and each.published is not None for row in rows.values() for each in row)
+    printed = any(
+        each is not None and each.published is not None for row in rows.values() for each in row
+    )
     lines = studies * (2 if printed else 1)
     left = max(0.75, *(text_width(symbol(name)) + 0.25 for name in rows))
-    sheet = make_sheet([n * (lines + 0.8) * _LINE], (1.0, 1.0), left=left, column_gap=0.3, share_x=False)
+    sheet = make_sheet(
+        [n * (lines + 0.8) * _LINE], (1.0, 1.0), left=left, column_gap=0.3, share_x=False
+    )
     percent, sigmas = sheet.panels
     sigmas.axvspan(-2.0, 2.0, color=LIGHT, alpha=0.55, linewidth=0, label="within ±2σ")
     step = 1.0 / (lines + 0.8)
@@ -117,69 +163,147 @@ def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") ->
             if each is None or each.reference is None:
                 continue
             y = n - 1 - place + 0.5 - step * (0.9 + number * lines / studies)
-            look = {"color": method_style(number)["color"], "marker": "o", "label": plain(labels[number])}
+            look = {
+                "color": method_style(number)["color"],
+                "marker": "o",
+                "label": plain(labels[number]),
+            }
             _draw_errors(percent, sigmas, each, y, look)
             if each.published is not None:
                 theirs = replace(each, estimate=each.published[0], std=each.published[1])
-                _draw_errors(percent, sigmas, theirs, y - step, {**look, "marker": "s", "markerfacecolor": "white", "label": ""})
+                _draw_errors(
+                    percent,
+                    sigmas,
+                    theirs,
+                    y - step,
+                    {**look, "marker": "s", "markerfacecolor": "white", "label": ""},
+                )
         for panel in sheet.panels if place else ():
             panel.axhline(n - place - 0.5, color=LIGHT, linewidth=0.6)
     if printed:
-        sigmas.plot([], [], "s", color=BLACK, markerfacecolor="white", markersize=5.0, label="published")
-    for panel, limit, text in ((percent, PERCENT, "error (%)"), (sigmas, SIGMAS, "error in own standard deviations (σ)")):
+        sigmas.plot(
+            [], [], "s", color=BLACK, markerfacecolor="white", markersize=5.0, label="published"
+        )
+    for panel, limit, text in (
+        (percent, PERCENT, "error (%)"),
+        (sigmas, SIGMAS, "error in own standard deviations (σ)"),
+    ):
         panel.axvline(0.0, **ZERO)
         panel.set_xlim(-1.12 * limit, 1.12 * limit)
         panel.set_xticks(np.linspace(-limit, limit, 9 if panel is sigmas else 5))
         panel.set_ylim(-0.5, n - 0.5)
         panel.set_xlabel(text, fontsize=LABEL_SIZE)
         panel.grid(False, axis="y")
-        panel.set_yticks(range(n), [symbol(name) for name in rows][::-1] if panel is percent else [""] * n)
+        panel.set_yticks(
+            range(n), [symbol(name) for name in rows][::-1] if panel is percent else [""] * n
+        )
         panel.tick_params(axis="y", labelsize=LABEL_SIZE, length=0)
     return finish(sheet, title, head=0.08)
 
 
-def figure_studies_responses(studies: Sequence[StudyResponse], outputs: Sequence[str], title: str = "") -> Figure:
-    """Outputs of several studies over time in one panel each, recorded (dots) and predicted (lines), below the inputs that all have.
+def figure_studies_responses(
+    studies: Sequence[StudyResponse], outputs: Sequence[str], title: str = ""
+) -> Figure:
+    """Outputs of several studies over time in one panel each, recorded (dots) and predicted
+    (lines), below the inputs that all have.
 
     Angles in degrees. A study that does not have an output is left out of its panel.
     """
     inputs = [name for name in studies[0].inputs if all(name in each.inputs for each in studies)]
     sheet = make_sheet([1.15] * len(inputs) + [1.9] * len(outputs), row_gap=0.16)
     for name, panel in zip((*inputs, *outputs), sheet.panels, strict=True):
-        unit = display_unit(next(each.units.get(name, "") for each in studies if name in each.inputs or name in each.measured))
+        unit = display_unit(
+            next(
+                each.units.get(name, "")
+                for each in studies
+                if name in each.inputs or name in each.measured
+            )
+        )
         for number, each in enumerate(studies):
             look = method_style(number)
             if name in inputs:
-                panel.plot(each.time, unit.factor * each.inputs[name], drawstyle="steps-post", **look)
+                panel.plot(
+                    each.time, unit.factor * each.inputs[name], drawstyle="steps-post", **look
+                )
             elif name in each.measured:
-                panel.plot(each.time, unit.factor * each.measured[name], ".", color=look["color"], markersize=3.0, markeredgewidth=0.0, alpha=0.5)
-                panel.plot(each.time, unit.factor * each.predicted[name], label=plain(each.label), **look)
+                panel.plot(
+                    each.time,
+                    unit.factor * each.measured[name],
+                    ".",
+                    color=look["color"],
+                    markersize=3.0,
+                    markeredgewidth=0.0,
+                    alpha=0.5,
+                )
+                panel.plot(
+                    each.time, unit.factor * each.predicted[name], label=plain(each.label), **look
+                )
         y_label(panel, axis_label(name, unit))
     kinds = sorted({SIMULATED_DATA if each.simulated else MEASURED_DATA for each in studies})
-    sheet.panels[-1].plot([], [], ".", color=BLACK, markersize=5.0, alpha=0.5, label=" or ".join(kinds))
+    sheet.panels[-1].plot(
+        [], [], ".", color=BLACK, markersize=5.0, alpha=0.5, label=" or ".join(kinds)
+    )
     time_axis(sheet.panels[-1])
-    return finish(sheet, f"{title}\nlines: predicted, by a filter one sample ahead; dots: {' or '.join(kinds)}", head=0.1)
+    return finish(
+        sheet,
+        f"{title}\nlines: predicted, by a filter one sample ahead; dots: {' or '.join(kinds)}",
+        head=0.1,
+    )
 
 
 def _draw_estimate(panel: Axes, x: float, each: ParameterColumn, factor: float) -> None:
     if each.true is not None:
         panel.plot([x - 0.4, x + 0.4], [factor * each.true] * 2, label="true", **TRUE)
     if each.condensed is not None:
-        panel.plot([x - 0.22], [factor * each.condensed], "D", color=BLACK, markersize=4.5, label="condensed")
+        panel.plot(
+            [x - 0.22],
+            [factor * each.condensed],
+            "D",
+            color=BLACK,
+            markersize=4.5,
+            label="condensed",
+        )
     _bar(panel, x, (each.estimate, each.std), factor, "o", BLUE, "estimated ±2σ")
     if each.published is not None:
         _bar(panel, x + 0.22, each.published, factor, "s", VERMILION, "published ±2σ")
 
 
-def _bar(panel: Axes, x: float, value: tuple[float, float], factor: float, marker: str, colour: str, label: str) -> None:
+def _bar(
+    panel: Axes,
+    x: float,
+    value: tuple[float, float],
+    factor: float,
+    marker: str,
+    colour: str,
+    label: str,
+) -> None:
     bar = [2.0 * factor * value[1]] if value[1] > 0.0 else None
-    panel.errorbar([x], [factor * value[0]], yerr=bar, fmt=marker, color=colour, markersize=4.5, linewidth=1.2, capsize=2.5, label=label)
+    panel.errorbar(
+        [x],
+        [factor * value[0]],
+        yerr=bar,
+        fmt=marker,
+        color=colour,
+        markersize=4.5,
+        linewidth=1.2,
+        capsize=2.5,
+        label=label,
+    )
 
 
-def _draw_errors(percent: Axes, sigmas: Axes, each: ParameterColumn, y: float, look: Mapping) -> None:
+def _draw_errors(
+    percent: Axes, sigmas: Axes, each: ParameterColumn, y: float, look: Mapping
+) -> None:
     """The error of one value in both panels."""
     if each.reference:
-        _mark(percent, 100.0 * (each.estimate - each.reference) / abs(each.reference), PERCENT, y, look, "%")
+        _mark(
+            percent,
+            100.0 * (each.estimate - each.reference) / abs(each.reference),
+            PERCENT,
+            y,
+            look,
+            "%",
+        )
     if each.std > 0.0 and each.reference is not None:
         _mark(sigmas, (each.estimate - each.reference) / each.std, SIGMAS, y, look, "σ")
 
@@ -190,7 +314,18 @@ def _mark(panel: Axes, error: float, limit: float, y: float, look: Mapping, unit
         panel.plot([error], [y], linestyle="none", markersize=5.0, **look)
         return
     side = float(np.sign(error))
-    panel.plot([side * 1.06 * limit], [y], linestyle="none", markersize=5.0, **{**look, "marker": ">" if side > 0 else "<"})
+    panel.plot(
+        [side * 1.06 * limit],
+        [y],
+        linestyle="none",
+        markersize=5.0,
+        **{**look, "marker": ">" if side > 0 else "<"},
+    )
     text = f"{signed(error, '.0f' if abs(error) < 1e4 else '.0e')} {unit}"
-    place = {"ha": "right" if side > 0 else "left", "va": "center", "fontsize": TICK_SIZE, "color": look["color"]}
+    place = {
+        "ha": "right" if side > 0 else "left",
+        "va": "center",
+        "fontsize": TICK_SIZE,
+        "color": look["color"],
+    }
     panel.text(side * 1.01 * limit, y, text, **place)

@@ -53,7 +53,9 @@ from sim.truth.flight import Truth
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """What a method says the outputs were: by output name ``(N,)`` at the record's samples, NaN where it says nothing."""
+    """What a method says the outputs were: by output name ``(N,)`` at the record's samples, NaN
+    where it says nothing.
+    """
 
     label: str
     outputs: Mapping[str, np.ndarray]
@@ -62,10 +64,13 @@ class Response:
 def response_of(estimate: Estimate, label: str = "", record: int = 0) -> Response:
     """The response that an estimate carries for its record number ``record``.
 
-    Of a filter it is the prediction one sample ahead, NaN where a sample was missing or the filter had broken down.
+    Of a filter it is the prediction one sample ahead, NaN where a sample was missing or the filter
+    had broken down.
     """
     values = np.array(estimate.fitted[record], dtype=float)
-    shown = label or (estimate.method.upper() if len(estimate.method) <= 3 else estimate.method.replace("-", " "))
+    shown = label or (
+        estimate.method.upper() if len(estimate.method) <= 3 else estimate.method.replace("-", " ")
+    )
     if estimate.history is not None:
         values[~estimate.history.valid] = np.nan
         shown = label or f"{shown}, one sample ahead"
@@ -78,7 +83,8 @@ def units_of(record: Record, names: Sequence[str]) -> list[str]:
 
 
 def figure_record(record: Record, title: str = "", data: str = MEASURED_DATA) -> Figure:
-    """Inputs and outputs against time: inputs as they are held, outputs as dots, called ``data``; the number of missing samples is stated.
+    """Inputs and outputs against time: inputs as they are held, outputs as dots, called ``data``;
+    the number of missing samples is stated.
 
     Angles in degrees.
     """
@@ -87,8 +93,19 @@ def figure_record(record: Record, title: str = "", data: str = MEASURED_DATA) ->
     for channel, panel in zip(record.channels, sheet.panels, strict=True):
         unit = display_unit(channel.unit)
         if channel.name in record.input_names:
-            panel.plot(record.time, unit.factor * channel.values, color=BLUE, linewidth=1.2, drawstyle=style)
-            caption(panel, "input, held between samples" if record.hold is Hold.PREVIOUS else "input, linear between samples")
+            panel.plot(
+                record.time,
+                unit.factor * channel.values,
+                color=BLUE,
+                linewidth=1.2,
+                drawstyle=style,
+            )
+            caption(
+                panel,
+                "input, held between samples"
+                if record.hold is Hold.PREVIOUS
+                else "input, linear between samples",
+            )
         else:
             _dots(panel, record, channel, unit.factor, data)
             lost = int(np.count_nonzero(~channel.valid))
@@ -106,35 +123,59 @@ def figure_fit(
     noise_std: Mapping[str, float] | None = None,
     data: str = MEASURED_DATA,
 ) -> Figure:
-    """The outputs of a record (dots, called ``data``) against the estimated ones, and below each the residual, record minus estimate.
+    """The outputs of a record (dots, called ``data``) against the estimated ones, and below each
+    the residual, record minus estimate.
 
     Parameters
     ----------
-    responses : one for each method, drawn over each other; outputs of which none speaks are left out.
-    truth : its noise-free outputs are added, dashed.
-    noise_std : by output; adds a band of two standard deviations of the measurement noise to the residual.
+    responses : one for each method, drawn over each other; outputs of which none speaks are left
+    out. truth : its noise-free outputs are added, dashed. noise_std : by output; adds a band of two
+    standard deviations of the measurement noise to the residual.
 
     Angles in degrees. Raises ModelError when no response speaks of any output.
     """
-    shown = [channel for channel in record.outputs if any(channel.name in response.outputs for response in responses)]
+    shown = [
+        channel
+        for channel in record.outputs
+        if any(channel.name in response.outputs for response in responses)
+    ]
     sheet = make_sheet([1.45, 1.0] * len(shown), row_gap=0.18)
     for number, channel in enumerate(shown):
         unit = display_unit(channel.unit)
         above, below = sheet.panels[2 * number], sheet.panels[2 * number + 1]
         _dots(above, record, channel, unit.factor, data)
         if truth is not None and channel.name in truth.outputs:
-            above.plot(truth.time, unit.factor * truth.outputs[channel.name], label="true", zorder=5, **TRUE)
+            above.plot(
+                truth.time,
+                unit.factor * truth.outputs[channel.name],
+                label="true",
+                zorder=5,
+                **TRUE,
+            )
         if noise_std is not None and channel.name in noise_std:
             band = 2.0 * unit.factor * noise_std[channel.name]
-            below.axhspan(-band, band, color=SKY, alpha=0.25, linewidth=0, label="±2σ of the sensor noise")
+            below.axhspan(
+                -band, band, color=SKY, alpha=0.25, linewidth=0, label="±2σ of the sensor noise"
+            )
         below.axhline(0.0, **ZERO)
         for order, response in enumerate(responses):
             if channel.name not in response.outputs:
                 continue
-            look, values = method_style(order, alone=len(responses) == 1 and truth is None), unit.factor * response.outputs[channel.name]
+            look, values = (
+                method_style(order, alone=len(responses) == 1 and truth is None),
+                unit.factor * response.outputs[channel.name],
+            )
             above.plot(record.time, values, label=plain(response.label), **look)
             residual = np.where(channel.valid, unit.factor * channel.values - values, np.nan)
-            below.plot(record.time, residual, linestyle="none", marker=".", markersize=2.5, markeredgewidth=0.0, color=look["color"])
+            below.plot(
+                record.time,
+                residual,
+                linestyle="none",
+                marker=".",
+                markersize=2.5,
+                markeredgewidth=0.0,
+                color=look["color"],
+            )
         _keep_in_sight(above, below, unit.factor * channel.values[channel.valid])
         y_label(above, axis_label(channel.name, unit))
         y_label(below, f"residual ({unit.text})", TICK_SIZE)
@@ -155,16 +196,25 @@ def _keep_in_sight(above: Axes, below: Axes, measured: np.ndarray) -> None:
 
 
 def _dots(panel: Axes, record: Record, channel: Channel, factor: float, data: str) -> None:
-    panel.plot(record.time[channel.valid], factor * channel.values[channel.valid], label=data, **MEASURED)
+    panel.plot(
+        record.time[channel.valid], factor * channel.values[channel.valid], label=data, **MEASURED
+    )
 
 
 # ---- The falling body: trajectory, ballistic coefficient and its error
 
 
-def figure_trajectory(record: Record, histories: Mapping[str, FilterHistory], truth: Truth | None = None, title: str = "") -> Figure:
-    """Altitude and velocity against time, measured, true and estimated by each method (name: history).
+def figure_trajectory(
+    record: Record,
+    histories: Mapping[str, FilterHistory],
+    truth: Truth | None = None,
+    title: str = "",
+) -> Figure:
+    """Altitude and velocity against time, measured, true and estimated by each method (name:
+    history).
 
-    With the truth the errors of both, estimate minus true, stand beside them with bounds of two standard deviations.
+    With the truth the errors of both, estimate minus true, stand beside them with bounds of two
+    standard deviations.
     """
     errors = truth is not None
     sheet = make_sheet([1.9, 1.9], (1.0, 1.0) if errors else (1.0,), row_gap=0.36, column_gap=0.8)
@@ -177,7 +227,9 @@ def figure_trajectory(record: Record, histories: Mapping[str, FilterHistory], tr
         **MEASURED,
     )
     metres = DisplayUnit("m")
-    for row, (name, unit, fine) in enumerate((("altitude", KILOMETRES, metres), ("velocity", METRES_PER_SECOND, METRES_PER_SECOND))):
+    for row, (name, unit, fine) in enumerate(
+        (("altitude", KILOMETRES, metres), ("velocity", METRES_PER_SECOND, METRES_PER_SECOND))
+    ):
         panel = sheet.axes[row][0]
         y_label(panel, f"{name} ({unit.text})")
         for number, (label, history) in enumerate(histories.items()):
@@ -193,18 +245,25 @@ def figure_trajectory(record: Record, histories: Mapping[str, FilterHistory], tr
 
 
 def figure_ballistic_coefficient(
-    histories: Mapping[str, FilterHistory], true: float | np.ndarray | None = None, unit: DisplayUnit = POUNDS_PER_SQUARE_FOOT, title: str = ""
+    histories: Mapping[str, FilterHistory],
+    true: float | np.ndarray | None = None,
+    unit: DisplayUnit = POUNDS_PER_SQUARE_FOOT,
+    title: str = "",
 ) -> Figure:
-    """The ballistic coefficient over time by each method, two side by side, and with the truth its error below.
+    """The ballistic coefficient over time by each method, two side by side, and with the truth its
+    error below.
 
-    ``true`` is in kg/m2, like the histories' ``beta``, one number or ``(N,)`` if it drifted; ``unit`` is what the figure
-    shows. Bands and bounds are two standard deviations. The axis of the error is that of the later half of the flight:
-    the first errors may lie outside.
+    ``true`` is in kg/m2, like the histories' ``beta``, one number or ``(N,)`` if it drifted;
+    ``unit`` is what the figure shows. Bands and bounds are two standard deviations. The axis of the
+    error is that of the later half of the flight: the first errors may lie outside.
     """
     count, per_row = len(histories), 1 if true is None else 2
     blocks = -(-count // 2)
     sheet = make_sheet(
-        [1.9 if blocks == 1 else 1.4] * per_row * blocks, (1.0,) * min(count, 2), row_gap=0.36 if blocks == 1 else 0.62, column_gap=0.6
+        [1.9 if blocks == 1 else 1.4] * per_row * blocks,
+        (1.0,) * min(count, 2),
+        row_gap=0.36 if blocks == 1 else 0.62,
+        column_gap=0.6,
     )
     room = (WIDTH - sheet.left - sheet.right - sheet.column_gap) / 2
     paths = {label: course(history, "beta", unit.factor) for label, history in histories.items()}
@@ -215,15 +274,34 @@ def figure_ballistic_coefficient(
         panel = sheet.axes[row][column]
         lowest = [*lowest[-1:], sheet.axes[row + per_row - 1][column]]
         lowest[-1].tick_params(labelbottom=True)
-        caption(panel, "\n".join(folded(plain(label) if path.time.size else f"{plain(label)}: no sound sample", room, TICK_SIZE)))
+        caption(
+            panel,
+            "\n".join(
+                folded(
+                    plain(label) if path.time.size else f"{plain(label)}: no sound sample",
+                    room,
+                    TICK_SIZE,
+                )
+            ),
+        )
         if column == 0:
             y_label(panel, f"{symbol('beta')} ({unit.text})")
             if true is not None:
                 y_label(sheet.axes[row + 1][0], f"error in {symbol('beta')} ({unit.text})")
-        panel.fill_between(path.time, path.mean - 2.0 * path.std, path.mean + 2.0 * path.std, color=SKY, alpha=0.35, linewidth=0, label="±2σ")
+        panel.fill_between(
+            path.time,
+            path.mean - 2.0 * path.std,
+            path.mean + 2.0 * path.std,
+            color=SKY,
+            alpha=0.35,
+            linewidth=0,
+            label="±2σ",
+        )
         panel.plot(path.time, path.mean, color=BLUE, linewidth=1.2, label="estimate")
         if true is not None:
-            actual = unit.factor * np.broadcast_to(true, len(histories[label].time))[: path.time.size]
+            actual = (
+                unit.factor * np.broadcast_to(true, len(histories[label].time))[: path.time.size]
+            )
             panel.plot(path.time, actual, label="true", zorder=5, **TRUE)
             errors.append(path.mean - actual)
             _error(sheet.axes[row + 1][column], path, errors[-1])
@@ -231,10 +309,21 @@ def figure_ballistic_coefficient(
         if row >= per_row * (blocks - 1):
             sheet.axes[row][1].set_visible(False)
     _share_limits(
-        sheet, 0, per_row, *_range([array for path in paths.values() for array in (path.mean - 2.0 * path.std, path.mean + 2.0 * path.std)])
+        sheet,
+        0,
+        per_row,
+        *_range(
+            [
+                array
+                for path in paths.values()
+                for array in (path.mean - 2.0 * path.std, path.mean + 2.0 * path.std)
+            ]
+        ),
     )
     if true is not None:
-        limit = max(_late_limit(error, path.std) for error, path in zip(errors, paths.values(), strict=True))
+        limit = max(
+            _late_limit(error, path.std) for error, path in zip(errors, paths.values(), strict=True)
+        )
         _share_limits(sheet, 1, per_row, -limit, limit)
     for panel in lowest:
         time_axis(panel)
@@ -245,12 +334,27 @@ def _error(panel: Axes, path: StateHistory, error: np.ndarray) -> None:
     panel.axhline(0.0, **ZERO)
     panel.plot(path.time, error, color=BLUE, linewidth=1.2)
     for sign in (-2.0, 2.0):
-        panel.plot(path.time, sign * path.std, color=VERMILION, linewidth=1.0, label="±2σ bounds of the error")
+        panel.plot(
+            path.time,
+            sign * path.std,
+            color=VERMILION,
+            linewidth=1.0,
+            label="±2σ bounds of the error",
+        )
     if path.time.size and path.std[-1] > 0:
-        caption(panel, f"at the end {signed(error[-1], '.3g')} ({signed(error[-1] / path.std[-1], '.1f')} σ)")
+        caption(
+            panel,
+            f"at the end {signed(error[-1], '.3g')} ({signed(error[-1] / path.std[-1], '.1f')} σ)",
+        )
 
 
-def _errors(panel: Axes, name: str, unit: DisplayUnit, histories: Mapping[str, FilterHistory], actual: np.ndarray) -> None:
+def _errors(
+    panel: Axes,
+    name: str,
+    unit: DisplayUnit,
+    histories: Mapping[str, FilterHistory],
+    actual: np.ndarray,
+) -> None:
     panel.axhline(0.0, **ZERO)
     limit = 0.0
     for number, (_, history) in enumerate(histories.items()):
@@ -259,7 +363,12 @@ def _errors(panel: Axes, name: str, unit: DisplayUnit, histories: Mapping[str, F
         panel.plot(path.time, error, **look)
         for sign in (-2.0, 2.0):
             panel.plot(
-                path.time, sign * path.std, color=look["color"], linewidth=0.5 * look["linewidth"], linestyle=look["linestyle"], zorder=look["zorder"]
+                path.time,
+                sign * path.std,
+                color=look["color"],
+                linewidth=0.5 * look["linewidth"],
+                linestyle=look["linestyle"],
+                zorder=look["zorder"],
             )
         limit = max(limit, _late_limit(error, path.std, 0.1))
     panel.set_ylim(-limit or -1.0, limit or 1.0)
@@ -272,14 +381,19 @@ def _late_limit(error: np.ndarray, std: np.ndarray, after: float = 0.5) -> float
     if error.size == 0:
         return 1.0
     start = int(after * error.size)
-    return 1.15 * max(float(np.abs(error[start:]).max()), 2.0 * float(np.median(std[start:]))) or 1.0
+    return (
+        1.15 * max(float(np.abs(error[start:]).max()), 2.0 * float(np.median(std[start:]))) or 1.0
+    )
 
 
 def _range(arrays: list[np.ndarray]) -> tuple[float, float]:
     filled = [array for array in arrays if array.size]
     if not filled:
         return 0.0, 1.0
-    low, high = min(float(array.min()) for array in filled), max(float(array.max()) for array in filled)
+    low, high = (
+        min(float(array.min()) for array in filled),
+        max(float(array.max()) for array in filled),
+    )
     margin = 0.05 * (high - low) or 1.0
     return low - margin, high + margin
 
@@ -293,15 +407,19 @@ def _share_limits(sheet: Sheet, first: int, every: int, low: float, high: float)
 # ---- Reconstructed against measured: what the kinematics make of the other channels
 
 
-def figure_reconstruction(item: Reconstruction, title: str = "", data: str = MEASURED_DATA) -> Figure:
-    """Each output as recorded (dots, called ``data``), integrated from the measured inputs and smoothed with the output itself,
-    and below what each leaves.
+def figure_reconstruction(
+    item: Reconstruction, title: str = "", data: str = MEASURED_DATA
+) -> Figure:
+    """Each output as recorded (dots, called ``data``), integrated from the measured inputs and
+    smoothed with the output itself, and below what each leaves.
 
     What is integrated drifts off with the inputs' noise, as it must. Angles in degrees.
     """
     names = list(item.measured)
     sheet = make_sheet([1.45, 1.0] * len(names), row_gap=0.18)
-    corrected = any(not np.array_equal(item.recorded[name], item.integrated[name]) for name in names)
+    corrected = any(
+        not np.array_equal(item.recorded[name], item.integrated[name]) for name in names
+    )
     for number, name in enumerate(names):
         unit = display_unit(UNITS[name])
         above, below = sheet.panels[2 * number], sheet.panels[2 * number + 1]
@@ -316,7 +434,15 @@ def figure_reconstruction(item: Reconstruction, title: str = "", data: str = MEA
             look = method_style(order)
             above.plot(item.time, unit.factor * values, label=label, **look)
             residual = np.where(used, measured - unit.factor * values, np.nan)
-            below.plot(item.time, residual, linestyle="none", marker=".", markersize=2.5, color=look["color"], markeredgewidth=0.0)
+            below.plot(
+                item.time,
+                residual,
+                linestyle="none",
+                marker=".",
+                markersize=2.5,
+                color=look["color"],
+                markeredgewidth=0.0,
+            )
         y_label(above, axis_label(name, unit))
         y_label(below, f"residual ({unit.text})", TICK_SIZE)
     time_axis(sheet.panels[-1])

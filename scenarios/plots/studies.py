@@ -35,13 +35,16 @@ from scenarios.plots.style import (
 
 # ---- Errors of many runs in the sigmas that each run reports
 
-_ROW, _SPREAD, _CLIP = 0.42, 0.3, 5.0  # inches a parameter; half the height of its dots, of a row; sigmas, where the axis ends
+# inches a parameter; half the height of its dots, of a row; sigmas, where the axis ends
+_ROW, _SPREAD, _CLIP = 0.42, 0.3, 5.0
 EXPECTED = 95.45  # % of a Gaussian within two standard deviations
 
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """One parameter, or all: errors of every run in its own sigmas ``(N,)``; share within two, and the ends of its interval, in per cent."""
+    """One parameter, or all: errors of every run in its own sigmas ``(N,)``; share within two, and
+    the ends of its interval, in per cent.
+    """
 
     name: str
     sigmas: np.ndarray
@@ -50,9 +53,11 @@ class Coverage:
 
 
 def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
-    """A row a parameter: at the left the error of each run, mean and root mean square; at the right the share within two sigmas.
+    """A row a parameter: at the left the error of each run, mean and root mean square; at the right
+    the share within two sigmas.
 
-    Sigmas that are right give a bar from -1 to 1 and a share on the line. Errors beyond the axis stand at its edge.
+    Sigmas that are right give a bar from -1 to 1 and a share on the line. Errors beyond the axis
+    stand at its edge.
     """
     n = len(rows)
     labels = [symbol(row.name) for row in rows]
@@ -64,14 +69,35 @@ def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
     share.axvline(EXPECTED, label=plain(f"{EXPECTED:g} % of a Gaussian"), **TRUE)
     for y, row in zip(range(n - 1, -1, -1), rows, strict=True):
         # Spread over the row by a sequence that fills it evenly, the same for every parameter.
-        heights = y + _SPREAD * (2.0 * np.mod(0.5 + 0.618033988749895 * np.arange(len(row.sigmas)), 1.0) - 1.0)
-        errors.plot(np.clip(row.sigmas, -_CLIP, _CLIP), heights, ".", color=GREY, markersize=2.5, markeredgewidth=0.0, label="one run")
-        size, mean = min(float(np.sqrt(np.mean(row.sigmas**2))), _CLIP), float(np.clip(np.mean(row.sigmas), -_CLIP, _CLIP))
-        errors.plot([-size, size], [y, y], "-", color=BLUE, linewidth=2.0, label="± root mean square")
-        errors.plot([mean], [y], "|", color=VERMILION, markersize=11.0, markeredgewidth=2.0, label="mean")
+        heights = y + _SPREAD * (
+            2.0 * np.mod(0.5 + 0.618033988749895 * np.arange(len(row.sigmas)), 1.0) - 1.0
+        )
+        errors.plot(
+            np.clip(row.sigmas, -_CLIP, _CLIP),
+            heights,
+            ".",
+            color=GREY,
+            markersize=2.5,
+            markeredgewidth=0.0,
+            label="one run",
+        )
+        size, mean = (
+            min(float(np.sqrt(np.mean(row.sigmas**2))), _CLIP),
+            float(np.clip(np.mean(row.sigmas), -_CLIP, _CLIP)),
+        )
+        errors.plot(
+            [-size, size], [y, y], "-", color=BLUE, linewidth=2.0, label="± root mean square"
+        )
+        errors.plot(
+            [mean], [y], "|", color=VERMILION, markersize=11.0, markeredgewidth=2.0, label="mean"
+        )
         low, high = row.interval
-        share.plot([low, high], [y, y], "-", color=BLUE, linewidth=1.2, label="95 % interval of the share")
-        share.plot([row.within_two], [y], "o", color=BLACK, markersize=4.5, label="share of the runs")
+        share.plot(
+            [low, high], [y, y], "-", color=BLUE, linewidth=1.2, label="95 % interval of the share"
+        )
+        share.plot(
+            [row.within_two], [y], "o", color=BLACK, markersize=4.5, label="share of the runs"
+        )
     errors.set_yticks(range(n), labels[::-1])
     share.set_yticks(range(n), [""] * n)
     for panel in sheet.panels:
@@ -102,31 +128,55 @@ class CoverageRow:
 
 @dataclass(frozen=True, eq=False)
 class SquaresPanel:
-    """Sums over their degrees of freedom of each run ``(N,)``, the degrees (the runs' mean), what they are called."""
+    """Sums over their degrees of freedom of each run ``(N,)``, the degrees (the runs' mean), what
+    they are called.
+    """
 
     name: str
     values: np.ndarray
     degrees: float
 
 
-def figure_coverage(rows: Sequence[CoverageRow], nominal: Sequence[float], title: str = "") -> Figure:
-    """A row a parameter, a panel for one, two and three sigmas: share of the runs with its interval, the normal distribution's as a line."""
+def figure_coverage(
+    rows: Sequence[CoverageRow], nominal: Sequence[float], title: str = ""
+) -> Figure:
+    """A row a parameter, a panel for one, two and three sigmas: share of the runs with its
+    interval, the normal distribution's as a line.
+    """
     rows = rows[:MOST_ROWS]
     n, labels = len(rows), [symbol(row.name) for row in rows]
     left = max([0.75, *(text_width(label) + 0.25 for label in labels)])
-    sheet = make_sheet([_consistency_ROW * n + 0.15], (1.0,) * len(nominal), left=left, column_gap=0.25, share_x=False)
+    sheet = make_sheet(
+        [_consistency_ROW * n + 0.15],
+        (1.0,) * len(nominal),
+        left=left,
+        column_gap=0.25,
+        share_x=False,
+    )
     for at, (panel, expected) in enumerate(zip(sheet.panels, nominal, strict=True)):
         panel.axvline(expected, label="normal distribution", **TRUE)
         for y, row in zip(range(n - 1, -1, -1), rows, strict=True):
             share, low, high = row.shares[at]
             held = low <= expected <= high
-            said = "95 % interval" if held else "95 % interval without the normal distribution's share"
-            panel.plot([low, high], [y, y], "-", color=BLUE if held else VERMILION, linewidth=1.4, label=said)
+            said = (
+                "95 % interval" if held else "95 % interval without the normal distribution's share"
+            )
+            panel.plot(
+                [low, high],
+                [y, y],
+                "-",
+                color=BLUE if held else VERMILION,
+                linewidth=1.4,
+                label=said,
+            )
             panel.plot([share], [y], "o", color=BLACK, markersize=4.0, label="share of the runs")
         panel.set_yticks(range(n), labels[::-1] if at == 0 else [""] * n)
         panel.tick_params(axis="y", labelsize=LABEL_SIZE, length=0)
         panel.set_ylim(-0.6, n - 0.4)
-        lowest, highest = min(expected, *(row.shares[at][1] for row in rows)), max(expected, *(row.shares[at][2] for row in rows))
+        lowest, highest = (
+            min(expected, *(row.shares[at][1] for row in rows)),
+            max(expected, *(row.shares[at][2] for row in rows)),
+        )
         room = 0.08 * max(highest - lowest, 1.0)
         panel.set_xlim(max(lowest - room, -1.0), min(highest + room, 101.0))
         panel.set_xlabel(plain(f"within {at + 1}σ (%)"), fontsize=LABEL_SIZE)
@@ -134,7 +184,8 @@ def figure_coverage(rows: Sequence[CoverageRow], nominal: Sequence[float], title
 
 
 def figure_errors(names: Sequence[str], sigmas: np.ndarray, title: str = "") -> Figure:
-    """Errors ``(n, N)`` in the runs' own sigmas: at the left all of them beside the normal density, at the right quantiles beside its own.
+    """Errors ``(n, N)`` in the runs' own sigmas: at the left all of them beside the normal density,
+    at the right quantiles beside its own.
 
     Sigmas that are too small make the lines steeper than the diagonal, a bias moves them.
     """
@@ -155,7 +206,9 @@ def figure_errors(names: Sequence[str], sigmas: np.ndarray, title: str = "") -> 
     shown = np.unique(np.round(np.linspace(0, count - 1, 300)).astype(int))
     for at, name in enumerate(names[:MOST]):
         ordered = np.clip(np.sort(sigmas[at]), -_consistency_CLIP, _consistency_CLIP)
-        quantiles.plot(expected[shown], ordered[shown], label=symbol(name), **method_style(at, alone=True))
+        quantiles.plot(
+            expected[shown], ordered[shown], label=symbol(name), **method_style(at, alone=True)
+        )
     quantiles.set_xlim(-3.6, 3.6)
     quantiles.set_ylim(-1.02 * _consistency_CLIP, 1.02 * _consistency_CLIP)
     quantiles.set_xlabel("quantile of the normal distribution (σ)", fontsize=LABEL_SIZE)
@@ -164,7 +217,9 @@ def figure_errors(names: Sequence[str], sigmas: np.ndarray, title: str = "") -> 
 
 
 def figure_squares(panels: Sequence[SquaresPanel], title: str = "") -> Figure:
-    """NEES, NIS: each run's sum over its degrees of freedom, beside chi-square and the interval that holds 95 % of it."""
+    """NEES, NIS: each run's sum over its degrees of freedom, beside chi-square and the interval
+    that holds 95 % of it.
+    """
     sheet = make_sheet([2.1], (1.0,) * len(panels), column_gap=0.75, share_x=False)
     for panel, shown in zip(sheet.panels, panels, strict=True):
         _squares(panel, shown)
@@ -178,10 +233,20 @@ def _squares(panel: Axes, shown: SquaresPanel) -> None:
     low, high = mean_square_interval(shown.degrees)
     usual = float(np.quantile(shown.values, 0.98))
     end = max(high + 0.35 * (high - low), min(1.15 * usual, 12.0 * high))
-    begin = max(0.0, min(low - 0.35 * (high - low), float(np.quantile(shown.values, 0.02)) - 0.1 * (high - low)))
+    begin = max(
+        0.0,
+        min(low - 0.35 * (high - low), float(np.quantile(shown.values, 0.02)) - 0.1 * (high - low)),
+    )
     panel.axvspan(low, high, color=LIGHT, alpha=0.55, linewidth=0, label="holds 95 % of chi-square")
     edges = np.linspace(begin, end, 33)
-    panel.hist(np.clip(shown.values, begin, end), edges.tolist(), density=True, color=BLUE, alpha=0.55, label="runs")
+    panel.hist(
+        np.clip(shown.values, begin, end),
+        edges.tolist(),
+        density=True,
+        color=BLUE,
+        alpha=0.55,
+        label="runs",
+    )
     x = np.linspace(max(begin, 1e-9), end, 400)
     density = half * np.exp((half - 1.0) * np.log(half * x) - half * x - gammaln(half))
     panel.plot(x, density, label="chi-square", **TRUE)
@@ -191,12 +256,21 @@ def _squares(panel: Axes, shown: SquaresPanel) -> None:
     panel.set_xlabel(f"{shown.name} over its degrees of freedom (–)", fontsize=LABEL_SIZE)
     panel.set_ylabel("density (–)", fontsize=LABEL_SIZE)
     beyond = int(np.sum(shown.values > end))
-    caption(panel, f"{len(shown.values)} runs, {shown.degrees:.0f} degrees of freedom" + (f"; {beyond} beyond the axis" if beyond else ""))
+    caption(
+        panel,
+        f"{len(shown.values)} runs, {shown.degrees:.0f} degrees of freedom"
+        + (f"; {beyond} beyond the axis" if beyond else ""),
+    )
 
 
 def _density(panel: Axes, errors: np.ndarray) -> None:
     panel.hist(
-        errors, np.linspace(-_consistency_CLIP, _consistency_CLIP, 41).tolist(), density=True, color=GREY, alpha=0.6, label="errors of all parameters"
+        errors,
+        np.linspace(-_consistency_CLIP, _consistency_CLIP, 41).tolist(),
+        density=True,
+        color=GREY,
+        alpha=0.6,
+        label="errors of all parameters",
     )
     x = np.linspace(-_consistency_CLIP, _consistency_CLIP, 200)
     panel.plot(x, np.exp(-0.5 * x**2) / np.sqrt(2.0 * np.pi), label="normal distribution", **TRUE)
@@ -214,13 +288,15 @@ def _normal_quantiles(share: np.ndarray) -> np.ndarray:
 # ---- What records determine of many parameters, and what only the priors do
 
 _determination_ROW = 0.235  # inches a parameter
-KEPT = 0.95  # of the prior's deviation: parameters above it with every method are counted, not drawn
+# of the prior's deviation: parameters above it with every method are counted, not drawn
+KEPT = 0.95
 _MARKS = ("o", "^", "x", "D")
 
 
 @dataclass(frozen=True, eq=False)
 class DeterminedBy:
-    """One method: by parameter deviation over the prior's, share of the variance that the prior gives, and strengths, largest first.
+    """One method: by parameter deviation over the prior's, share of the variance that the prior
+    gives, and strengths, largest first.
 
     ``unseen``: how many directions have none to rounding; they are left out of ``strengths``.
     """
@@ -233,12 +309,24 @@ class DeterminedBy:
 
 
 def figure_determination(methods: Sequence[DeterminedBy], title: str = "") -> Figure:
-    """Above: strength of each direction, record against prior. Below: a row a parameter, sorted by what the first method leaves of its prior."""
+    """Above: strength of each direction, record against prior. Below: a row a parameter, sorted by
+    what the first method leaves of its prior.
+    """
     everything = sorted(methods[0].ratio, key=lambda name: methods[0].ratio[name])
-    names = [name for name in everything if any(each.ratio.get(name, 1.0) <= KEPT for each in methods)] or everything[:1]
+    names = [
+        name for name in everything if any(each.ratio.get(name, 1.0) <= KEPT for each in methods)
+    ] or everything[:1]
     n, rest = len(names), len(everything) - len(names)
     left = max(0.75, *(text_width(symbol(name)) + 0.2 for name in names))
-    sheet = make_sheet([1.9, n * _determination_ROW + 0.1], (1.0, 1.0), count=4, left=left, column_gap=0.3, row_gap=0.75, share_x=False)
+    sheet = make_sheet(
+        [1.9, n * _determination_ROW + 0.1],
+        (1.0, 1.0),
+        count=4,
+        left=left,
+        column_gap=0.3,
+        row_gap=0.75,
+        share_x=False,
+    )
     spectrum, spare, ratio, share = sheet.panels
     spectrum.set_yscale("log")
     spectrum.axhline(1.0, color=BLACK, linewidth=0.8)
@@ -247,7 +335,9 @@ def figure_determination(methods: Sequence[DeterminedBy], title: str = "") -> Fi
         look = {"color": colour, "marker": mark, "linestyle": "none", "markersize": 3.5}
         along = np.arange(1, len(each.strengths) + 1)
         spectrum.plot(along, each.strengths, label=plain(each.label), **look)
-        spare.plot(along, np.cumsum(each.strengths**2 / (1.0 + each.strengths**2)), **method_style(number))
+        spare.plot(
+            along, np.cumsum(each.strengths**2 / (1.0 + each.strengths**2)), **method_style(number)
+        )
         places = np.arange(n, dtype=float)
         ratio.plot([each.ratio.get(name, np.nan) for name in names], places, **look)
         share.plot([100.0 * each.share.get(name, np.nan) for name in names], places, **look)
@@ -255,8 +345,14 @@ def figure_determination(methods: Sequence[DeterminedBy], title: str = "") -> Fi
     caption(spare, "numbers that the record settles (–), added up")
     unseen = sorted({each.unseen for each in methods})
     for panel in (spectrum, spare):
-        panel.set_xlabel(f"direction (–); {' or '.join(map(str, unseen))} more have no influence", fontsize=LABEL_SIZE)
-    for panel, text in ((ratio, "σ over the prior's σ (–)"), (share, "variance that the prior gives (%)")):
+        panel.set_xlabel(
+            f"direction (–); {' or '.join(map(str, unseen))} more have no influence",
+            fontsize=LABEL_SIZE,
+        )
+    for panel, text in (
+        (ratio, "σ over the prior's σ (–)"),
+        (share, "variance that the prior gives (%)"),
+    ):
         panel.set_ylim(n - 0.4, -0.6)
         panel.set_xlabel(text, fontsize=LABEL_SIZE)
         panel.set_yticks(range(n), [symbol(name) for name in names] if panel is ratio else [""] * n)
@@ -287,10 +383,11 @@ class Published:
 
 @dataclass(frozen=True, eq=False)
 class DerivativeCourse:
-    """One derivative along a sweep, all in ``unit``: ``rigid`` true value, then one number a structure.
+    """One derivative along a sweep, all in ``unit``: ``rigid`` true value, then one number a
+    structure.
 
-    ``condensed``: quasi-static equivalent; ``best``: of the best rigid model of the noise-free response; ``estimates`` with their standard
-    deviations by method.
+    ``condensed``: quasi-static equivalent; ``best``: of the best rigid model of the noise-free
+    response; ``estimates`` with their standard deviations by method.
     """
 
     name: str
@@ -304,7 +401,8 @@ class DerivativeCourse:
 
 @dataclass(frozen=True)
 class CriterionCourse:
-    """One criterion along a sweep: axis label, what it says in the legend, its limit, and the degree where it is passed, None if nowhere.
+    """One criterion along a sweep: axis label, what it says in the legend, its limit, and the
+    degree where it is passed, None if nowhere.
 
     What lies outside ``window`` is drawn at its edge: it is as clear.
     """
@@ -318,21 +416,40 @@ class CriterionCourse:
 
 
 def figure_flexibility(
-    degrees: Sequence[float], courses: Sequence[DerivativeCourse], criteria: Sequence[CriterionCourse], marks: Mapping[str, float], title: str = ""
+    degrees: Sequence[float],
+    courses: Sequence[DerivativeCourse],
+    criteria: Sequence[CriterionCourse],
+    marks: Mapping[str, float],
+    title: str = "",
 ) -> Figure:
-    """A panel for each derivative over the degree of flexibility and one for each criterion below; where a criterion fails, a line through all.
+    """A panel for each derivative over the degree of flexibility and one for each criterion below;
+    where a criterion fails, a line through all.
 
     ``marks``: degrees of the structures that have a name.
     """
     rows = -(-len(courses) // 3)
     sheet = make_sheet(
-        [1.75] * rows + [1.2] * bool(criteria), (1.0,) * 3, count=3 * rows + len(criteria), row_gap=0.4, column_gap=0.6, left=0.66, share_x=False
+        [1.75] * rows + [1.2] * bool(criteria),
+        (1.0,) * 3,
+        count=3 * rows + len(criteria),
+        row_gap=0.4,
+        column_gap=0.6,
+        left=0.66,
+        share_x=False,
     )
     for course, panel in zip(courses, sheet.panels, strict=False):
         _draw_derivative(panel, degrees, course)
-    for number, (criterion, panel) in enumerate(zip(criteria, sheet.panels[3 * rows :], strict=True)):
+    for number, (criterion, panel) in enumerate(
+        zip(criteria, sheet.panels[3 * rows :], strict=True)
+    ):
         caption(panel, criterion.axis)
-        panel.plot(degrees, np.clip(criterion.values, *criterion.window), color=_CRITERIA[number], marker=".", linewidth=1.2)
+        panel.plot(
+            degrees,
+            np.clip(criterion.values, *criterion.window),
+            color=_CRITERIA[number],
+            marker=".",
+            linewidth=1.2,
+        )
         panel.axhline(criterion.limit, color=BLACK, linewidth=0.8, linestyle=":")
         panel.margins(y=0.1)
     for number, panel in enumerate(sheet.panels):
@@ -346,27 +463,70 @@ def _draw_derivative(panel: Axes, degrees: Sequence[float], course: DerivativeCo
     unit = display_unit(course.unit, course.name)
     caption(panel, axis_label(course.name, unit))
     panel.axhline(unit.factor * course.rigid, label="rigid, true", **TRUE)
-    panel.plot(degrees, unit.factor * np.array(course.condensed), color=BLACK, linewidth=1.3, label="quasi-static equivalent")
-    panel.plot(degrees, unit.factor * np.array(course.best), color=BLUE, linewidth=0.9, linestyle="--", label="best rigid model, no noise")
+    panel.plot(
+        degrees,
+        unit.factor * np.array(course.condensed),
+        color=BLACK,
+        linewidth=1.3,
+        label="quasi-static equivalent",
+    )
+    panel.plot(
+        degrees,
+        unit.factor * np.array(course.best),
+        color=BLUE,
+        linewidth=0.9,
+        linestyle="--",
+        label="best rigid model, no noise",
+    )
     shift = np.linspace(-0.03, 0.03, len(course.estimates)) if len(course.estimates) > 1 else [0.0]
     for number, (label, found) in enumerate(course.estimates.items()):
         colour, marker = _ESTIMATES[number % len(_ESTIMATES)]
         values, std = (unit.factor * np.array(part) for part in zip(*found, strict=True))
         places = np.array(degrees) * np.exp(shift[number])
-        look: dict[str, Any] = {"fmt": marker, "color": colour, "markersize": 3.2, "linewidth": 0.9, "capsize": 1.5}
+        look: dict[str, Any] = {
+            "fmt": marker,
+            "color": colour,
+            "markersize": 3.2,
+            "linewidth": 0.9,
+            "capsize": 1.5,
+        }
         panel.errorbar(places, values, yerr=2.0 * std, label=f"{plain(label)} ±2σ", **look)
     for each in course.published:
-        printed: dict[str, Any] = {"fmt": "s", "color": VERMILION, "markersize": 4.5, "linewidth": 1.2, "capsize": 2.5, "label": "published ±2σ"}
-        panel.errorbar([each.degree], [unit.factor * each.value], yerr=[2.0 * unit.factor * each.std], zorder=5, **printed)
+        printed: dict[str, Any] = {
+            "fmt": "s",
+            "color": VERMILION,
+            "markersize": 4.5,
+            "linewidth": 1.2,
+            "capsize": 2.5,
+            "label": "published ±2σ",
+        }
+        panel.errorbar(
+            [each.degree],
+            [unit.factor * each.value],
+            yerr=[2.0 * unit.factor * each.std],
+            zorder=5,
+            **printed,
+        )
 
 
-def _dress(panel: Axes, degrees: Sequence[float], criteria: Sequence[CriterionCourse], marks: Mapping[str, float]) -> None:
+def _dress(
+    panel: Axes,
+    degrees: Sequence[float],
+    criteria: Sequence[CriterionCourse],
+    marks: Mapping[str, float],
+) -> None:
     """Logarithmic axis, lines where criteria fail, names of structures above the panel."""
     panel.set_xscale("log")
     panel.set_xlim(0.8 * min(degrees), 1.3 * max(degrees))
     for number, criterion in enumerate(criteria):
         if criterion.degree is not None:
-            panel.axvline(criterion.degree, color=_CRITERIA[number], linewidth=1.4, linestyle=_LINES[number], label=plain(criterion.label))
+            panel.axvline(
+                criterion.degree,
+                color=_CRITERIA[number],
+                linewidth=1.4,
+                linestyle=_LINES[number],
+                label=plain(criterion.label),
+            )
     for label, degree in marks.items():
         place: dict[str, Any] = {
             "xycoords": ("data", "axes fraction"),

@@ -1,6 +1,8 @@
-"""The one look of all figures: sizes for print at 100 %, colours that colour-blind readers can tell apart, a sheet of panels.
+"""The one look of all figures: sizes for print at 100 %, colours that colour-blind readers can tell
+apart, a sheet of panels.
 
-Panels are placed in inches by hand: a layout engine draws every figure twice to learn what is known beforehand.
+Panels are placed in inches by hand: a layout engine draws every figure twice to learn what is known
+beforehand.
 """
 
 from __future__ import annotations
@@ -25,9 +27,17 @@ WIDTH = 7.0  # inches, the text width of an A4 page
 TITLE_SIZE, LABEL_SIZE, TICK_SIZE = 10.0, 9.0, 8.0
 
 # Okabe and Ito's palette, without its yellow.
-BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00"
+BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#56B4E9",
+    "#E69F00",
+)
 BLACK, GREY, LIGHT = "#000000", "#7F7F7F", "#D9D9D9"
-# Colour, dashes and width: each is thinner than the one before and lies upon it, so that lines that coincide are all seen.
+# Colour, dashes and width: each is thinner than the one before and lies upon it, so that lines that
+# coincide are all seen.
 _METHODS: tuple[tuple[str, Any, float], ...] = (
     (BLUE, "-", 2.2),
     (VERMILION, (0, (5, 2)), 1.6),
@@ -37,7 +47,13 @@ _METHODS: tuple[tuple[str, Any, float], ...] = (
     (BLACK, (0, (7, 4)), 0.8),
 )
 
-MEASURED: dict[str, Any] = {"color": GREY, "marker": ".", "markersize": 3.0, "markeredgewidth": 0.0, "linestyle": "none"}
+MEASURED: dict[str, Any] = {
+    "color": GREY,
+    "marker": ".",
+    "markersize": 3.0,
+    "markeredgewidth": 0.0,
+    "linestyle": "none",
+}
 TRUE: dict[str, Any] = {"color": BLACK, "linestyle": (0, (4, 2)), "linewidth": 0.9}
 ZERO: dict[str, Any] = {"color": BLACK, "linewidth": 0.6}
 
@@ -51,7 +67,9 @@ _BOLD = 1.1  # how much wider bold letters are
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """A figure under construction: a grid of panels in rows, filled along the rows; sizes in inches."""
+    """A figure under construction: a grid of panels in rows, filled along the rows; sizes in
+    inches.
+    """
 
     figure: Figure
     axes: tuple[tuple[Axes, ...], ...]
@@ -69,7 +87,8 @@ class Sheet:
 
 
 def method_style(number: int, *, alone: bool = False) -> dict[str, Any]:
-    """Colour, dashes and width of the method with this number, and its place above those before; they repeat after six.
+    """Colour, dashes and width of the method with this number, and its place above those before;
+    they repeat after six.
 
     ``alone``: nothing will lie upon it, so that it may be thin and let what is below be seen.
     """
@@ -91,34 +110,47 @@ def make_sheet(
 ) -> Sheet:
     """Panels with rows of the given heights (inches) and columns of the given proportions.
 
-    ``count`` leaves the last places of the last row empty. With ``share_x`` the panels of a column have one x axis, with
-    numbers at the lowest only. ``finish`` must follow. Raises ModelError when there is no panel.
+    ``count`` leaves the last places of the last row empty. With ``share_x`` the panels of a column
+    have one x axis, with numbers at the lowest only. ``finish`` must follow. Raises ModelError when
+    there is no panel.
     """
     rows, columns = len(heights), len(widths)
     total = rows * columns if count is None else count
     if total < 1:
-        raise ModelError("there is nothing to draw", where="figure", remedy="give it at least one result")
+        raise ModelError(
+            "there is nothing to draw", where="figure", remedy="give it at least one result"
+        )
     figure = Figure(figsize=(WIDTH, 1.0), dpi=DPI, facecolor="white")
     axes: list[tuple[Axes, ...]] = []
     for row in range(rows):
         line = []
         for column in range(min(columns, total - row * columns)):
-            # Rectangles that differ: equal ones would be taken for the same axes; finish() sets the real ones.
-            panel = figure.add_axes((0.01 * column, 0.01 * row, 0.5, 0.5), sharex=axes[0][column] if share_x and row else None)
+            # Rectangles that differ: equal ones would be taken for the same axes; finish() sets the
+            # real ones.
+            panel = figure.add_axes(
+                (0.01 * column, 0.01 * row, 0.5, 0.5),
+                sharex=axes[0][column] if share_x and row else None,
+            )
             _dress(panel)
             lowest = not share_x or (row + 1) * columns + column >= total
             panel.tick_params(labelbottom=lowest)
             panel.xaxis.get_offset_text().set_visible(lowest)
             line.append(panel)
         axes.append(tuple(line))
-    return Sheet(figure, tuple(axes), tuple(heights), tuple(widths), column_gap, row_gap, left, right)
+    return Sheet(
+        figure, tuple(axes), tuple(heights), tuple(widths), column_gap, row_gap, left, right
+    )
 
 
-def finish(sheet: Sheet, title: str = "", *, bottom: float = 0.5, head: float = 0.08, legend: bool = True) -> Figure:
-    """Place the panels, with the title and one legend of everything labelled above them, where it covers nothing.
+def finish(
+    sheet: Sheet, title: str = "", *, bottom: float = 0.5, head: float = 0.08, legend: bool = True
+) -> Figure:
+    """Place the panels, with the title and one legend of everything labelled above them, where it
+    covers nothing.
 
     Of a title of several lines the first is bold; long lines are folded.
-    ``bottom`` and ``head`` (inches) are kept free for the labels below the last and above the first row.
+    ``bottom`` and ``head`` (inches) are kept free for the labels below the last and above the first
+    row.
     """
     figure = sheet.figure
     handles = _labelled(sheet) if legend else {}
@@ -142,7 +174,9 @@ def finish(sheet: Sheet, title: str = "", *, bottom: float = 0.5, head: float = 
     for row in sheet.axes:
         if len(row) > 0 and row[0].get_ylabel():
             for panel in row:
-                panel.yaxis.set_label_coords(-(0.56 if panel is row[0] else 0.48) / (panel.get_position().width * WIDTH), 0.5)
+                panel.yaxis.set_label_coords(
+                    -(0.56 if panel is row[0] else 0.48) / (panel.get_position().width * WIDTH), 0.5
+                )
     for row_height, row in zip(sheet.heights, sheet.axes, strict=True):
         for panel in row:
             _fitted_label(panel, row_height + 0.9 * sheet.row_gap)
@@ -178,17 +212,23 @@ def draw_title(figure: Figure, title: str, width: float, height: float) -> None:
     for number, (line, bold) in enumerate(_title_lines(title, width) if title else ()):
         y = 1.0 - (0.08 + number * _TITLE_ROW) / height
         size, weight = (TITLE_SIZE, "bold") if bold else (LABEL_SIZE, "normal")
-        figure.text(0.15 / width, y, plain(line), fontsize=size, fontweight=weight, va="top", ha="left")
+        figure.text(
+            0.15 / width, y, plain(line), fontsize=size, fontweight=weight, va="top", ha="left"
+        )
 
 
 def folded(text: str, width: float, points: float = LABEL_SIZE) -> list[str]:
     """A text in lines that fit ``width`` inches, broken at words."""
-    return textwrap.wrap(text, max(8, int(width * TICK_SIZE / (_CHARACTER * points))), break_long_words=False)
+    return textwrap.wrap(
+        text, max(8, int(width * TICK_SIZE / (_CHARACTER * points))), break_long_words=False
+    )
 
 
 def text_width(text: str, points: float = LABEL_SIZE) -> float:
     """About how wide a text is, inches; the commands of mathtext count as one character each."""
-    return _CHARACTER * points / TICK_SIZE * len(re.sub(r"\\[a-zA-Z]+", "x", text).translate(_UNSEEN))
+    return (
+        _CHARACTER * points / TICK_SIZE * len(re.sub(r"\\[a-zA-Z]+", "x", text).translate(_UNSEEN))
+    )
 
 
 def time_axis(panel: Axes) -> None:
@@ -220,7 +260,8 @@ def _dress(panel: Axes) -> None:
     for side, spine in panel.spines.items():
         spine.set_linewidth(0.6)
         spine.set_visible(side in ("left", "bottom"))
-    panel.set_title("", loc="left", y=1.0)  # a title at a stated height: looking for a free one is half the cost of drawing
+    # a title at a stated height: looking for a free one is half the cost of drawing
+    panel.set_title("", loc="left", y=1.0)
     for axis, bins in ((panel.xaxis, _MOST[0]), (panel.yaxis, _MOST[1])):
         formatter = ScalarFormatter(useOffset=axis is panel.xaxis, useMathText=False)
         formatter.set_powerlimits((-3, 5))
@@ -234,7 +275,10 @@ def _dress(panel: Axes) -> None:
 
 def _fewer_ticks(panel: Axes, width: float, height: float) -> None:
     """No more numbers at the axes than a panel of this size, in inches, has room for."""
-    for axis, most in ((panel.xaxis, max(3, min(_MOST[0], int(width / 0.42)))), (panel.yaxis, max(2, min(_MOST[1], int(height / 0.24))))):
+    for axis, most in (
+        (panel.xaxis, max(3, min(_MOST[0], int(width / 0.42)))),
+        (panel.yaxis, max(2, min(_MOST[1], int(height / 0.24)))),
+    ):
         locator = axis.get_major_locator()
         if isinstance(locator, MaxNLocator):
             locator.set_params(nbins=most)
@@ -252,7 +296,9 @@ def _title_lines(title: str, width: float) -> list[tuple[str, bool]]:
     """Folded lines, and whether each is bold."""
     first, *rest = title.split("\n")
     room = width - 0.3
-    return [(line, True) for line in folded(first, room / _BOLD, TITLE_SIZE)] + [(line, False) for text in rest for line in folded(text, room)]
+    return [(line, True) for line in folded(first, room / _BOLD, TITLE_SIZE)] + [
+        (line, False) for text in rest for line in folded(text, room)
+    ]
 
 
 def _labelled(sheet: Sheet) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """Renderer of a figure as the content of an SVG element within a page.
 
-Smaller by an order of magnitude than the file that the plotting library writes: no identifier but of what is referred to, the marks of one
-line as one path, letters as text. Colours are attributes, so that the page's own rules may replace them on a dark ground.
+Smaller by an order of magnitude than the file that the plotting library writes: no identifier but
+of what is referred to, the marks of one line as one path, letters as text. Colours are attributes,
+so that the page's own rules may replace them on a dark ground.
 """
 
 from __future__ import annotations
@@ -29,17 +30,25 @@ _POINTS = {Outline.CURVE3: 2, Outline.CURVE4: 3}
 
 
 def path_data(path: Outline, transform: Transform, *, filled: bool) -> str:
-    """The path after ``transform`` into page coordinates (points, y down); empty where nothing of it is finite.
+    """The path after ``transform`` into page coordinates (points, y down); empty where nothing of
+    it is finite.
 
-    Long lines are simplified to within ``TOLERANCE``; so are long outlines of areas, which are closed again.
+    Long lines are simplified to within ``TOLERANCE``; so are long outlines of areas, which are
+    closed again.
     """
     vertices = np.asarray(path.vertices, dtype=float)
-    straight = path.codes is None or not np.any(np.isin(path.codes, (Outline.CURVE3, Outline.CURVE4)))
+    straight = path.codes is None or not np.any(
+        np.isin(path.codes, (Outline.CURVE3, Outline.CURVE4))
+    )
     long = len(vertices) >= LONG and straight
     source = Outline(vertices, path.codes)
     closed = filled and long
     if closed:
-        ends = np.flatnonzero(path.codes == Outline.CLOSEPOLY) if path.codes is not None else np.array([], dtype=int)
+        ends = (
+            np.flatnonzero(path.codes == Outline.CLOSEPOLY)
+            if path.codes is not None
+            else np.array([], dtype=int)
+        )
         if len(ends) > 1 or (len(ends) == 1 and ends[0] != len(vertices) - 1):
             closed = long = False  # several areas in one path are left as they are
         elif len(ends):
@@ -52,7 +61,9 @@ def path_data(path: Outline, transform: Transform, *, filled: bool) -> str:
 
 
 def dots_data(points: np.ndarray, size: float) -> str:
-    """Dots of a diameter at ``points (n, 2)`` as strokes of no length; dots that cover each other to a part of ``DOT`` are one."""
+    """Dots of a diameter at ``points (n, 2)`` as strokes of no length; dots that cover each other
+    to a part of ``DOT`` are one.
+    """
     points = points[np.all(np.isfinite(points), axis=1)]
     if not len(points):
         return ""
@@ -113,7 +124,10 @@ def _text(vertices: np.ndarray, codes: np.ndarray, *, hundredths: bool = False) 
             begun = (ex, ey)
         elif count == 1 and (ex, ey) == (x, y) and last == letter:
             continue
-        out.append((letter if letter != last or code == Outline.MOVETO else _joint(told[0])) + _joined(told))
+        out.append(
+            (letter if letter != last or code == Outline.MOVETO else _joint(told[0]))
+            + _joined(told)
+        )
         last, x, y, skip = letter, ex, ey, count - 1
     return "".join(out)
 
@@ -151,7 +165,9 @@ _ROUND = 8  # curves from which a closed outline as wide as high is a disc
 
 
 class PageRenderer(RendererBase):
-    """Gathers elements in ``parts``; sizes in points, 72 to the inch. ``name`` begins every identifier."""
+    """Gathers elements in ``parts``; sizes in points, 72 to the inch. ``name`` begins every
+    identifier.
+    """
 
     def __init__(self, width: float, height: float, name: str) -> None:
         super().__init__()
@@ -176,53 +192,109 @@ class PageRenderer(RendererBase):
         """Images come as they are, with the transform that places them."""
         return True
 
-    def draw_path(self, gc: GraphicsContextBase, path: Outline, transform: Transform, rgbFace: Any = None) -> None:
+    def draw_path(
+        self, gc: GraphicsContextBase, path: Outline, transform: Transform, rgbFace: Any = None
+    ) -> None:
         """One path; areas that are clear white without an edge are the paper and left out."""
         data = path_data(path, transform + self._flip(), filled=rgbFace is not None)
         if data:
             self.parts.append(f'<path d="{data}"{self._look(gc, rgbFace)}{self._clip(gc)}/>')
 
     def draw_markers(
-        self, gc: GraphicsContextBase, marker_path: Outline, marker_trans: Transform, path: Outline, trans: Transform, rgbFace: Any = None
+        self,
+        gc: GraphicsContextBase,
+        marker_path: Outline,
+        marker_trans: Transform,
+        path: Outline,
+        trans: Transform,
+        rgbFace: Any = None,
     ) -> None:
         """All marks of a line as one path; discs as dots."""
-        points = np.asarray(path.cleaned(transform=trans + self._flip(), remove_nans=False).vertices, dtype=float)[: len(np.asarray(path.vertices))]
-        inside = (points[:, 0] > -9) & (points[:, 0] < self.width + 9) & (points[:, 1] > -9) & (points[:, 1] < self.height + 9)
+        points = np.asarray(
+            path.cleaned(transform=trans + self._flip(), remove_nans=False).vertices, dtype=float
+        )[: len(np.asarray(path.vertices))]
+        inside = (
+            (points[:, 0] > -9)
+            & (points[:, 0] < self.width + 9)
+            & (points[:, 1] > -9)
+            & (points[:, 1] < self.height + 9)
+        )
         points = points[inside]
-        size = _disc(marker_path, marker_trans) if rgbFace is not None and (not gc.get_linewidth() or _same(gc, rgbFace)) else 0.0
+        size = (
+            _disc(marker_path, marker_trans)
+            if rgbFace is not None and (not gc.get_linewidth() or _same(gc, rgbFace))
+            else 0.0
+        )
         if size:
             data = dots_data(points, size)
-            look = f' fill="none" stroke="{to_hex(rgbFace)}" stroke-width="{size + gc.get_linewidth():.3g}" stroke-linecap="round"'
+            look = (
+                f' fill="none" stroke="{to_hex(rgbFace)}" '
+                f'stroke-width="{size + gc.get_linewidth():.3g}" stroke-linecap="round"'
+            )
             look += _opacity("stroke-opacity", gc, rgbFace)
         else:
             data, look = marks_data(points, marker_path, marker_trans), self._look(gc, rgbFace)
         if data:
             self.parts.append(f'<path d="{data}"{look}{self._clip(gc)}/>')
 
-    def draw_image(self, gc: GraphicsContextBase, x: float, y: float, im: Any, transform: Transform | None = None) -> None:
-        """An image of few pixels, each of them that is not clear a rectangle; ``im (rows, columns, 4)`` from below, colours from 0 to 255."""
+    def draw_image(
+        self,
+        gc: GraphicsContextBase,
+        x: float,
+        y: float,
+        im: Any,
+        transform: Transform | None = None,
+    ) -> None:
+        """An image of few pixels, each of them that is not clear a rectangle; ``im (rows, columns,
+        4)`` from below, colours from 0 to 255.
+        """
         self.mapped = True
         rows, columns = im.shape[:2]
         across = Affine2D().scale(1.0 / columns, 1.0 / rows)
-        place = across + (transform if transform is not None else Affine2D().scale(columns, rows)) + Affine2D().translate(x, y) + self._flip()
+        place = (
+            across
+            + (transform if transform is not None else Affine2D().scale(columns, rows))
+            + Affine2D().translate(x, y)
+            + self._flip()
+        )
         for row in range(rows):
             for column in range(columns):
                 (left, low), (right, high) = place.transform([(column, row), (column + 1, row + 1)])
-                at = f'x="{min(left, right):.2f}" y="{min(low, high):.2f}" width="{abs(right - left):.2f}" height="{abs(high - low):.2f}"'
+                at = (
+                    f'x="{min(left, right):.2f}" y="{min(low, high):.2f}" '
+                    f'width="{abs(right - left):.2f}" height="{abs(high - low):.2f}"'
+                )
                 if im[row, column, 3]:
-                    self.parts.append(f'<rect {at} fill="{to_hex(im[row, column] / 255.0)}" shape-rendering="crispEdges"{self._clip(gc)}/>')
+                    self.parts.append(
+                        f'<rect {at} fill="{to_hex(im[row, column] / 255.0)}" '
+                        f'shape-rendering="crispEdges"{self._clip(gc)}/>'
+                    )
 
     def draw_text(
-        self, gc: GraphicsContextBase, x: float, y: float, s: str, prop: FontProperties, angle: float, ismath: Any = False, mtext: Any = None
+        self,
+        gc: GraphicsContextBase,
+        x: float,
+        y: float,
+        s: str,
+        prop: FontProperties,
+        angle: float,
+        ismath: Any = False,
+        mtext: Any = None,
     ) -> None:
-        """A line of text, anchored where it was placed, so that another font than the figure's moves it least."""
+        """A line of text, anchored where it was placed, so that another font than the figure's
+        moves it least.
+        """
         colour = to_hex(gc.get_rgb())
         look = "" if colour == "#000000" else f' fill="{colour}"'
         look += _opacity("opacity", gc, gc.get_rgb())
         if ismath:
             self.parts.append(self._mathematics(x, y, s, prop, angle, look))
             return
-        look += f' font-size="{prop.get_size_in_points():g}"' + _weight(prop.get_weight()) + _slant(prop.get_style())
+        look += (
+            f' font-size="{prop.get_size_in_points():g}"'
+            + _weight(prop.get_weight())
+            + _slant(prop.get_style())
+        )
         if mtext is not None and (angle == 0 or mtext.get_rotation_mode() == "anchor"):
             ax, ay = mtext.get_transform().transform(mtext.get_unitless_position())
             ay = self.height - ay
@@ -231,15 +303,23 @@ class PageRenderer(RendererBase):
             anchor = _ANCHORS.get(mtext.get_ha())
             look += f' text-anchor="{anchor}"' if anchor else ""
         turned = f' transform="rotate({-angle:g} {x:.1f} {y:.1f})"' if angle else ""
-        self.parts.append(f'<text x="{x:.1f}" y="{y:.1f}"{look}{turned}>{escape(s, quote=False)}</text>')
+        self.parts.append(
+            f'<text x="{x:.1f}" y="{y:.1f}"{look}{turned}>{escape(s, quote=False)}</text>'
+        )
 
-    def _mathematics(self, x: float, y: float, s: str, prop: FontProperties, angle: float, look: str) -> str:
-        """Symbols with sub- and superscripts: letters at the places of the library's own typesetting."""
+    def _mathematics(
+        self, x: float, y: float, s: str, prop: FontProperties, angle: float, look: str
+    ) -> str:
+        """Symbols with sub- and superscripts: letters at the places of the library's own
+        typesetting.
+        """
         _, _, _, glyphs, rules = self._text2path.mathtext_parser.parse(s, 72, prop)
         spans: dict[tuple[str, float], list[tuple[float, float, int]]] = {}
         for font, size, code, *_, across, above in glyphs:
             entry = ttfFontProperty(font)
-            spans.setdefault((_weight(entry.weight) + _slant(entry.style), size), []).append((across, -above, 0xA0 if code == 32 else code))
+            spans.setdefault((_weight(entry.weight) + _slant(entry.style), size), []).append(
+                (across, -above, 0xA0 if code == 32 else code)
+            )
         told = []
         for (style, size), letters in spans.items():
             letters.sort()
@@ -247,13 +327,25 @@ class PageRenderer(RendererBase):
             heights = " ".join(f"{height:.1f}" for _, height, _ in letters)
             heights = heights.split(" ")[0] if len(set(heights.split(" "))) == 1 else heights
             words = escape("".join(chr(code) for _, _, code in letters), quote=False)
-            told.append(f'<tspan x="{places}" y="{heights}" font-size="{size:g}"{style}>{words}</tspan>')
-        lines = [f'<rect x="{a:.1f}" y="{-b - 1:.1f}" width="{width:.1f}" height="{height:.1f}"/>' for a, b, width, height in rules]
+            told.append(
+                f'<tspan x="{places}" y="{heights}" font-size="{size:g}"{style}>{words}</tspan>'
+            )
+        lines = [
+            f'<rect x="{a:.1f}" y="{-b - 1:.1f}" width="{width:.1f}" height="{height:.1f}"/>'
+            for a, b, width, height in rules
+        ]
         turned = f" rotate({-angle:g})" if angle else ""
-        return f'<g transform="translate({x:.1f} {y:.1f}){turned}"{look}><text>{"".join(told)}</text>{"".join(lines)}</g>'
+        return (
+            f'<g transform="translate({x:.1f} '
+            f'{y:.1f}){turned}"{look}><text>{"".join(told)}</text>{"".join(lines)}</g>'
+        )
 
     def _look(self, gc: GraphicsContextBase, face: Any) -> str:
-        out = ' fill="none"' if face is None else f' fill="{to_hex(face)}"' + _opacity("fill-opacity", gc, face)
+        out = (
+            ' fill="none"'
+            if face is None
+            else f' fill="{to_hex(face)}"' + _opacity("fill-opacity", gc, face)
+        )
         width = gc.get_linewidth()
         if not width or gc.get_rgb()[3] == 0.0:
             return out
@@ -262,7 +354,9 @@ class PageRenderer(RendererBase):
         offset, dashes = gc.get_dashes()
         if dashes is not None:
             lengths = " ".join(f"{dash:.3g}" for dash in np.asarray(dashes).tolist())
-            out += f' stroke-dasharray="{lengths}"' + (f' stroke-dashoffset="{offset:.3g}"' if offset else "")
+            out += f' stroke-dasharray="{lengths}"' + (
+                f' stroke-dashoffset="{offset:.3g}"' if offset else ""
+            )
         cap = _CAPS[str(getattr(gc.get_capstyle(), "value", gc.get_capstyle()))]
         return out + (f' stroke-linecap="{cap}"' if cap != "butt" else "")
 
@@ -272,7 +366,9 @@ class PageRenderer(RendererBase):
             return ""
         x0, y0, width, height = (float(value) for value in np.asarray(box.bounds))
         key = tuple(round(value, 1) for value in (x0, self.height - y0 - height, width, height))
-        return f' clip-path="url(#{self.clips.setdefault(key, f"{self.name}-clip{len(self.clips)}")})"'
+        return (
+            f' clip-path="url(#{self.clips.setdefault(key, f"{self.name}-clip{len(self.clips)}")})"'
+        )
 
     def _flip(self) -> Affine2D:
         return Affine2D().scale(1.0, -1.0).translate(0.0, self.height)

@@ -12,7 +12,17 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
-from scenarios.plots.display import MEASURED_DATA, NamedEffects, Replicated, axis_label, display_unit, is_alternative, plain, reason, symbol
+from scenarios.plots.display import (
+    MEASURED_DATA,
+    NamedEffects,
+    Replicated,
+    axis_label,
+    display_unit,
+    is_alternative,
+    plain,
+    reason,
+    symbol,
+)
 from scenarios.plots.signals import Response, figure_fit
 from scenarios.plots.style import (
     BLACK,
@@ -41,19 +51,36 @@ from scenarios.terminal.quantities import displayed, value_text
 # ---- Derivatives before and after
 
 
-def figure_derivatives(before: Mapping[str, Quantity], after: Mapping[str, Quantity], title: str = "") -> Figure:
-    """Derivatives with the declared model and with the effects, in per cent of the former; bars are two standard deviations.
+def figure_derivatives(
+    before: Mapping[str, Quantity], after: Mapping[str, Quantity], title: str = ""
+) -> Figure:
+    """Derivatives with the declared model and with the effects, in per cent of the former; bars are
+    two standard deviations.
 
-    Where nothing changed there is one of them. One that was not determined before, by three standard deviations, is shown in per cent of these three.
+    Where nothing changed there is one of them. One that was not determined before, by three
+    standard deviations, is shown in per cent of these three.
     """
     names = [name for name in before if name in after]
     n = len(names)
     labels = [symbol(name) for name in names]
     left = min(2.0, max([0.7, *(text_width(label) + 0.25 for label in labels)]))
-    columns = [[value_text(side[name].value, side[name].std).replace("+-", "±").replace("-", "−") for name in names] for side in (before, after)]
+    columns = [
+        [
+            value_text(side[name].value, side[name].std).replace("+-", "±").replace("-", "−")
+            for name in names
+        ]
+        for side in (before, after)
+    ]
     same = columns[0] == columns[1]
-    widths = [max([0.5, *(text_width(text, TICK_SIZE) for text in texts)]) + 0.12 for texts in columns]
-    sheet = make_sheet([0.34 * n + 0.1], count=min(n, 1), left=left, right=(widths[1] if same else sum(widths)) + 0.2)
+    widths = [
+        max([0.5, *(text_width(text, TICK_SIZE) for text in texts)]) + 0.12 for texts in columns
+    ]
+    sheet = make_sheet(
+        [0.34 * n + 0.1],
+        count=min(n, 1),
+        left=left,
+        right=(widths[1] if same else sum(widths)) + 0.2,
+    )
     panel = sheet.panels[0]
     panel.axvline(0.0, **ZERO)
     inner = WIDTH - sheet.left - sheet.right
@@ -69,10 +96,25 @@ def figure_derivatives(before: Mapping[str, Quantity], after: Mapping[str, Quant
     for side, offset, marker, colour, label, texts, width in alone if same else both:
         x = 100.0 * (np.array([side[name].value for name in names]) - start) / base
         bars = 200.0 * np.array([side[name].std for name in names]) / base
-        panel.errorbar(x, rows + offset, xerr=bars, fmt=marker, color=colour, markersize=4.5, linewidth=1.2, capsize=2.5, label=f"{label} ±2σ")
+        panel.errorbar(
+            x,
+            rows + offset,
+            xerr=bars,
+            fmt=marker,
+            color=colour,
+            markersize=4.5,
+            linewidth=1.2,
+            capsize=2.5,
+            label=f"{label} ±2σ",
+        )
         reach = max(reach, float(np.max(np.abs(x) + np.minimum(bars, 100.0), initial=0.0)))
         right += width
-        look: dict[str, Any] = {"transform": panel.get_yaxis_transform(), "ha": "right", "fontsize": TICK_SIZE, "color": colour}
+        look: dict[str, Any] = {
+            "transform": panel.get_yaxis_transform(),
+            "ha": "right",
+            "fontsize": TICK_SIZE,
+            "color": colour,
+        }
         panel.text(1.0 + right / inner, n - 0.35, label, va="bottom", **look)
         for y, text in zip(rows.tolist(), texts, strict=True):
             panel.text(1.0 + right / inner, y, text, va="center", **look)
@@ -81,7 +123,10 @@ def figure_derivatives(before: Mapping[str, Quantity], after: Mapping[str, Quant
     panel.set_ylim(-0.55, n - 0.45)
     panel.set_xlim(-1.08 * reach, 1.08 * reach)
     panel.set_xlabel(
-        "uncertainty of the derivative (% of its value)" if same else "change of the derivative (% of its value before)", fontsize=LABEL_SIZE
+        "uncertainty of the derivative (% of its value)"
+        if same
+        else "change of the derivative (% of its value before)",
+        fontsize=LABEL_SIZE,
     )
     vague = [label for label, wide in zip(labels, base > np.abs(start), strict=True) if wide]
     if vague:
@@ -93,7 +138,8 @@ def figure_derivatives(before: Mapping[str, Quantity], after: Mapping[str, Quant
 
 ROWS = {1: 12, 2: 8}  # candidates of a round, by the number of rounds; 6 of more
 SPARE, PANELS = 4, 3  # candidates of a round after which nothing was needed; rounds
-_ROW, _NUMBER, _SMALL = 0.2, 0.56, TICK_SIZE - 0.5  # inches a candidate, inches for a number, size of text
+# inches a candidate, inches for a number, size of text
+_ROW, _NUMBER, _SMALL = 0.2, 0.56, TICK_SIZE - 0.5
 _TITLE_LEFT = 0.15  # inches
 NOTHING = NamedEffects()
 
@@ -108,10 +154,14 @@ class _Round:
     others: int
 
 
-def figure_evidence(candidates: Sequence[Candidate], standing: NamedEffects = NOTHING, title: str = "") -> Figure:
-    """A panel a round: how far each candidate's log posterior odds lie below the best one's, as numbers, and why it was not chosen.
+def figure_evidence(
+    candidates: Sequence[Candidate], standing: NamedEffects = NOTHING, title: str = ""
+) -> Figure:
+    """A panel a round: how far each candidate's log posterior odds lie below the best one's, as
+    numbers, and why it was not chosen.
 
-    Filled bars were fitted, open ones are linearised. The rounds are those that led to what stands, ``PANELS`` at most.
+    Filled bars were fitted, open ones are linearised. The rounds are those that led to what stands,
+    ``PANELS`` at most.
     """
     rounds = _rounds(candidates, standing)
     if not rounds:
@@ -119,17 +169,35 @@ def figure_evidence(candidates: Sequence[Candidate], standing: NamedEffects = NO
         sheet.panels[0].set_title("no candidate was tried", fontsize=TICK_SIZE, loc="left")
         return finish(sheet, title, legend=False)
     words = [[reason(c, standing, each.shown) for c in each.shown] for each in rounds]
-    left = min(1.85, max([1.0, *(text_width(plain(c.name), _SMALL) + 0.25 for each in rounds for c in each.shown)]))
-    right = max([0.7, *(text_width(text, _SMALL) for some in words for text in some)]) + 0.1 + _NUMBER
+    left = min(
+        1.85,
+        max(
+            [
+                1.0,
+                *(text_width(plain(c.name), _SMALL) + 0.25 for each in rounds for c in each.shown),
+            ]
+        ),
+    )
+    right = (
+        max([0.7, *(text_width(text, _SMALL) for some in words for text in some)]) + 0.1 + _NUMBER
+    )
     heights = [_ROW * (len(each.shown) + bool(each.others)) + 0.1 for each in rounds]
     sheet = make_sheet(heights, row_gap=0.42, left=left, right=right, share_x=False)
     scale = WIDTH - left - right
     for panel, each, some in zip(sheet.panels, rounds, words, strict=True):
         _draw_odds(panel, each, standing)
         _head(panel, each, standing, (_TITLE_LEFT - left) / scale)
-        _column(panel, [_odds(c) for c in each.shown], "ln odds" if panel is sheet.panels[0] else "")
+        _column(
+            panel, [_odds(c) for c in each.shown], "ln odds" if panel is sheet.panels[0] else ""
+        )
         for y, (c, text) in zip(_places(each), zip(each.shown, some, strict=True), strict=True):
-            panel.annotate(text, (1.0, y), **_at(_NUMBER + 0.08, "left"), va="center", color=BLUE if c.name in standing.claimed else BLACK)
+            panel.annotate(
+                text,
+                (1.0, y),
+                **_at(_NUMBER + 0.08, "left"),
+                va="center",
+                color=BLUE if c.name in standing.claimed else BLACK,
+            )
     _labels(sheet, rounds)
     return finish(sheet, title, head=0.3)
 
@@ -144,7 +212,10 @@ def _rounds(candidates: Sequence[Candidate], standing: NamedEffects) -> list[_Ro
     def rows(within: tuple[str, ...]) -> int:
         return SPARE if standing.complete(within) else most
 
-    return [_round([c for c in candidates if c.within == within], standing, rows(within)) for _, within in kept]
+    return [
+        _round([c for c in candidates if c.within == within], standing, rows(within))
+        for _, within in kept
+    ]
 
 
 def _round(group: Sequence[Candidate], standing: NamedEffects, most: int) -> _Round:
@@ -153,7 +224,12 @@ def _round(group: Sequence[Candidate], standing: NamedEffects, most: int) -> _Ro
     order = sorted(best.values(), key=lambda c: (-c.weight, c.name))
     first = [c for c in order if c.name in standing.named]
     kept = {c.name for c in [*first, *(c for c in order if c not in first)][:most]}
-    return _Round(group[0].round, group[0].within, tuple(c for c in order if c.name in kept), len(order) - len(kept))
+    return _Round(
+        group[0].round,
+        group[0].within,
+        tuple(c for c in order if c.name in kept),
+        len(order) - len(kept),
+    )
 
 
 def _places(each: _Round) -> list[float]:
@@ -161,35 +237,81 @@ def _places(each: _Round) -> list[float]:
 
 
 def _colour(c: Candidate, standing: NamedEffects) -> str:
-    return BLUE if c.name in standing.claimed else SKY if is_alternative(c, standing) or c.name in standing.hints else GREY
+    return (
+        BLUE
+        if c.name in standing.claimed
+        else SKY
+        if is_alternative(c, standing) or c.name in standing.hints
+        else GREY
+    )
 
 
 def _draw_odds(panel: Axes, each: _Round, standing: NamedEffects) -> None:
-    """Bars from the left edge to how far the odds lie below the best, on a scale that is linear up to one and logarithmic from there."""
+    """Bars from the left edge to how far the odds lie below the best, on a scale that is linear up
+    to one and logarithmic from there.
+    """
     best = max(c.weight for c in each.shown)
     behind = [best - c.weight for c in each.shown]
     edge = -max(2.0 * max(behind), 10.0)
     panel.set_xscale("symlog", linthresh=1.0, linscale=0.6)
     for y, c, below in zip(_places(each), each.shown, behind, strict=True):
         colour = _colour(c, standing)
-        what = "claimed" if colour == BLUE else "alternative or hint" if colour == SKY else "fitted" if c.fitted else "linearised"
-        panel.barh(y, -below - edge, left=edge, height=0.66, color=colour if c.fitted else "white", edgecolor=colour, linewidth=0.9, label=what)
+        what = (
+            "claimed"
+            if colour == BLUE
+            else "alternative or hint"
+            if colour == SKY
+            else "fitted"
+            if c.fitted
+            else "linearised"
+        )
+        panel.barh(
+            y,
+            -below - edge,
+            left=edge,
+            height=0.66,
+            color=colour if c.fitted else "white",
+            edgecolor=colour,
+            linewidth=0.9,
+            label=what,
+        )
     panel.axvline(0.0, **ZERO)
     panel.set_xlim(edge, 0.6)
     powers = [-(10.0**power) for power in range(int(np.log10(-edge)), -1, -1)]
     panel.xaxis.set_major_locator(FixedLocator([*powers[:: 1 if len(powers) < 4 else 2], 0.0]))
     panel.xaxis.set_minor_locator(NullLocator())
-    panel.xaxis.set_major_formatter(FuncFormatter(lambda value, position: f"{value:.0f}".replace("-", "−")))
+    panel.xaxis.set_major_formatter(
+        FuncFormatter(lambda value, position: f"{value:.0f}".replace("-", "−"))
+    )
     panel.set_yticks(_places(each), [plain(c.name) for c in each.shown], fontsize=_SMALL)
 
 
 def _head(panel: Axes, each: _Round, standing: NamedEffects, x: float) -> None:
     """What the round began from, above the names, and below them how many others there are."""
     beside = f"beside {' + '.join(each.within)}" if each.within else "beside the declared model"
-    done = "; nothing more was needed" if standing.complete(each.within) and each.within else "; nothing was needed" if standing.complete(()) else ""
-    panel.set_title(plain(f"round {each.number}, {beside}{done}"), fontsize=TICK_SIZE, loc="left", x=x, pad=4.5, y=1.0)
+    done = (
+        "; nothing more was needed"
+        if standing.complete(each.within) and each.within
+        else "; nothing was needed"
+        if standing.complete(())
+        else ""
+    )
+    panel.set_title(
+        plain(f"round {each.number}, {beside}{done}"),
+        fontsize=TICK_SIZE,
+        loc="left",
+        x=x,
+        pad=4.5,
+        y=1.0,
+    )
     if each.others:
-        panel.annotate(f"{each.others} others below", (0.0, -1.0), **{**_at(-0.06), "xycoords": ("axes fraction", "data")}, va="center", color=GREY)
+        panel.annotate(
+            f"{each.others} others below",
+            (0.0, -1.0),
+            **{**_at(-0.06), "xycoords": ("axes fraction", "data")},
+            va="center",
+            color=GREY,
+        )
 
 
 def _column(panel: Axes, texts: Sequence[str], heading: str) -> None:
@@ -202,7 +324,11 @@ def _column(panel: Axes, texts: Sequence[str], heading: str) -> None:
 
 def _at(inches: float, side: str = "right") -> dict[str, Any]:
     """A small text in a row of a panel, so many inches right of its edge."""
-    place = {"xycoords": ("axes fraction", "data"), "xytext": (72.0 * inches, 0.0), "textcoords": "offset points"}
+    place = {
+        "xycoords": ("axes fraction", "data"),
+        "xytext": (72.0 * inches, 0.0),
+        "textcoords": "offset points",
+    }
     return {**place, "ha": side, "fontsize": _SMALL, "annotation_clip": False}
 
 
@@ -225,23 +351,46 @@ PARAMETERS = 4  # of one effect that are drawn
 
 
 def figure_replication(effects: Sequence[Replicated], title: str = "") -> Figure:
-    """A panel for each parameter of each effect: its value from each record with two standard deviations, and from all fitted ones as a band.
+    """A panel for each parameter of each effect: its value from each record with two standard
+    deviations, and from all fitted ones as a band.
 
     Angles in degrees. A record without the parameter has no point.
     """
-    shown = [(effect, name) for effect in effects for name in list(effect.by_record[0])[:PARAMETERS]]
+    shown = [
+        (effect, name) for effect in effects for name in list(effect.by_record[0])[:PARAMETERS]
+    ]
     sheet = make_sheet([1.2] * len(shown), row_gap=0.32, left=0.8)
     for panel, (effect, name) in zip(sheet.panels, shown, strict=True):
         places = [place for place, each in enumerate(effect.by_record) if name in each]
         values, stds = _shown([effect.by_record[place][name] for place in places], name)
         if name in effect.together:
             (middle,), (std,) = _shown([effect.together[name]], name)
-            panel.axhspan(middle - 2.0 * std, middle + 2.0 * std, color=SKY, alpha=0.3, linewidth=0, label="fitted records together ±2σ")
+            panel.axhspan(
+                middle - 2.0 * std,
+                middle + 2.0 * std,
+                color=SKY,
+                alpha=0.3,
+                linewidth=0,
+                label="fitted records together ±2σ",
+            )
             panel.axhline(middle, color=SKY, linewidth=1.0)
-        panel.errorbar(places, values, yerr=2.0 * stds, fmt="o", color=BLUE, markersize=4.5, linewidth=1.2, capsize=2.5, label="one record ±2σ")
+        panel.errorbar(
+            places,
+            values,
+            yerr=2.0 * stds,
+            fmt="o",
+            color=BLUE,
+            markersize=4.5,
+            linewidth=1.2,
+            capsize=2.5,
+            label="one record ±2σ",
+        )
         panel.set_xlim(-0.5, len(effect.by_record) - 0.5)
         room = 5.9 / len(effect.by_record)
-        panel.set_xticks(range(len(effect.by_record)), ["\n".join(folded(plain(label), room, TICK_SIZE)) for label in effect.records])
+        panel.set_xticks(
+            range(len(effect.by_record)),
+            ["\n".join(folded(plain(label), room, TICK_SIZE)) for label in effect.records],
+        )
         text = display_unit(effect.by_record[0][name].unit, name).text
         y_label(panel, plain(f"{name.replace('_', ' ')} ({text})"))
         caption(panel, plain(effect.name))
@@ -249,10 +398,18 @@ def figure_replication(effects: Sequence[Replicated], title: str = "") -> Figure
 
 
 def _shown(quantities: Sequence[Quantity], name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Values and standard deviations in the units of a figure; a sigma that says nothing is as long as the value."""
-    rows = np.array([displayed(quantity, name)[:2] for quantity in quantities], dtype=float).reshape(-1, 2)
+    """Values and standard deviations in the units of a figure; a sigma that says nothing is as long
+    as the value.
+    """
+    rows = np.array(
+        [displayed(quantity, name)[:2] for quantity in quantities], dtype=float
+    ).reshape(-1, 2)
     values, stds = rows[:, 0], rows[:, 1]
-    return values, np.where(np.isfinite(stds) & (stds >= 0.0), np.minimum(stds, 1e3 * np.maximum(np.abs(values), 1e-12)), np.abs(values))
+    return values, np.where(
+        np.isfinite(stds) & (stds >= 0.0),
+        np.minimum(stds, 1e3 * np.maximum(np.abs(values), 1e-12)),
+        np.abs(values),
+    )
 
 
 # ---- Residuals and their spectra before and after, and the held-out record
@@ -261,14 +418,19 @@ _BAND = "±2σ of the sensor noise"
 
 
 def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: str = "") -> Figure:
-    """Residuals of the fitted record against time, left with the declared model, right with the effects, one scale for both.
+    """Residuals of the fitted record against time, left with the declared model, right with the
+    effects, one scale for both.
 
-    Where nothing was added there is one column. ``noise`` is the noise's standard deviation by channel. Samples that were
-    set aside are ringed; angles in degrees.
+    Where nothing was added there is one column. ``noise`` is the noise's standard deviation by
+    channel. Samples that were set aside are ringed; angles in degrees.
     """
     shown = _measured(fitted)
     count, same = len(shown), _same(fitted, [row for row, _ in shown])
-    sides = (("residual", fitted.after),) if same else (("before", fitted.before), ("after", fitted.after))
+    sides = (
+        (("residual", fitted.after),)
+        if same
+        else (("before", fitted.before), ("after", fitted.after))
+    )
     sheet = make_sheet([1.25] * count, (1.0,) * len(sides), row_gap=0.3, column_gap=0.42)
     for line, (row, name) in zip(sheet.axes, shown, strict=True):
         channel = fitted.record[name]
@@ -290,10 +452,26 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
                 label="residual",
             )
             if np.any(aside):
-                ring: dict[str, Any] = {"marker": "o", "markersize": 5.5, "markerfacecolor": "none", "markeredgewidth": 0.9, "linestyle": "none"}
-                panel.plot(fitted.record.time[aside], values[aside], color=VERMILION, label="set aside", **ring)
+                ring: dict[str, Any] = {
+                    "marker": "o",
+                    "markersize": 5.5,
+                    "markerfacecolor": "none",
+                    "markeredgewidth": 0.9,
+                    "linestyle": "none",
+                }
+                panel.plot(
+                    fitted.record.time[aside],
+                    values[aside],
+                    color=VERMILION,
+                    label="set aside",
+                    **ring,
+                )
             limit = max(limit, float(np.abs(values[valid]).max(initial=0.0)))
-            rms = float(np.sqrt(np.mean(values[valid & fitted.used[row]] ** 2))) if np.any(valid & fitted.used[row]) else 0.0
+            rms = (
+                float(np.sqrt(np.mean(values[valid & fitted.used[row]] ** 2)))
+                if np.any(valid & fitted.used[row])
+                else 0.0
+            )
             caption(panel, f"{when}: rms {rms:#.3g} {unit.text}")
         for panel in line:
             panel.set_ylim(-1.08 * limit or -1.0, 1.08 * limit or 1.0)
@@ -305,15 +483,21 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
     return finish(sheet, title, head=0.24)
 
 
-def figure_held_out(prediction: Prediction, noise: Mapping[str, float], title: str = "", data: str = MEASURED_DATA) -> Figure:
-    """The predicted record: its samples, called ``data``, predicted with and without the effects, and below what each leaves; angles in degrees.
+def figure_held_out(
+    prediction: Prediction, noise: Mapping[str, float], title: str = "", data: str = MEASURED_DATA
+) -> Figure:
+    """The predicted record: its samples, called ``data``, predicted with and without the effects,
+    and below what each leaves; angles in degrees.
 
     One prediction where nothing was added.
     """
     same = np.array_equal(prediction.after, prediction.before)
     both = (("predicted after", prediction.after), ("predicted before", prediction.before))
     shown = (("predicted", prediction.before),) if same else both
-    responses = [Response(label, dict(zip(prediction.channels, values, strict=True))) for label, values in shown]
+    responses = [
+        Response(label, dict(zip(prediction.channels, values, strict=True)))
+        for label, values in shown
+    ]
     figure = figure_fit(prediction.record, responses, None, title, noise, data)
     for panel in figure.axes:
         _few_ticks(panel)
@@ -321,10 +505,11 @@ def figure_held_out(prediction: Prediction, noise: Mapping[str, float], title: s
 
 
 def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str = "") -> Figure:
-    """Power spectra of the residuals before and after over that of the noise: white noise of the right size lies at one. One where nothing was added.
+    """Power spectra of the residuals before and after over that of the noise: white noise of the
+    right size lies at one. One where nothing was added.
 
-    Periodograms under a Hann window, averaged over neighbouring frequencies. Samples missing or set aside count as zero, uneven
-    sampling is read as even at its mean interval.
+    Periodograms under a Hann window, averaged over neighbouring frequencies. Samples missing or set
+    aside count as zero, uneven sampling is read as even at its mean interval.
     """
     shown = _measured(fitted)
     sheet = make_sheet([1.25] * len(shown), row_gap=0.3)
@@ -337,8 +522,15 @@ def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str 
         alone = ((fitted.after[row], "residual", 0),)
         lines = alone if same else both
         for residual, label, order in lines:
-            hertz, power = spectrum(np.where(used, residual, 0.0), interval, int(np.count_nonzero(used)))
-            panel.plot(hertz, power / (noise.get(name) or 1.0) ** 2, label=label, **method_style(order, alone=len(lines) == 1))
+            hertz, power = spectrum(
+                np.where(used, residual, 0.0), interval, int(np.count_nonzero(used))
+            )
+            panel.plot(
+                hertz,
+                power / (noise.get(name) or 1.0) ** 2,
+                label=label,
+                **method_style(order, alone=len(lines) == 1),
+            )
         panel.set_yscale("log")
         panel.set_xscale("log")
         bottom, top = panel.get_ylim()
@@ -351,7 +543,9 @@ def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str 
 
 
 def spectrum(residual: np.ndarray, interval: float, used: int) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (Hz) and power of a series ``(N,)`` of which ``used`` samples are not zero by default; white noise of variance s2 gives s2."""
+    """Frequencies (Hz) and power of a series ``(N,)`` of which ``used`` samples are not zero by
+    default; white noise of variance s2 gives s2.
+    """
     n = len(residual)
     window = np.hanning(n)
     share = float(np.sum(window**2)) * max(used, 1) / n
@@ -364,13 +558,20 @@ def spectrum(residual: np.ndarray, interval: float, used: int) -> tuple[np.ndarr
 
 def _same(fitted: FittedRecord, rows: Sequence[int]) -> bool:
     """Whether before and after differ by less than a figure can show: nothing was added."""
-    change, size = np.abs(fitted.before - fitted.after)[rows].max(axis=1, initial=0.0), np.abs(fitted.after)[rows].max(axis=1, initial=0.0)
+    change, size = (
+        np.abs(fitted.before - fitted.after)[rows].max(axis=1, initial=0.0),
+        np.abs(fitted.after)[rows].max(axis=1, initial=0.0),
+    )
     return bool(np.all(change <= 5e-3 * size))
 
 
 def _measured(fitted: FittedRecord) -> list[tuple[int, str]]:
     """Row and name of the channels that this record has; others of the fit may lack it."""
-    return [(row, name) for row, name in enumerate(fitted.channels) if name in fitted.record.output_names]
+    return [
+        (row, name)
+        for row, name in enumerate(fitted.channels)
+        if name in fitted.record.output_names
+    ]
 
 
 def _band(panel: Axes, sigma: float) -> None:

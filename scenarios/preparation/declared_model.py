@@ -1,4 +1,6 @@
-"""The model that a vehicle file declares, and two readings of the same records compared by its fit."""
+"""The model that a vehicle file declares, and two readings of the same records compared by its
+fit.
+"""
 
 from __future__ import annotations
 
@@ -37,8 +39,9 @@ RARE = 10.0  # usual sub-steps: samples that lie farther apart are of a slower m
 def model_of_file(vehicle: VehicleFile) -> Model:
     """The declared model of a vehicle file for one of ``MODELS``.
 
-    Each free parameter gets a prior standard deviation of half its starting value (files may be 30 % wrong), for
-    filters, which need one; whole-record fits use priors only where the data alone cannot fix a scale.
+    Each free parameter gets a prior standard deviation of half its starting value (files may be 30
+    % wrong), for filters, which need one; whole-record fits use priors only where the data alone
+    cannot fix a scale.
     """
     if vehicle.own is not None:
         return constrained(with_priors(vehicle.own, list(vehicle.derivatives)), vehicle.constraints)
@@ -51,14 +54,21 @@ def model_of_file(vehicle: VehicleFile) -> Model:
             else:
                 values[name] = value
     kind = "rigid" if vehicle.model == "flexible" else vehicle.model
-    start = {"airspeed": constants["reference_airspeed"]} if "reference_airspeed" in constants else {}
+    start = (
+        {"airspeed": constants["reference_airspeed"]} if "reference_airspeed" in constants else {}
+    )
     model = model_from_constants(kind, constants, values, modes=len(vehicle.modes), initial=start)
-    free = [item.name for item in model.parameters if item.name in values and not _coupling(item.name, len(vehicle.modes))]
+    free = [
+        item.name
+        for item in model.parameters
+        if item.name in values and not _coupling(item.name, len(vehicle.modes))
+    ]
     return constrained(with_priors(model, free), vehicle.constraints)
 
 
 def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:
-    """Which of the outputs have a free constant bias in a fit: those that the equations name, else all but an altitude.
+    """Which of the outputs have a free constant bias in a fit: those that the equations name, else
+    all but an altitude.
 
     Of a falling body an altitude's bias is the same as another ballistic coefficient.
     """
@@ -68,9 +78,11 @@ def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:
 
 
 def step_for(model: Model, records: Sequence[Record], usual: float) -> float:
-    """Longest integration sub-step, s: ``usual`` but for an own model, whose motion may be a thousand times slower or faster than an aircraft's.
+    """Longest integration sub-step, s: ``usual`` but for an own model, whose motion may be a
+    thousand times slower or faster than an aircraft's.
 
-    A share of the quickest root's time, never longer than the usual one or, where samples are rarer, than the sampling interval.
+    A share of the quickest root's time, never longer than the usual one or, where samples are
+    rarer, than the sampling interval.
     """
     if not is_own(model) or not records:
         return usual
@@ -85,29 +97,40 @@ def step_of(model: Model, interval: float, usual: float) -> float:
 
 
 def root_sizes(system: System, u: list[float]) -> np.ndarray:
-    """Sizes of the roots about the initial state, rad/s, integrators left out; none where the slopes are not finite."""
+    """Sizes of the roots about the initial state, rad/s, integrators left out; none where the
+    slopes are not finite.
+    """
     p = system.parameters.values().tolist()
-    slopes = complex_step_jacobian(lambda x: system.f(0.0, x, u, p), system.initial.values().tolist())
+    slopes = complex_step_jacobian(
+        lambda x: system.f(0.0, x, u, p), system.initial.values().tolist()
+    )
     sizes = np.abs(np.linalg.eigvals(slopes)) if np.all(np.isfinite(slopes)) else np.zeros(0)
     return np.asarray(sizes[sizes > SLOW])
 
 
 def _coupling(name: str, modes: int) -> bool:
     """Couplings between two modes are held at what the file says."""
-    return any(name in (f"Ceta{i}_eta{j}", f"Ceta{i}_etadot{j}") for i in range(1, modes + 1) for j in range(1, modes + 1) if i != j) or any(
-        name == f"{local}{i}" for local in MODE_CONSTANTS for i in range(1, modes + 1)
-    )
+    return any(
+        name in (f"Ceta{i}_eta{j}", f"Ceta{i}_etadot{j}")
+        for i in range(1, modes + 1)
+        for j in range(1, modes + 1)
+        if i != j
+    ) or any(name == f"{local}{i}" for local in MODE_CONSTANTS for i in range(1, modes + 1))
 
 
 # ---- Two readings of the same records
 
-BETTER = 10.0  # of twice the log likelihood, in samples that count as independent, from which a reading is no chance
+# of twice the log likelihood, in samples that count as independent, from which a reading is no
+# chance
+BETTER = 10.0
 AGAINST = 2.0  # the same of one record, beyond which it contradicts
-SETTINGS = FitSettings(max_step=0.02, iterations=60, enough=0.5, coloured=False)  # within a half of the log likelihood of the minimum
+# within a half of the log likelihood of the minimum
+SETTINGS = FitSettings(max_step=0.02, iterations=60, enough=0.5, coloured=False)
 BEYOND = 1e50
 LARGEST = 3000  # samples that the comparison looks at
 UNMOVED = 0.7  # of an input's steps: where so many are nothing at all, a computer may have held it
-IN_PASSING = 0.5  # of the other steps: where so many follow one another, a hand or an actuator moved it through them
+# of the other steps: where so many follow one another, a hand or an actuator moved it through them
+IN_PASSING = 0.5
 Reading = tuple[Model, list[Record]]
 
 
@@ -115,38 +138,65 @@ Reading = tuple[Model, list[Record]]
 class Compared:
     """How two readings of the same records compare.
 
-    ``gain``: twice the log likelihood by which the second fits better, in effective samples; zero where the fits leave the question
-    open. ``why_open``: why they do; empty where they decide.
+    ``gain``: twice the log likelihood by which the second fits better, in effective samples; zero
+    where the fits leave the question open. ``why_open``: why they do; empty where they decide.
     """
 
     gain: float
     why_open: str = ""
 
 
-def better_by(first: Reading, second: Reading, outputs: Sequence[str], least: float = 0.0, local: Collection[str] = ()) -> Compared:
-    """Twice the log likelihood by which the second reading fits better than the first, in effective samples.
+def better_by(
+    first: Reading,
+    second: Reading,
+    outputs: Sequence[str],
+    least: float = 0.0,
+    local: Collection[str] = (),
+) -> Compared:
+    """Twice the log likelihood by which the second reading fits better than the first, in effective
+    samples.
 
-    The question is left open where a fit has not converged or has a bias that no sensor and no trim has (``implausible_bias``): what
-    such a fit leaves says nothing of its reading. It is left open too where one cannot be fitted or has no fewer unknowns than
-    samples, and where a record by itself speaks against the sum of all: an effect that the model lacks may favour the wrong reading in
-    one maneuver, a right one is right in all. The gain is zero where no channel's residual falls by the share ``least``. ``local`` are
-    parameters of which each record has its own. Isolated wrong samples, which would outweigh all others in either residual, are left
-    out. Controls count from their trim (``from_trim``).
+    The question is left open where a fit has not converged or has a bias that no sensor and no trim
+    has (``implausible_bias``): what such a fit leaves says nothing of its reading. It is left open
+    too where one cannot be fitted or has no fewer unknowns than samples, and where a record by
+    itself speaks against the sum of all: an effect that the model lacks may favour the wrong
+    reading in one maneuver, a right one is right in all. The gain is zero where no channel's
+    residual falls by the share ``least``. ``local`` are parameters of which each record has its
+    own. Isolated wrong samples, which would outweigh all others in either residual, are left out.
+    Controls count from their trim (``from_trim``).
     """
-    if any(np.max(np.abs(channel.values)) > BEYOND for record in first[1] for channel in record.channels):
+    if any(
+        np.max(np.abs(channel.values)) > BEYOND
+        for record in first[1]
+        for channel in record.channels
+    ):
         return Compared(0.0, "a number is beyond all measure")  # whoever fits it says so
-    first, second = ((model, [from_trim(record, model) for record in some]) for model, some in (first, second))
+    first, second = (
+        (model, [from_trim(record, model) for record in some]) for model, some in (first, second)
+    )
     old, new = fits_at_their_least(_layout(first, outputs, local), _layout(second, outputs, local))
     wild = _implausible(old, new)
     if any(np.any(mask) for mask in wild):
         first, second = (
-            (model, [_without(record, outputs, mask) for record, mask in zip(some, wild, strict=True)]) for model, some in (first, second)
+            (
+                model,
+                [_without(record, outputs, mask) for record, mask in zip(some, wild, strict=True)],
+            )
+            for model, some in (first, second)
         )
-        old, new = fits_at_their_least(_layout(first, outputs, local), _layout(second, outputs, local))
-    if old is None or new is None or not np.all(np.isfinite([*old.variance, *new.variance])) or min(*old.variance, *new.variance) <= 0.0:
+        old, new = fits_at_their_least(
+            _layout(first, outputs, local), _layout(second, outputs, local)
+        )
+    if (
+        old is None
+        or new is None
+        or not np.all(np.isfinite([*old.variance, *new.variance]))
+        or min(*old.variance, *new.variance) <= 0.0
+    ):
         return Compared(0.0, "a fit has no finite likelihood")
     if any(fit.counts.sum() <= len(fit.theta) for fit in (old, new)):
-        return Compared(0.0, "as many unknowns as samples")  # both readings fit, and what is left is rounding
+        # both readings fit, and what is left is rounding
+        return Compared(0.0, "as many unknowns as samples")
     if why := _undecided(old, first) or _undecided(new, second):
         return Compared(0.0, why)
     if np.min(new.variance / old.variance) > (1.0 - least) ** 2:
@@ -156,10 +206,11 @@ def better_by(first: Reading, second: Reading, outputs: Sequence[str], least: fl
 
 
 def from_trim(record: Record, model: Model) -> Record:
-    """The record with its controls counted from their trim, or from their mean where no rest at the beginning tells it.
+    """The record with its controls counted from their trim, or from their mean where no rest at the
+    beginning tells it.
 
-    Derivatives of equations of perturbations do not notice; biases do, which else stand for the motion that the trim deflection would
-    make. Equations of totals keep their inputs.
+    Derivatives of equations of perturbations do not notice; biases do, which else stand for the
+    motion that the trim deflection would make. Equations of totals keep their inputs.
     """
     if of_totals(model):
         return record
@@ -174,10 +225,12 @@ def from_trim(record: Record, model: Model) -> Record:
 
 
 def implausible_bias(value: float, measured: np.ndarray) -> bool:
-    """Whether the bias of an output of perturbations cannot be its reading at trim, ``measured (N,)`` being its samples.
+    """Whether the bias of an output of perturbations cannot be its reading at trim, ``measured
+    (N,)`` being its samples.
 
-    With controls about their trim an aircraft moves about its trim: that lies between the channel's extremes, or beyond them by no more
-    than the motion between them where the record shows one side of the motion only.
+    With controls about their trim an aircraft moves about its trim: that lies between the channel's
+    extremes, or beyond them by no more than the motion between them where the record shows one side
+    of the motion only.
     """
     low, high = float(np.min(measured)), float(np.max(measured))
     return not low - (high - low) <= value <= high + (high - low)
@@ -194,22 +247,41 @@ def _undecided(fit: Fit, reading: Reading) -> str:
         values = dict(zip(fit.layout.system.parameters.names, known.tolist(), strict=True))
         for i, name in enumerate(fit.layout.system.output_names):
             bias = values.get(f"bias_{name}", 0.0)
-            if np.any(problem.valid[i]) and f"bias_{name}" in values and implausible_bias(bias, problem.z[i, problem.valid[i]]):
-                return f"a fit needs a bias of {name} of {bias:.3g} {reading[1][r][name].unit}, beyond all that it reads"
+            if (
+                np.any(problem.valid[i])
+                and f"bias_{name}" in values
+                and implausible_bias(bias, problem.z[i, problem.valid[i]])
+            ):
+                return (
+                    f"a fit needs a bias of {name} of {bias:.3g} {reading[1][r][name].unit}, "
+                    "beyond all that it reads"
+                )
     return ""
 
 
 def _implausible(*fits: Fit | None) -> list[np.ndarray]:
-    """Isolated wrong samples of each record by either fit, ``(m, N)``; none where a fit is missing."""
-    known = [fit for fit in fits if fit is not None and all(np.all(np.isfinite(each)) for each in fit.residuals)]
+    """Isolated wrong samples of each record by either fit, ``(m, N)``; none where a fit is
+    missing.
+    """
+    known = [
+        fit
+        for fit in fits
+        if fit is not None and all(np.all(np.isfinite(each)) for each in fit.residuals)
+    ]
     if len(known) < len(fits):
         return []
     problems = known[0].layout.problems
     out = [np.zeros_like(problem.valid) for problem in problems]
     edges = [input_edges(problem.record) for problem in problems]
     for fit in known:
-        for i in np.flatnonzero([any(np.any(problem.valid[row]) for problem in problems) for row in range(len(out[0]))]):
-            wrong = isolated_wrong([each[i] for each in fit.residuals], [problem.valid[i] for problem in problems], edges)
+        for i in np.flatnonzero(
+            [any(np.any(problem.valid[row]) for problem in problems) for row in range(len(out[0]))]
+        ):
+            wrong = isolated_wrong(
+                [each[i] for each in fit.residuals],
+                [problem.valid[i] for problem in problems],
+                edges,
+            )
             for mask, found in zip(out, wrong, strict=True):
                 mask[i] |= found
     return out
@@ -217,20 +289,35 @@ def _implausible(*fits: Fit | None) -> list[np.ndarray]:
 
 def _without(record: Record, outputs: Sequence[str], wrong: np.ndarray) -> Record:
     masks = {name: row for name, row in zip(outputs, wrong, strict=True) if np.any(row)}
-    return replace(record, outputs=tuple(replace(c, valid=c.valid & ~masks[c.name]) if c.name in masks else c for c in record.outputs))
+    return replace(
+        record,
+        outputs=tuple(
+            replace(c, valid=c.valid & ~masks[c.name]) if c.name in masks else c
+            for c in record.outputs
+        ),
+    )
 
 
-def likelier_by(before: Sequence[np.ndarray], after: Sequence[np.ndarray], known: Sequence[np.ndarray]) -> float:
-    """Twice the log likelihood by which the second residuals are likelier than the first, in effective samples; zero where records contradict.
+def likelier_by(
+    before: Sequence[np.ndarray], after: Sequence[np.ndarray], known: Sequence[np.ndarray]
+) -> float:
+    """Twice the log likelihood by which the second residuals are likelier than the first, in
+    effective samples; zero where records contradict.
 
     Residuals and their validity are ``(m, N)`` a record; each output has one noise level.
     """
     total = np.zeros(len(known))
     for i in range(len(known[0])):
         valid = [each[i : i + 1] for each in known]
-        share = min(effective_share([r[i : i + 1] for r in residuals], valid) for residuals in (before, after))
+        share = min(
+            effective_share([r[i : i + 1] for r in residuals], valid)
+            for residuals in (before, after)
+        )
         for k, (row,) in enumerate(valid):
-            (old, new), count = (float(np.sum(residuals[k][i, row] ** 2)) for residuals in (before, after)), int(np.count_nonzero(row))
+            (old, new), count = (
+                (float(np.sum(residuals[k][i, row] ** 2)) for residuals in (before, after)),
+                int(np.count_nonzero(row)),
+            )
             if count and old > 0.0 and new > 0.0:
                 total[k] += share * count * np.log(old / new)
     found = float(np.sum(total))
@@ -243,25 +330,39 @@ def with_hold(records: Sequence[Record], hold: Hold) -> list[Record]:
 
 
 def held_by_computer(record: Record) -> bool:
-    """Whether every input stands still most of the time to the last digit, and leaps where it moves, as one does that a computer steps."""
+    """Whether every input stands still most of the time to the last digit, and leaps where it
+    moves, as one does that a computer steps.
+    """
     return all(_leaps(np.diff(channel.values)) for channel in record.inputs)
 
 
 def _leaps(steps: np.ndarray) -> bool:
-    """Whether an input that rests most of the time moves in single steps: a surface passes through several samples on its way."""
+    """Whether an input that rests most of the time moves in single steps: a surface passes through
+    several samples on its way.
+    """
     moves = steps != 0.0
     onward = moves[1:] & moves[:-1] & (np.sign(steps[1:]) == np.sign(steps[:-1]))
     passing = float(np.sum(onward)) / max(1.0, float(np.sum(moves)))
     return bool(np.mean(moves) < 1.0 - UNMOVED and passing < IN_PASSING)
 
 
-def linear_by(records: Sequence[Record], model: Model, read: Callable[[Model, list[Record]], Reading]) -> float:
+def linear_by(
+    records: Sequence[Record], model: Model, read: Callable[[Model, list[Record]], Reading]
+) -> float:
     """How much better linear inputs serve than held ones; zero where nothing can tell."""
     if not model.equations.inputs or all(held_by_computer(record) for record in records):
         return 0.0
     some = _some(records)
     outputs = _outputs(some, model)
-    return better_by(read(model, with_hold(some, Hold.PREVIOUS)), read(model, with_hold(some, Hold.LINEAR)), outputs).gain if outputs else 0.0
+    return (
+        better_by(
+            read(model, with_hold(some, Hold.PREVIOUS)),
+            read(model, with_hold(some, Hold.LINEAR)),
+            outputs,
+        ).gain
+        if outputs
+        else 0.0
+    )
 
 
 def _layout(reading: Reading, outputs: Sequence[str], local: Collection[str]) -> FitLayout:
@@ -272,7 +373,11 @@ def _layout(reading: Reading, outputs: Sequence[str], local: Collection[str]) ->
 
 
 def _outputs(records: Sequence[Record], model: Model) -> list[str]:
-    return [signal.name for signal in model.equations.outputs if any(signal.name in record.output_names for record in records)]
+    return [
+        signal.name
+        for signal in model.equations.outputs
+        if any(signal.name in record.output_names for record in records)
+    ]
 
 
 def _some(records: Sequence[Record]) -> list[Record]:

@@ -1,4 +1,6 @@
-"""A draft of the channel map and of the vehicle file, from the headers of a recorder's file, with a reason for each guess."""
+"""A draft of the channel map and of the vehicle file, from the headers of a recorder's file, with a
+reason for each guess.
+"""
 
 from __future__ import annotations
 
@@ -31,8 +33,8 @@ INPUTS = (*SURFACES, *COMMANDS)
 ROTARY_WING = {"vehicle_status.vehicle_type": 1.0, "vehicle_status.is_rotary_wing": 1.0}
 # Units as they stand behind a name without brackets.
 SPELT = {
-    "deg": "deg", "rad": "rad", "ktas": "kt", "kts": "kt", "ft": "ft", "ftmsl": "ft", "degs": "deg/s", "rads": "rad/s", "g": "g",
-    "dps": "deg/s", "rps": "rad/s", "fps": "ft/s", "fps2": "ft/s2", "mps": "m/s", "mps2": "m/s2", "psf": "lbf/ft2",
+    "deg": "deg", "rad": "rad", "ktas": "kt", "kts": "kt", "ft": "ft", "ftmsl": "ft", "degs": "deg/s", "rads": "rad/s", "g": "g",  # noqa: E501
+    "dps": "deg/s", "rps": "rad/s", "fps": "ft/s", "fps2": "ft/s2", "mps": "m/s", "mps2": "m/s2", "psf": "lbf/ft2",  # noqa: E501
 }  # fmt: skip
 UNIT_WORDS = (
     "deg",
@@ -56,10 +58,12 @@ UNIT_WORDS = (
     "mps2",
     "psf",
 )
-BEYOND = {"rad": 1.6, "rad/s": 8.0}  # an unlabelled angle or rate that moves further is more likely to be in degrees
+# an unlabelled angle or rate that moves further is more likely to be in degrees
+BEYOND = {"rad": 1.6, "rad/s": 8.0}
 EVEN = 1e-3  # of the step, by which the steps of a clock may differ
 GAPS = 0.02  # share of the steps of a clock that may be gaps
-NO_MEASUREMENT = re.compile(r"setpoint|_sp\b|status|innov|target|reference|command")  # topics that hold no measured motion
+# topics that hold no measured motion
+NO_MEASUREMENT = re.compile(r"setpoint|_sp\b|status|innov|target|reference|command")
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,8 @@ class Guess:
     Attributes
     ----------
     channel : our name. choice : the column or expression. reason : why this one, in a few words.
-    least, most : of its values, SI. samples : how many numbers it has. fault : what is wrong with it, empty where nothing is.
+    least, most : of its values, SI. samples : how many numbers it has. fault : what is wrong with
+    it, empty where nothing is.
     """
 
     channel: str
@@ -83,7 +88,9 @@ class Guess:
 
 @dataclass(frozen=True)
 class TopicSummary:
-    """A topic of a log: its name, columns, rows and samples a second (zero where it has no clock)."""
+    """A topic of a log: its name, columns, rows and samples a second (zero where it has no
+    clock).
+    """
 
     name: str
     columns: tuple[str, ...]
@@ -97,9 +104,10 @@ class Draft:
 
     Attributes
     ----------
-    file : the record file. topics : its topics. guesses : channels found, in the order of our channels.
-    faults : everything that is wrong with the file, one line each. unused : columns that no channel takes.
-    model : the model that the channels fit, empty where none does. clockless : the file has no
+    file : the record file. topics : its topics. guesses : channels found, in the order of our
+    channels. faults : everything that is wrong with the file, one line each. unused : columns that
+    no channel takes. model : the model that the channels fit, empty where none does. clockless :
+    the file has no
         clock, and no rate was given.
     """
 
@@ -123,13 +131,19 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
     found = _guesses(CHANNEL_UNITS, topics, _in_degrees(topics))
     clockless: tuple[str, ...] = ()
     if not any(guess.channel == TIME for guess in found) and len(topics) == 1 and rate is None:
-        clockless = ("the file has no clock; give its rate with --rate HZ, or name the column of time",)
+        clockless = (
+            "the file has no clock; give its rate with --rate HZ, or name the column of time",
+        )
     if len(topics) > 1:
         found = [guess for guess in found if guess.channel != TIME]
     tried = _tried(file, found, 1.0 if clockless else rate)
     faults = list(dict.fromkeys([*clockless, *(guess.fault for guess in tried if guess.fault)]))
     taken = {column for guess in tried for column in _columns_in(guess.choice, topics)}
-    names = [f"{topic.name}.{cell}" if topic.name else cell for topic in topics for cell in topic.table.header]
+    names = [
+        f"{topic.name}.{cell}" if topic.name else cell
+        for topic in topics
+        for cell in topic.table.header
+    ]
     return Draft(
         file,
         tuple(_summary(topic) for topic in topics),
@@ -152,24 +166,46 @@ def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
     -------
     The column or expression of each channel for which one is found.
     """
-    return {guess.channel: str(guess.choice.column) for guess in _guesses(channels, _topics_of(file), ())}
+    return {
+        guess.channel: str(guess.choice.column)
+        for guess in _guesses(channels, _topics_of(file), ())
+    }
 
 
 def map_text(draft: Draft) -> str:
     """The draft as a channel map in TOML, a reason beside each line."""
-    lines = [f"# Draft of a channel map for {draft.file.path.name}. Check every line: names do not say signs, and seldom units."]
+    lines = [
+        f"# Draft of a channel map for {draft.file.path.name}. Check every line: names do not say "
+        "signs, and seldom units."
+    ]
     for guess in draft.guesses:
         choice, doubt = guess.choice, f"; NOT USABLE: {guess.fault}" if guess.fault else ""
         column = choice.column if isinstance(choice.column, int) else _quoted(choice.column)
-        entry = str(column) if choice.unit is None else f"{{column = {column}, unit = {_quoted(choice.unit)}}}"
-        lines.append(f"{'# ' if guess.fault else ''}{guess.channel} = {entry}  # {guess.reason}{doubt}")
-    wanted = (*COMMANDS, "p", "q", "r", "az") if draft.model == "multirotor" else ("elevator", "aileron", "rudder", "alpha", "beta", "q")
+        entry = (
+            str(column)
+            if choice.unit is None
+            else f"{{column = {column}, unit = {_quoted(choice.unit)}}}"
+        )
+        lines.append(
+            f"{'# ' if guess.fault else ''}{guess.channel} = {entry}  # {guess.reason}{doubt}"
+        )
+    wanted = (
+        (*COMMANDS, "p", "q", "r", "az")
+        if draft.model == "multirotor"
+        else ("elevator", "aileron", "rudder", "alpha", "beta", "q")
+    )
     missing = [name for name in wanted if name not in {guess.channel for guess in draft.guesses}]
     if missing:
         lines.append(f"# Not found: {', '.join(missing)}. A line is such as")
-        example = "(RCOU.C1 - 1500) / 500" if draft.model == "multirotor" else "0.5*(elevon_left + elevon_right)"
+        example = (
+            "(RCOU.C1 - 1500) / 500"
+            if draft.model == "multirotor"
+            else "0.5*(elevon_left + elevon_right)"
+        )
         unit = "" if draft.model == "multirotor" else ', unit = "deg"'
-        lines.append(f'# {missing[0] if unit == "" else "elevator"} = {{column = "{example}"{unit}}}')
+        lines.append(
+            f'# {missing[0] if unit == "" else "elevator"} = {{column = "{example}"{unit}}}'
+        )
     if draft.unused:
         shown = ", ".join(draft.unused[:60]) + (", ..." if len(draft.unused) > 60 else "")
         lines.append(f"# Columns left: {shown}")
@@ -177,20 +213,41 @@ def map_text(draft: Draft) -> str:
 
 
 def vehicle_text(draft: Draft) -> str:
-    """A draft of the vehicle file for the model that the channels fit; the numbers that the record does not have stand as comments."""
+    """A draft of the vehicle file for the model that the channels fit; the numbers that the record
+    does not have stand as comments.
+    """
     model = draft.model or "rigid"
     if model == "ballistic":
         return _BALLISTIC.format(name=_quoted(draft.file.path.stem))
     if model == "multirotor":
         return _MULTIROTOR.format(name=_quoted(draft.file.path.stem))
-    speed = next((0.5 * (guess.least + guess.most) for guess in draft.guesses if guess.channel == "airspeed" and not guess.fault), None)
+    speed = next(
+        (
+            0.5 * (guess.least + guess.most)
+            for guess in draft.guesses
+            if guess.channel == "airspeed" and not guess.fault
+        ),
+        None,
+    )
     key = "reference_airspeed" if model == "longitudinal" else "airspeed"
-    known = f"{key} = {speed:.4g}  # m/s, the middle of the recorded range" if speed else f"# {key} = ...  # m/s"
+    known = (
+        f"{key} = {speed:.4g}  # m/s, the middle of the recorded range"
+        if speed
+        else f"# {key} = ...  # m/s"
+    )
     lengths = ["span"] if model == "lateral" else ["chord"]
-    inertias = ["roll_inertia", "yaw_inertia", "cross_inertia"] if model == "lateral" else ["pitch_inertia"]
-    more = {"lateral": ["trim_alpha  # rad", "trim_theta  # rad"], "longitudinal": ["thrust_arm  # m, above the centre of gravity"]}.get(model, [])
+    inertias = (
+        ["roll_inertia", "yaw_inertia", "cross_inertia"]
+        if model == "lateral"
+        else ["pitch_inertia"]
+    )
+    more = {
+        "lateral": ["trim_alpha  # rad", "trim_theta  # rad"],
+        "longitudinal": ["thrust_arm  # m, above the centre of gravity"],
+    }.get(model, [])
     lines = [
-        f"# Draft of a vehicle file for --model {model}. Take the # from each line and give its number.",
+        f"# Draft of a vehicle file for --model {model}. Take the # from each line and give its "
+        "number.",
         f"name = {_quoted(draft.file.path.stem)}",
         '# mass = ...  # kg, or a text with a unit: mass = "24200 lb"',
         "# wing_area = ...  # m2",
@@ -211,7 +268,7 @@ name = {name}
 gravity = 9.80665  # m/s2
 [derivatives]  # where the search starts
 # beta = ...  # kg/m2: mass / (drag coefficient * area)
-"""
+"""  # noqa: E501
 _MULTIROTOR = """# Draft of a vehicle file for --model multirotor: usual sizes for commands from -1 to 1.
 name = {name}
 [derivatives]  # where the search starts; what is left out is held at zero
@@ -228,33 +285,42 @@ Z_col = -20.0  # m/s2, specific force (down) at full thrust
 Z_0 = 0.0
 motor_time_constant = 0.04  # s
 delay = 0.01  # s, from command to motor
-"""
+"""  # noqa: E501
 _DERIVATIVES = {
     "rigid": ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"),
     "longitudinal": (
-        "CD_0", "CD_V", "CD_alpha", "CL_0", "CL_V", "CL_alpha", "CL_q", "CL_de", "Cm_0", "Cm_V", "Cm_alpha", "Cm_q", "Cm_de",
+        "CD_0", "CD_V", "CD_alpha", "CL_0", "CL_V", "CL_alpha", "CL_q", "CL_de", "Cm_0", "Cm_V", "Cm_alpha", "Cm_q", "Cm_de",  # noqa: E501
     ),
     "lateral": (
-        "CY_beta", "CY_p", "CY_r", "CY_da", "CY_dr", "Cl_beta", "Cl_p", "Cl_r", "Cl_da", "Cl_dr", "Cn_beta", "Cn_p", "Cn_r", "Cn_da", "Cn_dr",
+        "CY_beta", "CY_p", "CY_r", "CY_da", "CY_dr", "Cl_beta", "Cl_p", "Cl_r", "Cl_da", "Cl_dr", "Cn_beta", "Cn_p", "Cn_r", "Cn_da", "Cn_dr",  # noqa: E501
     ),
 }  # fmt: skip
 
 
 @lru_cache(maxsize=1)
 def _recorder_names() -> Mapping[str, Any]:
-    return tomllib.loads(files("scenarios.preparation").joinpath("recorder_names.toml").read_text(encoding="utf-8"))
+    return tomllib.loads(
+        files("scenarios.preparation").joinpath("recorder_names.toml").read_text(encoding="utf-8")
+    )
 
 
 def _is_multirotor(topics: Sequence[Topic]) -> bool:
-    """Whether a log says that a multirotor made it, or has the outputs of its rate controller alone; of a table, whether a column is a command."""
+    """Whether a log says that a multirotor made it, or has the outputs of its rate controller
+    alone; of a table, whether a column is a command.
+    """
     for path, number in ROTARY_WING.items():
         name, _, field = path.rpartition(".")
         for topic in topics:
             if topic.name == name and field in topic.table.header:
                 return bool(np.any(_numbers(topic, topic.table.header.index(field)) == number))
     if len(topics) == 1:
-        return any(_plain(split_header(cell)[0]) in map(_plain, COMMANDS) for cell in topics[0].table.header)
-    airspeed = any(topic.name.split("[")[0] in ("ARSP", "AOA", "airspeed_validated") for topic in topics)
+        return any(
+            _plain(split_header(cell)[0]) in map(_plain, COMMANDS)
+            for cell in topics[0].table.header
+        )
+    airspeed = any(
+        topic.name.split("[")[0] in ("ARSP", "AOA", "airspeed_validated") for topic in topics
+    )
     return _has("RATE.ROut", topics) and not airspeed
 
 
@@ -263,7 +329,9 @@ def _topics_of(file: RecordFile) -> Sequence[Topic]:
     return file.topics or (Topic("", file.table),)
 
 
-def _guesses(channels: Iterable[str], topics: Sequence[Topic], degrees: Collection[str]) -> list[Guess]:
+def _guesses(
+    channels: Iterable[str], topics: Sequence[Topic], degrees: Collection[str]
+) -> list[Guess]:
     """The best columns of channels, those left out that what flies has not."""
     absent = (*SURFACES, "airspeed") if _is_multirotor(topics) else COMMANDS
     found = (_guess(channel, topics, degrees) for channel in channels if channel not in absent)
@@ -271,13 +339,19 @@ def _guesses(channels: Iterable[str], topics: Sequence[Topic], degrees: Collecti
 
 
 def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> Guess | None:
-    """The best column of a channel, None where no name recalls one that moves; ``degrees``: topics whose unlabelled angles are in degrees."""
+    """The best column of a channel, None where no name recalls one that moves; ``degrees``: topics
+    whose unlabelled angles are in degrees.
+    """
     words = _recorder_names().get(channel, {})
     if len(topics) > 1:
         for path in words.get("columns", ()):
             if _has(path, topics):
                 unit = words.get("units", {}).get(path)
-                return Guess(channel, ColumnChoice(path, unit), f"the usual column of {_recorder(path)}{_unit_words(unit)}")
+                return Guess(
+                    channel,
+                    ColumnChoice(path, unit),
+                    f"the usual column of {_recorder(path)}{_unit_words(unit)}",
+                )
         for each in words.get("expression", ()):
             if all(_has(name, topics) and "." in name for name in each["needs"]):
                 return Guess(channel, ColumnChoice(each["text"]), each["reason"])
@@ -305,7 +379,9 @@ def _says_unit(topic: Topic, index: int, channel: str) -> bool:
 
 
 def _clock(topic: Topic) -> Guess | None:
-    """The column that every command takes for the clock; else one of dates; else one of even steps."""
+    """The column that every command takes for the clock; else one of dates; else one of even
+    steps.
+    """
     table = topic.table
     place = clock_place(table)
     if place is not None:
@@ -324,14 +400,20 @@ def _even_column(topic: Topic) -> Guess | None:
     """
     for index in range(min(len(topic.table.header), 3)):
         values = _numbers(topic, index)
-        if values.size != topic.table.rows.size or values.size < 10 or not np.all(np.diff(values) >= 0.0):
+        if (
+            values.size != topic.table.rows.size
+            or values.size < 10
+            or not np.all(np.diff(values) >= 0.0)
+        ):
             continue
         steps = np.diff(values)
         usual = float(np.median(steps))
         if values[0] in (0.0, 1.0) and np.all(steps == 1.0):
             continue
         odd = np.abs(steps - usual) >= EVEN * usual
-        if (np.all(steps[odd] > usual) and np.mean(odd) < GAPS) or grid_of_coarse_stamps(values) is not None:
+        if (np.all(steps[odd] > usual) and np.mean(odd) < GAPS) or grid_of_coarse_stamps(
+            values
+        ) is not None:
             return Guess(TIME, ColumnChoice(index + 1), "increases in even steps, as a clock does")
     return None
 
@@ -348,7 +430,11 @@ def _in_degrees(topics: Sequence[Topic]) -> set[str]:
         if inside not in BEYOND or channel in INPUTS:
             continue
         guess = _guess(channel, topics, ())
-        if guess is not None and guess.choice.unit in ("deg", "deg/s") and "no unit is stated" in guess.reason:
+        if (
+            guess is not None
+            and guess.choice.unit in ("deg", "deg/s")
+            and "no unit is stated" in guess.reason
+        ):
             found.add(str(guess.choice.column).rpartition(".")[0] if len(topics) > 1 else "")
     return found
 
@@ -362,8 +448,15 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
     if channel == TIME:
         if said is not None and not _converts(said, inside):
             # The brackets hold the name of a message or a sensor.
-            said = next((unit for unit in SECONDS if split_header(cell)[0].lower().endswith(f"_{unit}")), None)
-        return Guess(channel, ColumnChoice(path, said), f"{reason}; its unit: {said or 'by the rate of the rows'}")
+            said = next(
+                (unit for unit in SECONDS if split_header(cell)[0].lower().endswith(f"_{unit}")),
+                None,
+            )
+        return Guess(
+            channel,
+            ColumnChoice(path, said),
+            f"{reason}; its unit: {said or 'by the rate of the rows'}",
+        )
     if said is None:
         said = _suffix(cell)
     if said is not None and _converts(said, inside):
@@ -376,10 +469,20 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
     moves = float(np.max(np.abs(values - np.median(values)))) if values.size else 0.0
     degree = {"rad": "deg", "rad/s": "deg/s"}.get(inside)
     if moves > BEYOND.get(inside, np.inf):
-        return Guess(channel, ColumnChoice(path, degree), f"{reason}; no unit is stated, and it moves by {moves:.3g}: taken as {degree}")
+        return Guess(
+            channel,
+            ColumnChoice(path, degree),
+            f"{reason}; no unit is stated, and it moves by {moves:.3g}: taken as {degree}",
+        )
     if degree is not None and topic.name in degrees:
-        return Guess(channel, ColumnChoice(path, degree), f"{reason}; no unit is stated: taken as {degree}, as other angles of the file are")
-    return Guess(channel, ColumnChoice(path, None), f"{reason}; no unit is stated: taken as {inside}")
+        return Guess(
+            channel,
+            ColumnChoice(path, degree),
+            f"{reason}; no unit is stated: taken as {degree}, as other angles of the file are",
+        )
+    return Guess(
+        channel, ColumnChoice(path, None), f"{reason}; no unit is stated: taken as {inside}"
+    )
 
 
 def _tried(file: RecordFile, guesses: Sequence[Guess], rate: float | None) -> list[Guess]:
@@ -391,18 +494,26 @@ def _tried(file: RecordFile, guesses: Sequence[Guess], rate: float | None) -> li
     """
     topics = _topics_of(file)
     clock = {guess.channel: guess.choice for guess in guesses if guess.channel == TIME}
-    topic_of = {_path(topic, cell): topic.name for topic in file.topics for cell in topic.table.header}
+    topic_of = {
+        _path(topic, cell): topic.name for topic in file.topics for cell in topic.table.header
+    }
     groups: dict[frozenset[str], list[Guess]] = {}
     for guess in guesses:
-        used = {topic_of[name] for name in _columns_in(guess.choice, topics)} if file.topics else set()
+        used = (
+            {topic_of[name] for name in _columns_in(guess.choice, topics)} if file.topics else set()
+        )
         groups.setdefault(frozenset(used), []).append(guess)
-    found: dict[str, Guess] = {channel: guess for guess in guesses if (channel := guess.channel) == TIME}
+    found: dict[str, Guess] = {
+        channel: guess for guess in guesses if (channel := guess.channel) == TIME
+    }
     for some in groups.values():
         found |= _read(file, [guess for guess in some if guess.channel != TIME], clock, rate)
     return [found[guess.channel] for guess in guesses]
 
 
-def _read(file: RecordFile, some: Sequence[Guess], clock: Mapping[str, ColumnChoice], rate: float | None) -> dict[str, Guess]:
+def _read(
+    file: RecordFile, some: Sequence[Guess], clock: Mapping[str, ColumnChoice], rate: float | None
+) -> dict[str, Guess]:
     """Channel -> guess with the range of its values, or with its fault."""
     if not some:
         return {}
@@ -413,11 +524,17 @@ def _read(file: RecordFile, some: Sequence[Guess], clock: Mapping[str, ColumnCho
         if len(some) == 1:
             (guess,) = some
             return {guess.channel: replace(guess, fault=str(error))}
-        return {channel: each for guess in some for channel, each in _read(file, [guess], clock, rate).items()}
+        return {
+            channel: each
+            for guess in some
+            for channel, each in _read(file, [guess], clock, rate).items()
+        }
     out = {}
     for guess in some:
         values = record[guess.channel].values[record[guess.channel].valid]
-        out[guess.channel] = replace(guess, samples=int(values.size), least=float(values.min()), most=float(values.max()))
+        out[guess.channel] = replace(
+            guess, samples=int(values.size), least=float(values.min()), most=float(values.max())
+        )
     return out
 
 
@@ -441,7 +558,11 @@ def _model_for(channels: set[str]) -> str:
         return "longitudinal" if {"airspeed", "theta", "thrust"} <= channels else "rigid"
     if {"aileron", "rudder"} & channels and {"p", "r", "beta"} & channels:
         return "lateral"
-    return "ballistic" if channels - {TIME} and channels <= {TIME, "altitude", "height", "airspeed"} else ""
+    return (
+        "ballistic"
+        if channels - {TIME} and channels <= {TIME, "altitude", "height", "airspeed"}
+        else ""
+    )
 
 
 def _path(topic: Topic, cell: str) -> str:
@@ -452,11 +573,17 @@ def _path(topic: Topic, cell: str) -> str:
 def _columns_in(choice: ColumnChoice, topics: Sequence[Topic]) -> set[str]:
     text = str(choice.column)
     names = {_path(topic, cell) for topic in topics for cell in topic.table.header}
-    return {text} if text in names else {name for name in names if re.search(rf"(?<![\w.]){re.escape(name)}(?![\w\[])", text)}
+    return (
+        {text}
+        if text in names
+        else {name for name in names if re.search(rf"(?<![\w.]){re.escape(name)}(?![\w\[])", text)}
+    )
 
 
 def _has(path: str, topics: Sequence[Topic]) -> bool:
-    return any(path in (cell, f"{topic.name}.{cell}") for topic in topics for cell in topic.table.header)
+    return any(
+        path in (cell, f"{topic.name}.{cell}") for topic in topics for cell in topic.table.header
+    )
 
 
 def _recorder(path: str) -> str:
@@ -466,7 +593,11 @@ def _recorder(path: str) -> str:
 def _unit_words(unit: str | None) -> str:
     if unit is None:
         return ""
-    return f", in {unit}" if unit != "rad" else ": a command from -1 to 1, to be scaled to the surface's angle"
+    return (
+        f", in {unit}"
+        if unit != "rad"
+        else ": a command from -1 to 1, to be scaled to the surface's angle"
+    )
 
 
 def _plain(name: str) -> str:
@@ -474,7 +605,9 @@ def _plain(name: str) -> str:
 
 
 def _suffix(cell: str) -> str | None:
-    """A unit at the end of a header behind an underscore or a comma: ``alpha,__deg``, ``pitch_deg``."""
+    """A unit at the end of a header behind an underscore or a comma: ``alpha,__deg``,
+    ``pitch_deg``.
+    """
     word = re.split(r"[,_ ]+", split_header(cell)[0].strip())[-1]
     return SPELT.get(word)
 

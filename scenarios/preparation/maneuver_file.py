@@ -1,4 +1,6 @@
-"""``maneuvers.toml``: parts of one record by number and name, and the plan that uses some of them."""
+"""``maneuvers.toml``: parts of one record by number and name, and the plan that uses some of
+them.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ class Part:
 
 @dataclass(frozen=True)
 class Parts:
-    """The parts that a file declares, and the record that they are of: its name and hash, each empty where the file does not say it."""
+    """The parts that a file declares, and the record that they are of: its name and hash, each
+    empty where the file does not say it.
+    """
 
     where: str
     record: str
@@ -48,7 +52,8 @@ def read_parts(path: str | Path) -> Parts:
 
     Raises
     ------
-    DeclarationError : no such file, an unknown or missing key, a wrong value, times the wrong way round, a number or name twice.
+    DeclarationError : no such file, an unknown or missing key, a wrong value, times the wrong way
+    round, a number or name twice.
     """
     from scenarios.files.declarations import checked, read_toml
     from scenarios.files.schemas import FileEntry
@@ -62,8 +67,13 @@ def read_parts(path: str | Path) -> Parts:
         refuse_turned(part.start, part.stop, f"{where}, maneuver {part.number}")
         for other in parts:
             if number == other.number or part.name == other.name:
-                what = f"two maneuvers have the {'number' if number == other.number else 'name'} {number if number == other.number else part.name}"
-                raise DeclarationError(what, where=where, remedy="give each a number and a name of its own")
+                what = (
+                    f"two maneuvers have the {'number' if number == other.number else 'name'} "
+                    f"{number if number == other.number else part.name}"
+                )
+                raise DeclarationError(
+                    what, where=where, remedy="give each a number and a name of its own"
+                )
         parts.append(part)
     return Parts(where, entry.record or "", entry.sha256 or "", tuple(parts))
 
@@ -75,12 +85,16 @@ def chosen_parts(parts: Parts, asked: Sequence[str | int]) -> tuple[Part, ...]:
     ------
     DeclarationError : there is no such part, it is asked for twice, or two overlap.
     """
-    by_name = {each.name: each for each in parts.parts} | {str(each.number): each for each in parts.parts}
+    by_name = {each.name: each for each in parts.parts} | {
+        str(each.number): each for each in parts.parts
+    }
     found: list[Part] = []
     for wanted in asked:
         part = by_name.get(str(wanted).strip())
         if part is None:
-            known = ", ".join(f"{each.number} {each.name}" for each in parts.parts[:12]) + (", ..." if len(parts.parts) > 12 else "")
+            known = ", ".join(f"{each.number} {each.name}" for each in parts.parts[:12]) + (
+                ", ..." if len(parts.parts) > 12 else ""
+            )
             raise DeclarationError(
                 f"there is no maneuver {str(wanted)!r}",
                 where=parts.where,
@@ -96,7 +110,10 @@ def chosen_parts(parts: Parts, asked: Sequence[str | int]) -> tuple[Part, ...]:
     found.sort(key=lambda each: each.start)
     for one, other in pairwise(found):
         if other.start < one.stop:
-            what = f"maneuvers {one.number} and {other.number} overlap ({one.start:g} to {one.stop:g} s, {other.start:g} to {other.stop:g} s)"
+            what = (
+                f"maneuvers {one.number} and {other.number} overlap ({one.start:g} to {one.stop:g} "
+                f"s, {other.start:g} to {other.stop:g} s)"
+            )
             raise DeclarationError(
                 what,
                 where=parts.where,
@@ -111,13 +128,16 @@ def with_maneuvers(
     asked: Sequence[str | int] | None,
     file: Path | Parts | None = None,
 ) -> Plan:
-    """The plan with the parts of maneuvers as its segments, as ``--from`` and ``--to`` of each would give it, and a sentence on each.
+    """The plan with the parts of maneuvers as its segments, as ``--from`` and ``--to`` of each
+    would give it, and a sentence on each.
 
-    ``asked`` : numbers or names; None or empty leaves the plan alone. ``file`` : None takes ``maneuvers.toml`` beside the record.
+    ``asked`` : numbers or names; None or empty leaves the plan alone. ``file`` : None takes
+    ``maneuvers.toml`` beside the record.
 
     Raises
     ------
-    DeclarationError : together with ``--from`` or ``--to`` or with several records, no file, one of another record, or no such maneuver.
+    DeclarationError : together with ``--from`` or ``--to`` or with several records, no file, one of
+    another record, or no such maneuver.
     """
     if not asked:
         if file is not None:
@@ -128,10 +148,14 @@ def with_maneuvers(
             )
         return plan
     if plan.segments != WHOLE:
-        raise DeclarationError("goes without --from and --to", where="--maneuver", remedy="leave one or the other out")
+        raise DeclarationError(
+            "goes without --from and --to", where="--maneuver", remedy="leave one or the other out"
+        )
     if len(records) != 1:
         what = f"maneuvers are of one record, and {len(records)} are named"
-        raise DeclarationError(what, where="--maneuver", remedy="name one record, or cut each with --from and --to")
+        raise DeclarationError(
+            what, where="--maneuver", remedy="name one record, or cut each with --from and --to"
+        )
     parts = file if isinstance(file, Parts) else read_parts(file or _beside(records[0]))
     _refuse_other(parts, records[0])
     found = chosen_parts(parts, asked)
@@ -170,9 +194,17 @@ def _refuse_other(parts: Parts, record: Path | RecordFile) -> None:
 
     if not parts.sha256:
         return
-    identity = read_source(record, RecordError, "the record file").identity if isinstance(record, Path) else record.identity
+    identity = (
+        read_source(record, RecordError, "the record file").identity
+        if isinstance(record, Path)
+        else record.identity
+    )
     if identity.sha256 != parts.sha256:
-        of = f"{parts.record}, not of {identity.name}" if parts.record != identity.name else f"an earlier {parts.record}: its content has changed"
+        of = (
+            f"{parts.record}, not of {identity.name}"
+            if parts.record != identity.name
+            else f"an earlier {parts.record}: its content has changed"
+        )
         raise DeclarationError(
             f"is of {of}",
             where=parts.where,

@@ -1,10 +1,12 @@
 """Measured channels as inputs of the equations: trim, load factors, airspeed, pitch attitude.
 
-With V(t) and qbar(t) the coefficients rho V S/(2 m), rho V^2 S c/(2 Iy) and c/(2 V) of the equations follow the flight. The lift that carries
-the weight grows with the pressure as well: about level flight at the record's beginning alpha_dot gets -(g0/V) (qbar/qbar_0 - 1)
-and nz (qbar/qbar_0 - 1), which is the lift coefficient m g0/S (1/qbar_0 - 1/qbar).
+With V(t) and qbar(t) the coefficients rho V S/(2 m), rho V^2 S c/(2 Iy) and c/(2 V) of the
+equations follow the flight. The lift that carries the weight grows with the pressure as well: about
+level flight at the record's beginning alpha_dot gets -(g0/V) (qbar/qbar_0 - 1) and nz (qbar/qbar_0
+- 1), which is the lift coefficient m g0/S (1/qbar_0 - 1/qbar).
 
-Counted from its mean over the record's beginning, since where a gyro's zero lies is not known to the thousandth that a phugoid would need.
+Counted from its mean over the record's beginning, since where a gyro's zero lies is not known to
+the thousandth that a phugoid would need.
 """
 
 from __future__ import annotations
@@ -32,23 +34,29 @@ from sim.record import Channel, Hold, Record
 REST = 0.05  # of an input's span, within which it rests
 LEAST = 0.3  # s of rest at the beginning, without which nothing is known of the trim
 OFF = 0.1  # of an input's span, that its middle is from zero where a zero is no trim
-QUICK = ("alpha", "q", "nz", "az", "beta", "p", "r", "ny", "ay")  # channels in which a motion shows at once
-STILL = 0.3  # of a channel's scatter over the record, by which it may change while the aircraft rests
+# channels in which a motion shows at once
+QUICK = ("alpha", "q", "nz", "az", "beta", "p", "r", "ny", "ay")
+# of a channel's scatter over the record, by which it may change while the aircraft rests
+STILL = 0.3
 
 
 def of_totals(model: Model) -> bool:
-    """Whether the equations are of totals, not of perturbations about a trim: a user's own, those that say so, and those that know the airspeed."""
+    """Whether the equations are of totals, not of perturbations about a trim: a user's own, those
+    that say so, and those that know the airspeed.
+    """
     if isinstance(model.equations, OfTotals):
         return model.equations.totals
     return is_own(model) or any(state.name == "airspeed" for state in model.equations.states)
 
 
 def about_trim(record: Record) -> tuple[Record, dict[str, float]]:
-    """The record with each input measured from its trim, and the trims taken off, by input and in its unit.
+    """The record with each input measured from its trim, and the trims taken off, by input and in
+    its unit.
 
-    The trim is the mean of the input before it first moves. A derivative does not notice where the zero of an input lies, since biases
-    and initial states take it up; break-out, saturation and every curve do. An input that moves at once, and one whose
-    trim is zero, stay as they are bit for bit.
+    The trim is the mean of the input before it first moves. A derivative does not notice where the
+    zero of an input lies, since biases and initial states take it up; break-out, saturation and
+    every curve do. An input that moves at once, and one whose trim is zero, stay as they are bit
+    for bit.
     """
     trims: dict[str, float] = {}
     inputs = []
@@ -62,18 +70,28 @@ def about_trim(record: Record) -> tuple[Record, dict[str, float]]:
 
 
 def trim_sentence(record: Record, name: str) -> str:
-    """What it means that no trim of an input was found although it stands off zero; empty where it does not."""
+    """What it means that no trim of an input was found although it stands off zero; empty where it
+    does not.
+    """
     values, unit = record[name].values, record[name].unit
     middle = float(np.median(values))
     if abs(middle) <= OFF * float(np.ptp(values)):
         return ""
     shown = f"{np.degrees(middle):.3g} deg" if unit == "rad" else f"{middle:.3g} {unit}"
-    taken = f"its zero is taken, though its middle is {shown}: break-out, stops and curves count from there"
-    return f"{record.name}: no rest of the {name} at the beginning tells its trim; {taken}; begin at rest (--from)"
+    taken = (
+        f"its zero is taken, though its middle is {shown}: break-out, stops and curves count from "
+        "there"
+    )
+    return (
+        f"{record.name}: no rest of the {name} at the beginning tells its trim; {taken}; begin at "
+        "rest (--from)"
+    )
 
 
 def _trim(record: Record, values: np.ndarray) -> float:
-    """Mean of an input before it first leaves the neighbourhood of its beginning; zero where it or the aircraft does not rest there."""
+    """Mean of an input before it first leaves the neighbourhood of its beginning; zero where it or
+    the aircraft does not rest there.
+    """
     time = record.time
     span = float(np.ptp(values))
     if span == 0.0:
@@ -85,9 +103,15 @@ def _trim(record: Record, values: np.ndarray) -> float:
         return 0.0
     # The last sample before the move may already be on its way.
     until = max(2, until - 1)
-    # An aircraft that still settles is in trim all the same where the input rests there most of the time, and at the end.
-    usual = max(abs(float(np.median(some)) - start) for some in (values, values[int(np.searchsorted(time, time[-1] - LEAST)) :]))
-    if usual > REST * span and any(_moves(channel, until) for channel in record.outputs if channel.name in QUICK):
+    # An aircraft that still settles is in trim all the same where the input rests there most of the
+    # time, and at the end.
+    usual = max(
+        abs(float(np.median(some)) - start)
+        for some in (values, values[int(np.searchsorted(time, time[-1] - LEAST)) :])
+    )
+    if usual > REST * span and any(
+        _moves(channel, until) for channel in record.outputs if channel.name in QUICK
+    ):
         return 0.0
     resting = values[:until]
     level = float(np.mean(resting))
@@ -96,7 +120,8 @@ def _trim(record: Record, values: np.ndarray) -> float:
 
 
 def _scatter_of_mean(values: np.ndarray) -> float:
-    """Standard deviation of the mean: noise counts sample by sample, a smooth motion, as a sum of sines begins with, as one value.
+    """Standard deviation of the mean: noise counts sample by sample, a smooth motion, as a sum of
+    sines begins with, as one value.
 
     The share of noise is von Neumann's ratio of the steps' mean square to twice the variance.
     """
@@ -108,26 +133,35 @@ def _scatter_of_mean(values: np.ndarray) -> float:
 
 
 def _moves(channel: Channel, until: int) -> bool:
-    """Whether a channel moves in its first samples, its noise left out: a maneuver that begins with a held step starts with the record."""
+    """Whether a channel moves in its first samples, its noise left out: a maneuver that begins with
+    a held step starts with the record.
+    """
     first, every = channel.values[:until][channel.valid[:until]], channel.values[channel.valid]
     half = len(first) // 2
-    return half > 0 and abs(float(np.mean(first[half:]) - np.mean(first[:half]))) > STILL * float(np.std(every))
+    return half > 0 and abs(float(np.mean(first[half:]) - np.mean(first[:half]))) > STILL * float(
+        np.std(every)
+    )
 
 
 # ---- Load factors from accelerometers
 
 MIDDLE = 1.5  # largest plausible ratio of a signal that stands still to one g
 # Load factor -> the accelerometer that serves in its place, and the sign between them.
-ACCELEROMETERS: Mapping[str, tuple[str, float]] = MappingProxyType({"nz": ("az", -1.0), "ny": ("ay", 1.0), "nx": ("ax", 1.0)})
+ACCELEROMETERS: Mapping[str, tuple[str, float]] = MappingProxyType(
+    {"nz": ("az", -1.0), "ny": ("ay", 1.0), "nx": ("ax", 1.0)}
+)
 
 
 def instead_of(outputs: Collection[str]) -> dict[str, str]:
-    """Load factor -> accelerometer that is read where the load factor is not recorded, for a model with these outputs."""
+    """Load factor -> accelerometer that is read where the load factor is not recorded, for a model
+    with these outputs.
+    """
     return {name: channel for name, (channel, _) in ACCELEROMETERS.items() if name in outputs}
 
 
 def with_load_factors(record: Record, kept: Collection[str] = ()) -> tuple[Record, tuple[str, ...]]:
-    """The record with load factors (g) in the place of accelerometers, and a sentence on each; of two channels for one the load factor counts.
+    """The record with load factors (g) in the place of accelerometers, and a sentence on each; of
+    two channels for one the load factor counts.
 
     ``kept``: outputs of a model, whose accelerometers stay as they are.
 
@@ -144,8 +178,15 @@ def with_load_factors(record: Record, kept: Collection[str] = ()) -> tuple[Recor
         outputs = tuple(factor if each.name == channel else each for each in record.outputs)
         level = float(np.median(factor.values[factor.valid]))
         if name == "nz" and level < -1.0 / MIDDLE:
-            what = f"the middle of az is {-G0 * level:+.3g} m/s2, but az is positive down: {-G0:.3g} m/s2 in level flight"
-            raise RecordError(what, where=f"{record.name}, channel az", remedy="turn its sign, or hand it over as nz if it is positive up")
+            what = (
+                f"the middle of az is {-G0 * level:+.3g} m/s2, but az is positive down: {-G0:.3g} "
+                "m/s2 in level flight"
+            )
+            raise RecordError(
+                what,
+                where=f"{record.name}, channel az",
+                remedy="turn its sign, or hand it over as nz if it is positive up",
+            )
         record = replace(record, outputs=outputs)
         told.append(f"{record.name}: {name} is {'-' if sign < 0.0 else ''}{channel}/{G0:g}")
     return record, tuple(told)
@@ -154,7 +195,8 @@ def with_load_factors(record: Record, kept: Collection[str] = ()) -> tuple[Recor
 # ---- Measured airspeed and dynamic pressure as recorded inputs of the equations
 
 MEASURED = ("airspeed", "dynamic_pressure")
-WINDOW = 1.0  # s, of the weights that smooth a measured speed: the short period is faster, the speed slower
+# s, of the weights that smooth a measured speed: the short period is faster, the speed slower
+WINDOW = 1.0
 DESPIKED = 9.0  # medians of the distance from the neighbours' median
 BEGINNING = 0.5  # s, over which the trim's pressure is the mean
 APART = 0.1  # of the declared airspeed or density, from which a word is due
@@ -162,14 +204,18 @@ APART = 0.1  # of the declared airspeed or density, from which a word is due
 
 @dataclass(frozen=True)
 class Flow:
-    """Airspeed (m/s) and air density (kg/m3; None: the declared one) along a record, shape ``(N,)``."""
+    """Airspeed (m/s) and air density (kg/m3; None: the declared one) along a record, shape
+    ``(N,)``.
+    """
 
     speed: np.ndarray
     density: np.ndarray | None
 
 
 def able(model: Model) -> tuple[str, ...]:
-    """Which of ``MEASURED`` the model's equations can use; none that a user's own does not declare itself."""
+    """Which of ``MEASURED`` the model's equations can use; none that a user's own does not declare
+    itself.
+    """
     ports = {port.name for port in model.equations.ports}
     if is_own(model) or not {SPEED, LIFT} <= ports or "airspeed" not in model.parameters:
         return ()
@@ -180,14 +226,19 @@ def without_flow(record: Record) -> Record:
     """The record less its measured airspeed and pressure, which are no outputs of a model."""
     if not any(name in record.output_names for name in MEASURED):
         return record
-    return replace(record, outputs=tuple(channel for channel in record.outputs if channel.name not in MEASURED))
+    return replace(
+        record, outputs=tuple(channel for channel in record.outputs if channel.name not in MEASURED)
+    )
 
 
-def with_flow(model: Model, records: Sequence[Record], *, weight: bool = True) -> tuple[Model, list[Record]]:
-    """The model with the measured flow as further inputs, and the records that carry them; unchanged where no record measures one.
+def with_flow(
+    model: Model, records: Sequence[Record], *, weight: bool = True
+) -> tuple[Model, list[Record]]:
+    """The model with the measured flow as further inputs, and the records that carry them;
+    unchanged where no record measures one.
 
-    A record without flies at the declared speed. With ``weight`` the lift that carries the weight follows the pressure;
-    without, perturbations are about a trim at every speed.
+    A record without flies at the declared speed. With ``weight`` the lift that carries the weight
+    follows the pressure; without, perturbations are about a trim at every speed.
 
     Raises
     ------
@@ -201,22 +252,32 @@ def with_flow(model: Model, records: Sequence[Record], *, weight: bool = True) -
     has_density = any(flow is not None and flow.density is not None for flow in flows)
     names = [SPEED, *([DENSITY] if has_density else []), *([LIFT] if weight else [])]
     ports = {port.name: port for port in model.equations.ports}
-    added = tuple(Signal(name, ports[name].unit, f"recorded: {ports[name].meaning}") for name in names)
+    added = tuple(
+        Signal(name, ports[name].unit, f"recorded: {ports[name].meaning}") for name in names
+    )
     equations: Any = model.equations
     wider = replace(model, equations=replace(equations, inputs=(*equations.inputs, *added)))
-    return wider, [_carrying(record, flow, model, added) for record, flow in zip(records, flows, strict=True)]
+    return wider, [
+        _carrying(record, flow, model, added) for record, flow in zip(records, flows, strict=True)
+    ]
 
 
 def measured_flow(record: Record, model: Model) -> Flow | None:
-    """Speed and density from what the record measures, wrong samples and gaps bridged, smoothed; None where it measures nothing."""
+    """Speed and density from what the record measures, wrong samples and gaps bridged, smoothed;
+    None where it measures nothing.
+    """
     usable = [name for name in able(model) if name in record.output_names]
     if not usable:
         return None
     found = {name: _smooth(record, record[name]) for name in usable}
     if "airspeed" not in found:
-        return Flow(np.sqrt(2.0 * found["dynamic_pressure"] / model.parameters["air_density"].value), None)
+        return Flow(
+            np.sqrt(2.0 * found["dynamic_pressure"] / model.parameters["air_density"].value), None
+        )
     speed = found["airspeed"]
-    return Flow(speed, 2.0 * found["dynamic_pressure"] / speed**2 if "dynamic_pressure" in found else None)
+    return Flow(
+        speed, 2.0 * found["dynamic_pressure"] / speed**2 if "dynamic_pressure" in found else None
+    )
 
 
 def flow_sentence(record: Record, model: Model) -> str:
@@ -225,40 +286,70 @@ def flow_sentence(record: Record, model: Model) -> str:
     if flow is None:
         return ""
     declared = model.parameters["airspeed"].value
-    used = " and ".join(name for name in able(model) if name in record.output_names).replace("_", " ")
+    used = " and ".join(name for name in able(model) if name in record.output_names).replace(
+        "_", " "
+    )
     speed = "" if "airspeed" in used else "which makes "
-    return f"{record.name}: measured {used} used, {speed}{flow.speed.min():.4g} to {flow.speed.max():.4g} m/s (declared {declared:.4g} m/s)"
+    return (
+        f"{record.name}: measured {used} used, {speed}{flow.speed.min():.4g} to "
+        f"{flow.speed.max():.4g} m/s (declared {declared:.4g} m/s)"
+    )
 
 
 def flow_doubts(records: Sequence[Record], model: Model) -> list[str]:
-    """Where measured airspeed or air density are far from those of the vehicle file: what, in which records, and how to mend it."""
-    flows = [(record.name, flow) for record in records if (flow := measured_flow(record, model)) is not None]
+    """Where measured airspeed or air density are far from those of the vehicle file: what, in which
+    records, and how to mend it.
+    """
+    flows = [
+        (record.name, flow)
+        for record in records
+        if (flow := measured_flow(record, model)) is not None
+    ]
     speeds = {name: float(np.mean(flow.speed)) for name, flow in flows}
-    densities = {name: float(np.mean(flow.density)) for name, flow in flows if flow.density is not None}
+    densities = {
+        name: float(np.mean(flow.density)) for name, flow in flows if flow.density is not None
+    }
     from_pressure = bool(flows) and not any("airspeed" in record.output_names for record in records)
     told = []
     if far := _far(speeds, model, "airspeed"):
-        what = "the airspeed that the measured dynamic pressure makes with the declared air" if from_pressure else "the measured airspeed"
+        what = (
+            "the airspeed that the measured dynamic pressure makes with the declared air"
+            if from_pressure
+            else "the measured airspeed"
+        )
         mend = "airspeed or air_density" if from_pressure else "airspeed"
-        cause = "unit of the dynamic pressure" if from_pressure else "unit of the column and whether it is a true airspeed"
+        cause = (
+            "unit of the dynamic pressure"
+            if from_pressure
+            else "unit of the column and whether it is a true airspeed"
+        )
         meant = "natural frequency and damping are those at that speed"
         apart = f"{far[0]}: {what}, {far[1]} m/s, is far from {far[2]} m/s in the vehicle file"
         told.append(f"{apart}: {meant}; mend {mend} there, or check the {cause}")
     if far := _far(densities, model, "air_density"):
-        what = f"the air density that measured pressure and airspeed make, {far[1]} kg/m3, is far from {far[2]} kg/m3 in the vehicle file"
-        told.append(f"{far[0]}: {what}; mend air_density there, or check whether the airspeed is a true one")
+        what = (
+            f"the air density that measured pressure and airspeed make, {far[1]} kg/m3, is far "
+            f"from {far[2]} kg/m3 in the vehicle file"
+        )
+        told.append(
+            f"{far[0]}: {what}; mend air_density there, or check whether the airspeed is a true one"
+        )
     return told
 
 
 def _far(means: Mapping[str, float], model: Model, name: str) -> tuple[str, str, str] | None:
-    """Records whose mean is more than ``APART`` off the declared value, their means, and the declared one; None where all are near."""
+    """Records whose mean is more than ``APART`` off the declared value, their means, and the
+    declared one; None where all are near.
+    """
     if not means:
         return None
     declared = model.parameters[name].value
     found = {record: mean for record, mean in means.items() if abs(mean / declared - 1.0) > APART}
     if not found:
         return None
-    shown = list(dict.fromkeys(f"{mean:.3g}" for mean in (min(found.values()), max(found.values()))))
+    shown = list(
+        dict.fromkeys(f"{mean:.3g}" for mean in (min(found.values()), max(found.values())))
+    )
     return ", ".join(found), " to ".join(shown), f"{declared:.3g}"
 
 
@@ -276,13 +367,20 @@ def _carrying(record: Record, flow: Flow | None, model: Model, added: Sequence[S
     else:  # a dimensional lift is a rate of the angle of attack
         lift = -p["gravity"].value / flow.speed * (pressure / level - 1.0)
     rows = {SPEED: flow.speed - speed0, DENSITY: density - air, LIFT: lift}
-    inputs = tuple(Channel.of(signal.name, signal.unit, held(rows[signal.name], record.hold)) for signal in added)
+    inputs = tuple(
+        Channel.of(signal.name, signal.unit, held(rows[signal.name], record.hold))
+        for signal in added
+    )
     return replace(without_flow(record), inputs=(*record.inputs, *inputs))
 
 
 def held(values: np.ndarray, hold: Hold) -> np.ndarray:
-    """Samples that stand for straight lines between ``values``: where inputs are held, the mean over each interval."""
-    return values if hold is Hold.LINEAR else np.append(0.5 * (values[:-1] + values[1:]), values[-1])
+    """Samples that stand for straight lines between ``values``: where inputs are held, the mean
+    over each interval.
+    """
+    return (
+        values if hold is Hold.LINEAR else np.append(0.5 * (values[:-1] + values[1:]), values[-1])
+    )
 
 
 def _smooth(record: Record, channel: Channel) -> np.ndarray:
@@ -297,12 +395,18 @@ def _smooth(record: Record, channel: Channel) -> np.ndarray:
         before, behind = np.arange(-half, 0), np.arange(1, half + 1)
         ends = _line(even[: 2 * half + 1], before), _line(even[::-1][: 2 * half + 1], -behind)
         weights = np.hanning(2 * half + 3)[1:-1]
-        even = np.convolve(np.concatenate([ends[0], even, ends[1]]), weights / weights.sum(), mode="valid")
+        even = np.convolve(
+            np.concatenate([ends[0], even, ends[1]]), weights / weights.sum(), mode="valid"
+        )
     values = np.interp(time, grid, even)
     if not np.all(values > 0.0):
         at = float(time[int(np.argmax(values <= 0.0))])
         remedy = "leave the column out, or cut the record there with --from and --to"
-        raise RecordError(f"{channel.name} is not above zero at {at:g} s", where=f"{record.name}, channel {channel.name}", remedy=remedy)
+        raise RecordError(
+            f"{channel.name} is not above zero at {at:g} s",
+            where=f"{record.name}, channel {channel.name}",
+            remedy=remedy,
+        )
     return np.asarray(values)
 
 
@@ -318,7 +422,9 @@ def _spikes(values: np.ndarray) -> np.ndarray:
         return np.zeros(len(values), dtype=bool)
     padded = np.concatenate([values[2:0:-1], values, values[-2:-4:-1]])
     away = np.abs(values - np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1))
-    return np.asarray(away > max(DESPIKED * float(np.median(away)), 1e-3 * float(np.median(np.abs(values)))))
+    return np.asarray(
+        away > max(DESPIKED * float(np.median(away)), 1e-3 * float(np.median(np.abs(values))))
+    )
 
 
 # ---- A measured pitch attitude as a recorded input of the equations
@@ -328,15 +434,19 @@ FEWEST = 0.5  # of the samples, without which a channel with gaps tells no motio
 
 
 def wants_attitude(model: Model) -> bool:
-    """Whether an effect on the model's equations can use an attitude: a phugoid, whose speed is not recorded."""
+    """Whether an effect on the model's equations can use an attitude: a phugoid, whose speed is not
+    recorded.
+    """
     recorded = {signal.name for signal in model.equations.inputs}
     return not is_own(model) and applies(Phugoid(), model.equations) and SPEED not in recorded
 
 
 def with_attitude(model: Model, records: Sequence[Record]) -> tuple[Model, list[Record], str]:
-    """The model with ``theta`` (rad, from its value at each record's begin) as a further input, records that carry it, and a sentence.
+    """The model with ``theta`` (rad, from its value at each record's begin) as a further input,
+    records that carry it, and a sentence.
 
-    Where the model has no use for it, or a record lacks it, the records come back without it; the sentence is empty but where others have it.
+    Where the model has no use for it, or a record lacks it, the records come back without it; the
+    sentence is empty but where others have it.
     """
     if any(signal.name == ATTITUDE for signal in model.equations.outputs):
         return model, list(records), ""
@@ -347,7 +457,10 @@ def with_attitude(model: Model, records: Sequence[Record]) -> tuple[Model, list[
     equations: Any = model.equations
     added = Signal(ATTITUDE, "rad", "recorded: pitch attitude above that at the record's begin")
     wider = replace(model, equations=replace(equations, inputs=(*equations.inputs, added)))
-    carried = [replace(bare, inputs=(*bare.inputs, _from_begin(record))) for bare, record in zip(plain, records, strict=True)]
+    carried = [
+        replace(bare, inputs=(*bare.inputs, _from_begin(record)))
+        for bare, record in zip(plain, records, strict=True)
+    ]
     return wider, carried, "the pitch attitude is measured: a phugoid takes it as it is"
 
 
@@ -355,7 +468,9 @@ def without_attitude(record: Record) -> Record:
     """The record less its measured attitude, which is no output of a model at constant speed."""
     if ATTITUDE not in record.output_names:
         return record
-    return replace(record, outputs=tuple(channel for channel in record.outputs if channel.name != ATTITUDE))
+    return replace(
+        record, outputs=tuple(channel for channel in record.outputs if channel.name != ATTITUDE)
+    )
 
 
 def _tells(record: Record) -> bool:
@@ -363,9 +478,12 @@ def _tells(record: Record) -> bool:
 
 
 def _from_begin(record: Record) -> Channel:
-    """The attitude from the mean of its beginning, wrong samples and gaps bridged, as the inputs are held."""
+    """The attitude from the mean of its beginning, wrong samples and gaps bridged, as the inputs
+    are held.
+    """
     time, channel = record.time, record[ATTITUDE]
-    # Not as an airspeed is despiked: attitude turns within a few samples, and its turning points are no spikes.
+    # Not as an airspeed is despiked: attitude turns within a few samples, and its turning points
+    # are no spikes.
     known = np.flatnonzero(channel.valid)
     known = np.delete(known, input_spikes(channel.values[known]))
     values = np.interp(time, time[known], channel.values[known])

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 # ---- What a user asks of the preparation
 
 SPEED, DENSITY, LIFT, ATTITUDE = "airspeed_change", "density_change", "lift", "theta"
-MEASURED_MOTION = (SPEED, DENSITY, LIFT, ATTITUDE)  # inputs of the equations that are measured motion: no control, which alone excites
+# inputs of the equations that are measured motion: no control, which alone excites
+MEASURED_MOTION = (SPEED, DENSITY, LIFT, ATTITUDE)
 BY_HAND = "chosen by hand"  # of a hold, in the sentences on how records were prepared
 
 
@@ -48,13 +49,15 @@ class Plan:
     Attributes
     ----------
     segments : each becomes a record of its own.
-    hold : behaviour of the inputs between samples; None: as the file's sidecar says, else as the data say.
-    rate : Hz, to which all channels are resampled behind one anti-alias filter; None keeps the samples. Of a file without a clock it is the
+    hold : behaviour of the inputs between samples; None: as the file's sidecar says, else as the
+    data say. rate : Hz, to which all channels are resampled behind one anti-alias filter; None
+    keeps the samples. Of a file without a clock it is the
         rate of its rows, and of a log of several topics the rate of the grid that they are put on.
     lowpass : Hz, corner of one zero-phase filter for all channels; None leaves them unfiltered.
-    columns : names of a file's columns, in their order, where it has no header or another one is wanted; none keeps its own.
-    trusted : what the raw columns show is only warned of; nothing is refused or set aside for it.
-    chosen : sentences on where the segments come from, where a file of maneuvers gave them.
+    columns : names of a file's columns, in their order, where it has no header or another one is
+    wanted; none keeps its own. trusted : what the raw columns show is only warned of; nothing is
+    refused or set aside for it. chosen : sentences on where the segments come from, where a file of
+    maneuvers gave them.
     """
 
     segments: tuple[Segment, ...] = WHOLE
@@ -68,14 +71,20 @@ class Plan:
     def __post_init__(self) -> None:
         for option, value in (("--rate", self.rate), ("--lowpass", self.lowpass)):
             if value is not None and not (math.isfinite(value) and value > 0.0):
-                raise DeclarationError(f"{value:g} Hz is no frequency", where=option, remedy="give a number above zero")
+                raise DeclarationError(
+                    f"{value:g} Hz is no frequency", where=option, remedy="give a number above zero"
+                )
 
 
 def refuse_turned(start: float | None, stop: float | None, where: str) -> None:
     """Raise DeclarationError where a part of a record, as a file declares it, ends before it
     begins."""
     if start is not None and stop is not None and not start < stop:
-        raise DeclarationError(f"from = {start:g} is not before to = {stop:g}", where=where, remedy="give the earlier time first")
+        raise DeclarationError(
+            f"from = {start:g} is not before to = {stop:g}",
+            where=where,
+            remedy="give the earlier time first",
+        )
 
 
 def plan_of(
@@ -92,10 +101,18 @@ def plan_of(
 
     Raises
     ------
-    DeclarationError : ends that make no pairs, segments that overlap, a hold or a frequency that is none, an empty or repeated name.
+    DeclarationError : ends that make no pairs, segments that overlap, a hold or a frequency that is
+    none, an empty or repeated name.
     """
     held = _hold_of(hold) if hold is not None else None
-    return Plan(_segments(list(starts or ()), list(stops or ())), held, rate, lowpass, trusted, _names_of(columns))
+    return Plan(
+        _segments(list(starts or ()), list(stops or ())),
+        held,
+        rate,
+        lowpass,
+        trusted,
+        _names_of(columns),
+    )
 
 
 def options_of(plan: Plan) -> list[str]:
@@ -116,7 +133,9 @@ def _names_of(columns: str | None) -> tuple[str, ...]:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None or not all(names):
         what = f"{twice!r} is named twice" if twice else "a name is empty"
-        raise DeclarationError(what, where="--columns", remedy="give one name a column, as in time,elevator,alpha,q")
+        raise DeclarationError(
+            what, where="--columns", remedy="give one name a column, as in time,elevator,alpha,q"
+        )
     return names
 
 
@@ -125,7 +144,9 @@ def _hold_of(word: str) -> Hold:
 
     kinds = {kind.value: kind for kind in Hold}
     if word not in kinds:
-        raise DeclarationError(f"there is no hold {word!r}", where="--hold", remedy=f"use {' or '.join(kinds)}")
+        raise DeclarationError(
+            f"there is no hold {word!r}", where="--hold", remedy=f"use {' or '.join(kinds)}"
+        )
     return kinds[word]
 
 
@@ -134,10 +155,16 @@ def _segments(starts: list[float], stops: list[float]) -> tuple[Segment, ...]:
         return (Segment(starts[0] if starts else None, stops[0] if stops else None),)
     if len(starts) != len(stops):
         what = f"{len(starts)} times --from and {len(stops)} times --to"
-        raise DeclarationError(what, where="--from, --to", remedy="give each segment both ends, in pairs")
+        raise DeclarationError(
+            what, where="--from, --to", remedy="give each segment both ends, in pairs"
+        )
     for start, stop in zip(starts, stops, strict=True):
         if not start < stop:
-            raise DeclarationError(f"--from {start:g} is not before --to {stop:g}", where="--from, --to", remedy="give the earlier time first")
+            raise DeclarationError(
+                f"--from {start:g} is not before --to {stop:g}",
+                where="--from, --to",
+                remedy="give the earlier time first",
+            )
     ordered = sorted(zip(starts, stops, strict=True))
     for (start, stop), (later, end) in pairwise(ordered):
         if later < stop:
@@ -151,18 +178,20 @@ def _segments(starts: list[float], stops: list[float]) -> tuple[Segment, ...]:
 
 @dataclass(frozen=True)
 class Request:
-    """The files of a call and how they are read, as the command line took them; a file may be open already, or content that never was one.
+    """The files of a call and how they are read, as the command line took them; a file may be open
+    already, or content that never was one.
 
     Attributes
     ----------
     records : files that are fitted or checked.
-    model : one of ``MODELS`` of the vehicle files, or a user's Python file or model; empty where none is asked for.
-    vehicle : constants and starting values; None takes ``vehicle.toml`` from the folder of the first record. An own model can do without.
-    validate : files that are predicted, whole. effects : a user's Python file, which is run, or effects.
-    channels : a channel map, for all records.
-    aircraft_class, flight_phase : class I to IV and category A to C of MIL-F-8785C; None takes the vehicle file's.
-    effort : how far a diagnosis looks, one of ``ident.tracing.settings.EFFORTS``.
-    plan : segments of ``records`` (those of ``validate`` are not cut), and how all of them are prepared.
+    model : one of ``MODELS`` of the vehicle files, or a user's Python file or model; empty where
+    none is asked for. vehicle : constants and starting values; None takes ``vehicle.toml`` from the
+    folder of the first record. An own model can do without. validate : files that are predicted,
+    whole. effects : a user's Python file, which is run, or effects. channels : a channel map, for
+    all records. aircraft_class, flight_phase : class I to IV and category A to C of MIL-F-8785C;
+    None takes the vehicle file's. effort : how far a diagnosis looks, one of
+    ``ident.tracing.settings.EFFORTS``. plan : segments of ``records`` (those of ``validate`` are
+    not cut), and how all of them are prepared.
     """
 
     records: tuple[Path | RecordFile, ...]
@@ -178,7 +207,8 @@ class Request:
 
 
 def flown_of(request: Request, vehicle: VehicleFile) -> Flown:
-    """Class and category by which levels of flying qualities are told: the request's, else the vehicle file's, else assumed.
+    """Class and category by which levels of flying qualities are told: the request's, else the
+    vehicle file's, else assumed.
 
     Raises
     ------
@@ -188,11 +218,17 @@ def flown_of(request: Request, vehicle: VehicleFile) -> Flown:
     from scenarios.files.user_models import is_of_aircraft
 
     aircraft = vehicle.model != "ballistic" and (vehicle.own is None or is_of_aircraft(vehicle.own))
-    for option, given in (("--class", request.aircraft_class), ("--category", request.flight_phase)):
+    for option, given in (
+        ("--class", request.aircraft_class),
+        ("--category", request.flight_phase),
+    ):
         if given is not None and not aircraft:
             what = f"{vehicle.model} is no model of an aircraft, whose flying qualities have levels"
             raise DeclarationError(what, where=option, remedy="leave it out")
-    return flown_as(request.aircraft_class or vehicle.aircraft_class, request.flight_phase or vehicle.flight_phase)
+    return flown_as(
+        request.aircraft_class or vehicle.aircraft_class,
+        request.flight_phase or vehicle.flight_phase,
+    )
 
 
 def reading_options(request: Request, *, opening: bool = False, rate: bool = True) -> list[str]:
@@ -209,8 +245,12 @@ def reading_options(request: Request, *, opening: bool = False, rate: bool = Tru
     return [*words, *options_of(Plan(columns=plan.columns, rate=plan.rate if rate else None))]
 
 
-def column_choices(request: Request, known: Iterable[str] = CHANNEL_UNITS) -> Mapping[str, ColumnChoice] | None:
-    """The channel map that a request names, of the channels ``known``, read now; None where it names none. Raises DeclarationError."""
+def column_choices(
+    request: Request, known: Iterable[str] = CHANNEL_UNITS
+) -> Mapping[str, ColumnChoice] | None:
+    """The channel map that a request names, of the channels ``known``, read now; None where it
+    names none. Raises DeclarationError.
+    """
     from scenarios.files.channels import read_channel_map
 
     return read_channel_map(request.channels, known) if request.channels is not None else None

@@ -19,35 +19,52 @@ from sim.record import Channel, Record
 # ---- Long records that are almost all cruise
 
 LONG = 120.0  # s, of all records together; a shorter one is a maneuver with its rest
-# Share of the time with moving inputs, below which a record is called almost all cruise. Of 40 simulated flights of 20 minutes
-# with a maneuver every one to two minutes, which move for 0.27 to 0.72 of their time, none is; nor is a measured one.
+# Share of the time with moving inputs, below which a record is called almost all cruise. Of 40
+# simulated flights of 20 minutes with a maneuver every one to two minutes, which move for 0.27 to
+# 0.72 of their time, none is; nor is a measured one.
 CRUISE = 0.1
 
 
 def cruise_caution(records: Sequence[Record], name: str, opening: Sequence[str] = ()) -> str:
-    """One sentence where long records are almost all cruise: the share of their time in which an input moves; empty elsewhere.
+    """One sentence where long records are almost all cruise: the share of their time in which an
+    input moves; empty elsewhere.
 
     ``name`` : of the first file, for the command that finds the maneuvers in it; ``opening`` : the
     options that open it.
     """
-    signals = [FlightSignals(each.time, {one.name: one.values for one in each.inputs if one.name in AXES}, {}) for each in records]
+    signals = [
+        FlightSignals(
+            each.time, {one.name: one.values for one in each.inputs if one.name in AXES}, {}
+        )
+        for each in records
+    ]
     spans = [float(each.time[-1] - each.time[0]) for each in records]
     if sum(spans) < LONG or not any(each.inputs for each in signals):
         return ""
-    share = sum(span * active_share(each) for span, each in zip(spans, signals, strict=True)) / sum(spans)
+    share = sum(span * active_share(each) for span, each in zip(spans, signals, strict=True)) / sum(
+        spans
+    )
     if share >= CRUISE:
         return ""
-    moved = f"an input moves beyond its noise in {100.0 * share:.1f} % of {sum(spans):.0f} s: the record is almost all cruise"
-    return f"{moved}; flightid maneuvers {' '.join([name, *opening])} --out DIR finds its maneuvers, and --maneuver N uses one of them"
+    moved = (
+        f"an input moves beyond its noise in {100.0 * share:.1f} % of {sum(spans):.0f} s: the "
+        "record is almost all cruise"
+    )
+    return (
+        f"{moved}; flightid maneuvers {' '.join([name, *opening])} --out DIR finds its maneuvers, "
+        "and --maneuver N uses one of them"
+    )
 
 
 # ---- What no fit should start from and no prediction be judged by
 
-# A prediction fits the initial states and the biases: k numbers from N samples lower its error by sqrt(1 - k/N), here by a twentieth at most.
+# A prediction fits the initial states and the biases: k numbers from N samples lower its error by
+# sqrt(1 - k/N), here by a twentieth at most.
 PER_UNKNOWN = 10
 FIVE = 5  # samples, whose median no single wrong one moves
 MANEUVER = "give a record with a maneuver, or more of this one"
-ABOVE = 4.0  # sigmas of a channel's noise, which medians of five samples of noise alone do not reach
+# sigmas of a channel's noise, which medians of five samples of noise alone do not reach
+ABOVE = 4.0
 
 
 def refuse_still(records: Sequence[Record], model: Model) -> None:
@@ -55,19 +72,35 @@ def refuse_still(records: Sequence[Record], model: Model) -> None:
 
     Raises
     ------
-    RecordError : an output whose samples are all the same; controls that rest in every record; nothing that moves above its noise.
+    RecordError : an output whose samples are all the same; controls that rest in every record;
+    nothing that moves above its noise.
     """
     for record in records:
         for channel in record.outputs:
             if _still(channel):
-                what, remedy = "all samples are the same", "leave the column out: a sensor at work shows noise at least"
-                raise RecordError(what, where=f"{record.name}, channel {channel.name}", remedy=remedy)
-    controls = [signal.name for signal in model.equations.inputs if signal.name not in MEASURED_MOTION]
+                what, remedy = (
+                    "all samples are the same",
+                    "leave the column out: a sensor at work shows noise at least",
+                )
+                raise RecordError(
+                    what, where=f"{record.name}, channel {channel.name}", remedy=remedy
+                )
+    controls = [
+        signal.name for signal in model.equations.inputs if signal.name not in MEASURED_MOTION
+    ]
     if controls and all(_still(record[name]) for record in records for name in controls):
         what = f"the {' and the '.join(controls)} never moves: nothing shows what it does"
         raise RecordError(what, where=_names(records), remedy=MANEUVER)
-    if controls and not any(moves(channel) for record in records for channel in record.channels if channel.name not in MEASURED_MOTION):
-        what = f"neither the {' nor the '.join(controls)} nor any output moves above its noise: nothing shows what the aircraft does"
+    if controls and not any(
+        moves(channel)
+        for record in records
+        for channel in record.channels
+        if channel.name not in MEASURED_MOTION
+    ):
+        what = (
+            f"neither the {' nor the '.join(controls)} nor any output moves above its noise: "
+            "nothing shows what the aircraft does"
+        )
         raise RecordError(what, where=_names(records), remedy=MANEUVER)
 
 
@@ -76,44 +109,73 @@ def refuse_unrelated_records(fitted: Sequence[Record], validation: Sequence[Reco
 
     Raises
     ------
-    RecordError : sticks in two units, which are never converted; a record to be predicted with none of the fitted channels.
+    RecordError : sticks in two units, which are never converted; a record to be predicted with none
+    of the fitted channels.
     """
     first = fitted[0]
     for record in (*fitted[1:], *validation):
         if STICK in first.input_names and record[STICK].unit != first[STICK].unit:
-            what = f"the stick is in {_label(record[STICK].unit)}, in {first.name} it is in {_label(first[STICK].unit)}"
-            raise RecordError(what, where=record.name, remedy="give all records of a call the stick in one unit: it is never converted")
+            what = (
+                f"the stick is in {_label(record[STICK].unit)}, in {first.name} it is in "
+                f"{_label(first[STICK].unit)}"
+            )
+            raise RecordError(
+                what,
+                where=record.name,
+                remedy="give all records of a call the stick in one unit: it is never converted",
+            )
     measured = {name for record in fitted for name in record.output_names}
     for record in validation:
         if not measured.intersection(record.output_names):
             known = ", ".join(sorted(measured))
             what = f"none of the fitted channels ({known}) is measured here"
-            raise RecordError(what, where=record.name, remedy="validate on a record that has one of them")
+            raise RecordError(
+                what, where=record.name, remedy="validate on a record that has one of them"
+            )
 
 
 def _label(unit: str) -> str:
     return "no unit" if unit in ("", "1") else repr(unit)
 
 
-def refuse_unpredictable(records: Sequence[Record], model: Model, option: str = "--validate") -> None:
-    """Nothing where each record can be predicted by a fit of others. Raises RecordError for one that says nothing, or too little.
+def refuse_unpredictable(
+    records: Sequence[Record], model: Model, option: str = "--validate"
+) -> None:
+    """Nothing where each record can be predicted by a fit of others. Raises RecordError for one
+    that says nothing, or too little.
 
     ``option``: by which the records were named, empty where they are what the command is about.
     """
     for record in records:
         why = why_unpredictable(record, model)
         if why:
-            where, leave = (f"{record.name} ({option})", f", or leave {option} out") if option else (record.name, "")
-            raise RecordError(why, where=where, remedy=f"name a longer record with a maneuver{leave}")
+            where, leave = (
+                (f"{record.name} ({option})", f", or leave {option} out")
+                if option
+                else (record.name, "")
+            )
+            raise RecordError(
+                why, where=where, remedy=f"name a longer record with a maneuver{leave}"
+            )
 
 
 def why_unpredictable(record: Record, model: Model) -> str:
-    """Why the prediction of a record would say nothing of a model: a stuck channel, too few samples, no motion; empty where it would."""
+    """Why the prediction of a record would say nothing of a model: a stuck channel, too few
+    samples, no motion; empty where it would.
+    """
     biases = [channel for channel in record.outputs if channel.name in model.biases]
-    unknown, samples = len(model.initial) + len(biases), sum(int(np.count_nonzero(channel.valid)) for channel in record.outputs)
+    unknown, samples = (
+        len(model.initial) + len(biases),
+        sum(int(np.count_nonzero(channel.valid)) for channel in record.outputs),
+    )
     if samples < PER_UNKNOWN * unknown:
-        fitted = f"{len(model.initial)} initial states" + (f" and {len(biases)} biases" if biases else "")
-        return f"{len(record)} rows with {samples} samples are too few to predict: {fitted} are fitted to them, and each wants {PER_UNKNOWN}"
+        fitted = f"{len(model.initial)} initial states" + (
+            f" and {len(biases)} biases" if biases else ""
+        )
+        return (
+            f"{len(record)} rows with {samples} samples are too few to predict: {fitted} are "
+            f"fitted to them, and each wants {PER_UNKNOWN}"
+        )
     stuck = [channel.name for channel in record.outputs if _still(channel)]
     if stuck:
         return f"all samples of {' and '.join(stuck)} are the same: there is nothing to predict"
@@ -123,7 +185,9 @@ def why_unpredictable(record: Record, model: Model) -> str:
 
 
 def moves(channel: Channel) -> bool:
-    """Whether a channel moves above its noise: a median of five samples leaves the middle by ``ABOVE`` sigmas, taken from the median step."""
+    """Whether a channel moves above its noise: a median of five samples leaves the middle by
+    ``ABOVE`` sigmas, taken from the median step.
+    """
     values = channel.values[channel.valid]
     if len(values) < 2 * FIVE:
         return len(values) > 1 and float(np.ptp(values)) > 0.0
@@ -157,7 +221,9 @@ _REMEDY = "give another record with --validate, or use more of this one"
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """What is fitted and what is predicted. ``cut``: the time (s) at which the last record was cut, None where it is held out whole."""
+    """What is fitted and what is predicted. ``cut``: the time (s) at which the last record was cut,
+    None where it is held out whole.
+    """
 
     fitted: tuple[Record, ...]
     held: Record
@@ -166,55 +232,94 @@ class Split:
 
 
 def split_off(records: Sequence[Record], model: Model) -> Split:
-    """Hold out the whole last record where the others can stand for it, else its last part (``hold_out``).
+    """Hold out the whole last record where the others can stand for it, else its last part
+    (``hold_out``).
 
-    The others can where they measure every channel and move every control of it, and hold three tenths of all samples at least; and the
-    last must be worth predicting (``why_unpredictable``). Records without a control may be of one and the same motion, and the last part
-    of a fall shows it at another speed: it is held out there.
+    The others can where they measure every channel and move every control of it, and hold three
+    tenths of all samples at least; and the last must be worth predicting (``why_unpredictable``).
+    Records without a control may be of one and the same motion, and the last part of a fall shows
+    it at another speed: it is held out there.
 
     Raises
     ------
     RecordError : the last record has to be cut and cannot be.
     """
     *others, last = records
-    if others and model.equations.inputs and _stand_for(others, last) and not why_unpredictable(last, model):
-        said = f"no --validate: the last record, {last.name}, is not fitted but predicted whole; the others are fitted"
+    if (
+        others
+        and model.equations.inputs
+        and _stand_for(others, last)
+        and not why_unpredictable(last, model)
+    ):
+        said = (
+            f"no --validate: the last record, {last.name}, is not fitted but predicted whole; the "
+            "others are fitted"
+        )
         return Split(tuple(others), last, None, said)
     first, held = hold_out(last)
     cut = float(held.time[0])
-    return Split((*others, first), held, cut, f"no --validate: the last part of {last.name}, from {cut:g} s on, is not fitted but predicted")
+    return Split(
+        (*others, first),
+        held,
+        cut,
+        f"no --validate: the last part of {last.name}, from {cut:g} s on, is not fitted but "
+        "predicted",
+    )
 
 
 def _stand_for(others: Sequence[Record], last: Record) -> bool:
     """Whether the fit of some records knows all that another one shows."""
-    enough = sum(len(record) for record in others) >= REMAINS * sum(len(record) for record in (*others, last))
-    measured = {channel.name for record in others for channel in record.outputs if np.any(channel.valid)}
+    enough = sum(len(record) for record in others) >= REMAINS * sum(
+        len(record) for record in (*others, last)
+    )
+    measured = {
+        channel.name for record in others for channel in record.outputs if np.any(channel.valid)
+    }
     moved = {channel.name for record in others for channel in record.inputs if moves(channel)}
     shown = {channel.name for channel in last.outputs}
-    steered = {channel.name for channel in last.inputs if channel.name not in MEASURED_MOTION and moves(channel)}
+    steered = {
+        channel.name
+        for channel in last.inputs
+        if channel.name not in MEASURED_MOTION and moves(channel)
+    }
     return enough and shown <= measured and steered <= moved
 
 
 def hold_out(record: Record) -> tuple[Record, Record]:
     """Cut a record in two: what is fitted, and its last part, which is predicted.
 
-    The cut lies between one and eight tenths of the duration, where 70 % of the excitation (the summed square of the
-    inputs' distance from the trim at the record's beginning) is over: a part in which the controls rest says nothing of a model. Moments at which
-    every input has rested for half a second are preferred as long as a tenth of the excitation is left to the last part:
-    lags, delays and hysteresis then carry nothing over. A record without inputs is cut at 70 % of its duration.
+    The cut lies between one and eight tenths of the duration, where 70 % of the excitation (the
+    summed square of the inputs' distance from the trim at the record's beginning) is over: a part
+    in which the controls rest says nothing of a model. Moments at which every input has rested for
+    half a second are preferred as long as a tenth of the excitation is left to the last part: lags,
+    delays and hysteresis then carry nothing over. A record without inputs is cut at 70 % of its
+    duration.
 
     Raises
     ------
-    RecordError : fewer than 40 rows (either part gets 20 at least), a part without a sample of a channel, or a fitted part in which no
+    RecordError : fewer than 40 rows (either part gets 20 at least), a part without a sample of a
+    channel, or a fitted part in which no
         control moves.
     """
     if len(record) < 2 * FEWEST:
-        raise RecordError(f"{len(record)} rows are too few to hold a part out", where=record.name, remedy=_REMEDY)
+        raise RecordError(
+            f"{len(record)} rows are too few to hold a part out", where=record.name, remedy=_REMEDY
+        )
     cut = min(max(_cut(record), FEWEST), len(record) - FEWEST)
-    first, held = _part(record, slice(0, cut), "fitted"), _part(record, slice(cut, len(record)), "held-out")
-    steered = [channel.name for channel in record.inputs if channel.name not in MEASURED_MOTION and moves(channel)]
+    first, held = (
+        _part(record, slice(0, cut), "fitted"),
+        _part(record, slice(cut, len(record)), "held-out"),
+    )
+    steered = [
+        channel.name
+        for channel in record.inputs
+        if channel.name not in MEASURED_MOTION and moves(channel)
+    ]
     if steered and not any(moves(first[name]) for name in steered):
-        what = f"no control moves before {record.time[cut]:g} s, where its last part would be held out: the rest says nothing of a model"
+        what = (
+            f"no control moves before {record.time[cut]:g} s, where its last part would be held "
+            "out: the rest says nothing of a model"
+        )
         raise RecordError(what, where=record.name, remedy=_REMEDY)
     return first, held
 
@@ -231,7 +336,8 @@ def _cut(record: Record) -> int:
     moved = np.zeros(len(record))
     resting = np.ones(len(record), dtype=bool)
     for channel in record.inputs:
-        if channel.name in MEASURED_MOTION:  # a measured flow or attitude drifts; only controls excite
+        # a measured flow or attitude drifts; only controls excite
+        if channel.name in MEASURED_MOTION:
             continue
         away = np.abs(channel.values - _trim(channel.values))
         peak = float(away.max())
@@ -252,21 +358,32 @@ def _cut(record: Record) -> int:
 
 
 def _trim(values: np.ndarray) -> float:
-    """Where a control stands as the record begins: its median would be the step itself where one is held for most of the record."""
+    """Where a control stands as the record begins: its median would be the step itself where one is
+    held for most of the record.
+    """
     return float(np.median(values[: max(FIRST, round(BEGINNING * len(values)))]))
 
 
 def _scatter(values: np.ndarray) -> float:
-    """Standard deviation of the noise on an input, from the median of its steps; zero for one that is held."""
+    """Standard deviation of the noise on an input, from the median of its steps; zero for one that
+    is held.
+    """
     return float(robust_sigma_about_zero(np.diff(values)) / np.sqrt(2.0))
 
 
 def _part(record: Record, rows: slice, word: str) -> Record:
     for channel in record.outputs:
         if not np.any(channel.valid[rows]):
-            raise RecordError(f"not a single sample of {channel.name} in the {word} part", where=record.name, remedy=_REMEDY)
+            raise RecordError(
+                f"not a single sample of {channel.name} in the {word} part",
+                where=record.name,
+                remedy=_REMEDY,
+            )
     inputs, outputs = (
-        tuple(replace(channel, values=channel.values[rows], valid=channel.valid[rows]) for channel in group)
+        tuple(
+            replace(channel, values=channel.values[rows], valid=channel.valid[rows])
+            for channel in group
+        )
         for group in (record.inputs, record.outputs)
     )
     return replace(record, time=record.time[rows], inputs=inputs, outputs=outputs)

@@ -38,7 +38,12 @@ from scenarios.preparation.measured_inputs import (
     with_load_factors,
 )
 from scenarios.preparation.plan import ATTITUDE, BY_HAND, WHOLE, Plan, Segment
-from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck, checked_records, expectations_of
+from scenarios.preparation.recording import (
+    NOTHING_SEEN,
+    RecordCheck,
+    checked_records,
+    expectations_of,
+)
 from sim.declaration.model import Model
 from sim.errors import RecordError
 from sim.propagation import MOST_STEPS
@@ -46,15 +51,17 @@ from sim.record import Channel, Hold, Record
 
 # ---- Gaps in the time of a record
 
-# Of 767 simulated records at 10 to 400 Hz, even or with jitter of a quarter of a step, none is split; of 379 that lost up to a
-# tenth of their rows at random one is.
+# Of 767 simulated records at 10 to 400 Hz, even or with jitter of a quarter of a step, none is
+# split; of 379 that lost up to a tenth of their rows at random one is.
 MANY = 5.0  # usual steps, from which a longer one is a gap
 LONG = 0.25  # s, which a gap lasts at least: shorter ones are bridged by the input before them
 FEWEST = 30  # samples that a part needs to be used
 
 
 def gaps_of(record: Record) -> np.ndarray:
-    """Positions of the samples before a gap, shape ``(G,)``: steps longer than five usual ones and than a quarter of a second."""
+    """Positions of the samples before a gap, shape ``(G,)``: steps longer than five usual ones and
+    than a quarter of a second.
+    """
     steps = np.diff(record.time)
     return np.flatnonzero(steps > max(MANY * float(np.median(steps)), LONG))
 
@@ -83,7 +90,9 @@ def parts_of(parted: Sequence[Parted], each: Sequence[Record]) -> list[tuple[Par
     return [(one, slice(*span)) for one, span in zip(parted, pairwise(ends), strict=True)]
 
 
-def put_together(parted: Parted, parts: Sequence[Record], rows: Sequence[Sequence[np.ndarray]]) -> tuple[Record, list[np.ndarray]]:
+def put_together(
+    parted: Parted, parts: Sequence[Record], rows: Sequence[Sequence[np.ndarray]]
+) -> tuple[Record, list[np.ndarray]]:
     """A record of its parts, and each of several predictions ``(m, N)`` of those of the parts.
 
     Rows outside the parts have no measurement, the inputs before them and, as where a simulation
@@ -104,14 +113,31 @@ def put_together(parted: Parted, parts: Sequence[Record], rows: Sequence[Sequenc
     known[places] = True
 
     def inputs(channel: Channel) -> Channel:
-        return Channel.of(channel.name, channel.unit, np.concatenate([part[channel.name].values for part in parts])[before])
+        return Channel.of(
+            channel.name,
+            channel.unit,
+            np.concatenate([part[channel.name].values for part in parts])[before],
+        )
 
     def outputs(channel: Channel) -> Channel:
-        values = [part[channel.name].with_gaps() if channel.name in part.output_names else np.full(len(part), np.nan) for part in parts]
-        return Channel.of(channel.name, channel.unit, np.where(known, np.concatenate(values)[before], np.nan))
+        values = [
+            part[channel.name].with_gaps()
+            if channel.name in part.output_names
+            else np.full(len(part), np.nan)
+            for part in parts
+        ]
+        return Channel.of(
+            channel.name, channel.unit, np.where(known, np.concatenate(values)[before], np.nan)
+        )
 
     every = {channel.name: channel for part in reversed(parts) for channel in part.outputs}
-    record = Record(time, tuple(map(inputs, parts[0].inputs)), tuple(map(outputs, every.values())), parts[0].hold, parted.name)
+    record = Record(
+        time,
+        tuple(map(inputs, parts[0].inputs)),
+        tuple(map(outputs, every.values())),
+        parts[0].hold,
+        parted.name,
+    )
     out = []
     for of_parts in rows:
         all_parts = np.concatenate(of_parts, axis=1)
@@ -119,8 +145,11 @@ def put_together(parted: Parted, parts: Sequence[Record], rows: Sequence[Sequenc
     return record, out
 
 
-def split_at_gaps(record: Record, use: str = "used as {count} record{s}") -> tuple[tuple[Record, ...], str]:
-    """The parts of a record between its gaps and a sentence on them; the record itself and nothing where it has none.
+def split_at_gaps(
+    record: Record, use: str = "used as {count} record{s}"
+) -> tuple[tuple[Record, ...], str]:
+    """The parts of a record between its gaps and a sentence on them; the record itself and nothing
+    where it has none.
 
     ``use`` : what the sentence says is done with the parts.
 
@@ -133,28 +162,48 @@ def split_at_gaps(record: Record, use: str = "used as {count} record{s}") -> tup
     wrong = np.flatnonzero(np.abs(record.time) > LARGEST)
     if wrong.size:
         what = f"{record.time[wrong[0]]:g} s is no time of a measurement"
-        raise RecordError(what, where=record.name, remedy="correct the time stamps, or cut them off with --from and --to")
+        raise RecordError(
+            what,
+            where=record.name,
+            remedy="correct the time stamps, or cut them off with --from and --to",
+        )
     after = gaps_of(record)
     if not after.size:
         return (record,), ""
     ends = [0, *(int(position) + 1 for position in after), len(record)]
-    seen = [any(np.any(channel.valid[begin:end]) for channel in record.outputs) for begin, end in pairwise(ends)]
-    spans = [(begin, end) for (begin, end), some in zip(pairwise(ends), seen, strict=True) if end - begin >= 2 and some]
+    seen = [
+        any(np.any(channel.valid[begin:end]) for channel in record.outputs)
+        for begin, end in pairwise(ends)
+    ]
+    spans = [
+        (begin, end)
+        for (begin, end), some in zip(pairwise(ends), seen, strict=True)
+        if end - begin >= 2 and some
+    ]
     kept = [span for span in spans if span[1] - span[0] >= FEWEST] or spans
     parts = tuple(_rows(record, begin, end) for begin, end in kept)
     t = record.time
     shown = [f"{t[position]:.4g} to {t[position + 1]:.4g} s" for position in after[:3]]
     more = f" and {after.size - 3} more" if after.size > 3 else ""
     dropped = len(ends) - 1 - len(kept)
-    left = f"; {dropped} part{'s' * (dropped > 1)} of fewer than {FEWEST} samples left out" if dropped else ""
-    some = f"the record has {'a gap' if after.size == 1 else f'{after.size} gaps'} ({', '.join(shown)}{more})"
+    left = (
+        f"; {dropped} part{'s' * (dropped > 1)} of fewer than {FEWEST} samples left out"
+        if dropped
+        else ""
+    )
+    some = (
+        f"the record has {'a gap' if after.size == 1 else f'{after.size} gaps'} "
+        f"({', '.join(shown)}{more})"
+    )
     return parts, f"{some} and is {use.format(count=len(parts), s='s' * (len(parts) > 1))}{left}"
 
 
 def _rows(record: Record, begin: int, end: int) -> Record:
     # A part of a record lacks the outputs of which it has no sample, as a record would.
     measured = tuple(channel for channel in record.outputs if np.any(channel.valid[begin:end]))
-    part = replace(record, outputs=measured).window(float(record.time[begin]), float(record.time[end - 1]))
+    part = replace(record, outputs=measured).window(
+        float(record.time[begin]), float(record.time[end - 1])
+    )
     return replace(part, name=f"{record.name}[{part.time[0]:.4g}-{part.time[-1]:.4g} s]")
 
 
@@ -165,43 +214,69 @@ BELOW_HALF = 0.8  # of half the new rate: corner of the filter ahead of resampli
 EVEN = 0.01  # of the interval, by which even samples may be off
 SAME = 1e-6  # of the rate, within which a record has the rate that is asked for already
 FILTERING_FEWEST = 40  # samples that a filter needs to be of use
-REACH = 0.5  # periods of the corner, about a gap, in which a filtered sample rests on what was filled in
+# periods of the corner, about a gap, in which a filtered sample rests on what was filled in
+REACH = 0.5
 
 
 def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
-    """The record behind the plan's filter and at its rate, and a sentence on it; the same object where the plan asks for neither.
+    """The record behind the plan's filter and at its rate, and a sentence on it; the same object
+    where the plan asks for neither.
 
-    Uneven samples are laid on an even grid first. A held input is taken at the middle of each interval, where its
-    samples stand for the signal; afterwards inputs are linear. A sample near a gap rests on interpolation and counts as missing.
+    Uneven samples are laid on an even grid first. A held input is taken at the middle of each
+    interval, where its samples stand for the signal; afterwards inputs are linear. A sample near a
+    gap rests on interpolation and counts as missing.
 
     Raises
     ------
-    RecordError : a rate above the record's, a corner above half its rate or below one period a record, or too few samples.
+    RecordError : a rate above the record's, a corner above half its rate or below one period a
+    record, or too few samples.
     """
     step = float(np.median(np.diff(record.time)))
-    if plan.lowpass is None and (plan.rate is None or (abs(plan.rate * step - 1.0) < SAME and _is_even(record.time, step))):
+    if plan.lowpass is None and (
+        plan.rate is None or (abs(plan.rate * step - 1.0) < SAME and _is_even(record.time, step))
+    ):
         return record, ""
     corner, said = _corner(record, plan, 1.0 / step)
     time = _even(record.time, step)
     rows = {channel.name: _on(time, record, channel) for channel in record.channels}
     if len(time) < FILTERING_FEWEST:
-        raise RecordError(f"{len(time)} samples are too few for a filter", where=record.name, remedy="leave out --rate and --lowpass")
+        raise RecordError(
+            f"{len(time)} samples are too few for a filter",
+            where=record.name,
+            remedy="leave out --rate and --lowpass",
+        )
     from scipy.signal import butter, sosfiltfilt
 
     sections = butter(ORDER, corner, fs=1.0 / step, output="sos")
     pad = min(len(time) - 1, round(3.0 / (corner * step)))
     smooth = {name: sosfiltfilt(sections, values, padlen=pad) for name, (values, _) in rows.items()}
-    near = {name: _near_gaps(known, int(np.ceil(REACH / (corner * step)))) for name, (_, known) in rows.items()}
-    new = time if plan.rate is None else time[0] + np.arange(int((time[-1] - time[0]) * plan.rate * (1.0 + 1e-9)) + 1) / plan.rate
+    near = {
+        name: _near_gaps(known, int(np.ceil(REACH / (corner * step))))
+        for name, (_, known) in rows.items()
+    }
+    new = (
+        time
+        if plan.rate is None
+        else time[0]
+        + np.arange(int((time[-1] - time[0]) * plan.rate * (1.0 + 1e-9)) + 1) / plan.rate
+    )
     if plan.rate is not None:
         from scipy.interpolate import CubicSpline
 
         smooth_inputs = smooth
         smooth = {name: CubicSpline(time, values)(new) for name, values in smooth.items()}
-        smooth |= {channel.name: _for_lines(time, smooth_inputs[channel.name], new) for channel in record.inputs}
+        smooth |= {
+            channel.name: _for_lines(time, smooth_inputs[channel.name], new)
+            for channel in record.inputs
+        }
         near = {name: np.interp(new, time, bad.astype(float)) > 0.0 for name, bad in near.items()}
-    inputs = tuple(Channel.of(channel.name, channel.unit, smooth[channel.name]) for channel in record.inputs)
-    outputs = tuple(Channel.of(c.name, c.unit, np.where(near[c.name], np.nan, smooth[c.name])) for c in record.outputs)
+    inputs = tuple(
+        Channel.of(channel.name, channel.unit, smooth[channel.name]) for channel in record.inputs
+    )
+    outputs = tuple(
+        Channel.of(c.name, c.unit, np.where(near[c.name], np.nan, smooth[c.name]))
+        for c in record.outputs
+    )
     return replace(record, time=new, inputs=inputs, outputs=outputs, hold=Hold.LINEAR), said
 
 
@@ -210,24 +285,54 @@ def _corner(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
     if plan.rate is not None:
         if plan.rate > rate * (1.0 + EVEN):
             remedy = "give a lower rate: more samples than were taken tell nothing"
-            raise RecordError(f"--rate {plan.rate:g} Hz is above the record's {rate:.4g} Hz", where=record.name, remedy=remedy)
+            raise RecordError(
+                f"--rate {plan.rate:g} Hz is above the record's {rate:.4g} Hz",
+                where=record.name,
+                remedy=remedy,
+            )
         corners.append(0.5 * BELOW_HALF * plan.rate)
         if corners[0] * (record.time[-1] - record.time[0]) < 1.0:
-            what = f"--rate {plan.rate:g} Hz leaves nothing of a record of {record.time[-1] - record.time[0]:.4g} s"
-            raise RecordError(what, where=record.name, remedy="give a higher rate, several samples for each of the motion's own periods")
+            what = (
+                f"--rate {plan.rate:g} Hz leaves nothing of a record of "
+                f"{record.time[-1] - record.time[0]:.4g} s"
+            )
+            raise RecordError(
+                what,
+                where=record.name,
+                remedy="give a higher rate, several samples for each of the motion's own periods",
+            )
         said = f"resampled from {rate:.4g} to {plan.rate:g} Hz, "
     if plan.lowpass is not None:
         if plan.lowpass > 0.5 * rate * (1.0 - EVEN):
             remedy = "give a lower corner, or leave the option out"
-            raise RecordError(f"--lowpass {plan.lowpass:g} Hz is not below half the record's {rate:.4g} Hz", where=record.name, remedy=remedy)
+            raise RecordError(
+                f"--lowpass {plan.lowpass:g} Hz is not below half the record's {rate:.4g} Hz",
+                where=record.name,
+                remedy=remedy,
+            )
         if plan.lowpass * (record.time[-1] - record.time[0]) < 1.0:
-            what = f"--lowpass {plan.lowpass:g} Hz leaves nothing of a record of {record.time[-1] - record.time[0]:.4g} s"
-            raise RecordError(what, where=record.name, remedy="give a higher corner, above the motion's own frequencies")
+            what = (
+                f"--lowpass {plan.lowpass:g} Hz leaves nothing of a record of "
+                f"{record.time[-1] - record.time[0]:.4g} s"
+            )
+            raise RecordError(
+                what,
+                where=record.name,
+                remedy="give a higher corner, above the motion's own frequencies",
+            )
         corners.append(plan.lowpass)
     corner = min(corners)
-    held = "; its inputs were held: loads that follow them at once are then read half a sample late" if record.hold is Hold.PREVIOUS else ""
+    held = (
+        "; its inputs were held: loads that follow them at once are then read half a sample late"
+        if record.hold is Hold.PREVIOUS
+        else ""
+    )
     inputs = f", inputs linear since then{held}" if record.inputs else ""
-    return corner, f"{record.name}: {said}all channels behind one zero-phase low-pass of {corner:.3g} Hz{inputs}"
+    return (
+        corner,
+        f"{record.name}: {said}all channels behind one zero-phase low-pass of {corner:.3g} "
+        f"Hz{inputs}",
+    )
 
 
 def _even(time: np.ndarray, step: float) -> np.ndarray:
@@ -236,7 +341,11 @@ def _even(time: np.ndarray, step: float) -> np.ndarray:
     count = (time[-1] - time[0]) / step * (1.0 + 1e-9) + 1
     if count > MOST_STEPS:
         what = f"a grid of {step:.3g} s over {time[-1] - time[0]:.3g} s has {count:.2g} samples"
-        raise RecordError(what, where="column time", remedy="check the unit of the times, or read a part of them with --from and --to")
+        raise RecordError(
+            what,
+            where="column time",
+            remedy="check the unit of the times, or read a part of them with --from and --to",
+        )
     return time[0] + step * np.arange(int(count))
 
 
@@ -251,12 +360,18 @@ def _on(time: np.ndarray, record: Record, channel: Channel) -> tuple[np.ndarray,
         from scipy.interpolate import CubicSpline
 
         middles = 0.5 * (t + np.append(t[1:], 2.0 * t[-1] - t[-2]))
-        return CubicSpline(middles, channel.values)(np.maximum(time, middles[0])), np.ones(len(time), dtype=bool)
-    return np.interp(time, t[known], channel.values[known]), np.interp(time, t, known.astype(float)) > 1.0 - 1e-9
+        return CubicSpline(middles, channel.values)(np.maximum(time, middles[0])), np.ones(
+            len(time), dtype=bool
+        )
+    return np.interp(time, t[known], channel.values[known]), np.interp(
+        time, t, known.astype(float)
+    ) > 1.0 - 1e-9
 
 
 def _for_lines(time: np.ndarray, values: np.ndarray, new: np.ndarray) -> np.ndarray:
-    """Values at ``new`` whose straight lines come nearest to the signal by least squares: its own samples would cut its peaks."""
+    """Values at ``new`` whose straight lines come nearest to the signal by least squares: its own
+    samples would cut its peaks.
+    """
     from scipy.linalg import solveh_banded
 
     at = np.clip(np.searchsorted(new, time, side="right") - 1, 0, len(new) - 2)
@@ -269,13 +384,19 @@ def _for_lines(time: np.ndarray, values: np.ndarray, new: np.ndarray) -> np.ndar
 
 
 def _near_gaps(known: np.ndarray, reach: int) -> np.ndarray:
-    return np.asarray(np.convolve(~known, np.ones(2 * reach + 1), mode="same") > 0.5) if not np.all(known) else ~known
+    return (
+        np.asarray(np.convolve(~known, np.ones(2 * reach + 1), mode="same") > 0.5)
+        if not np.all(known)
+        else ~known
+    )
 
 
 # ---- From record files to records that a model is fitted to
 
 Read = tuple[Record, bool]  # a record, and whether its file says how its inputs are to be read
-PLAIN = 0.15  # of a residual, by which a record without trim lift shows itself; other effects that a model lacks do less
+# of a residual, by which a record without trim lift shows itself; other effects that a model lacks
+# do less
+PLAIN = 0.15
 THRUST = "thrust_command"
 IN_PARTS = "predicted in {count} part{s}; initial states and biases are fitted to each"
 STEADY = 0.01  # of the pressure, within which its change is no evidence of anything
@@ -283,7 +404,9 @@ STEADY = 0.01  # of the pressure, within which its change is no evidence of anyt
 
 @dataclass(frozen=True)
 class Decided:
-    """How other records were read where no file said it: hold of the inputs, and whether the trim lift follows a measured pressure."""
+    """How other records were read where no file said it: hold of the inputs, and whether the trim
+    lift follows a measured pressure.
+    """
 
     hold: Hold
     weight: bool
@@ -298,9 +421,9 @@ class Prepared:
     model : the declared one, with the measured flow as further inputs where a record has one.
     fitted, validation : records for it; those with gaps in time are there in parts.
     parted : records that are predicted, each with the number of its parts in ``validation``.
-    measured : the fitted records as they would be written: before trims are taken off and the flow becomes an input.
-    notes : what was done, one sentence each. doubts : what in the files is likely to be wrong, and the remedy.
-    look : what the raw columns show.
+    measured : the fitted records as they would be written: before trims are taken off and the flow
+    becomes an input. notes : what was done, one sentence each. doubts : what in the files is likely
+    to be wrong, and the remedy. look : what the raw columns show.
     """
 
     model: Model
@@ -315,11 +438,18 @@ class Prepared:
     @property
     def predicted(self) -> tuple[Record, ...]:
         """The records that are predicted, each whole."""
-        return tuple(put_together(one, self.validation[span], ())[0] for one, span in parts_of(self.parted, self.validation))
+        return tuple(
+            put_together(one, self.validation[span], ())[0]
+            for one, span in parts_of(self.parted, self.validation)
+        )
 
 
-def prepared(record: Record, plan: Plan, *, own: bool = False, kept: Collection[str] = ()) -> tuple[Record, tuple[str, ...]]:
-    """Load factors from accelerometers but for those ``kept``, then the plan's common filter; sentences on both. A sound record comes back itself."""
+def prepared(
+    record: Record, plan: Plan, *, own: bool = False, kept: Collection[str] = ()
+) -> tuple[Record, tuple[str, ...]]:
+    """Load factors from accelerometers but for those ``kept``, then the plan's common filter;
+    sentences on both. A sound record comes back itself.
+    """
     record, of_accelerometers = (record, ()) if own else with_load_factors(record, kept)
     record, of_filter = filtered(record, plan)
     return record, (*of_accelerometers, *([of_filter] if of_filter else []))
@@ -340,17 +470,26 @@ def prepare(
     """A model's channels out of files, prepared: the plan's segments of ``files``, that ``part`` of
     those of ``validate``.
 
-    A measured speed is used with ``flow``, a measured pitch attitude with ``attitude``, which only effects can use. ``decided``: how to read
-    what the files do not say; None: as the declared model fits better.
+    A measured speed is used with ``flow``, a measured pitch attitude with ``attitude``, which only
+    effects can use. ``decided``: how to read what the files do not say; None: as the declared model
+    fits better.
 
     Raises
     ------
     RecordError : anything in a file that keeps it from being used, in one line.
     """
     split = len(files) * len(plan.segments)
-    parts = [(file, segment) for file in files for segment in plan.segments] + [(file, part) for file in validate]
-    optional = (*(able(model) if flow else ()), *((ATTITUDE,) if attitude and wants_attitude(model) else ()))
-    parted = [_read(file, segment, n < split and len(plan.segments) > 1, model, optional, channels, plan) for n, (file, segment) in enumerate(parts)]
+    parts = [(file, segment) for file in files for segment in plan.segments] + [
+        (file, part) for file in validate
+    ]
+    optional = (
+        *(able(model) if flow else ()),
+        *((ATTITUDE,) if attitude and wants_attitude(model) else ()),
+    )
+    parted = [
+        _read(file, segment, n < split and len(plan.segments) > 1, model, optional, channels, plan)
+        for n, (file, segment) in enumerate(parts)
+    ]
     told = [f"{each[0].name}: {note}" for each, notes in parted for note in notes]
     read: list[Read] = []
     for (record, stated), _ in parted[:split]:
@@ -368,33 +507,56 @@ def prepare(
     read = [(record, stated) for record, (_, stated) in zip(records, read, strict=True)]
     ready = for_model(read[:split], model, plan, read[split:], decided)
     notes = (*plan.chosen, *grouped(told, names), *ready.notes)
-    return replace(ready, notes=notes, doubts=(*look.doubts, *ready.doubts), look=look, parted=tuple(whole))
+    return replace(
+        ready, notes=notes, doubts=(*look.doubts, *ready.doubts), look=look, parted=tuple(whole)
+    )
 
 
 def for_model(
-    fitted: Sequence[Read], model: Model, plan: Plan | None = None, validation: Sequence[Read] = (), decided: Decided | None = None
+    fitted: Sequence[Read],
+    model: Model,
+    plan: Plan | None = None,
+    validation: Sequence[Read] = (),
+    decided: Decided | None = None,
 ) -> Prepared:
-    """Records as read, prepared for a model; those to be predicted are read as those that are fitted."""
+    """Records as read, prepared for a model; those to be predicted are read as those that are
+    fitted.
+    """
     plan, split = plan or Plan(), len(fitted)
     read = [*fitted, *validation]
     own, known = is_own(model), all(stated for _, stated in read)
     kept = [signal.name for signal in model.equations.outputs]
     first = [record if own else with_load_factors(record, kept)[0] for record, _ in fitted]
-    hold, weight, notes = _readings(first, model, plan, known=known) if decided is None else (plan.hold or decided.hold, decided.weight, [])
+    hold, weight, notes = (
+        _readings(first, model, plan, known=known)
+        if decided is None
+        else (plan.hold or decided.hold, decided.weight, [])
+    )
     records: list[Record] = []
     told: list[str] = []
     for record, stated in read:
-        as_read = record if hold is None or (stated and plan.hold is None) else replace(record, hold=hold)
+        as_read = (
+            record if hold is None or (stated and plan.hold is None) else replace(record, hold=hold)
+        )
         one, sentences = prepared(as_read, plan, own=own, kept=kept)
         records.append(one)
         told += sentences
-    with np.errstate(over="ignore", invalid="ignore"):  # numbers beyond all measure are for the fit to refuse
+    # numbers beyond all measure are for the fit to refuse
+    with np.errstate(over="ignore", invalid="ignore"):
         trimmed = [(record, {}) if of_totals(model) else about_trim(record) for record in records]
     for record, trims in trimmed:
         units = {channel.name: channel.unit for channel in record.inputs}
-        told += [f"{record.name}: trim of {name} taken off, {_shown(value, units[name])}" for name, value in trims.items()]
+        told += [
+            f"{record.name}: trim of {name} taken off, {_shown(value, units[name])}"
+            for name, value in trims.items()
+        ]
     if not of_totals(model):
-        told += [said for record, trims in trimmed for name in record.input_names if name not in trims and (said := trim_sentence(record, name))]
+        told += [
+            said
+            for record, trims in trimmed
+            for name in record.input_names
+            if name not in trims and (said := trim_sentence(record, name))
+        ]
     told += [said for record in records if (said := flow_sentence(record, model))]
     wider, ready = with_flow(model, [record for record, _ in trimmed], weight=weight)
     flown = wider is not model
@@ -402,13 +564,30 @@ def for_model(
     told += [said] if said else []
     told += ["the airspeed is measured: speed-variation is no candidate"] if flown else []
     doubts = (*flow_doubts(records, model), *_idle_motors(records))
-    return Prepared(wider, tuple(ready[:split]), tuple(ready[split:]), tuple(records[:split]), (*grouped(told, records), *notes), doubts)
+    return Prepared(
+        wider,
+        tuple(ready[:split]),
+        tuple(ready[split:]),
+        tuple(records[:split]),
+        (*grouped(told, records), *notes),
+        doubts,
+    )
 
 
 def _idle_motors(records: Sequence[Record]) -> list[str]:
-    """A sentence on each record of a multirotor whose motors had no thrust: its commands answer a motion that something else makes."""
-    idle = [record.name for record in records if THRUST in record.input_names and not np.any(record[THRUST].values)]
-    return [f"{name}: {THRUST} is zero throughout, so the motors moved nothing; use a part of the log in flight (--from, --to)" for name in idle]
+    """A sentence on each record of a multirotor whose motors had no thrust: its commands answer a
+    motion that something else makes.
+    """
+    idle = [
+        record.name
+        for record in records
+        if THRUST in record.input_names and not np.any(record[THRUST].values)
+    ]
+    return [
+        f"{name}: {THRUST} is zero throughout, so the motors moved nothing; use a part of the log "
+        "in flight (--from, --to)"
+        for name in idle
+    ]
 
 
 def _shown(value: float, unit: str) -> str:
@@ -419,7 +598,9 @@ def grouped(told: Sequence[str], records: Sequence[Record]) -> list[str]:
     """Sentences on single records, ``"NAME: text"``; the same text on several of them once."""
     names: dict[str, list[str]] = {}
     for sentence in told:
-        of = next((record.name for record in records if sentence.startswith(f"{record.name}: ")), "")
+        of = next(
+            (record.name for record in records if sentence.startswith(f"{record.name}: ")), ""
+        )
         names.setdefault(sentence.removeprefix(f"{of}: ") if of else sentence, []).append(of)
     return [f"{', '.join(each)}: {text}" if each[0] else text for text, each in names.items()]
 
@@ -438,10 +619,15 @@ def _read(
     channels: Mapping[str, ColumnChoice] | None,
     plan: Plan,
 ) -> tuple[Read, tuple[str, ...]]:
-    """A part of a file with whether a sidecar says how its inputs are to be read, and sentences on how the file was understood."""
+    """A part of a file with whether a sidecar says how its inputs are to be read, and sentences on
+    how the file was understood.
+    """
     from scenarios.files.records import read_with_notes
 
-    inputs, outputs = ([signal.name for signal in some] for some in (model.equations.inputs, model.equations.outputs))
+    inputs, outputs = (
+        [signal.name for signal in some]
+        for some in (model.equations.inputs, model.equations.outputs)
+    )
     instead, units = {} if is_own(model) else instead_of(outputs), channel_units(model)
     record, notes = read_with_notes(
         with_names(file, plan.columns),
@@ -461,8 +647,12 @@ def _read(
     return (record, file.sidecar.says_hold), notes
 
 
-def _readings(fitted: Sequence[Record], model: Model, plan: Plan, *, known: bool) -> tuple[Hold | None, bool, list[str]]:
-    """Hold of the inputs where no file says it (None: as read), whether the trim lift follows the pressure, and sentences on both."""
+def _readings(
+    fitted: Sequence[Record], model: Model, plan: Plan, *, known: bool
+) -> tuple[Hold | None, bool, list[str]]:
+    """Hold of the inputs where no file says it (None: as read), whether the trim lift follows the
+    pressure, and sentences on both.
+    """
     weight, of_weight = _weight(fitted, model)
     if not model.equations.inputs:
         return None, weight, of_weight
@@ -474,21 +664,37 @@ def _readings(fitted: Sequence[Record], model: Model, plan: Plan, *, known: bool
     if gain < BETTER:
         return None, weight, of_weight
     weight, of_weight = _weight(with_hold(fitted, Hold.LINEAR), model)
-    said = f"inputs linear between samples: the declared model fits better than with held ones (twice the log likelihood {gain:.1f})"
+    said = (
+        "inputs linear between samples: the declared model fits better than with held ones (twice "
+        f"the log likelihood {gain:.1f})"
+    )
     return Hold.LINEAR, weight, [f"{said}; --hold previous holds them", *of_weight]
 
 
 def _weight(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
-    """Whether the lift that carries the weight follows the measured pressure, as it does in flight, or the record is of perturbations alone."""
+    """Whether the lift that carries the weight follows the measured pressure, as it does in flight,
+    or the record is of perturbations alone.
+    """
     flows = [measured_flow(record, model) for record in fitted]
     if not any(flow is not None and _varies(flow) for flow in flows):
         return True, []
-    outputs = [signal.name for signal in model.equations.outputs if any(signal.name in record.output_names for record in fitted)]
-    found = better_by(with_flow(model, fitted), with_flow(model, fitted, weight=False), outputs, PLAIN)
+    outputs = [
+        signal.name
+        for signal in model.equations.outputs
+        if any(signal.name in record.output_names for record in fitted)
+    ]
+    found = better_by(
+        with_flow(model, fitted), with_flow(model, fitted, weight=False), outputs, PLAIN
+    )
     if found.gain < BETTER:
-        undecided = f" (as in flight; fits do not decide it: {found.why_open})" if found.why_open else ""
+        undecided = (
+            f" (as in flight; fits do not decide it: {found.why_open})" if found.why_open else ""
+        )
         return True, [f"the lift that carries the weight follows the measured pressure{undecided}"]
-    return False, [f"the lift that carries the weight is left out: perturbations alone fit better (twice the log likelihood {found.gain:.1f})"]
+    return False, [
+        "the lift that carries the weight is left out: perturbations alone fit better (twice the "
+        f"log likelihood {found.gain:.1f})"
+    ]
 
 
 def _varies(flow: Flow) -> bool:

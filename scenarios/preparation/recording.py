@@ -45,7 +45,9 @@ class Seen:
 
 @dataclass(frozen=True, eq=False)
 class RecordCheck:
-    """What was seen in the raw columns of all records of a call. ``trusted``: only warned of, nothing set aside or refused."""
+    """What was seen in the raw columns of all records of a call. ``trusted``: only warned of,
+    nothing set aside or refused.
+    """
 
     records: tuple[str, ...] = ()
     seen: tuple[Seen, ...] = ()
@@ -64,14 +66,20 @@ class RecordCheck:
     @property
     def lines(self) -> list[str]:
         """What was set aside or is worth knowing, one sentence each."""
-        return [f"{one.sentence}; {one.done}" if one.masked else one.sentence for one in self.seen if one.done != WARNED]
+        return [
+            f"{one.sentence}; {one.done}" if one.masked else one.sentence
+            for one in self.seen
+            if one.done != WARNED
+        ]
 
 
 NOTHING_SEEN = RecordCheck()
 
 
 def expectations_of(model: Model) -> Expectations:
-    """What a declared model lets one expect of its record: airspeed, gravity, and the pitch acceleration that its first input makes."""
+    """What a declared model lets one expect of its record: airspeed, gravity, and the pitch
+    acceleration that its first input makes.
+    """
     if is_own(model):
         return Expectations(aircraft=False)
     p = model.parameters
@@ -81,25 +89,38 @@ def expectations_of(model: Model) -> Expectations:
         return Expectations(speed, gravity, scale_height=p["density_scale_height"].value)
     if "M_delta" in p:
         return Expectations(speed, gravity, p["M_delta"].value)
-    if speed is not None and all(name in p for name in ("air_density", "wing_area", "chord", "pitch_inertia", "Cm_de")):
+    if speed is not None and all(
+        name in p for name in ("air_density", "wing_area", "chord", "pitch_inertia", "Cm_de")
+    ):
         moment = 0.5 * p["air_density"].value * speed**2 * p["wing_area"].value * p["chord"].value
-        return Expectations(speed, gravity, moment / p["pitch_inertia"].value * p["Cm_de"].value, angular_control=True)
+        return Expectations(
+            speed,
+            gravity,
+            moment / p["pitch_inertia"].value * p["Cm_de"].value,
+            angular_control=True,
+        )
     return Expectations(speed, gravity)
 
 
 def joined(looks: Sequence[RecordCheck], *, trusted: bool) -> RecordCheck:
     """What was seen in records that were looked at one by one."""
     return RecordCheck(
-        tuple(dict.fromkeys(name for look in looks for name in look.records)), tuple(one for look in looks for one in look.seen), trusted
+        tuple(dict.fromkeys(name for look in looks for name in look.records)),
+        tuple(one for look in looks for one in look.seen),
+        trusted,
     )
 
 
-def checked_records(records: Sequence[Record], expected: Expectations, plan: Plan) -> tuple[list[Record], RecordCheck]:
-    """Records less their samples that carry no information, and what was seen; a record with nothing to mask comes back itself.
+def checked_records(
+    records: Sequence[Record], expected: Expectations, plan: Plan
+) -> tuple[list[Record], RecordCheck]:
+    """Records less their samples that carry no information, and what was seen; a record with
+    nothing to mask comes back itself.
 
     Raises
     ------
-    RecordError : a fault that is certain and would spoil every number, with its remedy; with the plan's ``trusted`` a warning instead.
+    RecordError : a fault that is certain and would spoil every number, with its remedy; with the
+    plan's ``trusted`` a warning instead.
     """
     out, seen = [], []
     for record in records:
@@ -111,7 +132,9 @@ def checked_records(records: Sequence[Record], expected: Expectations, plan: Pla
             record, one = _acted_on(record, finding, plan)
             seen.append(one)
         out.append(record)
-    return out, RecordCheck(tuple(dict.fromkeys(record.name for record in records)), tuple(seen), plan.trusted)
+    return out, RecordCheck(
+        tuple(dict.fromkeys(record.name for record in records)), tuple(seen), plan.trusted
+    )
 
 
 def _refuse_endless(record: Record) -> None:
@@ -120,7 +143,10 @@ def _refuse_endless(record: Record) -> None:
         usual = float(np.median(np.diff(record.time)))
         span = float(record.time[-1] - record.time[0])
     if not span / usual <= MOST_STEPS:
-        told = f"it goes from {record.time[0]:.4g} to {record.time[-1]:.4g} s in steps of {usual:.3g} s"
+        told = (
+            f"it goes from {record.time[0]:.4g} to {record.time[-1]:.4g} s in steps of {usual:.3g} "
+            "s"
+        )
         remedy = "correct wrong times, or read a part of the rows with --from and --to"
         raise RecordError(told, where=f"{record.name}, column time", remedy=remedy)
 
@@ -128,19 +154,25 @@ def _refuse_endless(record: Record) -> None:
 def _acted_on(record: Record, finding: RecordFinding, plan: Plan) -> tuple[Record, Seen]:
     if finding.certainty is Certainty.CERTAIN and not plan.trusted:
         remedy = f"{finding.remedy} ({TRUST} takes it as it is)"
-        raise RecordError(finding.sentence, where=f"{record.name}, {_place(finding)}", remedy=remedy)
+        raise RecordError(
+            finding.sentence, where=f"{record.name}, {_place(finding)}", remedy=remedy
+        )
     if finding.certainty is Certainty.NOTED:
         return record, Seen(record.name, finding, NOTED)
     if plan.trusted or finding.certainty is not Certainty.COSTS_INFORMATION:
         return record, Seen(record.name, finding, WARNED)
     channel = record[finding.channel]
     mask = finding.mask & channel.valid
-    if finding.kind in (Kind.HELD, Kind.INTERPOLATED) and (plan.rate is not None or plan.lowpass is not None):
+    if finding.kind in (Kind.HELD, Kind.INTERPOLATED) and (
+        plan.rate is not None or plan.lowpass is not None
+    ):
         # A filter needs every sample: straight lines between updates are what it is given anyway.
         fresh = channel.valid & ~mask
         values = np.interp(record.time, record.time[fresh], channel.values[fresh])
         done = "replaced by straight lines between updates, for the filter"
-        return _with(record, channel.name, np.where(channel.valid, values, np.nan)), Seen(record.name, finding, done, int(np.count_nonzero(mask)))
+        return _with(record, channel.name, np.where(channel.valid, values, np.nan)), Seen(
+            record.name, finding, done, int(np.count_nonzero(mask))
+        )
     if np.all(mask | ~channel.valid):
         return record, Seen(record.name, finding, WARNED)
     return _with(record, channel.name, np.where(mask, np.nan, channel.with_gaps())), Seen(
@@ -149,12 +181,19 @@ def _acted_on(record: Record, finding: RecordFinding, plan: Plan) -> tuple[Recor
 
 
 def _with(record: Record, name: str, values: np.ndarray) -> Record:
-    outputs = tuple(Channel.of(name, channel.unit, values) if channel.name == name else channel for channel in record.outputs)
+    outputs = tuple(
+        Channel.of(name, channel.unit, values) if channel.name == name else channel
+        for channel in record.outputs
+    )
     return replace(record, outputs=outputs)
 
 
 def _place(finding: RecordFinding) -> str:
-    return f"channels {finding.channel}" if " and " in finding.channel else f"channel {finding.channel}"
+    return (
+        f"channels {finding.channel}"
+        if " and " in finding.channel
+        else f"channel {finding.channel}"
+    )
 
 
 def _with_remedy(one: Seen) -> str:
@@ -167,7 +206,9 @@ SHOWN = 3  # places of one finding that a table has room for
 
 
 def record_content(look: RecordCheck) -> dict[str, Any]:
-    """The entry ``record`` of a study: which records were looked at, what was seen, how many samples of which channel were set aside."""
+    """The entry ``record`` of a study: which records were looked at, what was seen, how many
+    samples of which channel were set aside.
+    """
     masked: dict[str, dict[str, int]] = {}
     for one in look.seen:
         if one.masked:
@@ -189,7 +230,13 @@ def record_lines(look: RecordCheck) -> list[str]:
 def record_rows(look: RecordCheck) -> list[tuple[str, str, str, str, str]]:
     """Record, channel, what is seen, when, what was done: the rows of a page's table."""
     return [
-        (one.record, one.finding.channel, one.finding.sentence, _when(one.finding), f"{one.masked} samples {one.done}" if one.masked else one.done)
+        (
+            one.record,
+            one.finding.channel,
+            one.finding.sentence,
+            _when(one.finding),
+            f"{one.masked} samples {one.done}" if one.masked else one.done,
+        )
         for one in look.seen
     ]
 
@@ -197,7 +244,10 @@ def record_rows(look: RecordCheck) -> list[tuple[str, str, str, str, str]]:
 def record_table(look: RecordCheck) -> Table:
     """The same as a page's table; without rows where nothing is seen."""
     columns = tuple(map(Column, ("record", "channel", "seen", "when", "done")))
-    caption = "What the raw columns show, before any fit; samples that were set aside count in no fit and no error"
+    caption = (
+        "What the raw columns show, before any fit; samples that were set aside count in no fit "
+        "and no error"
+    )
     return Table(caption, columns, tuple(record_rows(look)))
 
 
@@ -209,7 +259,11 @@ def _content(one: Seen) -> dict[str, Any]:
         "kind": finding.kind.value,
         "certainty": finding.certainty.value,
         "times": [[begin, end] for begin, end in finding.times],
-        "numbers": {name: {"value": number.value, "unit": number.unit} for name, number in finding.numbers.items() if math.isfinite(number.value)},
+        "numbers": {
+            name: {"value": number.value, "unit": number.unit}
+            for name, number in finding.numbers.items()
+            if math.isfinite(number.value)
+        },
         "masked": one.masked,
         "done": one.done,
         "sentence": f"{finding.channel} {finding.sentence}",
@@ -220,8 +274,12 @@ def _content(one: Seen) -> dict[str, Any]:
 def _when(finding: RecordFinding) -> str:
     if not finding.times:
         return "throughout"
-    return ", ".join(_span(finding.times[:SHOWN])) + (f" and {len(finding.times) - SHOWN} more" if len(finding.times) > SHOWN else "")
+    return ", ".join(_span(finding.times[:SHOWN])) + (
+        f" and {len(finding.times) - SHOWN} more" if len(finding.times) > SHOWN else ""
+    )
 
 
 def _span(times: Sequence[tuple[float, float]]) -> list[str]:
-    return [f"{begin:.4g} s" if begin == end else f"{begin:.4g} to {end:.4g} s" for begin, end in times]
+    return [
+        f"{begin:.4g} s" if begin == end else f"{begin:.4g} to {end:.4g} s" for begin, end in times
+    ]

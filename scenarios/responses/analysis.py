@@ -16,12 +16,28 @@ from ident.frequency_response import (
     Spectra,
     estimate_responses,
 )
-from ident.frequency_response.estimate import decimated, frequencies, input_band, lowest_frequency, window_lengths
+from ident.frequency_response.estimate import (
+    decimated,
+    frequencies,
+    input_band,
+    lowest_frequency,
+    window_lengths,
+)
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.measured.record_file import identities, read_record_files, refuse_twice
 from scenarios.files.sources import InputFile
 from scenarios.preparation.plan import Request, column_choices
-from scenarios.responses.fitting import NO_LEVELS, FitOptions, Fits, LevelOptions, Qualities, fit_cautions, fits_of, qualities_of, refuse_kind
+from scenarios.responses.fitting import (
+    NO_LEVELS,
+    FitOptions,
+    Fits,
+    LevelOptions,
+    Qualities,
+    fit_cautions,
+    fits_of,
+    qualities_of,
+    refuse_kind,
+)
 from scenarios.responses.loops import LoopMargins, loop_margins_of, refuse_loop
 from scenarios.responses.reading import Names, ReadSignals, read_signals
 from sim.errors import DeclarationError, RecordError
@@ -33,8 +49,9 @@ if TYPE_CHECKING:
 PROPORTIONAL = 0.9999  # median coherence of an input with the others, above which nothing is left
 CORRELATED = 0.5  # mean coherence of an input with the others, from which a caution says so
 DISAGREE = 0.1  # share of the usable band in which direct and joint estimate differ beyond 95 %
-# Of the joint estimate's variance, what that of the difference has at least. Measured over 87 records
-# without feedback: 2 false cautions; with noise of a third under a gain of a half: found in 60 of 60.
+# Of the joint estimate's variance, what that of the difference has at least. Measured over 87
+# records without feedback: 2 false cautions; with noise of a third under a gain of a half: found in
+# 60 of 60.
 LEAST_APART = 0.25
 
 
@@ -73,7 +90,9 @@ class ResponseOptions:
             raise DeclarationError(what, where="--tapers", remedy="give 3 or more")
         if not 0.0 < self.least_coherence < 1.0:
             what = f"{self.least_coherence:g} is no coherence"
-            raise DeclarationError(what, where="--coherence", remedy="give a number between 0 and 1")
+            raise DeclarationError(
+                what, where="--coherence", remedy="give a number between 0 and 1"
+            )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -141,9 +160,9 @@ def responses_of(
 ) -> ResponseEstimates:
     """Estimate the responses of the records of a request, pooled.
 
-    ``fit`` : transfer functions. ``bandwidth`` : what the outputs are, ``"rate"`` or ``"attitude"``,
-    for bandwidth and phase delay. ``margins`` : how the loop takes back the output, ``"minus"`` or
-    ``"plus"``, for stability margins. ``limits`` : of the levels of fitted forms.
+    ``fit`` : transfer functions. ``bandwidth`` : what the outputs are, ``"rate"`` or
+    ``"attitude"``, for bandwidth and phase delay. ``margins`` : how the loop takes back the output,
+    ``"minus"`` or ``"plus"``, for stability margins. ``limits`` : of the levels of fitted forms.
 
     Raises
     ------
@@ -182,20 +201,30 @@ def responses_of(
     )
 
 
-def _of_a_part(options: ResponseOptions, whole: FrequencyResponses, part: ReadSignals) -> FrequencyResponses:
-    """The responses of one part, in the band of all parts together as far as the part resolves it."""
+def _of_a_part(
+    options: ResponseOptions, whole: FrequencyResponses, part: ReadSignals
+) -> FrequencyResponses:
+    """The responses of one part, in the band of all parts together as far as the part resolves
+    it.
+    """
     low, high = float(whole.frequency[0]), float(whole.frequency[-1])
     _, lowest = _windows(part.durations, replace(options, band=(low, high)))
     return estimated(part, replace(options, band=(max(low, lowest), high)))[0]
 
 
-def _windows(durations: Sequence[float], options: ResponseOptions) -> tuple[tuple[float, ...], float]:
+def _windows(
+    durations: Sequence[float], options: ResponseOptions
+) -> tuple[tuple[float, ...], float]:
     """Lengths of windows, s, none with tapers, and the lowest frequency that they resolve, Hz."""
     if options.tapers:
         return (), 0.5 * (options.tapers + 1) / min(durations)
-    windows = options.windows or window_lengths(durations, options.band[0] if options.band else None)
+    windows = options.windows or window_lengths(
+        durations, options.band[0] if options.band else None
+    )
     windows = tuple(sorted(windows, reverse=True))
-    return windows, lowest_frequency([each for each in windows if each <= max(durations)] or windows)
+    return windows, lowest_frequency(
+        [each for each in windows if each <= max(durations)] or windows
+    )
 
 
 def _refuse_proportional(found: FrequencyResponses, names: Names) -> None:
@@ -209,7 +238,9 @@ def _refuse_proportional(found: FrequencyResponses, names: Names) -> None:
             raise RecordError(what, where="--input", remedy=remedy)
 
 
-def estimated(read: ReadSignals, options: ResponseOptions) -> tuple[FrequencyResponses, FrequencyResponses | None, float, list[str]]:
+def estimated(
+    read: ReadSignals, options: ResponseOptions
+) -> tuple[FrequencyResponses, FrequencyResponses | None, float, list[str]]:
     """The estimate, the direct one where it is a joint one, the step used, s, and notes."""
     rate = 1.0 / read.step
     windows, lowest = _windows(read.durations, options)
@@ -262,7 +293,9 @@ def _without(found: FrequencyResponses, between: np.ndarray) -> FrequencyRespons
     return replace(found, response=found.response / between, std=found.std / np.abs(between))
 
 
-def cautions_of(found: FrequencyResponses, direct: FrequencyResponses | None, names: Names) -> tuple[str, ...]:
+def cautions_of(
+    found: FrequencyResponses, direct: FrequencyResponses | None, names: Names
+) -> tuple[str, ...]:
     """What a user should know of an estimate, one sentence each."""
     out = []
     for row, output in enumerate(names.outputs):
@@ -281,7 +314,9 @@ def cautions_of(found: FrequencyResponses, direct: FrequencyResponses | None, na
     return tuple(out)
 
 
-def _bias_of_direct(found: FrequencyResponses, direct: FrequencyResponses, row: int, column: int, name: str) -> list[str]:
+def _bias_of_direct(
+    found: FrequencyResponses, direct: FrequencyResponses, row: int, column: int, name: str
+) -> list[str]:
     """A sentence where the direct estimate contradicts the joint one."""
     band = found.usable[row, column]
     apart = np.abs(direct.response - found.response)[row, column, band]
@@ -302,4 +337,8 @@ def _bias_of_direct(found: FrequencyResponses, direct: FrequencyResponses, row: 
 
 def pairs(found: ResponseEstimates) -> list[tuple[int, int, str]]:
     """Row, column and name ``"q/elevator"`` of every response, outputs first."""
-    return [(row, column, f"{output}/{one}") for row, output in enumerate(found.names.outputs) for column, one in enumerate(found.names.inputs)]
+    return [
+        (row, column, f"{output}/{one}")
+        for row, output in enumerate(found.names.outputs)
+        for column, one in enumerate(found.names.inputs)
+    ]

@@ -9,7 +9,14 @@ from itertools import product
 
 import numpy as np
 
-from ident.flying_qualities.bandwidth import AttitudeCurve, Bandwidth, BandwidthQuantity, attitude_bandwidth, attitude_curve, dropback
+from ident.flying_qualities.bandwidth import (
+    AttitudeCurve,
+    Bandwidth,
+    BandwidthQuantity,
+    attitude_bandwidth,
+    attitude_curve,
+    dropback,
+)
 from ident.flying_qualities.fitted_forms import form_levels, form_qualities
 from ident.flying_qualities.levels import CATEGORIES, CLASSES, Level, Quality
 from ident.frequency_response import FrequencyResponses
@@ -63,7 +70,9 @@ class FitOptions:
                 out[name.strip()] = float(value)
             except ValueError:
                 remedy = "write NAME=VALUE, as in delay=0"
-                raise DeclarationError(f"{text!r} fixes nothing", where="--fix", remedy=remedy) from None
+                raise DeclarationError(
+                    f"{text!r} fixes nothing", where="--fix", remedy=remedy
+                ) from None
         return out
 
 
@@ -93,8 +102,12 @@ class Mismatch:
     def outside(self) -> np.ndarray:
         """Where the mismatch is beyond the envelopes by more than its 95 % band, bool."""
         limits = unnoticeable(2.0 * math.pi * self.frequency)
-        gain = (self.gain - self.gain_error > limits.high_gain) | (self.gain + self.gain_error < limits.low_gain)
-        phase = (self.phase - self.phase_error > limits.high_phase) | (self.phase + self.phase_error < limits.low_phase)
+        gain = (self.gain - self.gain_error > limits.high_gain) | (
+            self.gain + self.gain_error < limits.low_gain
+        )
+        phase = (self.phase - self.phase_error > limits.high_phase) | (
+            self.phase + self.phase_error < limits.low_phase
+        )
         return np.asarray((gain | phase) & self.piloted)
 
 
@@ -140,11 +153,16 @@ def fits_of(found: FrequencyResponses, names: Names, options: FitOptions) -> Fit
             places.append((row, column))
             forms.append(form_of(by_output[output]))
     try:
-        fit = fit_transfer_functions(targets, forms, options.values, shared_poles=options.shared_poles)
+        fit = fit_transfer_functions(
+            targets, forms, options.values, shared_poles=options.shared_poles
+        )
     except ModelError as error:
         option = {"fix": "--fix", "shared poles": "--shared-poles"}.get(error.where, "--fit")
         raise DeclarationError(error.what, where=option, remedy=error.remedy) from None
-    each = tuple(_mismatch(found, place, function) for place, function in zip(places, fit.functions, strict=True))
+    each = tuple(
+        _mismatch(found, place, function)
+        for place, function in zip(places, fit.functions, strict=True)
+    )
     return Fits(fit, tuple(places), each)
 
 
@@ -181,7 +199,9 @@ def _by_output(forms: Sequence[str], outputs: Sequence[str]) -> Mapping[str, str
     return out
 
 
-def _mismatch(found: FrequencyResponses, place: tuple[int, int], function: FittedResponse) -> Mismatch:
+def _mismatch(
+    found: FrequencyResponses, place: tuple[int, int], function: FittedResponse
+) -> Mismatch:
     usable = found.usable[place]
     frequency = found.frequency[usable]
     response = found.response[place][usable]
@@ -258,7 +278,10 @@ def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
         if _may_be_none(function):
             late, std = function.values["delay"], function.std["delay"]
             shown = late if late > NO_DELAY else 0.0
-            out.append(f"{function.name}: the delay is {shown:.2g} +- {std:.2g} s, which may be none; --fix delay=0 leaves it out")
+            out.append(
+                f"{function.name}: the delay is {shown:.2g} +- {std:.2g} s, which may be none; "
+                "--fix delay=0 leaves it out"
+            )
             uncertain = [name for name in uncertain if name != "delay"]
         if uncertain:
             limits = f"deviation above {100 * UNCERTAIN:.0f} % or {100 * INSENSITIVE:.0f} % alone"
@@ -270,7 +293,9 @@ def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
 def _hardly_determined(function: FittedResponse, name: str) -> bool:
     """Whether one of the two deviations of a free parameter exceeds its limit."""
     size = abs(function.values[name])
-    return function.std[name] > UNCERTAIN * size or function.insensitivity[name] > INSENSITIVE * size
+    return (
+        function.std[name] > UNCERTAIN * size or function.insensitivity[name] > INSENSITIVE * size
+    )
 
 
 def _may_be_none(function: FittedResponse) -> bool:
@@ -302,7 +327,9 @@ class LevelOptions:
         if self.flown is not None and self.parts not in product(CLASSES, CATEGORIES):
             known = f"{', '.join(CLASSES)} and {', '.join(CATEGORIES)}"
             what = f"{self.flown!r} is no class and category"
-            raise DeclarationError(what, where="--levels", remedy=f"write CLASS-CATEGORY of {known}, as in IV-A")
+            raise DeclarationError(
+                what, where="--levels", remedy=f"write CLASS-CATEGORY of {known}, as in IV-A"
+            )
         if self.airspeed is not None and not (self.airspeed > 0.0 and math.isfinite(self.airspeed)):
             what = f"{self.airspeed:g} m/s is no airspeed"
             raise DeclarationError(what, where="--airspeed", remedy="give a positive number")
@@ -318,9 +345,13 @@ class LevelOptions:
         forms = [each.form.name for each in fits.fit.functions] if fits is not None else []
         if self.flown is not None and not any(name in FORMS for name in forms):
             remedy = f"add --fit with one of {', '.join(FORMS)}"
-            raise DeclarationError("no form is fitted that has levels", where="--levels", remedy=remedy)
+            raise DeclarationError(
+                "no form is fitted that has levels", where="--levels", remedy=remedy
+            )
         if self.airspeed is not None and PITCH not in forms:
-            raise DeclarationError("no pitch rate is fitted", where="--airspeed", remedy="add --fit pitch")
+            raise DeclarationError(
+                "no pitch rate is fitted", where="--airspeed", remedy="add --fit pitch"
+            )
 
 
 NO_LEVELS = LevelOptions()
@@ -358,7 +389,9 @@ class Qualities:
                 "phase_delay": (self.bandwidth.delay, "s"),
             }
         found["dropback"] = (self.dropback, "s")
-        found |= {each.name: (BandwidthQuantity(each.value, each.std), each.unit) for each in self.form}
+        found |= {
+            each.name: (BandwidthQuantity(each.value, each.std), each.unit) for each in self.form
+        }
         return {name: (each, unit) for name, (each, unit) in found.items() if each is not None}
 
     @property
@@ -381,7 +414,9 @@ class Qualities:
         for level in self.levels:
             said = words.get(level.quality.name, level.quality.name.replace("_", " "))
             reached = f"level {level.level}" if level.level < 4 else "outside level 3"
-            between = f"; {level.best} to {level.worst} within two sigmas" if level.uncertain else ""
+            between = (
+                f"; {level.best} to {level.worst} within two sigmas" if level.uncertain else ""
+            )
             out.append(f"{self.name}: {said}: {reached}{between} ({level.criterion.source})")
         notes = self.bandwidth.notes if self.bandwidth is not None else ()
         return out + [f"{self.name}: {note}" for note in notes]
@@ -402,7 +437,8 @@ def qualities_of(
     limits: LevelOptions = NO_LEVELS,
 ) -> tuple[Qualities, ...]:
     """Flying qualities of every response with a usable band; ``kind`` : of the outputs, rate or
-    attitude; None leaves bandwidth and phase delay out. ``limits`` : of the levels of fitted forms."""
+    attitude; None leaves bandwidth and phase delay out. ``limits`` : of the levels of fitted
+    forms."""
     limits.refuse_unused(fits)
     out = []
     # With a pitch rate beside it a second-order response is that of the angle of attack.
@@ -417,7 +453,11 @@ def qualities_of(
                 target = target_of(found, (row, column), name)
                 bandwidth = attitude_bandwidth(target, rate=kind == RATE)
                 curve = attitude_curve(target, rate=kind == RATE)
-            form = form_qualities(fitted[0], limits.airspeed, dutch_roll=lateral) if fitted is not None else ()
+            form = (
+                form_qualities(fitted[0], limits.airspeed, dutch_roll=lateral)
+                if fitted is not None
+                else ()
+            )
             levels = form_levels(form, *limits.parts) if limits.flown is not None else ()
             form = form if limits.flown is not None or limits.airspeed is not None else ()
             if bandwidth is not None or fall is not None or form:

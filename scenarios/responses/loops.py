@@ -1,4 +1,6 @@
-"""Stability margins from the measured signals of a loop: pooled, by maneuver, and the worst of them."""
+"""Stability margins from the measured signals of a loop: pooled, by maneuver, and the worst of
+them.
+"""
 
 from __future__ import annotations
 
@@ -102,7 +104,9 @@ def loop_margins_of(
         if len(read.signals) < 2:
             break
         chosen = slice(number, number + 1)
-        alone = replace(read, signals=read.signals[chosen], names=(part,), durations=read.durations[chosen])
+        alone = replace(
+            read, signals=read.signals[chosen], names=(part,), durations=read.durations[chosen]
+        )
         try:
             one = again(alone)
             each.append(margins(one)[1] if one.usable[0, 0].any() else None)
@@ -116,7 +120,9 @@ def loop_margins_of(
     worst = tuple(replace(one, maneuver=at[one.maneuver]) for one in worst)
     cautions = _cautions(found, names, sign, read, worst)
     parts = read.names if each else ()
-    return LoopMargins(name, sign, curve, pooled, parts, tuple(each), tuple(reasons), worst, cautions)
+    return LoopMargins(
+        name, sign, curve, pooled, parts, tuple(each), tuple(reasons), worst, cautions
+    )
 
 
 def _cautions(
@@ -129,7 +135,8 @@ def _cautions(
     out = []
     if not found.joint:
         out.append(
-            "margins from the direct estimate: what noise and turbulence bring back through the loop "
+            "margins from the direct estimate: what noise and turbulence bring back through the "
+            "loop "
             "biases them; record the excitation and name it with --reference"
         )
     elif (said := _other_sign(read, sign)) is not None:
@@ -139,7 +146,10 @@ def _cautions(
         )
     for one in worst:
         if one.p_value < DIFFER:
-            out.append(f"{WORDS[one.name]}: the maneuvers differ by more than chance (p = {one.p_value:.2g}); go by the worst one")
+            out.append(
+                f"{WORDS[one.name]}: the maneuvers differ by more than chance (p = "
+                f"{one.p_value:.2g}); go by the worst one"
+            )
     return tuple(out)
 
 
@@ -150,7 +160,9 @@ def _other_sign(read: ReadSignals, sign: str) -> str | None:
     coefficients of one sign.
     """
     rows = [np.concatenate([each.references, each.inputs, each.outputs]) for each in read.signals]
-    reference, command, returned = np.concatenate([row - row.mean(axis=1, keepdims=True) for row in rows], axis=1)
+    reference, command, returned = np.concatenate(
+        [row - row.mean(axis=1, keepdims=True) for row in rows], axis=1
+    )
     both = np.column_stack([command, returned])
     a, b = np.linalg.lstsq(both, reference, rcond=None)[0]
     fitting = MINUS if a * b > 0.0 else PLUS
@@ -163,9 +175,21 @@ def margin_columns(loop: LoopMargins) -> list[TableColumn]:
     for name, margin in loop.margins.named.items():
         unit, omega = UNITS[margin.kind], margin.frequency.value
         size = margin.size.value
-        rows.append([WORDS[name], f"{size:.3g}", interval_text(margin), unit, f"{omega:.3g}", f"{omega / (2.0 * math.pi):.3g}"])
+        rows.append(
+            [
+                WORDS[name],
+                f"{size:.3g}",
+                interval_text(margin),
+                unit,
+                f"{omega:.3g}",
+                f"{omega / (2.0 * math.pi):.3g}",
+            ]
+        )
     headings = ("margin", "value", "95 %", "unit", "at rad/s", "Hz")
-    return [TableColumn(head, [row[n] for row in rows], left=head in ("margin", "unit")) for n, head in enumerate(headings)]
+    return [
+        TableColumn(head, [row[n] for row in rows], left=head in ("margin", "unit"))
+        for n, head in enumerate(headings)
+    ]
 
 
 def interval_text(margin: Margin) -> str:
@@ -180,25 +204,54 @@ def worst_columns(loop: LoopMargins) -> list[TableColumn]:
     for one in loop.worst:
         least, unit = one.margin.size.value, UNITS[one.margin.kind]
         shown = sum(each is not None for each in one.values)
-        rows.append([WORDS[one.name], f"{least:.3g}", f"{one.half:.2g}", unit, loop.parts[one.maneuver], str(shown), f"{one.p_value:.2g}"])
+        rows.append(
+            [
+                WORDS[one.name],
+                f"{least:.3g}",
+                f"{one.half:.2g}",
+                unit,
+                loop.parts[one.maneuver],
+                str(shown),
+                f"{one.p_value:.2g}",
+            ]
+        )
     headings = ("worst of", "value", "+-", "unit", "maneuver", "maneuvers", "p alike")
     left = ("worst of", "unit", "maneuver")
-    return [TableColumn(head, [row[n] for row in rows], left=head in left) for n, head in enumerate(headings)]
+    return [
+        TableColumn(head, [row[n] for row in rows], left=head in left)
+        for n, head in enumerate(headings)
+    ]
 
 
 def margin_lines(loop: LoopMargins) -> list[str]:
     """How the margins compare with the required ones, and what is not known."""
     out = []
     known = loop.margins.named
-    sizes = [("gain_increase", REQUIRED_GAIN, "dB"), ("gain_decrease", REQUIRED_GAIN, "dB"), ("phase_margin", REQUIRED_PHASE, "deg")]
+    sizes = [
+        ("gain_increase", REQUIRED_GAIN, "dB"),
+        ("gain_decrease", REQUIRED_GAIN, "dB"),
+        ("phase_margin", REQUIRED_PHASE, "deg"),
+    ]
     said = []
     for name, required, unit in sizes:
         if name in known:
-            ends = sorted(abs(end) if known[name].low * known[name].high > 0.0 else end for end in (known[name].low, known[name].high))
-            verdict = "met" if ends[0] >= required and not known[name].open else "not met" if ends[1] < required else "undecided"
+            ends = sorted(
+                abs(end) if known[name].low * known[name].high > 0.0 else end
+                for end in (known[name].low, known[name].high)
+            )
+            verdict = (
+                "met"
+                if ends[0] >= required and not known[name].open
+                else "not met"
+                if ends[1] < required
+                else "undecided"
+            )
             said.append(f"{WORDS[name]} of {required:g} {unit} {verdict}")
     if said:
-        out.append(f"MIL-F-9490D, below the first structural mode, with the 95 % intervals: {', '.join(said)}")
+        out.append(
+            "MIL-F-9490D, below the first structural mode, with the 95 % intervals: "
+            f"{', '.join(said)}"
+        )
     return [*out, *loop.margins.notes, *loop.reasons]
 
 
@@ -214,7 +267,12 @@ def margins_content(loop: LoopMargins) -> dict[str, object]:
     }
     if loop.parts:
         content["maneuvers"] = [
-            {"name": part, **({name: _margin_content(one) for name, one in each.named.items()} if each else {})}
+            {
+                "name": part,
+                **(
+                    {name: _margin_content(one) for name, one in each.named.items()} if each else {}
+                ),
+            }
             for part, each in zip(loop.parts, loop.maneuvers, strict=True)
         ]
         content["worst"] = {

@@ -132,7 +132,9 @@ def _refuse_other_kinds(records: Sequence[Record], step: float) -> None:
         for channel in record.channels:
             first = records[0][channel.name].unit
             if channel.unit != first:
-                what = f"{channel.name} is in {channel.unit or 'no unit'}, and in {first or 'no unit'}"
+                what = (
+                    f"{channel.name} is in {channel.unit or 'no unit'}, and in {first or 'no unit'}"
+                )
                 raise RecordError(
                     f"{what} in {records[0].name}",
                     where=record.name,

@@ -16,12 +16,28 @@ from ident.flying_qualities.levels import Level
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import Block, Bullets, Page, Prose, as_sentence, now, reproduction, section
+from scenarios.pages.model import (
+    Block,
+    Bullets,
+    Page,
+    Prose,
+    as_sentence,
+    now,
+    reproduction,
+    section,
+)
 from scenarios.pages.tables import printed_blocks
 from scenarios.plots.formats import USUAL, Drawn, Formats
 from scenarios.responses.analysis import ResponseEstimates, pairs
 from scenarios.responses.fitting import Fits, cost_sentence, envelope_sentence, transfer_text
-from scenarios.responses.loops import MINUS, LoopMargins, margin_columns, margin_lines, margins_content, worst_columns
+from scenarios.responses.loops import (
+    MINUS,
+    LoopMargins,
+    margin_columns,
+    margin_lines,
+    margins_content,
+    worst_columns,
+)
 from scenarios.terminal.quantities import console, number_text
 from scenarios.terminal.summary import BELOW, Summary, print_summary
 from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
@@ -31,7 +47,9 @@ from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
 ROWS = 12  # frequencies of a printed table
 
 
-def print_responses(found: ResponseEstimates, out: Console | None = None, details: str = BELOW) -> None:
+def print_responses(
+    found: ResponseEstimates, out: Console | None = None, details: str = BELOW
+) -> None:
     """Print an estimate."""
     out = out or console()
     print_summary(out, responses_summary(found, details))
@@ -62,7 +80,10 @@ def loop_tables(loop: LoopMargins) -> list[tuple[str, list[TableColumn]]]:
     """Titles and columns of the margins, and of the worst maneuver where there are several."""
     sign = "-" if loop.sign == MINUS else "+"
     title = f"Stability margins of {loop.name}, a loop with command = excitation {sign} returned"
-    tables = [(title, margin_columns(loop)), ("The worst maneuver, intervals for all together", worst_columns(loop))]
+    tables = [
+        (title, margin_columns(loop)),
+        ("The worst maneuver, intervals for all together", worst_columns(loop)),
+    ]
     return [(heading, columns) for heading, columns in tables if columns[0].cells]
 
 
@@ -124,7 +145,10 @@ def fit_columns(found: ResponseEstimates, row: int, column: int) -> list[TableCo
         rows.append([name, *cells, "" if unit == "1" else unit, said])
     headings = ["parameter", "value", "std", "std, %", "insensitivity, %", "unit", "note"]
     kept = len(headings) if any(row[-1] for row in rows) else len(headings) - 1
-    return [TableColumn(head, [row[n] for row in rows], left=head in ("parameter", "unit", "note")) for n, head in enumerate(headings[:kept])]
+    return [
+        TableColumn(head, [row[n] for row in rows], left=head in ("parameter", "unit", "note"))
+        for n, head in enumerate(headings[:kept])
+    ]
 
 
 def band_sentence(found: ResponseEstimates, row: int, column: int) -> str:
@@ -165,7 +189,9 @@ def table_columns(found: ResponseEstimates, row: int, column: int) -> list[Table
         TableColumn("coherence", cells(one.coherence[row], ".3f")),
     ]
     if several:
-        columns.append(TableColumn("partial coherence", cells(one.partial_coherence[row, column], ".3f")))
+        columns.append(
+            TableColumn("partial coherence", cells(one.partial_coherence[row, column], ".3f"))
+        )
     columns.append(TableColumn("random error", cells(one.random_error[row, column], ".3f")))
     columns.append(TableColumn("usable", ["yes" if usable[k] else "-" for k in at], left=True))
     return columns
@@ -174,9 +200,11 @@ def table_columns(found: ResponseEstimates, row: int, column: int) -> list[Table
 # ---- The page of an estimate: figures, tables, how it was made and how its numbers are read
 
 READING = (
-    "The bands hold the response with a probability of 95 % at each frequency by itself. They cover "
+    "The bands hold the response with a probability of 95 % at each frequency by itself. They "
+    "cover "
     "random errors; an error of a sensor's scale or delay is not among them.",
-    "The coherence is the share of the output's power that follows the inputs linearly. The partial "
+    "The coherence is the share of the output's power that follows the inputs linearly. The "
+    "partial "
     "coherence of an input leaves the other inputs out.",
     "The random error is the standard deviation of the magnitude over the magnitude.",
     "If the output acts back on the input through a controller or a pilot, name an excitation with "
@@ -193,14 +221,18 @@ def responses_page(found: ResponseEstimates, drawn: Sequence[Drawn] = ()) -> Pag
         output, one = name_pair(found, row, column)
         unit = found.unit(output, one)
         title = f"{name}{f', {unit}' if unit else ''}"
-        tables += printed_blocks(partial(print_table, title=title, columns=table_columns(found, row, column)))
+        tables += printed_blocks(
+            partial(print_table, title=title, columns=table_columns(found, row, column))
+        )
         tables.append(Prose(f"{name}: {band_sentence(found, row, column)}.", "note"))
     functions: list[Block] = []
     for row, column, name in pairs(found):
         functions += [Prose(f"{as_sentence(line)}") for line in fit_lines(found, row, column)]
         columns = fit_columns(found, row, column)
         if columns:
-            functions += printed_blocks(partial(print_table, title=f"Parameters of {name}", columns=columns))
+            functions += printed_blocks(
+                partial(print_table, title=f"Parameters of {name}", columns=columns)
+            )
     margins: list[Block] = []
     if found.loop is not None:
         for title, columns in loop_tables(found.loop):
@@ -216,7 +248,9 @@ def responses_page(found: ResponseEstimates, drawn: Sequence[Drawn] = ()) -> Pag
     return Page(
         title=f"{', '.join(files[:3])}{', ...' if len(files) > 3 else ''}: frequency responses",
         kind="Frequency responses",
-        verdict=f"{usable} of {number} usable" if number > 1 else ("usable" if usable else "not usable"),
+        verdict=f"{usable} of {number} usable"
+        if number > 1
+        else ("usable" if usable else "not usable"),
         tone="plain",
         sentence=as_sentence(summary.outcome),
         summary=(as_sentence(summary.result),),
@@ -230,7 +264,9 @@ def responses_page(found: ResponseEstimates, drawn: Sequence[Drawn] = ()) -> Pag
             *section("How they were estimated", Bullets(tuple(map(as_sentence, found.notes)))),
             *section("How the numbers are read", Bullets(READING)),
         ),
-        reproduction=reproduction(words, "", [("used", each.name, each.sha256) for each in found.identities]),
+        reproduction=reproduction(
+            words, "", [("used", each.name, each.sha256) for each in found.identities]
+        ),
         created=now(),
     )
 
@@ -242,7 +278,9 @@ TABLE = "responses.csv"
 SCHEMA = "flightid/responses/1"
 
 
-def write_responses(found: ResponseEstimates, folder: str | Path, *, figures: Formats = USUAL) -> Path:
+def write_responses(
+    found: ResponseEstimates, folder: str | Path, *, figures: Formats = USUAL
+) -> Path:
     """Write an estimate into ``folder``, whole or not at all; returns the folder."""
     with study_folder(folder, MAIN) as scratch:
         drawn: tuple[Drawn, ...] = ()
@@ -387,7 +425,9 @@ def responses_content(found: ResponseEstimates) -> dict[str, Any]:
 
 def _fits_content(found: ResponseEstimates, fits: Fits) -> dict[str, Any]:
     functions = []
-    for (row, column), function, mismatch in zip(fits.places, fits.fit.functions, fits.mismatches, strict=True):
+    for (row, column), function, mismatch in zip(
+        fits.places, fits.fit.functions, fits.mismatches, strict=True
+    ):
         form, judged = function.form, envelope_sentence(function, mismatch)
         functions.append(
             {
@@ -407,7 +447,11 @@ def _fits_content(found: ResponseEstimates, fits: Fits) -> dict[str, Any]:
                     }
                     for name in function.std
                 },
-                "fixed": {name: value for name, value in function.values.items() if name not in function.std},
+                "fixed": {
+                    name: value
+                    for name, value in function.values.items()
+                    if name not in function.std
+                },
                 **({"unnoticeable": not bool(mismatch.outside.any())} if judged else {}),
                 "mismatch": {
                     "frequency_Hz": mismatch.frequency.tolist(),
@@ -440,7 +484,10 @@ def _qualities_content(found: ResponseEstimates) -> list[dict[str, Any]]:
         {
             "output": found.names.outputs[each.place[0]],
             "input": found.names.inputs[each.place[1]],
-            **{name: {"value": number.value, "std": number.std, "unit": unit} for name, (number, unit) in each.numbers.items()},
+            **{
+                name: {"value": number.value, "std": number.std, "unit": unit}
+                for name, (number, unit) in each.numbers.items()
+            },
             "notes": list(each.bandwidth.notes) if each.bandwidth is not None else [],
             **({"levels": [_level_content(level) for level in each.levels]} if each.levels else {}),
         }

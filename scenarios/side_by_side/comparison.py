@@ -17,7 +17,14 @@ from scenarios.files.measured.columns import SIMULATED as SIMULATED_ORIGIN
 from scenarios.files.sources import found_json, read_json, resolved
 from scenarios.files.writing import PREDICTED, RESPONSE, TRUE
 from sim.errors import DeclarationError
-from sim.vehicles.factory import BALLISTIC_DERIVATIVES, LOES_DERIVATIVES, LOES_OFFSETS, RIGID_DERIVATIVES, WHOLE_AXES, mode_units
+from sim.vehicles.factory import (
+    BALLISTIC_DERIVATIVES,
+    LOES_DERIVATIVES,
+    LOES_OFFSETS,
+    RIGID_DERIVATIVES,
+    WHOLE_AXES,
+    mode_units,
+)
 
 # ---- Measured, predicted and noise-free outputs over time, read back from a study folder
 
@@ -26,10 +33,11 @@ SIMULATION, SIMULATED = "simulation", "simulated_"  # of the closed-loop scenari
 
 @dataclass(frozen=True, eq=False)
 class StudyResponses:
-    """Outputs of one study over ``time (N,)`` s, each ``(N,)`` in SI by name, NaN where there is nothing.
+    """Outputs of one study over ``time (N,)`` s, each ``(N,)`` in SI by name, NaN where there is
+    nothing.
 
-    ``predicted`` is what the estimate says; ``true`` is empty where nobody knows it. ``units`` of the channels, those that are known;
-    ``simulated``: a program made the record.
+    ``predicted`` is what the estimate says; ``true`` is empty where nobody knows it. ``units`` of
+    the channels, those that are known; ``simulated``: a program made the record.
     """
 
     time: np.ndarray
@@ -42,38 +50,70 @@ class StudyResponses:
 
 
 def read_responses(folder: Path, method: str = "") -> StudyResponses | None:
-    """Responses of a study's main method, or of another by its name; None where the folder has none that can be read."""
+    """Responses of a study's main method, or of another by its name; None where the folder has none
+    that can be read.
+    """
     stems = (f"{RESPONSE}_{method}",) if method else (RESPONSE, SIMULATION)
-    path = next((folder / f"{stem}.csv" for stem in stems if (folder / f"{stem}.csv").is_file()), None)
+    path = next(
+        (folder / f"{stem}.csv" for stem in stems if (folder / f"{stem}.csv").is_file()), None
+    )
     table = _columns(path) if path is not None else {}
     if TIME not in table:
         return None
-    predicted = {name.removeprefix(mark): row for mark in (PREDICTED, SIMULATED) for name, row in table.items() if name.startswith(mark)}
+    predicted = {
+        name.removeprefix(mark): row
+        for mark in (PREDICTED, SIMULATED)
+        for name, row in table.items()
+        if name.startswith(mark)
+    }
     true = {name.removeprefix(TRUE): row for name, row in table.items() if name.startswith(TRUE)}
     measured = {name: table[name] for name in predicted if name in table}
-    others = (name for name in table if not name.startswith((PREDICTED, SIMULATED, TRUE)) and name not in (TIME, *measured))
+    others = (
+        name
+        for name in table
+        if not name.startswith((PREDICTED, SIMULATED, TRUE)) and name not in (TIME, *measured)
+    )
     inputs = {name: table[name] for name in others}
-    return StudyResponses(table[TIME], inputs, measured, {name: predicted[name] for name in measured}, true, *_told(folder))
+    return StudyResponses(
+        table[TIME],
+        inputs,
+        measured,
+        {name: predicted[name] for name in measured},
+        true,
+        *_told(folder),
+    )
 
 
 def _told(folder: Path) -> tuple[dict[str, str], bool]:
-    """Units of channels, those of the folder's record where it tells them, and whether that record is simulated."""
+    """Units of channels, those of the folder's record where it tells them, and whether that record
+    is simulated.
+    """
     found = found_json(folder / "record.json")
     content = found if isinstance(found, dict) else {}
     units = content.get("units", {})
     told = {name: str(unit) for name, unit in units.items()} if isinstance(units, dict) else {}
-    return {**CHANNEL_UNITS, **told}, content.get("origin") == SIMULATED_ORIGIN or (folder / "truth.json").is_file()
+    return {**CHANNEL_UNITS, **told}, content.get("origin") == SIMULATED_ORIGIN or (
+        folder / "truth.json"
+    ).is_file()
 
 
 def _columns(path: Path) -> dict[str, np.ndarray]:
-    """Columns of numbers by heading, NaN for an empty cell; none where the file is no such table."""
+    """Columns of numbers by heading, NaN for an empty cell; none where the file is no such
+    table.
+    """
     try:
         with path.open(encoding="utf-8", newline="") as file:
             head, *rows = list(csv.reader(file))
-        values = np.array([[float(cell) if cell else math.nan for cell in row] for row in rows], dtype=float)
+        values = np.array(
+            [[float(cell) if cell else math.nan for cell in row] for row in rows], dtype=float
+        )
     except (OSError, ValueError):
         return {}
-    return dict(zip(head, values.T, strict=True)) if values.ndim == 2 and values.shape[1] == len(head) else {}
+    return (
+        dict(zip(head, values.T, strict=True))
+        if values.ndim == 2 and values.shape[1] == len(head)
+        else {}
+    )
 
 
 # ---- One parameter of one study, and a study as a column of a comparison
@@ -83,8 +123,9 @@ def _columns(path: Path) -> dict[str, np.ndarray]:
 class Value:
     """What one study says of one parameter, all in ``unit``.
 
-    ``std`` is zero where the study states none. ``condensed`` is what the study's model should find where the aircraft has modes that it
-    lacks. ``published`` has a deviation of zero where none is printed.
+    ``std`` is zero where the study states none. ``condensed`` is what the study's model should find
+    where the aircraft has modes that it lacks. ``published`` has a deviation of zero where none is
+    printed.
     """
 
     estimate: float
@@ -96,29 +137,49 @@ class Value:
 
     @property
     def reference(self) -> float | None:
-        """What the estimate is held against: the condensed value where there is one, else the true one."""
+        """What the estimate is held against: the condensed value where there is one, else the true
+        one.
+        """
         return self.true if self.condensed is None else self.condensed
 
     @property
     def percent(self) -> float | None:
         """Error in percent of the reference; None where there is none or it is zero."""
-        return None if not self.reference else 100.0 * (self.estimate - self.reference) / abs(self.reference)
+        return (
+            None
+            if not self.reference
+            else 100.0 * (self.estimate - self.reference) / abs(self.reference)
+        )
 
     @property
     def sigmas(self) -> float | None:
         """Error in the study's own standard deviations; None without a reference or a deviation."""
-        return None if self.reference is None or not self.std > 0.0 else (self.estimate - self.reference) / self.std
+        return (
+            None
+            if self.reference is None or not self.std > 0.0
+            else (self.estimate - self.reference) / self.std
+        )
 
     def in_unit(self, factor: float, unit: str) -> Value:
         """The same, all numbers times ``factor``, in another ``unit``."""
-        true, condensed = (factor * each if each is not None else None for each in (self.true, self.condensed))
-        published = (factor * self.published[0], factor * self.published[1]) if self.published is not None else None
+        true, condensed = (
+            factor * each if each is not None else None for each in (self.true, self.condensed)
+        )
+        published = (
+            (factor * self.published[0], factor * self.published[1])
+            if self.published is not None
+            else None
+        )
         return Value(factor * self.estimate, factor * self.std, unit, true, condensed, published)
 
     @property
     def published_value(self) -> Value | None:
         """The published number as a value of its own, held against the same."""
-        return None if self.published is None else replace(self, estimate=self.published[0], std=self.published[1], published=None)
+        return (
+            None
+            if self.published is None
+            else replace(self, estimate=self.published[0], std=self.published[1], published=None)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,10 +188,11 @@ class StudyColumn:
 
     Attributes
     ----------
-    label : what tells it from the others, unique in a comparison. folder, method : where it comes from; ``method`` is empty for the main one.
-    title : the study's own. estimator : the word of the study for how it was estimated. outcome : code of the estimate, or the verdict.
-    seed : None of a measured record. values, derived : parameters and derived quantities by name.
-    responses : outputs over time; None where the folder has none.
+    label : what tells it from the others, unique in a comparison. folder, method : where it comes
+    from; ``method`` is empty for the main one. title : the study's own. estimator : the word of the
+    study for how it was estimated. outcome : code of the estimate, or the verdict. seed : None of a
+    measured record. values, derived : parameters and derived quantities by name. responses :
+    outputs over time; None where the folder has none.
     """
 
     label: str
@@ -155,9 +217,10 @@ FEWEST = 2
 class SideBySide:
     """Studies beside each other.
 
-    ``names``: parameters that at least two of them estimate, in the order of the equations; ``units`` of these; ``derived``: derived
-    quantities likewise; ``single``: parameters that only one estimates, by name of its column; ``apart``: what has the same name in
-    several studies and another unit in each, which is not compared.
+    ``names``: parameters that at least two of them estimate, in the order of the equations;
+    ``units`` of these; ``derived``: derived quantities likewise; ``single``: parameters that only
+    one estimates, by name of its column; ``apart``: what has the same name in several studies and
+    another unit in each, which is not compared.
     """
 
     columns: tuple[StudyColumn, ...]
@@ -176,7 +239,9 @@ class SideBySide:
 
     def unit(self, name: str) -> str:
         """The one unit of a parameter or derived quantity."""
-        return next(value.unit for column in self.columns if (value := self.value(name, column)) is not None)
+        return next(
+            value.unit for column in self.columns if (value := self.value(name, column)) is not None
+        )
 
 
 def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
@@ -187,18 +252,43 @@ def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
     DeclarationError : fewer than two of them, or no parameter that two of them estimate.
     """
     if len(columns) < FEWEST:
-        raise DeclarationError("one study has nothing beside it", where=columns[0].label if columns else "compare", remedy="name at least two")
+        raise DeclarationError(
+            "one study has nothing beside it",
+            where=columns[0].label if columns else "compare",
+            remedy="name at least two",
+        )
     held = [dict(column.values) for column in columns]
-    apart = tuple(name for name in _ordered({name for values in held for name in values}) if len(_units(name, held)) > 1)
+    apart = tuple(
+        name
+        for name in _ordered({name for values in held for name in values})
+        if len(_units(name, held)) > 1
+    )
     counted = {name: sum(name in values for values in held) for values in held for name in values}
-    names = _ordered({name for name, count in counted.items() if count >= FEWEST and name not in apart})
+    names = _ordered(
+        {name for name, count in counted.items() if count >= FEWEST and name not in apart}
+    )
     if not names:
         what = f"{', '.join(column.label for column in columns)} share no parameter"
-        remedy = f"in the same unit: {', '.join(apart)}" if apart else "; ".join(f"{c.label} has {_few(list(c.values))}" for c in columns)
-        raise DeclarationError(what, where="compare", remedy=f"name studies of one model ({remedy})")
-    single = {c.label: found for c in columns if (found := _ordered({name for name in c.values if counted[name] == 1}))}
+        remedy = (
+            f"in the same unit: {', '.join(apart)}"
+            if apart
+            else "; ".join(f"{c.label} has {_few(list(c.values))}" for c in columns)
+        )
+        raise DeclarationError(
+            what, where="compare", remedy=f"name studies of one model ({remedy})"
+        )
+    single = {
+        c.label: found
+        for c in columns
+        if (found := _ordered({name for name in c.values if counted[name] == 1}))
+    }
     derived = [dict(column.derived) for column in columns]
-    both = {name for values in derived for name in values if sum(name in other for other in derived) >= FEWEST and len(_units(name, derived)) == 1}
+    both = {
+        name
+        for values in derived
+        for name in values
+        if sum(name in other for other in derived) >= FEWEST and len(_units(name, derived)) == 1
+    }
     return SideBySide(tuple(columns), names, _ordered(both - set(names)), single, apart)
 
 
@@ -212,13 +302,23 @@ def _few(names: Sequence[str]) -> str:
 
 
 def _ordered(names: set[str]) -> tuple[str, ...]:
-    """In the order of the equations; what these do not know after it by name, numbers in it as numbers."""
-    known = [*RIGID_DERIVATIVES, *(name for name, _, _ in mode_units(MODES)), *BALLISTIC_DERIVATIVES, *LOES_DERIVATIVES, *LOES_OFFSETS]
+    """In the order of the equations; what these do not know after it by name, numbers in it as
+    numbers.
+    """
+    known = [
+        *RIGID_DERIVATIVES,
+        *(name for name, _, _ in mode_units(MODES)),
+        *BALLISTIC_DERIVATIVES,
+        *LOES_DERIVATIVES,
+        *LOES_OFFSETS,
+    ]
     known += [name for _, _, derivatives in WHOLE_AXES.values() for name in derivatives]
     place = {name: at for at, name in reversed(list(enumerate(known)))}
 
     def key(name: str) -> tuple[int, list[tuple[int, str]]]:
-        parts = [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
+        parts = [
+            (int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)
+        ]
         return place.get(name, len(known)), parts
 
     return tuple(sorted(names, key=key))
@@ -237,8 +337,8 @@ def read_columns(studies: Sequence[str], every: bool = False) -> tuple[StudyColu
 
     Parameters
     ----------
-    studies : folders of studies or the JSON in them; ``FOLDER:METHOD`` is one of its further methods.
-    every : all methods of each study, its main one first.
+    studies : folders of studies or the JSON in them; ``FOLDER:METHOD`` is one of its further
+    methods. every : all methods of each study, its main one first.
 
     Raises
     ------
@@ -247,8 +347,12 @@ def read_columns(studies: Sequence[str], every: bool = False) -> tuple[StudyColu
     columns: list[StudyColumn] = []
     for text in studies:
         for column in _reading_columns(text, every):
-            if any((column.folder, column.method) == (done.folder, done.method) for done in columns):
-                raise DeclarationError("it is named twice", where=text, remedy="name each study once")
+            if any(
+                (column.folder, column.method) == (done.folder, done.method) for done in columns
+            ):
+                raise DeclarationError(
+                    "it is named twice", where=text, remedy="name each study once"
+                )
             columns.append(column)
     return _told_apart(columns)
 
@@ -264,19 +368,39 @@ def _reading_columns(text: str, every: bool) -> list[StudyColumn]:
     methods = _methods(content)
     if method and method not in methods:
         known = ", ".join(methods)
-        remedy = f"use one of {known}" if methods else "leave the method out: the study has its main one only"
+        remedy = (
+            f"use one of {known}"
+            if methods
+            else "leave the method out: the study has its main one only"
+        )
         raise DeclarationError(f"the study has no method {method!r}", where=text, remedy=remedy)
     main = _column(content, file, "", content)
     if method:
         return [_column(methods[method], file, method, content)]
-    return [main, *(_column(table, file, name, content) for name, table in methods.items())] if every else [main]
+    return (
+        [main, *(_column(table, file, name, content) for name, table in methods.items())]
+        if every
+        else [main]
+    )
 
 
 def _study_file(path: Path, text: str) -> Path:
     """The JSON of a study by its folder or its own path."""
-    found = [path / name for name in STUDIES if (path / name).is_file()] if path.is_dir() else [path] if path.name in STUDIES else []
+    found = (
+        [path / name for name in STUDIES if (path / name).is_file()]
+        if path.is_dir()
+        else [path]
+        if path.name in STUDIES
+        else []
+    )
     if not found:
-        what = "there is no study in this folder" if path.is_dir() else "it is no study folder" if path.exists() else "there is no such folder"
+        what = (
+            "there is no study in this folder"
+            if path.is_dir()
+            else "it is no study folder"
+            if path.exists()
+            else "there is no such folder"
+        )
         raise DeclarationError(what, where=text, remedy=WRITERS)
     return found[0]
 
@@ -295,18 +419,33 @@ def _methods(content: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
         return {BEFORE: content}
     methods = content.get("methods")
     if isinstance(methods, list):  # of a closed-loop study, whose main one stands among them as OWN
-        methods = {str(table.get("name")): table for table in methods if isinstance(table, dict) and table.get("name") != OWN}
-    return {name: table for name, table in methods.items() if isinstance(table, dict)} if isinstance(methods, dict) else {}
+        methods = {
+            str(table.get("name")): table
+            for table in methods
+            if isinstance(table, dict) and table.get("name") != OWN
+        }
+    return (
+        {name: table for name, table in methods.items() if isinstance(table, dict)}
+        if isinstance(methods, dict)
+        else {}
+    )
 
 
-def _column(table: Mapping[str, Any], file: Path, method: str, content: Mapping[str, Any]) -> StudyColumn:
+def _column(
+    table: Mapping[str, Any], file: Path, method: str, content: Mapping[str, Any]
+) -> StudyColumn:
     """One method of a study whose JSON is ``content``; ``table`` is its part of it."""
     folder = file.parent
     parameters, derived = table.get("parameters"), table.get("derived")
-    estimator, outcome = table.get("method", table.get("label", "")), table.get("outcome", content.get("outcome", ""))
+    estimator, outcome = (
+        table.get("method", table.get("label", "")),
+        table.get("outcome", content.get("outcome", "")),
+    )
     if content["schema"] == STUDIES["diagnosis.json"]:
         when = method or "after"
-        parameters, derived = (part.get(when) if isinstance(part, dict) else None for part in (parameters, derived))
+        parameters, derived = (
+            part.get(when) if isinstance(part, dict) else None for part in (parameters, derived)
+        )
         estimator, outcome = f"diagnose, {when}", content.get("verdict", "")
     seed = content.get("seed")
     return StudyColumn(
@@ -329,7 +468,11 @@ def _values(table: Any, where: str) -> dict[str, Value]:
         return {}
     if not isinstance(table, dict):
         raise DeclarationError("no table", where=where, remedy=WRITERS)
-    return {name: value for name, entry in table.items() if isinstance(entry, dict) and (value := _value(entry)) is not None}
+    return {
+        name: value
+        for name, entry in table.items()
+        if isinstance(entry, dict) and (value := _value(entry)) is not None
+    }
 
 
 def _value(entry: Mapping[str, Any]) -> Value | None:
@@ -344,17 +487,25 @@ def _value(entry: Mapping[str, Any]) -> Value | None:
         str(entry.get("unit", "")),
         _number(entry.get("true")),
         _number(entry.get("condensed")),
-        None if published is None or not isinstance(printed, dict) else (published, _number(printed.get("std")) or 0.0),
+        None
+        if published is None or not isinstance(printed, dict)
+        else (published, _number(printed.get("std")) or 0.0),
     )
 
 
 def _number(value: Any) -> float | None:
     """A finite number, or None."""
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) else None
+    return (
+        float(value)
+        if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        else None
+    )
 
 
 def _told_apart(columns: Sequence[StudyColumn]) -> tuple[StudyColumn, ...]:
-    """Labels by folder, with as many of the folders above as it takes, and by method where a study stands there with several."""
+    """Labels by folder, with as many of the folders above as it takes, and by method where a study
+    stands there with several.
+    """
     paths = [resolved(column.folder) for column in columns]
     depth = 1
     while len({path.parts[-depth:] for path in paths}) < len(set(paths)):

@@ -17,7 +17,22 @@ from rich.console import Console
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
 from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import BY_ROW, Block, Bullets, Cell, Column, Page, Table, as_sentence, capital, estimate, known, now, reproduction, section
+from scenarios.pages.model import (
+    BY_ROW,
+    Block,
+    Bullets,
+    Cell,
+    Column,
+    Page,
+    Table,
+    as_sentence,
+    capital,
+    estimate,
+    known,
+    now,
+    reproduction,
+    section,
+)
 from scenarios.pages.tables import SIGMAS
 from scenarios.plots.formats import USUAL, Drawn, Formats
 from scenarios.side_by_side.comparison import SideBySide, StudyColumn, StudyResponses, Value
@@ -33,12 +48,25 @@ if TYPE_CHECKING:
 # ---- Studies side by side for programs
 
 SCHEMA = "flightid/compared/1"
-HEADINGS = ("parameter", "unit", "study", "method", "true", "condensed", "estimate", "std", "error_percent", "error_sigmas")
+HEADINGS = (
+    "parameter",
+    "unit",
+    "study",
+    "method",
+    "true",
+    "condensed",
+    "estimate",
+    "std",
+    "error_percent",
+    "error_sigmas",
+)
 PUBLISHED = ("published", "published_std", "published_error_percent", "published_error_sigmas")
 
 
 def compared_content(compared: SideBySide) -> dict[str, Any]:
-    """Content of ``compared.json``: the studies in order, and of each shared quantity what every study says."""
+    """Content of ``compared.json``: the studies in order, and of each shared quantity what every
+    study says.
+    """
     return {
         "schema": SCHEMA,
         "studies": [_study(column) for column in compared.columns],
@@ -51,7 +79,9 @@ def compared_content(compared: SideBySide) -> dict[str, Any]:
 
 
 def compared_csv(compared: SideBySide) -> str:
-    """The same as a table, a row for each parameter and study; a cell is empty where there is nothing."""
+    """The same as a table, a row for each parameter and study; a cell is empty where there is
+    nothing.
+    """
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*HEADINGS, *PUBLISHED])
@@ -61,15 +91,31 @@ def compared_csv(compared: SideBySide) -> str:
             if value is None:
                 continue
             printed = value.published_value
-            ours = (value.true, value.condensed, value.estimate, value.std or None, value.percent, value.sigmas)
-            theirs = (None,) * 4 if printed is None else (printed.estimate, printed.std or None, printed.percent, printed.sigmas)
+            ours = (
+                value.true,
+                value.condensed,
+                value.estimate,
+                value.std or None,
+                value.percent,
+                value.sigmas,
+            )
+            theirs = (
+                (None,) * 4
+                if printed is None
+                else (printed.estimate, printed.std or None, printed.percent, printed.sigmas)
+            )
             numbers = ["" if number is None else repr(number) for number in (*ours, *theirs)]
             writer.writerow([name, value.unit, column.label, column.estimator, *numbers])
     return text.getvalue()
 
 
 def _study(column: StudyColumn) -> dict[str, Any]:
-    told: dict[str, Any] = {"label": column.label, "folder": str(column.folder), "title": column.title, "outcome": column.outcome}
+    told: dict[str, Any] = {
+        "label": column.label,
+        "folder": str(column.folder),
+        "title": column.title,
+        "outcome": column.outcome,
+    }
     told |= {"method": column.estimator}
     told |= {"method_name": column.method} if column.method else {}
     return told | ({"seed": column.seed} if column.seed is not None else {})
@@ -91,8 +137,15 @@ def _row(value: Value) -> dict[str, Any]:
     row |= {key: number for key, number in known.items() if number is not None}
     printed = value.published_value
     if printed is not None:
-        told = {"std": printed.std or None, "error_percent": printed.percent, "error_sigmas": printed.sigmas}
-        row["published"] = {"value": printed.estimate, **{key: number for key, number in told.items() if number is not None}}
+        told = {
+            "std": printed.std or None,
+            "error_percent": printed.percent,
+            "error_sigmas": printed.sigmas,
+        }
+        row["published"] = {
+            "value": printed.estimate,
+            **{key: number for key, number in told.items() if number is not None},
+        }
     return row
 
 
@@ -103,18 +156,37 @@ TITLE = "studies side by side"
 
 def compared_figures(compared: SideBySide) -> Iterator[Named]:
     """The figures of a comparison: the stem of each file, and what draws it."""
-    from scenarios.plots.side_by_side import figure_studies_errors, figure_studies_estimates, figure_studies_responses
+    from scenarios.plots.side_by_side import (
+        figure_studies_errors,
+        figure_studies_estimates,
+        figure_studies_responses,
+    )
 
     labels = [column.label for column in compared.columns]
     names = (*compared.names, *compared.derived)
-    rows = {name: [_drawn(compared.value(name, column)) for column in compared.columns] for name in names}
+    rows = {
+        name: [_drawn(compared.value(name, column)) for column in compared.columns]
+        for name in names
+    }
     units = {name: compared.unit(name) for name in names}
     yield "compared_estimates", partial(figure_studies_estimates, rows, units, labels, TITLE)
-    known = {name: row for name, row in rows.items() if any(each is not None and each.reference is not None for each in row)}
+    known = {
+        name: row
+        for name, row in rows.items()
+        if any(each is not None and each.reference is not None for each in row)
+    }
     if known:
         yield "compared_errors", partial(figure_studies_errors, known, labels, TITLE)
-    flown = [_response(column.label, column.responses) for column in compared.columns if column.responses is not None]
-    shared = [name for name in dict.fromkeys(name for each in flown for name in each.measured) if sum(name in each.measured for each in flown) > 1]
+    flown = [
+        _response(column.label, column.responses)
+        for column in compared.columns
+        if column.responses is not None
+    ]
+    shared = [
+        name
+        for name in dict.fromkeys(name for each in flown for name in each.measured)
+        if sum(name in each.measured for each in flown) > 1
+    ]
     if shared:
         yield "compared_responses", partial(figure_studies_responses, flown, shared, TITLE)
 
@@ -122,13 +194,27 @@ def compared_figures(compared: SideBySide) -> Iterator[Named]:
 def _drawn(value: Value | None) -> ParameterColumn | None:
     from scenarios.plots.side_by_side import ParameterColumn
 
-    return None if value is None else ParameterColumn(value.estimate, value.std, value.true, value.condensed, value.published)
+    return (
+        None
+        if value is None
+        else ParameterColumn(
+            value.estimate, value.std, value.true, value.condensed, value.published
+        )
+    )
 
 
 def _response(label: str, found: StudyResponses) -> StudyResponse:
     from scenarios.plots.side_by_side import StudyResponse
 
-    return StudyResponse(label, found.time, found.inputs, found.measured, found.predicted, found.units, found.simulated)
+    return StudyResponse(
+        label,
+        found.time,
+        found.inputs,
+        found.measured,
+        found.predicted,
+        found.units,
+        found.simulated,
+    )
 
 
 # ---- The page of studies side by side: a column a study
@@ -142,7 +228,9 @@ def compared_page(compared: SideBySide, drawn: Sequence[Drawn] = ()) -> Page:
     """The page of a comparison with the figures ``drawn``."""
     labels = [column.label for column in compared.columns]
     apart, told = _farthest(compared)
-    shared = f"{len(compared.names)} parameters are estimated by at least two of {len(labels)} studies"
+    shared = (
+        f"{len(compared.names)} parameters are estimated by at least two of {len(labels)} studies"
+    )
     return Page(
         title="Studies side by side",
         kind=", ".join(labels),
@@ -150,33 +238,81 @@ def compared_page(compared: SideBySide, drawn: Sequence[Drawn] = ()) -> Page:
         tone="plain" if apart is None else "fair" if apart > LIMIT else "good",
         sentence=as_sentence(told) if told else "",
         summary=(as_sentence(shared),),
-        warnings=tuple([f"In different units, therefore not compared: {', '.join(compared.apart)}."] if compared.apart else []),
+        warnings=tuple(
+            [f"In different units, therefore not compared: {', '.join(compared.apart)}."]
+            if compared.apart
+            else []
+        ),
         sections=(
             *section("The studies", _studies(compared.columns)),
             *section("Estimates", *_tables(compared)),
-            *section("What only one has", Bullets(tuple(f"Only {label} has {', '.join(names)}." for label, names in compared.single.items()))),
+            *section(
+                "What only one has",
+                Bullets(
+                    tuple(
+                        f"Only {label} has {', '.join(names)}."
+                        for label, names in compared.single.items()
+                    )
+                ),
+            ),
             *section("Figures", *figures(drawn)),
         ),
-        reproduction=reproduction(["flightid", "compare", *(_named(column) for column in compared.columns)]),
+        reproduction=reproduction(
+            ["flightid", "compare", *(_named(column) for column in compared.columns)]
+        ),
         created=now(),
     )
 
 
 def _studies(columns: Sequence[Study]) -> Table:
-    headings = Column("study"), Column("title"), Column("estimator"), Column("outcome"), Column("seed", "1")
-    rows = tuple((c.label, c.title or "–", c.estimator or "–", c.outcome, known(c.seed, 0)) for c in columns)
+    headings = (
+        Column("study"),
+        Column("title"),
+        Column("estimator"),
+        Column("outcome"),
+        Column("seed", "1"),
+    )
+    rows = tuple(
+        (c.label, c.title or "–", c.estimator or "–", c.outcome, known(c.seed, 0)) for c in columns
+    )
     return Table("Studies", headings, rows)
 
 
 def _tables(compared: SideBySide) -> list[Block]:
     names = (*compared.names, *compared.derived)
     true = [_common(compared, name) for name in names]
-    blocks: list[Block] = [_page_table(compared, names, ESTIMATES, BY_ROW, lambda v: estimate(v.estimate, v.std), true)]
+    blocks: list[Block] = [
+        _page_table(compared, names, ESTIMATES, BY_ROW, lambda v: estimate(v.estimate, v.std), true)
+    ]
     blocks.append(_page_table(compared, names, REFERENCE, BY_ROW, lambda v: known(v.reference)))
-    blocks.append(_page_table(compared, names, "Error in the study's own sigmas", SIGMAS, lambda v: known(v.sigmas, 1, signed=True)))
-    blocks.append(_page_table(compared, names, "Error", "%", lambda v: known(v.percent, 2, signed=True)))
-    blocks.append(_page_table(compared, names, "Published values", BY_ROW, lambda v: estimate(*v.published) if v.published else "–"))
-    errors = _page_table(compared, names, "Error of the published values in their own sigmas", SIGMAS, _published_error)
+    blocks.append(
+        _page_table(
+            compared,
+            names,
+            "Error in the study's own sigmas",
+            SIGMAS,
+            lambda v: known(v.sigmas, 1, signed=True),
+        )
+    )
+    blocks.append(
+        _page_table(compared, names, "Error", "%", lambda v: known(v.percent, 2, signed=True))
+    )
+    blocks.append(
+        _page_table(
+            compared,
+            names,
+            "Published values",
+            BY_ROW,
+            lambda v: estimate(*v.published) if v.published else "–",
+        )
+    )
+    errors = _page_table(
+        compared,
+        names,
+        "Error of the published values in their own sigmas",
+        SIGMAS,
+        _published_error,
+    )
     return [block for block in (*blocks, errors) if isinstance(block, Table) and block.rows]
 
 
@@ -186,31 +322,64 @@ def _published_error(value: Value) -> Cell:
 
 
 def _page_table(
-    compared: SideBySide, names: Sequence[str], caption: str, unit: str, cell: Callable[[Value], Cell], true: Sequence[float | None] = ()
+    compared: SideBySide,
+    names: Sequence[str],
+    caption: str,
+    unit: str,
+    cell: Callable[[Value], Cell],
+    true: Sequence[float | None] = (),
 ) -> Table:
     """A column a study; rows and studies that say nothing are left out."""
-    cells = {name: [("–" if value is None else cell(value)) for value in (compared.value(name, c) for c in compared.columns)] for name in names}
+    cells = {
+        name: [
+            ("–" if value is None else cell(value))
+            for value in (compared.value(name, c) for c in compared.columns)
+        ]
+        for name in names
+    }
     cells = {name: row for name, row in cells.items() if any(each != "–" for each in row)}
-    shown = [at for at in range(len(compared.columns)) if any(row[at] != "–" for row in cells.values())]
+    shown = [
+        at for at in range(len(compared.columns)) if any(row[at] != "–" for row in cells.values())
+    ]
     with_true = any(value is not None for value in true)
     columns = [Column("parameter"), *([Column("true", BY_ROW)] if with_true else [])]
-    columns += [Column(compared.columns[at].label + (" ± σ" if caption == ESTIMATES else ""), unit) for at in shown]
+    columns += [
+        Column(compared.columns[at].label + (" ± σ" if caption == ESTIMATES else ""), unit)
+        for at in shown
+    ]
     known_true = dict(zip(names, true, strict=True)) if with_true else {}
-    rows = tuple((compared.words(name), *([known(known_true[name])] if with_true else []), *(row[at] for at in shown)) for name, row in cells.items())
+    rows = tuple(
+        (
+            compared.words(name),
+            *([known(known_true[name])] if with_true else []),
+            *(row[at] for at in shown),
+        )
+        for name, row in cells.items()
+    )
     return Table(caption, tuple(columns), rows, tuple(compared.unit(name) for name in cells))
 
 
 def _common(compared: SideBySide, name: str) -> float | None:
     """The true value where all studies that state one state the same."""
-    told = {value.true for column in compared.columns if (value := compared.value(name, column)) is not None and value.true is not None}
+    told = {
+        value.true
+        for column in compared.columns
+        if (value := compared.value(name, column)) is not None and value.true is not None
+    }
     return told.pop() if len(told) == 1 else None
 
 
 def _farthest(compared: SideBySide) -> tuple[float | None, str]:
-    """The two studies that are farthest apart in one parameter, in their combined sigmas; None where no two have sigmas."""
+    """The two studies that are farthest apart in one parameter, in their combined sigmas; None
+    where no two have sigmas.
+    """
     best: tuple[float, str, str, str] | None = None
     for name in compared.names:
-        there = [(c.label, value) for c in compared.columns if (value := compared.value(name, c)) is not None and value.std > 0.0]
+        there = [
+            (c.label, value)
+            for c in compared.columns
+            if (value := compared.value(name, c)) is not None and value.std > 0.0
+        ]
         for (one, a), (other, b) in combinations(there, 2):
             apart = abs(a.estimate - b.estimate) / math.hypot(a.std, b.std)
             if best is None or apart > best[0]:
@@ -218,7 +387,11 @@ def _farthest(compared: SideBySide) -> tuple[float | None, str]:
     if best is None:
         return None, ""
     apart, name, one, other = best
-    return apart, f"{capital('farthest apart')} is {name} of {one} and {other}: {apart:.1f} of their combined sigmas, were their records independent"
+    return (
+        apart,
+        f"{capital('farthest apart')} is {name} of {one} and {other}: {apart:.1f} of their "
+        "combined sigmas, were their records independent",
+    )
 
 
 def _named(column: Study) -> str:
@@ -227,51 +400,108 @@ def _named(column: Study) -> str:
 
 # ---- Studies side by side in the terminal
 
-CELL, FIXED = 17, 40  # columns of a terminal: an estimate with its sigma; parameter, unit and true value
+# columns of a terminal: an estimate with its sigma; parameter, unit and true value
+CELL, FIXED = 17, 40
 
 
 def print_compared(compared: SideBySide, out: Console | None = None) -> None:
-    """What each study is, then tables of what they share: estimates, errors and published values where there are any."""
+    """What each study is, then tables of what they share: estimates, errors and published values
+    where there are any.
+    """
     out = out or console()
-    numbered = sum(len(GAP) + max(len(column.label), CELL) for column in compared.columns) > out.width - FIXED
+    numbered = (
+        sum(len(GAP) + max(len(column.label), CELL) for column in compared.columns)
+        > out.width - FIXED
+    )
     for place, column in enumerate(compared.columns, start=1):
-        told = [column.title or column.estimator, *([column.estimator] if column.title and column.estimator else [])]
+        told = [
+            column.title or column.estimator,
+            *([column.estimator] if column.title and column.estimator else []),
+        ]
         told += [f"seed {column.seed}"] if column.seed is not None else []
-        print_paragraph(out, f"{f'{place} ' if numbered else ''}{column.label}: {', '.join(told)}; {column.outcome}", indent=0)
+        print_paragraph(
+            out,
+            f"{f'{place} ' if numbered else ''}{column.label}: {', '.join(told)}; {column.outcome}",
+            indent=0,
+        )
     if numbered:
-        shown = tuple(replace(column, label=str(n)) for n, column in enumerate(compared.columns, start=1))
-        singles = {str(n): compared.single[c.label] for n, c in enumerate(compared.columns, start=1) if c.label in compared.single}
+        shown = tuple(
+            replace(column, label=str(n)) for n, column in enumerate(compared.columns, start=1)
+        )
+        singles = {
+            str(n): compared.single[c.label]
+            for n, c in enumerate(compared.columns, start=1)
+            if c.label in compared.single
+        }
         compared = replace(compared, columns=shown, single=singles)
     names = (*compared.names, *compared.derived)
     true = _common_truth(compared, names)
-    known = [TableColumn("true", ["-" if value is None else f"{value:.5g}" for value in true])] if any(value is not None for value in true) else []
+    known = (
+        [TableColumn("true", ["-" if value is None else f"{value:.5g}" for value in true])]
+        if any(value is not None for value in true)
+        else []
+    )
     _print(out, compared, "estimate +- sigma", names, _estimate, known)
     if any(_differs(compared, name) for name in names):
-        _print(out, compared, "what the study's model should find: true, or condensed where it lacks modes", names, _reference)
+        _print(
+            out,
+            compared,
+            "what the study's model should find: true, or condensed where it lacks modes",
+            names,
+            _reference,
+        )
     if any(value.reference is not None for _, value in _values(compared)):
         _print(out, compared, "error in % (in standard deviations)", names, _error)
     if any(value.published is not None for _, value in _values(compared)):
         _print(out, compared, "published +- sigma", names, _published)
-        _print(out, compared, "error of the published value in % (in its own standard deviations)", names, _text_published_error)
+        _print(
+            out,
+            compared,
+            "error of the published value in % (in its own standard deviations)",
+            names,
+            _text_published_error,
+        )
     for label, single in compared.single.items():
         print_paragraph(out, f"only {label} has {', '.join(single)}", indent=0)
     if compared.apart:
-        print_paragraph(out, f"in different units, therefore not compared: {', '.join(compared.apart)}", indent=0)
+        print_paragraph(
+            out,
+            f"in different units, therefore not compared: {', '.join(compared.apart)}",
+            indent=0,
+        )
 
 
 def _print(
-    out: Console, compared: SideBySide, title: str, names: Sequence[str], cell: Callable[[Value], str], further: Sequence[TableColumn] = ()
+    out: Console,
+    compared: SideBySide,
+    title: str,
+    names: Sequence[str],
+    cell: Callable[[Value], str],
+    further: Sequence[TableColumn] = (),
 ) -> None:
-    """One table, in as many blocks as the terminal's width asks for. Rows that say nothing are left out."""
-    names = [name for name in names if any(_cell(_shown(compared, name, study), cell) != "-" for study in compared.columns)]
+    """One table, in as many blocks as the terminal's width asks for. Rows that say nothing are left
+    out.
+    """
+    names = [
+        name
+        for name in names
+        if any(_cell(_shown(compared, name, study), cell) != "-" for study in compared.columns)
+    ]
     if not names:
         return
     fixed = [
         TableColumn("parameter", [compared.words(name) for name in names], left=True),
-        TableColumn("unit", [unit_cell(shown_in(compared.unit(name), name).unit) for name in names], left=True),
+        TableColumn(
+            "unit",
+            [unit_cell(shown_in(compared.unit(name), name).unit) for name in names],
+            left=True,
+        ),
         *further,
     ]
-    rest = [TableColumn(study.label, [_cell(_shown(compared, name, study), cell) for name in names]) for study in compared.columns]
+    rest = [
+        TableColumn(study.label, [_cell(_shown(compared, name, study), cell) for name in names])
+        for study in compared.columns
+    ]
     rest = [column for column in rest if set(column.cells) != {"-"}]
     out.print()
     print_table(out, title, [*fixed, *rest], keys=2)
@@ -293,15 +523,26 @@ def _common_truth(compared: SideBySide, names: Sequence[str]) -> list[float | No
     """The true value of each quantity where all studies that state one state the same."""
     out: list[float | None] = []
     for name in names:
-        told = {value.true for study in compared.columns if (value := _shown(compared, name, study)) is not None and value.true is not None}
+        told = {
+            value.true
+            for study in compared.columns
+            if (value := _shown(compared, name, study)) is not None and value.true is not None
+        }
         out.append(told.pop() if len(told) == 1 else None)
     return out
 
 
 def _differs(compared: SideBySide, name: str) -> bool:
     """Whether what is to be found is another number in another study, or not the true one."""
-    found = [value for study in compared.columns if (value := compared.value(name, study)) is not None and value.reference is not None]
-    return any(value.condensed is not None for value in found) or len({value.reference for value in found}) > 1
+    found = [
+        value
+        for study in compared.columns
+        if (value := compared.value(name, study)) is not None and value.reference is not None
+    ]
+    return (
+        any(value.condensed is not None for value in found)
+        or len({value.reference for value in found}) > 1
+    )
 
 
 def _cell(value: Value | None, cell: Callable[[Value], str]) -> str:
@@ -311,7 +552,11 @@ def _cell(value: Value | None, cell: Callable[[Value], str]) -> str:
 def _estimate(value: Value) -> str:
     if value.std > 0.0 and not determined(value.estimate, value.std):
         return "not determined"
-    return f"{number_text(value.estimate, value.std)} +- {number_text(value.std, value.std)}" if value.std > 0.0 else number_text(value.estimate)
+    return (
+        f"{number_text(value.estimate, value.std)} +- {number_text(value.std, value.std)}"
+        if value.std > 0.0
+        else number_text(value.estimate)
+    )
 
 
 def _reference(value: Value) -> str:
@@ -320,7 +565,10 @@ def _reference(value: Value) -> str:
 
 def _error(value: Value) -> str:
     percent, sigmas = value.percent, value.sigmas
-    told = [*([f"{percent:+.2f} %"] if percent is not None else []), *([f"({sigmas:+.1f})"] if sigmas is not None else [])]
+    told = [
+        *([f"{percent:+.2f} %"] if percent is not None else []),
+        *([f"({sigmas:+.1f})"] if sigmas is not None else []),
+    ]
     return " ".join(told) or "-"
 
 
@@ -344,12 +592,15 @@ MAIN = "compared.json"  # a study's own JSON is comparison.json: what compares s
 def write_compared(compared: SideBySide, folder: str | Path, *, figures: Formats = USUAL) -> Path:
     """Write a comparison into ``folder``, whole or not at all; returns the folder.
 
-    Files: ``compared.csv``, in the formats ``figures`` the figures ``compared_estimates``, ``compared_errors`` where some truth is known
-    and ``compared_responses`` where outputs over time are; ``report.html`` and ``report.json``; ``compared.json``
-    last. The folder may hold the studies' own folders.
+    Files: ``compared.csv``, in the formats ``figures`` the figures ``compared_estimates``,
+    ``compared_errors`` where some truth is known and ``compared_responses`` where outputs over time
+    are; ``report.html`` and ``report.json``; ``compared.json`` last. The folder may hold the
+    studies' own folders.
     """
     with study_folder(folder, MAIN) as scratch:
-        (scratch / "compared.csv").write_text(compared_csv(compared), encoding="utf-8", errors="backslashreplace", newline="\n")
+        (scratch / "compared.csv").write_text(
+            compared_csv(compared), encoding="utf-8", errors="backslashreplace", newline="\n"
+        )
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.drawing import drawn_for_page

@@ -37,13 +37,24 @@ from sim.truth.flight import Truth, remeasure
 
 # ---- Everything on which the rows of a campaign depend, as JSON
 
-WORDS = ("label", "explanation", "published", "choices", "own", "flight", "distance", "engine")  # of an estimation, on which no number depends
+# of an estimation, on which no number depends
+WORDS = ("label", "explanation", "published", "choices", "own", "flight", "distance", "engine")
 
 
 def identity_of(scenario: Scenario, estimation: Estimation) -> dict[str, Any]:
-    """Flight, estimation and the user's files by their hashes; what is only said of them is left out."""
-    said = {field.name: getattr(estimation, field.name) for field in dataclasses.fields(estimation) if field.name not in WORDS}
-    flown = {field.name: getattr(scenario.flight, field.name) for field in dataclasses.fields(scenario.flight) if field.name != "own"}
+    """Flight, estimation and the user's files by their hashes; what is only said of them is left
+    out.
+    """
+    said = {
+        field.name: getattr(estimation, field.name)
+        for field in dataclasses.fields(estimation)
+        if field.name not in WORDS
+    }
+    flown = {
+        field.name: getattr(scenario.flight, field.name)
+        for field in dataclasses.fields(scenario.flight)
+        if field.name != "own"
+    }
     return {
         "scenario": scenario.name,
         "flight": plain(flown),
@@ -55,7 +66,9 @@ def identity_of(scenario: Scenario, estimation: Estimation) -> dict[str, Any]:
 def plain(value: Any) -> Any:
     """A declaration's value as JSON has it: infinite numbers and what is not there as text."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return {
+            field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)
+        }
     if isinstance(value, Mapping):
         return {str(name): plain(inner) for name, inner in value.items()}
     if isinstance(value, list | tuple):
@@ -75,7 +88,9 @@ def plain(value: Any) -> Any:
 
 ESTIMATE, SIGMA = "estimate:", "sigma:"  # what stands before a parameter's name in a column
 SOUND = "converged"
-CHUNK, FEW = 500, 4  # runs of one block: of a batch enough to fill the vector units, little enough for the cache; of other methods
+# runs of one block: of a batch enough to fill the vector units, little enough for the cache; of
+# other methods
+CHUNK, FEW = 500, 4
 
 
 class _Common(NamedTuple):
@@ -91,7 +106,8 @@ class _Common(NamedTuple):
 class EstimatorRuns:
     """Runs of ``scenario`` by its method ``estimation``.
 
-    ``again`` : makes the scenario anew from what can be sent to another process, where it holds functions of a user's own file, which cannot.
+    ``again`` : makes the scenario anew from what can be sent to another process, where it holds
+    functions of a user's own file, which cannot.
     """
 
     scenario: Scenario
@@ -134,17 +150,25 @@ class EstimatorRuns:
         """
         record, truth = fly_scenario(self.seen, self.scenario.seed)
         model = self.declared(self.estimation)
-        reference = {**{item.name: item.value for item in truth.parameters}, **references(self.seen, self.estimation)}
+        reference = {
+            **{item.name: item.value for item in truth.parameters},
+            **references(self.seen, self.estimation),
+        }
         return _Common(model, record, truth, reference)
 
     def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
-        """One row a run. Where process noise really acts or measured outputs are fed back every run is flown anew, else measured again."""
+        """One row a run. Where process noise really acts or measured outputs are fed back every run
+        is flown anew, else measured again.
+        """
         found = self.estimated(self.estimation, [self.record_of(task.seed) for task in tasks])
         std = np.sqrt(np.maximum(np.diagonal(found.covariance, axis1=1, axis2=2).T, 0.0))
         error = found.values - np.array([[self.common.reference[name]] for name in found.names])
         rows: list[Row | str] = []
         for at in range(len(tasks)):
-            cells = {f"{ESTIMATE}{name}": float(found.values[i, at]) for i, name in enumerate(found.names)}
+            cells = {
+                f"{ESTIMATE}{name}": float(found.values[i, at])
+                for i, name in enumerate(found.names)
+            }
             cells |= {f"{SIGMA}{name}": float(std[i, at]) for i, name in enumerate(found.names)}
             finite = all(np.isfinite(list(cells.values())))
             outcome = found.outcomes[at] if finite else "diverged"
@@ -163,19 +187,35 @@ class EstimatorRuns:
     def estimated(self, estimation: Estimation, records: Sequence[Record]) -> Estimates:
         """Records of this work by its method or by a changed one."""
         model = self.common.model if estimation is self.estimation else self.declared(estimation)
-        return batched(estimation, records, model) if self.block == CHUNK else one_by_one(estimation, records, model)
+        return (
+            batched(estimation, records, model)
+            if self.block == CHUNK
+            else one_by_one(estimation, records, model)
+        )
 
     def declared(self, estimation: Estimation) -> Model:
         """The model that a method starts from."""
-        return declared_model(estimation, flight_constants(self.seen.flight, estimation), assumed_noise(self.seen, estimation))
+        return declared_model(
+            estimation,
+            flight_constants(self.seen.flight, estimation),
+            assumed_noise(self.seen, estimation),
+        )
 
     def record_of(self, seed: int) -> Record:
         """What a run measured, by its seed."""
-        record, truth, noise = self.common.record, self.common.truth, self.estimation.flown_noise_std
+        record, truth, noise = (
+            self.common.record,
+            self.common.truth,
+            self.estimation.flown_noise_std,
+        )
         if self.seen.flight.process_noise or self.seen.flight.feedback:
             record, truth = fly_scenario(self.seen, seed)
             return measured_again(record, truth, noise, seed) if noise else record
-        return measured_again(record, truth, noise, seed) if noise else remeasure(record, truth, np.random.default_rng(seed))
+        return (
+            measured_again(record, truth, noise, seed)
+            if noise
+            else remeasure(record, truth, np.random.default_rng(seed))
+        )
 
     def __reduce__(self) -> tuple[Callable[..., EstimatorRuns], tuple[Any, ...]]:
         if self.again is None:
@@ -185,7 +225,9 @@ class EstimatorRuns:
 
 @dataclass(frozen=True)
 class Rebuilt:
-    """A scenario by the content of its file: ``scenario_of`` makes it of these, and reads the user's model file that it names."""
+    """A scenario by the content of its file: ``scenario_of`` makes it of these, and reads the
+    user's model file that it names.
+    """
 
     document: Mapping[str, Any]
     name: str
@@ -200,7 +242,9 @@ class Rebuilt:
 
 def _rebuilt(again: Rebuilt, method: str) -> EstimatorRuns:
     scenario = again.scenario()
-    return EstimatorRuns(scenario, next(each for each in scenario.estimations if each.name == method), again)
+    return EstimatorRuns(
+        scenario, next(each for each in scenario.estimations if each.name == method), again
+    )
 
 
 def _nees(error: np.ndarray, covariance: np.ndarray) -> float | None:
@@ -209,7 +253,9 @@ def _nees(error: np.ndarray, covariance: np.ndarray) -> float | None:
     if not np.all(scale > 0.0):
         return None
     try:
-        return float((error / scale) @ np.linalg.solve(covariance / np.outer(scale, scale), error / scale))
+        return float(
+            (error / scale) @ np.linalg.solve(covariance / np.outer(scale, scale), error / scale)
+        )
     except np.linalg.LinAlgError:
         return None
 
@@ -225,9 +271,10 @@ FEWEST = 2  # runs, of which alone a scatter can be told
 class Spread:
     """One parameter over all runs.
 
-    ``bias`` is mean error, ``scatter`` the standard deviation of the estimates, ``reported`` the root mean square of the
-    estimator's own sigma, ``within_one`` and ``within_two`` the shares of its intervals that hold the reference, ``interval`` the latter's
-    95 % confidence interval: of one parameter that of Clopper and Pearson over runs, of all together by resampling whole runs.
+    ``bias`` is mean error, ``scatter`` the standard deviation of the estimates, ``reported`` the
+    root mean square of the estimator's own sigma, ``within_one`` and ``within_two`` the shares of
+    its intervals that hold the reference, ``interval`` the latter's 95 % confidence interval: of
+    one parameter that of Clopper and Pearson over runs, of all together by resampling whole runs.
     """
 
     name: str
@@ -245,11 +292,13 @@ class Spread:
 class CampaignRuns:
     """Results of N runs: estimates and sigmas ``(n, M)`` of the M sound ones, and their summary.
 
-    ``root`` : from which the seeds of all runs spring; ``seeds`` ``(N,)`` : of the runs that ended, by which ``flightid run`` flies one again;
-    ``kept`` ``(N,)`` : which of them are sound. ``broken`` runs are left out, ``failures`` tells by what; ``asked`` is how many runs it was to be.
-    ``nees`` ``(M,)`` : normalised estimation error squared of all parameters together, NaN where there is none. ``nis``, ``degrees``
-    ``(M,)`` : sum of the normalised innovations squared and of how many measured numbers that is, zero where the method has none.
-    ``work`` made the runs; ``columns`` ``(M,)`` are all that their rows hold.
+    ``root`` : from which the seeds of all runs spring; ``seeds`` ``(N,)`` : of the runs that ended,
+    by which ``flightid run`` flies one again; ``kept`` ``(N,)`` : which of them are sound.
+    ``broken`` runs are left out, ``failures`` tells by what; ``asked`` is how many runs it was to
+    be. ``nees`` ``(M,)`` : normalised estimation error squared of all parameters together, NaN
+    where there is none. ``nis``, ``degrees`` ``(M,)`` : sum of the normalised innovations squared
+    and of how many measured numbers that is, zero where the method has none. ``work`` made the
+    runs; ``columns`` ``(M,)`` are all that their rows hold.
     """
 
     scenario: Scenario
@@ -276,7 +325,9 @@ class CampaignRuns:
         return len(self.seeds) - int(np.sum(self.kept))
 
     def __repr__(self) -> str:
-        return f"<Campaign of {self.scenario.name}: {len(self.seeds)} runs by {self.estimation.name}>"
+        return (
+            f"<Campaign of {self.scenario.name}: {len(self.seeds)} runs by {self.estimation.name}>"
+        )
 
 
 Progress = Callable[[str, float], None]
@@ -291,20 +342,25 @@ def fly_campaign(
     manner: Execution = ALONE,
     again: Rebuilt | None = None,
 ) -> CampaignRuns:
-    """Run one of a scenario's estimations ``runs`` times; run k has the seed of task k of ``seed`` and equals ``flightid run --seed`` with that.
+    """Run one of a scenario's estimations ``runs`` times; run k has the seed of task k of ``seed``
+    and equals ``flightid run --seed`` with that.
 
-    Where process noise really acts or measured outputs are fed back every run is flown anew, else the same flight is measured again.
-    ``manner`` : how many processes, where rows are kept, ...; no number depends on it but where the time limit ends a run. ``again`` : from
-    what other processes make the scenario, where it holds a user's own functions. Ctrl-C ends it with the runs that had been
-    estimated, if these are enough: ``asked`` then is more than there are seeds.
+    Where process noise really acts or measured outputs are fed back every run is flown anew, else
+    the same flight is measured again. ``manner`` : how many processes, where rows are kept, ...; no
+    number depends on it but where the time limit ends a run. ``again`` : from what other processes
+    make the scenario, where it holds a user's own functions. Ctrl-C ends it with the runs that had
+    been estimated, if these are enough: ``asked`` then is more than there are seeds.
 
     Raises
     ------
-    FlightidError : there is no method of that name, what it declares cannot be flown or estimated, or the folder holds another campaign.
+    FlightidError : there is no method of that name, what it declares cannot be flown or estimated,
+    or the folder holds another campaign.
     """
     known = {estimation.name: estimation for estimation in scenario.estimations}
     if method not in known:
-        raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=closest(method, known))
+        raise DeclarationError(
+            f"there is no method {method!r}", where="--method", remedy=closest(method, known)
+        )
     root = scenario.seed if seed is None else seed
     work = EstimatorRuns(scenario, known[method], again)
     table = run_study(work, manner.asked(runs, root, work.block, "runs"), progress)
@@ -316,22 +372,50 @@ def fly_campaign(
 def campaign_of(work: EstimatorRuns, table: RowTable, root: int) -> CampaignRuns:
     """The summary of a campaign's rows. Raises ModelError where fewer than two runs are sound."""
     columns, names, estimation = table.columns, work.parameters, work.estimation
-    ways = [error or outcome for error, outcome in zip(columns["error"], columns["outcome"], strict=True)]
+    ways = [
+        error or outcome
+        for error, outcome in zip(columns["error"], columns["outcome"], strict=True)
+    ]
     kept = np.array([way == SOUND for way in ways], dtype=bool)
     failures = dict(Counter(way for way in ways if way != SOUND).most_common())
     if np.sum(kept) < FEWEST:
         what = f"{np.sum(~kept)} of {len(kept)} runs broke down ({next(iter(failures), '')})"
-        raise ModelError(what, where=f"estimation {estimation.name}", remedy="give it other starting values, or a flight that tells more")
-    values, std = (np.array([columns[f"{kind}{name}"][kept] for name in names]) for kind in (ESTIMATE, SIGMA))
+        raise ModelError(
+            what,
+            where=f"estimation {estimation.name}",
+            remedy="give it other starting values, or a flight that tells more",
+        )
+    values, std = (
+        np.array([columns[f"{kind}{name}"][kept] for name in names]) for kind in (ESTIMATE, SIGMA)
+    )
     reference = {name: work.common.reference[name] for name in names}
     units = {item.name: item.unit for item in work.common.model.parameters}
-    spreads = tuple(_spread(name, units[name], reference[name], values[i], std[i]) for i, name in enumerate(names))
+    spreads = tuple(
+        _spread(name, units[name], reference[name], values[i], std[i])
+        for i, name in enumerate(names)
+    )
     pooled = _pooled((values - np.array([[reference[name]] for name in names])) / std)
     nees, nis, degrees = (columns[name][kept].astype(float) for name in ("nees", "nis", "degrees"))
     seeds = columns["seed"]
     sound = {name: column[kept] for name, column in columns.items()}
     weighed = nees, nis, degrees.astype(int)
-    return CampaignRuns(work.seen, estimation, root, seeds, names, values, std, kept, spreads, pooled, table.asked, *weighed, work, sound, failures)
+    return CampaignRuns(
+        work.seen,
+        estimation,
+        root,
+        seeds,
+        names,
+        values,
+        std,
+        kept,
+        spreads,
+        pooled,
+        table.asked,
+        *weighed,
+        work,
+        sound,
+        failures,
+    )
 
 
 def _spread(name: str, unit: str, reference: float, values: np.ndarray, std: np.ndarray) -> Spread:
@@ -340,12 +424,36 @@ def _spread(name: str, unit: str, reference: float, values: np.ndarray, std: np.
     hits = int(np.sum(np.abs(error) <= 2.0 * std))
     scatter, reported = float(values.std(ddof=1)), float(np.sqrt(np.mean(std**2)))
     one = float(np.mean(np.abs(error) <= std))
-    return Spread(name, unit, reference, float(error.mean()), scatter, reported, one, hits / len(values), clopper_pearson(hits, len(values)))
+    return Spread(
+        name,
+        unit,
+        reference,
+        float(error.mean()),
+        scatter,
+        reported,
+        one,
+        hits / len(values),
+        clopper_pearson(hits, len(values)),
+    )
 
 
 def _pooled(errors: np.ndarray) -> Spread:
-    """All parameters together, from errors ``(n, N)`` in reported sigmas; those of one run are correlated."""
+    """All parameters together, from errors ``(n, N)`` in reported sigmas; those of one run are
+    correlated.
+    """
     hits = np.sum(np.abs(errors) <= 2.0, axis=0)
-    interval = clustered_share(hits, np.full(len(hits), len(errors)), np.random.default_rng(RESAMPLING_SEED))
+    interval = clustered_share(
+        hits, np.full(len(hits), len(errors)), np.random.default_rng(RESAMPLING_SEED)
+    )
     one, two = float(np.mean(np.abs(errors) <= 1.0)), float(hits.sum()) / errors.size
-    return Spread("all", "sigma", 0.0, float(errors.mean()), float(errors.std(ddof=1)), 1.0, one, two, interval)
+    return Spread(
+        "all",
+        "sigma",
+        0.0,
+        float(errors.mean()),
+        float(errors.std(ddof=1)),
+        1.0,
+        one,
+        two,
+        interval,
+    )

@@ -1,7 +1,8 @@
 """Causes of wrong sigmas in a campaign, and the right sigmas.
 
-A cause is what foretells the errors (the prior, coloured noise) or what, changed, makes the sigma right (start, integration, noise levels, the
-size of the noise); where nothing does, the model cannot follow the truth. Nothing is read off the scenario's declaration of what is wrong.
+A cause is what foretells the errors (the prior, coloured noise) or what, changed, makes the sigma
+right (start, integration, noise levels, the size of the noise); where nothing does, the model
+cannot follow the truth. Nothing is read off the scenario's declaration of what is wrong.
 """
 
 from __future__ import annotations
@@ -45,8 +46,9 @@ from scenarios.studies.campaign_trials import (
 class Wrong:
     """A parameter whose reported sigma is wrong.
 
-    ``at`` : its place. ``factor`` : by which its sigmas have to be multiplied so that twice them holds 95.4 % of the runs' errors; above one they are
-    too small. ``rms`` : root mean square of the errors in reported sigmas, of which ``mean`` is their mean.
+    ``at`` : its place. ``factor`` : by which its sigmas have to be multiplied so that twice them
+    holds 95.4 % of the runs' errors; above one they are too small. ``rms`` : root mean square of
+    the errors in reported sigmas, of which ``mean`` is their mean.
     """
 
     at: int
@@ -62,9 +64,11 @@ class Wrong:
 
 
 def wrong_sigmas(found: CampaignStatistics) -> tuple[Wrong, ...]:
-    """Parameters whose two-sigma coverage excludes that of a normal distribution; of all together one in twenty right campaigns has some.
+    """Parameters whose two-sigma coverage excludes that of a normal distribution; of all together
+    one in twenty right campaigns has some.
 
-    The interval of each is that of Clopper and Pearson at a level of one minus 0.05 over the number of parameters (Bonferroni).
+    The interval of each is that of Clopper and Pearson at a level of one minus 0.05 over the number
+    of parameters (Bonferroni).
     """
     out = []
     level = 1.0 - (1.0 - SHARES_LEVEL) / len(found.parameters)
@@ -73,14 +77,18 @@ def wrong_sigmas(found: CampaignStatistics) -> tuple[Wrong, ...]:
         if not low <= NORMAL[2] <= high:
             errors = found.sigmas[at]
             factor = float(np.quantile(np.abs(errors), NORMAL[2])) / 2.0
-            out.append(Wrong(at, each, factor, float(np.sqrt(np.mean(errors**2))), float(np.mean(errors))))
+            out.append(
+                Wrong(at, each, factor, float(np.sqrt(np.mean(errors**2))), float(np.mean(errors)))
+            )
     return tuple(out)
 
 
 # ---- Why each wrong sigma is wrong, and the right one beside it with its own coverage
 
 NEAR = 0.15  # of a logarithm: as near as a foretold size of the errors has to come to theirs
-LITTLE, LARGE = 0.05, 0.3  # misfits in units of the noise: below the first none, above the second what process noise by likelihood would stand for
+# misfits in units of the noise: below the first none, above the second what process noise by
+# likelihood would stand for
+LITTLE, LARGE = 0.05, 0.3
 GONE = 0.3  # share of a bias at or below which a tenth of the noise has taken it away
 SOME_BIAS = 0.15  # of the mean square error, from which on it is asked where a bias comes from
 OF_BIAS = 0.5  # of the mean square error from which on a bias is more than half of it
@@ -91,9 +99,10 @@ PRIOR, COLOUR, NOISE, MODEL, OPEN = "prior", "colour", "noise", "model", "open"
 class Finding:
     """Why the sigma of one parameter is wrong.
 
-    ``causes`` : by their keys. ``corrected`` : the right sigma in the parameter's unit, ``coverage`` its share within two; ``again`` : it is that of
-    runs computed again with the cause removed, not of the estimates as they were. ``strength`` : what the cause says of itself, such as
-    the prior's share.
+    ``causes`` : by their keys. ``corrected`` : the right sigma in the parameter's unit,
+    ``coverage`` its share within two; ``again`` : it is that of runs computed again with the cause
+    removed, not of the estimates as they were. ``strength`` : what the cause says of itself, such
+    as the prior's share.
     """
 
     wrong: Wrong
@@ -111,7 +120,9 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """All wrong sigmas of a campaign, and from what that was told: noise levels, residuals, how many runs were computed ``again``."""
+    """All wrong sigmas of a campaign, and from what that was told: noise levels, residuals, how
+    many runs were computed ``again``.
+    """
 
     found: tuple[Finding, ...]
     levels: Levels | None = None
@@ -120,7 +131,9 @@ class Findings:
 
     @property
     def misfits(self) -> bool:
-        """Whether the model leaves so much of the flight that process noise by likelihood would stand for it."""
+        """Whether the model leaves so much of the flight that process noise by likelihood would
+        stand for it.
+        """
         return self.residuals is not None and self.residuals.misfit > LARGE
 
 
@@ -133,24 +146,36 @@ class Judgement:
 
 
 def judge(campaign: CampaignRuns, *, causes: bool = True, levels: bool = False) -> Judgement:
-    """Statistics of a campaign, and where ``causes`` why sigmas are wrong; ``levels``: noise levels by likelihood in any case."""
+    """Statistics of a campaign, and where ``causes`` why sigmas are wrong; ``levels``: noise levels
+    by likelihood in any case.
+    """
     statistics = campaign_statistics(campaign)
-    return Judgement(statistics, findings_of(campaign, statistics, levels=levels) if causes else Findings(()))
+    return Judgement(
+        statistics, findings_of(campaign, statistics, levels=levels) if causes else Findings(())
+    )
 
 
-def findings_of(campaign: CampaignRuns, statistics: CampaignStatistics, *, levels: bool = False) -> Findings:
+def findings_of(
+    campaign: CampaignRuns, statistics: CampaignStatistics, *, levels: bool = False
+) -> Findings:
     """Why sigmas are wrong; ``levels``: noise levels by likelihood also where none is."""
     wrong = wrong_sigmas(statistics)
     seeds = tuple(int(seed) for seed in campaign.seeds[campaign.kept])
     if not wrong:
         return Findings((), likely_levels(campaign.work, seeds) if levels else None)
     work, bound = campaign.work, bound_of(campaign.work)
-    found = {each.at: told for each in wrong if (told := _by_prior(each, bound, statistics)) is not None}
+    found = {
+        each.at: told for each in wrong if (told := _by_prior(each, bound, statistics)) is not None
+    }
     residuals = residuals_of(work, seeds)
     scale = _scale(bound, residuals, campaign)
     if scale is not None and residuals is not None:
         left = [each for each in wrong if each.at not in found]
-        found |= {each.at: told for each in left if (told := _by_colour(each, scale, residuals, statistics)) is not None}
+        found |= {
+            each.at: told
+            for each in left
+            if (told := _by_colour(each, scale, residuals, statistics)) is not None
+        }
     rest = [each for each in wrong if each.at not in found]
     likely = likely_levels(work, seeds) if rest or levels else None
     trials = Trials.of(campaign, likely, scale)
@@ -159,41 +184,77 @@ def findings_of(campaign: CampaignRuns, statistics: CampaignStatistics, *, level
     cured = {} if misfits else closest(trials, [each.at for each in rest])
     colour = _strongest(residuals) if scale is not None and residuals is not None else None
     for each in rest:
-        found[each.at] = _of_trial(each, cured[each.at], colour) if each.at in cured else _left(each, trials, residuals, statistics)
+        found[each.at] = (
+            _of_trial(each, cured[each.at], colour)
+            if each.at in cured
+            else _left(each, trials, residuals, statistics)
+        )
     return Findings(tuple(found[each.at] for each in wrong), likely, residuals, len(trials.seeds))
 
 
 def _near(foretold: float, seen: float, runs: int) -> bool:
     """Whether a foretold size of the errors is that which was seen."""
-    return foretold > 0.0 and abs(math.log(foretold / seen)) <= max(NEAR, 3.0 / math.sqrt(2.0 * runs))
+    return foretold > 0.0 and abs(math.log(foretold / seen)) <= max(
+        NEAR, 3.0 / math.sqrt(2.0 * runs)
+    )
 
 
 def _by_prior(wrong: Wrong, bound: Bound | None, statistics: CampaignStatistics) -> Finding | None:
     """Where the prior is so much of what is stated that it foretells the errors."""
-    # Where other things are stated, as with process noise, what is right of the bound is not right of the method.
-    if bound is None or abs(math.log(wrong.statistics.reported / float(bound.stated[wrong.at]))) > 2.0 * NEAR:
+    # Where other things are stated, as with process noise, what is right of the bound is not right
+    # of the method.
+    if (
+        bound is None
+        or abs(math.log(wrong.statistics.reported / float(bound.stated[wrong.at]))) > 2.0 * NEAR
+    ):
         return None
     foretold, share = predicted_by_prior(bound, wrong.at)
     errors = statistics.sigmas[wrong.at]
     if (share < 0.2 and foretold < 1.0 + NEAR) or not _near(foretold, wrong.rms, len(errors)):
         return None
-    return Finding(wrong, (PRIOR,), foretold * wrong.statistics.reported, coverage_of(errors / foretold)[1], False, share)
+    return Finding(
+        wrong,
+        (PRIOR,),
+        foretold * wrong.statistics.reported,
+        coverage_of(errors / foretold)[1],
+        False,
+        share,
+    )
 
 
-def _scale(bound: Bound | None, residuals: Residuals | None, campaign: CampaignRuns) -> np.ndarray | None:
-    """By what sigmas ``(n,)`` are too small for coloured noise, of filters that take it for white; None where it is white."""
+def _scale(
+    bound: Bound | None, residuals: Residuals | None, campaign: CampaignRuns
+) -> np.ndarray | None:
+    """By what sigmas ``(n,)`` are too small for coloured noise, of filters that take it for white;
+    None where it is white.
+    """
     estimation = campaign.estimation
-    if bound is None or residuals is None or not residuals.coloured or estimation.method not in FILTERS or estimation.process_noise:
+    if (
+        bound is None
+        or residuals is None
+        or not residuals.coloured
+        or estimation.method not in FILTERS
+        or estimation.process_noise
+    ):
         return None
     return predicted_by_colour(bound, residuals)
 
 
-def _by_colour(wrong: Wrong, scale: np.ndarray, residuals: Residuals, statistics: CampaignStatistics) -> Finding | None:
+def _by_colour(
+    wrong: Wrong, scale: np.ndarray, residuals: Residuals, statistics: CampaignStatistics
+) -> Finding | None:
     """Where the colour of the noise alone foretells the scatter."""
     errors, factor = statistics.sigmas[wrong.at], float(scale[wrong.at])
     if wrong.mean**2 > OF_BIAS * wrong.rms**2 or not _near(factor, wrong.rms, len(errors)):
         return None
-    return Finding(wrong, (COLOUR,), factor * wrong.statistics.reported, coverage_of(errors / factor)[1], False, _strongest(residuals))
+    return Finding(
+        wrong,
+        (COLOUR,),
+        factor * wrong.statistics.reported,
+        coverage_of(errors / factor)[1],
+        False,
+        _strongest(residuals),
+    )
 
 
 def _strongest(residuals: Residuals) -> float:
@@ -202,14 +263,26 @@ def _strongest(residuals: Residuals) -> float:
 
 def _of_trial(wrong: Wrong, trial: Trial, strength: float | None) -> Finding:
     errors, std = trial.errors[wrong.at], trial.std[wrong.at]
-    # Linearisation does not keep estimates from scattering; the prior does, and counts no more where a filter starts at its own result.
+    # Linearisation does not keep estimates from scattering; the prior does, and counts no more
+    # where a filter starts at its own result.
     keys = (PRIOR,) if trial.keys == (START,) and not wrong.too_small else trial.keys
     causes = keys if strength is None else (COLOUR, *keys)
-    return Finding(wrong, causes, float(np.sqrt(np.mean(std**2))), coverage_of(errors / std)[1], True, math.nan if strength is None else strength)
+    return Finding(
+        wrong,
+        causes,
+        float(np.sqrt(np.mean(std**2))),
+        coverage_of(errors / std)[1],
+        True,
+        math.nan if strength is None else strength,
+    )
 
 
-def _left(wrong: Wrong, trials: Trials, residuals: Residuals | None, statistics: CampaignStatistics) -> Finding:
-    """Where no change cures: noise that is a bias, or a model that cannot follow the truth; the sigma of half the runs, tried on the others."""
+def _left(
+    wrong: Wrong, trials: Trials, residuals: Residuals | None, statistics: CampaignStatistics
+) -> Finding:
+    """Where no change cures: noise that is a bias, or a model that cannot follow the truth; the
+    sigma of half the runs, tried on the others.
+    """
     errors = statistics.sigmas[wrong.at]
     half, others = errors[::2], errors[1::2]
     factor = float(np.quantile(np.abs(half), NORMAL[2])) / 2.0
@@ -217,6 +290,17 @@ def _left(wrong: Wrong, trials: Trials, residuals: Residuals | None, statistics:
     cause, strength = (MODEL, misfit) if misfit > LITTLE else (OPEN, misfit)
     if cause == OPEN and wrong.mean**2 > SOME_BIAS * wrong.rms**2:
         first, quiet = trials.trial(()), quiet_trial(trials)
-        if first is not None and quiet is not None and abs(quiet.errors[wrong.at].mean()) < GONE * abs(first.errors[wrong.at].mean()):
+        if (
+            first is not None
+            and quiet is not None
+            and abs(quiet.errors[wrong.at].mean()) < GONE * abs(first.errors[wrong.at].mean())
+        ):
             cause = NOISE
-    return Finding(wrong, (cause,), factor * wrong.statistics.reported, coverage_of(others / factor)[1], False, strength)
+    return Finding(
+        wrong,
+        (cause,),
+        factor * wrong.statistics.reported,
+        coverage_of(others / factor)[1],
+        False,
+        strength,
+    )

@@ -1,8 +1,10 @@
 """Statistics of a campaign's runs, the Cramer-Rao bound, and both in words and files.
 
-A linear-Gaussian estimator with the information F of the data and the prior information P0 about theta0 has the posterior covariance
-P = (F + P0)^-1 and moves theta0 to P F theta_data + P P0 theta0. Over records the prior does not scatter: the estimate scatters by P F P, less
-than P, and lies P P0 (theta0 - theta) off. Each further pass of a filter starts at the result of the one before and counts its prior anew.
+A linear-Gaussian estimator with the information F of the data and the prior information P0 about
+theta0 has the posterior covariance P = (F + P0)^-1 and moves theta0 to P F theta_data + P P0
+theta0. Over records the prior does not scatter: the estimate scatters by P F P, less than P, and
+lies P P0 (theta0 - theta) off. Each further pass of a filter starts at the result of the one before
+and counts its prior anew.
 """
 
 from __future__ import annotations
@@ -21,9 +23,25 @@ from rich.console import Console
 from ident.banks.bank import filter_batched
 from ident.filters.ekf import run_ekf
 from ident.statistics.information import inverse_information
-from ident.statistics.intervals import clopper_pearson, deviation_factors, inside, mean_square_interval
+from ident.statistics.intervals import (
+    clopper_pearson,
+    deviation_factors,
+    inside,
+    mean_square_interval,
+)
 from ident.whole_record.layout import weighted_sensitivities
-from scenarios.pages.model import BY_ROW, PURE, Block, Cell, Column, Number, Prose, Table, as_sentence, known
+from scenarios.pages.model import (
+    BY_ROW,
+    PURE,
+    Block,
+    Cell,
+    Column,
+    Number,
+    Prose,
+    Table,
+    as_sentence,
+    known,
+)
 from scenarios.studies.campaign import CampaignRuns, EstimatorRuns, Spread
 from scenarios.studies.declaration import Estimation
 from scenarios.studies.estimating import biased_system, compiled, filter_settings
@@ -49,11 +67,14 @@ class Bound:
 
     Attributes
     ----------
-    data : least standard deviation of an unbiased estimate from one record alone; infinite where the record leaves it open.
-    scatter : least standard deviation over runs of an estimate that counts the method's priors, which keep it from scattering.
-    pull : by how much these priors move its mean. stated : the standard deviation that it would state.
-    gain : ``(n, n)`` from the scores ``slopes' residuals`` to estimates; ``slopes (M, n)`` of the measured samples in units of the noise,
-        what states at the start and zeros of sensors explain taken out; None where process noise acts.
+    data : least standard deviation of an unbiased estimate from one record alone; infinite where
+    the record leaves it open. scatter : least standard deviation over runs of an estimate that
+    counts the method's priors, which keep it from scattering. pull : by how much these priors move
+    its mean. stated : the standard deviation that it would state. gain : ``(n, n)`` from the scores
+    ``slopes' residuals`` to estimates; ``slopes (M, n)`` of the measured samples in units of the
+    noise,
+        what states at the start and zeros of sensors explain taken out; None where process noise
+        acts.
     """
 
     names: tuple[str, ...]
@@ -71,16 +92,23 @@ class Bound:
 
 
 def bound_of(work: EstimatorRuns) -> Bound | None:
-    """The bound of a campaign's method; None where the model's sensitivities have no finite numbers."""
+    """The bound of a campaign's method; None where the model's sensitivities have no finite
+    numbers.
+    """
     common, estimation, names = work.common, work.estimation, work.parameters
     model = common.model.with_values({name: common.reference[name] for name in names})
-    noise = Noise({name: common.truth.noise_std[name] for name in estimation.outputs}, common.truth.process_density)
+    noise = Noise(
+        {name: common.truth.noise_std[name] for name in estimation.outputs},
+        common.truth.process_density,
+    )
     if any(not noise.measurement_std[name] > 0.0 for name in estimation.outputs):
         return None  # exact data bound nothing
     slopes: np.ndarray | None = None
     try:
         if common.truth.process_density:
-            data: np.ndarray | None = _forced(estimation, model.with_noise(noise), common.record, common.truth)
+            data: np.ndarray | None = _forced(
+                estimation, model.with_noise(noise), common.record, common.truth
+            )
         else:
             slopes = _calm(estimation, model.with_noise(noise), common.record, names)
             data = slopes.T @ slopes
@@ -88,24 +116,38 @@ def bound_of(work: EstimatorRuns) -> Bound | None:
         return None
     if data is None or not np.all(np.isfinite(data)):
         return None
-    return replace(_with_priors(estimation, names, data, np.array([common.reference[name] for name in names])), slopes=slopes)
+    return replace(
+        _with_priors(estimation, names, data, np.array([common.reference[name] for name in names])),
+        slopes=slopes,
+    )
 
 
-def _calm(estimation: Estimation, model: Model, record: Record, names: tuple[str, ...]) -> np.ndarray:
-    """Slopes ``(M, n)`` of a record without process noise in units of the noise, states at the start and zeros of sensors taken out."""
+def _calm(
+    estimation: Estimation, model: Model, record: Record, names: tuple[str, ...]
+) -> np.ndarray:
+    """Slopes ``(M, n)`` of a record without process noise in units of the noise, states at the
+    start and zeros of sensors taken out.
+    """
     if estimation.method in FILTERS:
         system = compile_model(model, estimation.outputs)
     else:
         if not estimation.use_priors:
-            model = replace(model, initial=model.initial.with_prior(dict.fromkeys(model.initial.names, math.inf)))
+            model = replace(
+                model,
+                initial=model.initial.with_prior(dict.fromkeys(model.initial.names, math.inf)),
+            )
         system = biased_system(estimation, model)
     levels = np.array([model.noise.measurement_std[name] for name in system.output_names])
     found, slopes = weighted_sensitivities(record, system, levels)
     return np.asarray(slopes[:, [found.index(name) for name in names]])
 
 
-def _forced(estimation: Estimation, model: Model, record: Record, truth: Truth) -> np.ndarray | None:
-    """Information ``(n, n)`` with process noise: what a Kalman filter with the true levels gains on exact data, which keep it at the reference."""
+def _forced(
+    estimation: Estimation, model: Model, record: Record, truth: Truth
+) -> np.ndarray | None:
+    """Information ``(n, n)`` with process noise: what a Kalman filter with the true levels gains on
+    exact data, which keep it at the reference.
+    """
     system = compile_model(model, estimation.outputs)
     if any(name not in system.state_names for name in model.noise.process_density):
         return None  # a parameter that drifts has no one value that could be bounded
@@ -113,16 +155,25 @@ def _forced(estimation: Estimation, model: Model, record: Record, truth: Truth) 
     prior = {name: WIDE * estimation.start[name].std for name in free}
     if not all(map(math.isfinite, prior.values())):
         return None
-    exact = replace(record, outputs=tuple(replace(each, values=truth.outputs[each.name]) for each in record.outputs))
+    exact = replace(
+        record,
+        outputs=tuple(replace(each, values=truth.outputs[each.name]) for each in record.outputs),
+    )
     told = replace(model, parameters=model.parameters.with_prior(prior))
     once = replace(estimation, method="ekf", passes=1)
-    found = run_ekf(exact, compiled(once, told), filter_settings(once), by=filter_batched).only(free)
-    information = np.linalg.inv(found.covariance) - np.diag([prior[name] ** -2.0 for name in found.names])
+    found = run_ekf(exact, compiled(once, told), filter_settings(once), by=filter_batched).only(
+        free
+    )
+    information = np.linalg.inv(found.covariance) - np.diag(
+        [prior[name] ** -2.0 for name in found.names]
+    )
     order = [found.names.index(name) for name in free]
     return np.asarray(information[np.ix_(order, order)])
 
 
-def _with_priors(estimation: Estimation, names: tuple[str, ...], data: np.ndarray, reference: np.ndarray) -> Bound:
+def _with_priors(
+    estimation: Estimation, names: tuple[str, ...], data: np.ndarray, reference: np.ndarray
+) -> Bound:
     alone, _ = inverse_information(data)
     alone_std = np.sqrt(np.diag(alone))
     prior = np.array([estimation.start[name].std for name in names])
@@ -130,16 +181,24 @@ def _with_priors(estimation: Estimation, names: tuple[str, ...], data: np.ndarra
         passes = estimation.passes if estimation.method in FILTERS else 1
         start = np.array([estimation.start[name].value for name in names])
         stated, gain, left = _passes(data, prior, passes, estimation.spread)
-        scatter, pull = np.sqrt(np.maximum(np.diag(gain @ data @ gain.T), 0.0)), left @ (start - reference)
+        scatter, pull = (
+            np.sqrt(np.maximum(np.diag(gain @ data @ gain.T), 0.0)),
+            left @ (start - reference),
+        )
     else:
         stated, scatter, pull, gain = alone_std, alone_std, np.zeros(len(names)), alone
-    # What is known a thousand times worse than before the flight is open: its bound is the arithmetic's.
+    # What is known a thousand times worse than before the flight is open: its bound is the
+    # arithmetic's.
     open_ = alone_std > 1e3 * np.where(np.isfinite(prior), prior, np.inf)
     return Bound(names, np.where(open_, np.inf, alone_std), scatter, pull, stated, gain)
 
 
-def _passes(data: np.ndarray, prior: np.ndarray, passes: int, spread: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Stated deviation ``(n,)`` after the last pass; what the scores of the data and the first start are multiplied by, ``(n, n)`` each."""
+def _passes(
+    data: np.ndarray, prior: np.ndarray, passes: int, spread: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stated deviation ``(n,)`` after the last pass; what the scores of the data and the first
+    start are multiplied by, ``(n, n)`` each.
+    """
     n, width = len(prior), prior
     gain, left, stated = np.zeros((n, n)), np.eye(n), prior
     for _ in range(passes):
@@ -152,12 +211,18 @@ def _passes(data: np.ndarray, prior: np.ndarray, passes: int, spread: float) -> 
 
 
 def cramer_rao(
-    model: Model, again: Callable[[Model], Record], noise: Mapping[str, float], names: Sequence[str], biased: Mapping[str, float]
+    model: Model,
+    again: Callable[[Model], Record],
+    noise: Mapping[str, float],
+    names: Sequence[str],
+    biased: Mapping[str, float],
 ) -> Mapping[str, float]:
-    """The least standard deviation of each of some parameters that any unbiased estimate from one record with white noise can have.
+    """The least standard deviation of each of some parameters that any unbiased estimate from one
+    record with white noise can have.
 
-    Slopes are central differences of whole flights, nothing of an estimator. Unknown beside the parameters are where the states begin and a
-    bias of each output in ``biased``, with what is known of it (a standard deviation, or infinity). ``again`` flies a model without noise,
+    Slopes are central differences of whole flights, nothing of an estimator. Unknown beside the
+    parameters are where the states begin and a bias of each output in ``biased``, with what is
+    known of it (a standard deviation, or infinity). ``again`` flies a model without noise,
     ``noise`` has the standard deviations by output.
     """
 
@@ -172,30 +237,47 @@ def cramer_rao(
         return model.with_values({name: model.parameters[name].value + step})
 
     def started(step: float, name: str) -> Model:
-        return model.with_initial(model.initial.with_values({name: model.initial[name].value + step}))
+        return model.with_initial(
+            model.initial.with_values({name: model.initial[name].value + step})
+        )
 
-    columns = [slope(partial(valued, name=name), _STEP * (abs(model.parameters[name].value) or 1.0)) for name in names]
-    columns += [slope(partial(started, name=state.name), _STEP * max(abs(state.value), 1.0)) for state in model.initial]
+    columns = [
+        slope(partial(valued, name=name), _STEP * (abs(model.parameters[name].value) or 1.0))
+        for name in names
+    ]
+    columns += [
+        slope(partial(started, name=state.name), _STEP * max(abs(state.value), 1.0))
+        for state in model.initial
+    ]
     count = len(columns[0]) // len(noise)
-    columns += [np.repeat([(name == each) / std for each, std in noise.items()], count) for name in biased]
-    known = np.diag([*np.zeros(len(columns) - len(biased)), *(1.0 / std for std in biased.values())])
+    columns += [
+        np.repeat([(name == each) / std for each, std in noise.items()], count) for name in biased
+    ]
+    known = np.diag(
+        [*np.zeros(len(columns) - len(biased)), *(1.0 / std for std in biased.values())]
+    )
     jacobian = np.vstack([np.array(columns).T, known])
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0.0] = np.inf  # a state whose start moves nothing
     # Of the slopes themselves, not of their products, which have half the digits.
     inverse = np.linalg.pinv(jacobian / size, rcond=_LEAST)
-    return dict(zip(names, (np.linalg.norm(inverse, axis=1) / size)[: len(names)].tolist(), strict=True))
+    return dict(
+        zip(names, (np.linalg.norm(inverse, axis=1) / size)[: len(names)].tolist(), strict=True)
+    )
 
 
 # ---- Statistics of a campaign's runs: of each parameter, and of all together
 
 SIGMAS = (1, 2, 3)
-NORMAL = {1: 0.682689492137086, 2: 0.954499736103642, 3: 0.997300203936740}  # of a normal distribution within so many standard deviations
+# of a normal distribution within so many standard deviations
+NORMAL = {1: 0.682689492137086, 2: 0.954499736103642, 3: 0.997300203936740}
 
 
 @dataclass(frozen=True)
 class Within:
-    """Share of the runs whose interval of ``sigmas`` reported standard deviations holds the reference, with its exact 95 % interval."""
+    """Share of the runs whose interval of ``sigmas`` reported standard deviations holds the
+    reference, with its exact 95 % interval.
+    """
 
     sigmas: int
     hits: int
@@ -216,12 +298,13 @@ class ParameterStatistics:
     Attributes
     ----------
     bias, bias_std : mean error and the standard deviation of that mean.
-    scatter, reported : standard deviation of the estimates; root mean square of the reported sigmas.
-    ratio, ratio_interval : of these two, with the 95 % interval by chi-square.
-    coverage : within one, two and three reported sigmas.
-    bound, pull : least scatter that the method could have and what its priors do to the mean, at the reference; None where there is no bound.
-    efficiency, efficiency_interval : variance of that bound over that of the estimates, and its interval; one where nothing is lost.
-    prior_share : of the stated variance that the prior gives, at the bound.
+    scatter, reported : standard deviation of the estimates; root mean square of the reported
+    sigmas. ratio, ratio_interval : of these two, with the 95 % interval by chi-square. coverage :
+    within one, two and three reported sigmas. bound, pull : least scatter that the method could
+    have and what its priors do to the mean, at the reference; None where there is no bound.
+    efficiency, efficiency_interval : variance of that bound over that of the estimates, and its
+    interval; one where nothing is lost. prior_share : of the stated variance that the prior gives,
+    at the bound.
     """
 
     name: str
@@ -248,10 +331,12 @@ class ParameterStatistics:
 
 @dataclass(frozen=True, eq=False)
 class Squares:
-    """A sum of normalised squares in each run ``(M,)`` that should be chi-square with ``degrees (M,)`` of freedom.
+    """A sum of normalised squares in each run ``(M,)`` that should be chi-square with ``degrees
+    (M,)`` of freedom.
 
-    ``mean`` over runs of the sum over its degrees; ``interval`` in which this mean lies with 95 % where sigmas are right; ``inside`` the share
-    of the runs within their own 95 % interval, ``inside_interval`` its exact interval.
+    ``mean`` over runs of the sum over its degrees; ``interval`` in which this mean lies with 95 %
+    where sigmas are right; ``inside`` the share of the runs within their own 95 % interval,
+    ``inside_interval`` its exact interval.
     """
 
     name: str
@@ -270,7 +355,9 @@ class Squares:
 
 @dataclass(frozen=True, eq=False)
 class CampaignStatistics:
-    """Of all parameters; ``sigmas (n, M)`` are the errors in the sigma that each run reports. NIS is None of methods that predict nothing."""
+    """Of all parameters; ``sigmas (n, M)`` are the errors in the sigma that each run reports. NIS
+    is None of methods that predict nothing.
+    """
 
     parameters: tuple[ParameterStatistics, ...]
     sigmas: np.ndarray
@@ -287,16 +374,27 @@ def campaign_statistics(campaign: CampaignRuns) -> CampaignStatistics:
     """Statistics of the sound runs, and the bound at the reference values."""
     bound = bound_of(campaign.work)
     reference = np.array([[spread.reference] for spread in campaign.spreads])
-    parameters = tuple(_parameter(spread, campaign.values[i], campaign.std[i], bound, i) for i, spread in enumerate(campaign.spreads))
+    parameters = tuple(
+        _parameter(spread, campaign.values[i], campaign.std[i], bound, i)
+        for i, spread in enumerate(campaign.spreads)
+    )
     nees = squares("NEES", campaign.nees, np.full(len(campaign.nees), len(parameters)))
-    return CampaignStatistics(parameters, (campaign.values - reference) / campaign.std, nees, squares("NIS", campaign.nis, campaign.degrees))
+    return CampaignStatistics(
+        parameters,
+        (campaign.values - reference) / campaign.std,
+        nees,
+        squares("NIS", campaign.nis, campaign.degrees),
+    )
 
 
 def coverage_of(sigmas: np.ndarray) -> tuple[Within, ...]:
     """Shares of errors ``(M,)`` in sigmas within one, two and three."""
     runs = len(sigmas)
     hits = [int(np.sum(np.abs(sigmas) <= each)) for each in SIGMAS]
-    return tuple(Within(each, hit, runs, hit / runs, clopper_pearson(hit, runs)) for each, hit in zip(SIGMAS, hits, strict=True))
+    return tuple(
+        Within(each, hit, runs, hit / runs, clopper_pearson(hit, runs))
+        for each, hit in zip(SIGMAS, hits, strict=True)
+    )
 
 
 def squares(name: str, values: np.ndarray, degrees: np.ndarray) -> Squares | None:
@@ -307,24 +405,54 @@ def squares(name: str, values: np.ndarray, degrees: np.ndarray) -> Squares | Non
     values, degrees = values[there], degrees[there]
     held = int(np.sum(inside(values, degrees)))
     interval = mean_square_interval(float(degrees.sum()))
-    return Squares(name, values, degrees, float(values.sum() / degrees.sum()), interval, held / len(values), clopper_pearson(held, len(values)))
+    return Squares(
+        name,
+        values,
+        degrees,
+        float(values.sum() / degrees.sum()),
+        interval,
+        held / len(values),
+        clopper_pearson(held, len(values)),
+    )
 
 
-def _parameter(spread: Spread, values: np.ndarray, std: np.ndarray, bound: Bound | None, at: int) -> ParameterStatistics:
+def _parameter(
+    spread: Spread, values: np.ndarray, std: np.ndarray, bound: Bound | None, at: int
+) -> ParameterStatistics:
     runs = len(values)
     low, high = deviation_factors(runs)
     ratio = spread.scatter / spread.reported if spread.reported > 0.0 else float("inf")
     coverage = coverage_of((values - spread.reference) / std)
-    ours = (spread.name, spread.unit, spread.reference, spread.bias, spread.scatter / runs**0.5, spread.scatter, spread.reported)
+    ours = (
+        spread.name,
+        spread.unit,
+        spread.reference,
+        spread.bias,
+        spread.scatter / runs**0.5,
+        spread.scatter,
+        spread.reported,
+    )
     found = ParameterStatistics(*ours, ratio, (low * ratio, high * ratio), coverage)
     # Without a prior nothing bounds what a record leaves open.
-    if bound is None or spread.scatter == 0.0 or (np.isinf(bound.data[at]) and not bound.prior_share[at] > 0.0):
+    if (
+        bound is None
+        or spread.scatter == 0.0
+        or (np.isinf(bound.data[at]) and not bound.prior_share[at] > 0.0)
+    ):
         return found
     best = float(bound.scatter[at])
     efficiency = (best / spread.scatter) ** 2
     ends = efficiency / high**2, efficiency / low**2
     return ParameterStatistics(
-        *ours, ratio, (low * ratio, high * ratio), coverage, best, float(bound.pull[at]), efficiency, ends, float(bound.prior_share[at])
+        *ours,
+        ratio,
+        (low * ratio, high * ratio),
+        coverage,
+        best,
+        float(bound.pull[at]),
+        efficiency,
+        ends,
+        float(bound.prior_share[at]),
     )
 
 
@@ -333,8 +461,12 @@ def _parameter(spread: Spread, values: np.ndarray, std: np.ndarray, bound: Bound
 
 def statistics_content(found: CampaignStatistics) -> dict[str, Any]:
     """Of each parameter and of NEES and NIS; what there is not is left out."""
-    content: dict[str, Any] = {"parameters": {each.name: _content_parameter(each) for each in found.parameters}}
-    return content | {each.name.lower(): _squares(each) for each in (found.nees, found.nis) if each is not None}
+    content: dict[str, Any] = {
+        "parameters": {each.name: _content_parameter(each) for each in found.parameters}
+    }
+    return content | {
+        each.name.lower(): _squares(each) for each in (found.nees, found.nis) if each is not None
+    }
 
 
 def statistics_csv(found: CampaignStatistics) -> str:
@@ -344,7 +476,12 @@ def statistics_csv(found: CampaignStatistics) -> str:
     rows = [_flat(each) for each in found.parameters]
     writer.writerow(rows[0])
     for row in rows:
-        writer.writerow([cell if isinstance(cell, str) else "" if cell is None else repr(cell) for cell in row.values()])
+        writer.writerow(
+            [
+                cell if isinstance(cell, str) else "" if cell is None else repr(cell)
+                for cell in row.values()
+            ]
+        )
     return text.getvalue()
 
 
@@ -353,9 +490,23 @@ def _content_parameter(each: ParameterStatistics) -> dict[str, Any]:
 
 
 def _flat(each: ParameterStatistics) -> dict[str, Any]:
-    row: dict[str, Any] = {"parameter": each.name, "unit": each.unit, "runs": each.two.runs, "reference": each.reference}
-    row |= {"bias": each.bias, "bias_std": each.bias_std, "scatter": each.scatter, "reported_std": each.reported}
-    row |= {"ratio": _finite(each.ratio), "ratio_low": _finite(each.ratio_interval[0]), "ratio_high": _finite(each.ratio_interval[1])}
+    row: dict[str, Any] = {
+        "parameter": each.name,
+        "unit": each.unit,
+        "runs": each.two.runs,
+        "reference": each.reference,
+    }
+    row |= {
+        "bias": each.bias,
+        "bias_std": each.bias_std,
+        "scatter": each.scatter,
+        "reported_std": each.reported,
+    }
+    row |= {
+        "ratio": _finite(each.ratio),
+        "ratio_low": _finite(each.ratio_interval[0]),
+        "ratio_high": _finite(each.ratio_interval[1]),
+    }
     for share in each.coverage:
         row |= {
             f"within_{share.sigmas}": share.share,
@@ -364,12 +515,22 @@ def _flat(each: ParameterStatistics) -> dict[str, Any]:
         }
     low, high = each.efficiency_interval or (None, None)
     row |= {"bound_std": each.bound, "prior_pull": each.pull, "prior_share": each.prior_share}
-    return row | {"efficiency": each.efficiency, "efficiency_low": low, "efficiency_high": _finite(high)}
+    return row | {
+        "efficiency": each.efficiency,
+        "efficiency_low": low,
+        "efficiency_high": _finite(high),
+    }
 
 
 def _squares(each: Squares) -> dict[str, Any]:
     ends = {"low": each.interval[0], "high": each.interval[1]}
-    return {"mean": each.mean, **ends, "inside": each.inside, "inside_low": each.inside_interval[0], "inside_high": each.inside_interval[1]}
+    return {
+        "mean": each.mean,
+        **ends,
+        "inside": each.inside,
+        "inside_low": each.inside_interval[0],
+        "inside_high": each.inside_interval[1],
+    }
 
 
 def _finite(value: float | None) -> float | None:
@@ -378,21 +539,37 @@ def _finite(value: float | None) -> float | None:
 
 # ---- Statistics of a campaign in the terminal
 
-MEANINGS = {"NEES": "squared error in units of the reported covariance, all parameters together", "NIS": "squared innovation in units of its own"}
+MEANINGS = {
+    "NEES": "squared error in units of the reported covariance, all parameters together",
+    "NIS": "squared innovation in units of its own",
+}
 
 
 def print_statistics(found: CampaignStatistics, out: Console) -> None:
-    """A row a parameter: scatter over reported sigma, coverage, efficiency; below it NEES and NIS."""
+    """A row a parameter: scatter over reported sigma, coverage, efficiency; below it NEES and
+    NIS.
+    """
     each = found.parameters
     columns = [
         TableColumn("parameter", [p.name for p in each], left=True),
-        TableColumn("bias/its sigma", [f"{p.bias / p.bias_std:+.1f}" if p.bias_std > 0.0 else "-" for p in each]),
+        TableColumn(
+            "bias/its sigma",
+            [f"{p.bias / p.bias_std:+.1f}" if p.bias_std > 0.0 else "-" for p in each],
+        ),
         TableColumn("scatter/reported", [_ratio(p.ratio, p.ratio_interval) for p in each]),
-        *(TableColumn(f"in {n} sigma", [f"{100 * p.coverage[n - 1].share:.1f} %" for p in each]) for n in (1, 2, 3)),
+        *(
+            TableColumn(f"in {n} sigma", [f"{100 * p.coverage[n - 1].share:.1f} %" for p in each])
+            for n in (1, 2, 3)
+        ),
         TableColumn("efficiency", [efficiency_text(p) for p in each]),
     ]
     out.print()
-    print_table(out, "scatter over the reported sigma (95 % interval), coverage (a normal distribution's: 68.3, 95.4, 99.7 %), efficiency", columns)
+    print_table(
+        out,
+        "scatter over the reported sigma (95 % interval), coverage (a normal distribution's: 68.3, "
+        "95.4, 99.7 %), efficiency",
+        columns,
+    )
     for squares in (found.nees, found.nis):
         if squares is not None:
             print_paragraph(out, squares_sentence(squares), 0)
@@ -400,7 +577,11 @@ def print_statistics(found: CampaignStatistics, out: Console) -> None:
 
 def efficiency_text(p: ParameterStatistics) -> str:
     """Variance of the bound over that of the estimates with its interval, or a dash."""
-    if p.efficiency is None or p.efficiency_interval is None or not math.isfinite(p.efficiency_interval[1]):
+    if (
+        p.efficiency is None
+        or p.efficiency_interval is None
+        or not math.isfinite(p.efficiency_interval[1])
+    ):
         return "-"
     return _ratio(p.efficiency, p.efficiency_interval)
 
@@ -408,10 +589,14 @@ def efficiency_text(p: ParameterStatistics) -> str:
 def squares_sentence(squares: Squares) -> str:
     """The mean of NEES or NIS over its degrees of freedom beside where it should be."""
     low, high = squares.interval
-    said = "as it should be" if squares.right else "too large" if squares.mean > high else "too small"
+    said = (
+        "as it should be" if squares.right else "too large" if squares.mean > high else "too small"
+    )
     return (
-        f"{squares.name} ({MEANINGS[squares.name]}) over its degrees of freedom: {_near_one(squares.mean)}, {said} (95 % of right ones "
-        f"{low:.3f} to {high:.3f}); {100 * squares.inside:.1f} % of the runs within their own 95 % interval"
+        f"{squares.name} ({MEANINGS[squares.name]}) over its degrees of freedom: "
+        f"{_near_one(squares.mean)}, {said} (95 % of right ones "
+        f"{low:.3f} to {high:.3f}); {100 * squares.inside:.1f} % of the runs within their own 95 % "
+        "interval"
     )
 
 
@@ -429,35 +614,70 @@ def _ratio(value: float, interval: tuple[float, float]) -> str:
 # ---- Statistics of a campaign on its page
 
 NOTE = (
-    "Efficiency: variance of the Cramer-Rao bound at the reference over that of the estimates; one where nothing is lost. The bound is that of an "
-    "estimator with the method's priors, which keep estimates from scattering. All intervals hold 95 %: of ratios by chi-square, of shares those of "
+    "Efficiency: variance of the Cramer-Rao bound at the reference over that of the estimates; one "
+    "where nothing is lost. The bound is that of an "
+    "estimator with the method's priors, which keep estimates from scattering. All intervals hold "
+    "95 %: of ratios by chi-square, of shares those of "
     "Clopper and Pearson."
 )
 
 
 def statistics_blocks(found: CampaignStatistics) -> list[Block]:
-    """Scatter over reported sigmas with the bound; coverage within one, two and three; NEES and NIS."""
-    sizes = Column("parameter"), Column("bias ± σ", BY_ROW), *(Column(each, PURE) for each in ("scatter / reported", "from", "to"))
-    columns = (*sizes, Column("bound", BY_ROW), *(Column(each, PURE) for each in ("efficiency", "from", "to")))
+    """Scatter over reported sigmas with the bound; coverage within one, two and three; NEES and
+    NIS.
+    """
+    sizes = (
+        Column("parameter"),
+        Column("bias ± σ", BY_ROW),
+        *(Column(each, PURE) for each in ("scatter / reported", "from", "to")),
+    )
+    columns = (
+        *sizes,
+        Column("bound", BY_ROW),
+        *(Column(each, PURE) for each in ("efficiency", "from", "to")),
+    )
     each = found.parameters
     tables = [
-        Table("Scatter against the reported σ and the Cramer-Rao bound", columns, tuple(_size(p) for p in each), tuple(p.unit for p in each)),
-        Table("Share of the runs whose interval holds the reference", _headings(), tuple(_shares(p) for p in each)),
+        Table(
+            "Scatter against the reported σ and the Cramer-Rao bound",
+            columns,
+            tuple(_size(p) for p in each),
+            tuple(p.unit for p in each),
+        ),
+        Table(
+            "Share of the runs whose interval holds the reference",
+            _headings(),
+            tuple(_shares(p) for p in each),
+        ),
     ]
-    squares = [Prose(as_sentence(squares_sentence(s))) for s in (found.nees, found.nis) if s is not None]
+    squares = [
+        Prose(as_sentence(squares_sentence(s))) for s in (found.nees, found.nis) if s is not None
+    ]
     return [*tables, Prose(NOTE, "note"), *squares]
 
 
 def _headings() -> tuple[Column, ...]:
-    return Column("parameter"), *(Column(text, "%") for n in ("1 σ", "2 σ", "3 σ") for text in (f"within {n}", "from", "to"))
+    return Column("parameter"), *(
+        Column(text, "%") for n in ("1 σ", "2 σ", "3 σ") for text in (f"within {n}", "from", "to")
+    )
 
 
 def _size(p: ParameterStatistics) -> tuple[Cell, ...]:
     ratio = [known(value, 3) for value in (p.ratio, *p.ratio_interval)]
     bound: Cell = "–" if p.bound is None else Number(p.bound, shown=number_text(p.bound, p.bound))
     ends = p.efficiency_interval or (None, None)
-    return p.name, Number(p.bias, p.bias_std), *ratio, bound, *(known(value, 3) for value in (p.efficiency, *ends))
+    return (
+        p.name,
+        Number(p.bias, p.bias_std),
+        *ratio,
+        bound,
+        *(known(value, 3) for value in (p.efficiency, *ends)),
+    )
 
 
 def _shares(p: ParameterStatistics) -> tuple[Cell, ...]:
-    return p.name, *(Number(100.0 * value, digits=1) for within in p.coverage for value in (within.share, *within.interval))
+    return p.name, *(
+        Number(100.0 * value, digits=1)
+        for within in p.coverage
+        for value in (within.share, *within.interval)
+    )

@@ -1,11 +1,13 @@
 """Trials on the first runs of a campaign: noise levels by likelihood, residuals, changed methods.
 
-Of filters the sum of the innovations' log likelihoods over some runs, each with the declared start and priors, is maximised over a factor on each
-measurement noise, one on the process noise of states and one on that of parameters (Schweppe 1965; Maine and Iliff 1981). Whole-record fits
-estimate their measurement noise anyway; theirs is averaged.
+Of filters the sum of the innovations' log likelihoods over some runs, each with the declared start
+and priors, is maximised over a factor on each measurement noise, one on the process noise of states
+and one on that of parameters (Schweppe 1965; Maine and Iliff 1981). Whole-record fits estimate
+their measurement noise anyway; theirs is averaged.
 
-Residuals are those of the method's model with its parameters held at the reference and integrated finely, so that neither a start nor a step has a
-part in them. By S, the slopes of the outputs in units of the noise, a misfit d moves estimates by P S' d with the stated covariance P; noise of the
+Residuals are those of the method's model with its parameters held at the reference and integrated
+finely, so that neither a start nor a step has a part in them. By S, the slopes of the outputs in
+units of the noise, a misfit d moves estimates by P S' d with the stated covariance P; noise of the
 autocovariance R makes them scatter by P S' R S P.
 """
 
@@ -35,17 +37,21 @@ from sim.record import Record
 RUNS, ALONE = 16, 4  # of which the likelihood is taken: of a batch, of filters one by one
 LEAST, MOST = -7.0, 7.0  # of the logarithm of a factor on a standard deviation
 BETTER = 2.0  # of a log likelihood: what tells one level from another
-LITTLE = (-1.5, -3.5)  # logarithms of factors by which process noise that seemed to be none is tried again
-BESIDE, STEPS, HALVINGS = 0.05, 6, 4  # of the search: differences of logarithms, Newton steps, and halvings of one that leads astray
+# logarithms of factors by which process noise that seemed to be none is tried again
+LITTLE = (-1.5, -3.5)
+# of the search: differences of logarithms, Newton steps, and halvings of one that leads astray
+BESIDE, STEPS, HALVINGS = 0.05, 6, 4
 STATES, PARAMETERS = "process noise of states", "process noise of parameters"
-BEGUN = 0.02  # of a state's initial deviation in one second: where the search for undeclared process noise begins
+# of a state's initial deviation in one second: where the search for undeclared process noise begins
+BEGUN = 0.02
 CLOSE = 0.05  # share within which two levels are the same for every purpose
 
 
 @dataclass(frozen=True)
 class Level:
-    """A noise level: an output's, or a common factor on process noise. ``assumed`` and ``found`` as standard deviations, SI; of process noise as
-    factors on the declared ones: 1 where it is declared, else 0. ``spread``: of the logarithm of ``found`` by the likelihood's curvature."""
+    """A noise level: an output's, or a common factor on process noise. ``assumed`` and ``found`` as
+    standard deviations, SI; of process noise as factors on the declared ones: 1 where it is
+    declared, else 0. ``spread``: of the logarithm of ``found`` by the likelihood's curvature."""
 
     name: str
     unit: str
@@ -64,7 +70,9 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """Levels over ``runs`` runs, and the estimation that assumes what was found; None of methods that assume none."""
+    """Levels over ``runs`` runs, and the estimation that assumes what was found; None of methods
+    that assume none.
+    """
 
     items: tuple[Level, ...]
     runs: int
@@ -77,7 +85,9 @@ class Levels:
 
 
 def likely_levels(work: EstimatorRuns, seeds: Sequence[int]) -> Levels | None:
-    """Noise levels by likelihood from the first runs of ``seeds``; None of equation error, whose residuals are no measurements."""
+    """Noise levels by likelihood from the first runs of ``seeds``; None of equation error, whose
+    residuals are no measurements.
+    """
     estimation = work.estimation
     if estimation.method == "equation-error":
         return None
@@ -107,7 +117,8 @@ def _searched(work: EstimatorRuns, records: Sequence[Record], many: bool) -> Lev
     theta, first = np.zeros(plan.size), len(plan.outputs)
     value = cost(theta)
     for at in range(first, plan.size):
-        # Whether there is any process noise is asked, not read off a slope: towards none the likelihood is flat.
+        # Whether there is any process noise is asked, not read off a slope: towards none the
+        # likelihood is flat.
         theta, value = _better(cost, theta, value, at, -math.inf, BETTER if plan.declared else 0.0)
     theta, value, spreads = _newton(cost, theta, value)
     gone = [at for at in range(first, plan.size) if math.isinf(theta[at])]
@@ -122,16 +133,29 @@ def _searched(work: EstimatorRuns, records: Sequence[Record], many: bool) -> Lev
     return Levels(plan.levels(theta, spreads), len(records), plan.changed(theta))
 
 
-def _better(cost: Callable[[np.ndarray], float], theta: np.ndarray, value: float, at: int, tried: float, allowed: float) -> tuple[np.ndarray, float]:
-    """The logarithms with that of one factor as ``tried``, where that costs at most ``allowed`` more."""
+def _better(
+    cost: Callable[[np.ndarray], float],
+    theta: np.ndarray,
+    value: float,
+    at: int,
+    tried: float,
+    allowed: float,
+) -> tuple[np.ndarray, float]:
+    """The logarithms with that of one factor as ``tried``, where that costs at most ``allowed``
+    more.
+    """
     other = theta.copy()
     other[at] = tried
     costs = cost(other)
     return (other, costs) if costs <= value + allowed else (theta, value)
 
 
-def _newton(cost: Callable[[np.ndarray], float], theta: np.ndarray, value: float) -> tuple[np.ndarray, float, np.ndarray]:
-    """The least cost by Newton steps of each logarithm alone, which hardly know of each other; with their deviations by the curvature."""
+def _newton(
+    cost: Callable[[np.ndarray], float], theta: np.ndarray, value: float
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """The least cost by Newton steps of each logarithm alone, which hardly know of each other; with
+    their deviations by the curvature.
+    """
     spreads = np.full(len(theta), math.inf)
     moving = np.flatnonzero(np.isfinite(theta))
     for _ in range(STEPS):
@@ -156,14 +180,18 @@ def _newton(cost: Callable[[np.ndarray], float], theta: np.ndarray, value: float
                 theta, value = trial, reached
                 break
             step = 0.5 * step
-        if reached > value or np.all(np.abs(step[moving]) <= np.maximum(0.1 * spreads[moving], 1e-3)):
+        if reached > value or np.all(
+            np.abs(step[moving]) <= np.maximum(0.1 * spreads[moving], 1e-3)
+        ):
             break
     return theta, value, spreads
 
 
 @dataclass(frozen=True)
 class _Plan:
-    """What is searched: ``outputs`` with their assumed levels, and groups of process noise with the densities at a factor of one."""
+    """What is searched: ``outputs`` with their assumed levels, and groups of process noise with the
+    densities at a factor of one.
+    """
 
     estimation: Estimation
     outputs: Mapping[str, float]
@@ -178,11 +206,15 @@ class _Plan:
         outputs = {name: model.noise.measurement_std[name] for name in system.output_names}
         units = {signal.name: signal.unit for signal in model.equations.outputs}
         density = estimation.process_noise or {
-            name: (BEGUN * each.std) ** 2 for name, each in estimation.initial.items() if 0.0 < each.std < math.inf
+            name: (BEGUN * each.std) ** 2
+            for name, each in estimation.initial.items()
+            if 0.0 < each.std < math.inf
         }
         states = {name: value for name, value in density.items() if name not in estimation.start}
         parameters = {name: value for name, value in density.items() if name in estimation.start}
-        groups = {name: group for name, group in ((STATES, states), (PARAMETERS, parameters)) if group}
+        groups = {
+            name: group for name, group in ((STATES, states), (PARAMETERS, parameters)) if group
+        }
         return cls(estimation, outputs, units, groups, bool(estimation.process_noise))
 
     @property
@@ -192,15 +224,22 @@ class _Plan:
     def noise(self, theta: np.ndarray) -> Noise:
         """Levels at logarithms of factors on standard deviations ``(size,)``."""
         factors = np.exp(theta)
-        told = {name: float(value * factor) for (name, value), factor in zip(self.outputs.items(), factors, strict=False)}
+        told = {
+            name: float(value * factor)
+            for (name, value), factor in zip(self.outputs.items(), factors, strict=False)
+        }
         density: dict[str, float] = {}
         for group, factor in zip(self.groups.values(), factors[len(told) :], strict=True):
-            density |= {name: float(value * factor**2) for name, value in group.items() if factor > 0.0}
+            density |= {
+                name: float(value * factor**2) for name, value in group.items() if factor > 0.0
+            }
         return Noise(told, density)
 
     def changed(self, theta: np.ndarray) -> Estimation:
         noise = self.noise(theta)
-        return replace(self.estimation, noise_std=noise.measurement_std, process_noise=noise.process_density)
+        return replace(
+            self.estimation, noise_std=noise.measurement_std, process_noise=noise.process_density
+        )
 
     def levels(self, theta: np.ndarray, spreads: np.ndarray) -> tuple[Level, ...]:
         found = np.exp(theta)
@@ -210,17 +249,27 @@ class _Plan:
         ]
         first = len(ours)
         forced = [
-            Level(name, "1", 1.0 if self.declared else 0.0, float(found[first + at]), float(spreads[first + at]))
+            Level(
+                name,
+                "1",
+                1.0 if self.declared else 0.0,
+                float(found[first + at]),
+                float(spreads[first + at]),
+            )
             for at, name in enumerate(self.groups)
         ]
         return (*ours, *forced)
 
 
-def _cost_of(work: EstimatorRuns, plan: _Plan, records: Sequence[Record], many: bool) -> Callable[[np.ndarray], float]:
+def _cost_of(
+    work: EstimatorRuns, plan: _Plan, records: Sequence[Record], many: bool
+) -> Callable[[np.ndarray], float]:
     """Minus the log likelihood of all records by the logarithms of factors."""
     model, estimation = work.common.model, work.estimation
     # What coarse steps leave is no noise.
-    once = filter_settings(replace(estimation, integration="rk4", terms=3 if estimation.terms else 0, passes=1))
+    once = filter_settings(
+        replace(estimation, integration="rk4", terms=3 if estimation.terms else 0, passes=1)
+    )
     names = compiled(estimation, model).output_names
     z = np.stack([record.output_array(names)[0] for record in records], axis=2) if many else None
 
@@ -229,7 +278,12 @@ def _cost_of(work: EstimatorRuns, plan: _Plan, records: Sequence[Record], many: 
         if z is not None:
             total = float(run_bank(records[0], system, once, z=z).log_likelihood.sum())
         else:
-            total = float(sum(run_ekf(record, system, once, by=filter_batched).log_likelihood for record in records))
+            total = float(
+                sum(
+                    run_ekf(record, system, once, by=filter_batched).log_likelihood
+                    for record in records
+                )
+            )
         return -total if math.isfinite(total) else 1e12
 
     return cost
@@ -244,9 +298,10 @@ FINE = 4  # steps of a sample
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """``misfit`` : root mean square of what all runs have in common, in units of the noise. ``colour`` ``(m,)`` : correlation of neighbouring
-    samples of the rest by output, ``outputs`` their names; ``colour_std`` its deviation for white noise. ``lags`` ``(m, L)`` : autocovariance of the
-    rest; ``valid``, ``common`` ``(m, N)`` : what was measured, and the mean of all runs."""
+    """``misfit`` : root mean square of what all runs have in common, in units of the noise.
+    ``colour`` ``(m,)`` : correlation of neighbouring samples of the rest by output, ``outputs``
+    their names; ``colour_std`` its deviation for white noise. ``lags`` ``(m, L)`` : autocovariance
+    of the rest; ``valid``, ``common`` ``(m, N)`` : what was measured, and the mean of all runs."""
 
     misfit: float
     colour: np.ndarray
@@ -267,27 +322,39 @@ def residuals_of(work: EstimatorRuns, seeds: Sequence[int]) -> Residuals | None:
     estimation, reference = work.estimation, work.common.reference
     model = work.common.model.with_values({name: reference[name] for name in work.parameters})
     held = {name: HELD * max(abs(reference[name]), 1e-3) for name in work.parameters}
-    model = replace(model, parameters=model.parameters.with_prior(held)).with_noise(replace(model.noise, process_density={}))
+    model = replace(model, parameters=model.parameters.with_prior(held)).with_noise(
+        replace(model.noise, process_density={})
+    )
     filtered = replace(estimation, method="ekf", process_noise={}, passes=1)
     system = compiled(filtered, model)
     settings = FilterSettings(max_step=1.0 / (FINE * work.seen.flight.rate))
     many = is_batched(filtered, bool(work.seen.flight.feedback))
-    records = [work.record_of(seed) for seed in seeds[: RESIDUALS_RUNS if many else RESIDUALS_ALONE]]
+    records = [
+        work.record_of(seed) for seed in seeds[: RESIDUALS_RUNS if many else RESIDUALS_ALONE]
+    ]
     try:
         if many:
-            z = np.stack([record.output_array(system.output_names)[0] for record in records], axis=2)
+            z = np.stack(
+                [record.output_array(system.output_names)[0] for record in records], axis=2
+            )
             bank = run_bank(records[0], system, settings, z=z, keep=True)
             assert bank.innovation is not None and bank.innovation_std is not None
             normal = bank.innovation / bank.innovation_std
             sound = bool(np.all(bank.sound))
         else:
-            histories = [run_ekf(record, system, settings, by=filter_batched).history for record in records]
-            normal = np.stack([h.innovation / h.innovation_std for h in histories if h is not None], axis=2)
+            histories = [
+                run_ekf(record, system, settings, by=filter_batched).history for record in records
+            ]
+            normal = np.stack(
+                [h.innovation / h.innovation_std for h in histories if h is not None], axis=2
+            )
             sound = normal.shape[2] == len(records)
     except FlightidError:
         return None
     valid = records[0].output_array(system.output_names)[1]
-    return split(normal, valid, system.output_names) if sound and np.all(np.isfinite(normal)) else None
+    return (
+        split(normal, valid, system.output_names) if sound and np.all(np.isfinite(normal)) else None
+    )
 
 
 def split(normal: np.ndarray, valid: np.ndarray, outputs: Sequence[str]) -> Residuals:
@@ -296,15 +363,28 @@ def split(normal: np.ndarray, valid: np.ndarray, outputs: Sequence[str]) -> Resi
     common = normal.mean(axis=2, keepdims=True)
     rest = np.where(valid[:, :, None], normal - common, 0.0) * (runs / (runs - 1.0)) ** 0.5
     variance = np.sum(rest**2, axis=(1, 2)) / np.maximum(runs * valid.sum(axis=1), 1)
-    excess = np.where(valid, common[:, :, 0] ** 2 - variance[:, None] / runs, 0.0).sum() / max(valid.sum(), 1)
+    excess = np.where(valid, common[:, :, 0] ** 2 - variance[:, None] / runs, 0.0).sum() / max(
+        valid.sum(), 1
+    )
     # What chance leaves in so few runs is no misfit.
     excess *= excess > 4.0 * float(variance.mean()) * np.sqrt(2.0 / max(valid.sum(), 1)) / runs
     count = max(10, normal.shape[1] // 5)
-    lags = np.array([np.mean([autocovariance(rest[i, :, run], count) for run in range(runs)], axis=0) for i in range(len(rest))])
+    lags = np.array(
+        [
+            np.mean([autocovariance(rest[i, :, run], count) for run in range(runs)], axis=0)
+            for i in range(len(rest))
+        ]
+    )
     lags *= normal.shape[1] / np.maximum(valid.sum(axis=1), 1)[:, None]
     colour = lags[:, 1] / np.maximum(lags[:, 0], 1e-300)
     return Residuals(
-        float(np.sqrt(max(excess, 0.0))), colour, 1.0 / float(np.sqrt(runs * valid.sum(axis=1).min())), tuple(outputs), lags, valid, common[:, :, 0]
+        float(np.sqrt(max(excess, 0.0))),
+        colour,
+        1.0 / float(np.sqrt(runs * valid.sum(axis=1).min())),
+        tuple(outputs),
+        lags,
+        valid,
+        common[:, :, 0],
     )
 
 
@@ -312,15 +392,19 @@ def split(normal: np.ndarray, valid: np.ndarray, outputs: Sequence[str]) -> Resi
 
 
 def predicted_by_prior(bound: Bound, at: int) -> tuple[float, float]:
-    """Root mean square error in stated sigmas that the priors alone give a linear estimator, and the prior's share of the stated variance."""
+    """Root mean square error in stated sigmas that the priors alone give a linear estimator, and
+    the prior's share of the stated variance.
+    """
     stated = float(bound.stated[at])
     return float(np.hypot(bound.scatter[at], bound.pull[at])) / stated, float(bound.prior_share[at])
 
 
 def predicted_by_colour(bound: Bound, residuals: Residuals) -> np.ndarray | None:
-    """By what each stated sigma ``(n,)`` is to be multiplied where noise has the runs' autocorrelation; None without sensitivities.
+    """By what each stated sigma ``(n,)`` is to be multiplied where noise has the runs'
+    autocorrelation; None without sensitivities.
 
-    The sandwich of Morelli and Klein (J. Guidance 20(1), 1997) with slopes at the reference and the mean correlation of the runs.
+    The sandwich of Morelli and Klein (J. Guidance 20(1), 1997) with slopes at the reference and the
+    mean correlation of the runs.
     """
     if bound.slopes is None:
         return None
@@ -340,7 +424,8 @@ def predicted_by_colour(bound: Bound, residuals: Residuals) -> np.ndarray | None
 # ---- The first runs of a campaign again with something of the method changed
 
 TRIALS_RUNS, TRIALS_ALONE = 64, 12  # that are computed again: of a batch, of methods one by one
-FURTHER, SPREAD = 3, 20.0  # passes more, each started at the result of the one before with a spread of so many of its sigmas
+# passes more, each started at the result of the one before with a spread of so many of its sigmas
+FURTHER, SPREAD = 3, 20.0
 TENTH = 0.1
 PART = 4  # steps of a sample, where a filter's are made finer
 
@@ -349,7 +434,9 @@ START, TRIALS_STEPS, LEVELS = "start", "steps", "levels"
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """Runs with the changes ``keys``: errors and reported sigmas ``(n, K)`` of those that settled."""
+    """Runs with the changes ``keys``: errors and reported sigmas ``(n, K)`` of those that
+    settled.
+    """
 
     keys: tuple[str, ...]
     errors: np.ndarray
@@ -367,7 +454,8 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """A campaign's first runs: as they were (no keys), and with each set of changes that is asked for, computed once.
+    """A campaign's first runs: as they were (no keys), and with each set of changes that is asked
+    for, computed once.
 
     ``scale`` ``(n,)`` : by what reported sigmas are multiplied in all of them, for coloured noise.
     """
@@ -381,13 +469,26 @@ class Trials:
     scale: np.ndarray
 
     @classmethod
-    def of(cls, campaign: CampaignRuns, levels: Levels | None, scale: np.ndarray | None = None) -> Trials:
+    def of(
+        cls, campaign: CampaignRuns, levels: Levels | None, scale: np.ndarray | None = None
+    ) -> Trials:
         """Of the first sound runs."""
         work = campaign.work
         many = is_batched(campaign.estimation, bool(campaign.scenario.flight.feedback))
-        seeds = tuple(int(seed) for seed in campaign.seeds[campaign.kept][: TRIALS_RUNS if many else TRIALS_ALONE])
+        seeds = tuple(
+            int(seed)
+            for seed in campaign.seeds[campaign.kept][: TRIALS_RUNS if many else TRIALS_ALONE]
+        )
         reference = np.array([spread.reference for spread in campaign.spreads])
-        return cls(work, campaign.names, reference, seeds, _changes(work, levels, reference), {}, np.ones(len(reference)) if scale is None else scale)
+        return cls(
+            work,
+            campaign.names,
+            reference,
+            seeds,
+            _changes(work, levels, reference),
+            {},
+            np.ones(len(reference)) if scale is None else scale,
+        )
 
     @property
     def subsets(self) -> Iterator[tuple[str, ...]]:
@@ -407,51 +508,89 @@ class Trials:
             estimation = _merged(estimation, self.changes[key], key)
         return self.of_records(keys, estimation, [self.work.record_of(seed) for seed in self.seeds])
 
-    def of_records(self, keys: tuple[str, ...], estimation: Estimation, records: Sequence[Record]) -> Trial | None:
+    def of_records(
+        self, keys: tuple[str, ...], estimation: Estimation, records: Sequence[Record]
+    ) -> Trial | None:
         """Records estimated by a changed method; None where fewer than half of them settle."""
         try:
             found = self.work.estimated(estimation, records)
         except FlightidError:
             return None
         order = [found.names.index(name) for name in self.names]
-        values, std = found.values[order], np.sqrt(np.maximum(np.diagonal(found.covariance, axis1=1, axis2=2).T[order], 0.0))
-        sound = np.array([outcome == SOUND for outcome in found.outcomes]) & np.all(np.isfinite(values) & (std > 0.0), axis=0)
+        values, std = (
+            found.values[order],
+            np.sqrt(np.maximum(np.diagonal(found.covariance, axis1=1, axis2=2).T[order], 0.0)),
+        )
+        sound = np.array([outcome == SOUND for outcome in found.outcomes]) & np.all(
+            np.isfinite(values) & (std > 0.0), axis=0
+        )
         if 2 * np.sum(sound) < len(self.seeds):
             return None
-        return Trial(keys, values[:, sound] - self.reference[:, None], self.scale[:, None] * std[:, sound])
+        return Trial(
+            keys, values[:, sound] - self.reference[:, None], self.scale[:, None] * std[:, sound]
+        )
 
 
-def _changes(work: EstimatorRuns, levels: Levels | None, reference: np.ndarray) -> Mapping[str, Estimation]:
+def _changes(
+    work: EstimatorRuns, levels: Levels | None, reference: np.ndarray
+) -> Mapping[str, Estimation]:
     """What can be changed of a method, each as the estimation with it."""
     estimation = work.estimation
     if estimation.method == "equation-error":
         return {}
     out = {}
     if estimation.method in FILTERS:
-        out[START] = replace(estimation, passes=estimation.passes + FURTHER, spread=min(estimation.spread, SPREAD))
+        out[START] = replace(
+            estimation, passes=estimation.passes + FURTHER, spread=min(estimation.spread, SPREAD)
+        )
         step = 1.0 / (PART * work.seen.flight.rate)
-        if estimation.integration != "rk4" or 0 < estimation.terms < 3 or min(estimation.max_step, PART * step) > 0.02:
-            out[TRIALS_STEPS] = replace(estimation, integration="rk4", terms=3, max_step=min(estimation.max_step, step))
+        if (
+            estimation.integration != "rk4"
+            or 0 < estimation.terms < 3
+            or min(estimation.max_step, PART * step) > 0.02
+        ):
+            out[TRIALS_STEPS] = replace(
+                estimation, integration="rk4", terms=3, max_step=min(estimation.max_step, step)
+            )
         if levels is not None and levels.estimation is not None and not levels.agree:
             out[LEVELS] = levels.estimation
         return out
     truth = dict(zip(work.parameters, reference.tolist(), strict=True))
-    out[START] = replace(estimation, start={name: Start(truth.get(name, start.value), start.std) for name, start in estimation.start.items()})
-    finer = min(estimation.max_step, 0.01) / PART if math.isfinite(estimation.max_step) else 0.01 / PART
-    return out if estimation.own is not None else {**out, TRIALS_STEPS: replace(estimation, max_step=finer)}
+    out[START] = replace(
+        estimation,
+        start={
+            name: Start(truth.get(name, start.value), start.std)
+            for name, start in estimation.start.items()
+        },
+    )
+    finer = (
+        min(estimation.max_step, 0.01) / PART if math.isfinite(estimation.max_step) else 0.01 / PART
+    )
+    return (
+        out
+        if estimation.own is not None
+        else {**out, TRIALS_STEPS: replace(estimation, max_step=finer)}
+    )
 
 
 def _merged(estimation: Estimation, changed: Estimation, key: str) -> Estimation:
     """An estimation with one change more."""
     if key == TRIALS_STEPS:
-        return replace(estimation, integration=changed.integration, terms=changed.terms, max_step=changed.max_step)
+        return replace(
+            estimation,
+            integration=changed.integration,
+            terms=changed.terms,
+            max_step=changed.max_step,
+        )
     if key == LEVELS:
         return replace(estimation, noise_std=changed.noise_std, process_noise=changed.process_noise)
     return replace(estimation, passes=changed.passes, spread=changed.spread, start=changed.start)
 
 
 def closest(trials: Trials, at: Sequence[int]) -> dict[int, Trial]:
-    """For each parameter the smallest set of changes that makes its sigma right, where there is one."""
+    """For each parameter the smallest set of changes that makes its sigma right, where there is
+    one.
+    """
     out: dict[int, Trial] = {}
     first = trials.trial(())
     for keys in trials.subsets:
@@ -460,19 +599,29 @@ def closest(trials: Trials, at: Sequence[int]) -> dict[int, Trial]:
         trial = trials.trial(keys)
         if trial is not None:
             # Beside a scale that is known already no change at all may be enough.
-            out |= {one: trial for one in at if one not in out and trial.right(one) and (not keys or _nearer(trial, first, one))}
+            out |= {
+                one: trial
+                for one in at
+                if one not in out and trial.right(one) and (not keys or _nearer(trial, first, one))
+            }
     return out
 
 
 def _nearer(trial: Trial, first: Trial | None, at: int) -> bool:
-    """Whether a change takes at least half of what is wrong away: few runs call right what is nearly so."""
+    """Whether a change takes at least half of what is wrong away: few runs call right what is
+    nearly so.
+    """
     return first is None or abs(math.log(trial.rms(at))) < 0.5 * abs(math.log(first.rms(at)))
 
 
 def quiet_trial(trials: Trials) -> Trial | None:
-    """The runs with a tenth of the noise, all else as it is: a bias that noise makes is then a tenth in sigmas, any other ten times as large."""
+    """The runs with a tenth of the noise, all else as it is: a bias that noise makes is then a
+    tenth in sigmas, any other ten times as large.
+    """
     work = trials.work
-    noise = {name: TENTH * value for name, value in work.common.truth.noise_std.items() if value > 0.0}
+    noise = {
+        name: TENTH * value for name, value in work.common.truth.noise_std.items() if value > 0.0
+    }
     told = {name: TENTH * value for name, value in work.common.model.noise.measurement_std.items()}
     estimation = replace(work.estimation, flown_noise_std=noise, noise_std=told)
     quiet = EstimatorRuns(work.scenario, estimation)

@@ -1,4 +1,6 @@
-"""The catalogue of scenarios: one TOML file each, found by being there; and a user's own file by its path."""
+"""The catalogue of scenarios: one TOML file each, found by being there; and a user's own file by
+its path.
+"""
 
 from __future__ import annotations
 
@@ -29,24 +31,34 @@ SURROGATE = "standin"
 def scenario_names(kind: str | None = None) -> tuple[str, ...]:
     """Names of the built-in scenarios, sorted: all, or those of one kind."""
     entries = files("scenarios").joinpath("catalog").iterdir()
-    names = sorted(entry.name.removesuffix(".toml") for entry in entries if entry.name.endswith(".toml"))
+    names = sorted(
+        entry.name.removesuffix(".toml") for entry in entries if entry.name.endswith(".toml")
+    )
     return tuple(name for name in names if kind is None or scenario_kind(name) == kind)
 
 
 def scenario_kind(name: str) -> str:
-    """What a scenario studies, by the key ``kind`` of its file: ``IDENTIFICATION`` where it has none; a name or a path as ``load_document``."""
+    """What a scenario studies, by the key ``kind`` of its file: ``IDENTIFICATION`` where it has
+    none; a name or a path as ``load_document``.
+    """
     document, _, where = load_document(name)
     kind = str(document.get("kind", IDENTIFICATION))
     if kind == SURROGATE:
         raise moved(f"a scenario of kind {kind!r}", "surrogate", where)
     if kind not in KINDS:
-        raise DeclarationError(f"there is no kind {kind!r}", where=f"{where}, key kind", remedy=closest(kind, KINDS))
+        raise DeclarationError(
+            f"there is no kind {kind!r}", where=f"{where}, key kind", remedy=closest(kind, KINDS)
+        )
     return kind
 
 
 def scenario_title(name: str) -> str:
     """The one line that describes a built-in scenario."""
-    return str(tomllib.loads(files("scenarios").joinpath("catalog", f"{name}.toml").read_text(encoding="utf-8"))["title"])
+    return str(
+        tomllib.loads(
+            files("scenarios").joinpath("catalog", f"{name}.toml").read_text(encoding="utf-8")
+        )["title"]
+    )
 
 
 def scenario_text(name: str) -> str:
@@ -56,7 +68,9 @@ def scenario_text(name: str) -> str:
 
 
 def scenario_file(name: str) -> str:
-    """What messages call the file of a scenario: the path that a user gave, or a built-in name with its ending."""
+    """What messages call the file of a scenario: the path that a user gave, or a built-in name with
+    its ending.
+    """
     return name if name.endswith(".toml") else f"{name}.toml"
 
 
@@ -70,7 +84,8 @@ def load_scenario(name: str, changes: Sequence[str] = ()) -> Scenario:
 
     Raises
     ------
-    DeclarationError : there is no such scenario, or a key or value in it is wrong; file and key are named.
+    DeclarationError : there is no such scenario, or a key or value in it is wrong; file and key are
+    named.
     """
     from scenarios.studies.reading import scenario_of
 
@@ -78,16 +93,26 @@ def load_scenario(name: str, changes: Sequence[str] = ()) -> Scenario:
     if document.get("kind", IDENTIFICATION) != IDENTIFICATION:
         what = f"{short} is a scenario of kind {document['kind']!r}, this is for identification"
         raise DeclarationError(what, where=where, remedy="use flightid run, or another scenario")
-    return scenario_of({key: value for key, value in document.items() if key != "kind"}, short, where)
+    return scenario_of(
+        {key: value for key, value in document.items() if key != "kind"}, short, where
+    )
 
 
 def load_document(name: str, changes: Sequence[str] = ()) -> tuple[dict[str, Any], str, str]:
-    """Content of a scenario's file with the changes made, its short name, and what messages call the file. Errors as ``load_scenario``."""
+    """Content of a scenario's file with the changes made, its short name, and what messages call
+    the file. Errors as ``load_scenario``.
+    """
     where = scenario_file(name)
     if name.endswith(".toml"):
         document, short = _beside(read_toml(name), Path(name).parent), Path(name).stem
     else:
-        document, short = _beside(tomllib.loads(scenario_text(name)), Path(str(files("scenarios").joinpath("catalog")))), name
+        document, short = (
+            _beside(
+                tomllib.loads(scenario_text(name)),
+                Path(str(files("scenarios").joinpath("catalog"))),
+            ),
+            name,
+        )
     return with_changes(document, changes), short, where
 
 
@@ -97,11 +122,26 @@ def _beside(document: dict[str, Any], folder: Path) -> dict[str, Any]:
 
     def found(table: Any, key: str) -> Any:
         named = table.get(key) if isinstance(table, dict) else None
-        return {**table, key: str(folder / named)} if isinstance(named, str) and is_model_file(named) else table
+        return (
+            {**table, key: str(folder / named)}
+            if isinstance(named, str) and is_model_file(named)
+            else table
+        )
 
     methods = document.get("methods")
-    out = {**document, **{table: found(document[table], key) for table, key in (("flight", "vehicle"), ("estimate", "model")) if table in document}}
-    return {**out, "methods": [found(each, "model") for each in methods]} if isinstance(methods, list) else out
+    out = {
+        **document,
+        **{
+            table: found(document[table], key)
+            for table, key in (("flight", "vehicle"), ("estimate", "model"))
+            if table in document
+        },
+    }
+    return (
+        {**out, "methods": [found(each, "model") for each in methods]}
+        if isinstance(methods, list)
+        else out
+    )
 
 
 def moved(what: str, examination: str, where: str = "flightid") -> DeclarationError:
@@ -116,7 +156,11 @@ def _known(name: str) -> None:
     if name.startswith(f"{SURROGATE}-"):
         raise moved(name, f"surrogate {name.replace(SURROGATE, 'surrogate', 1)}")
     if name not in scenario_names():
-        raise DeclarationError(f"there is no scenario {name!r}", where="flightid", remedy=closest(name, scenario_names()))
+        raise DeclarationError(
+            f"there is no scenario {name!r}",
+            where="flightid",
+            remedy=closest(name, scenario_names()),
+        )
 
 
 def with_changes(document: dict[str, Any], changes: Sequence[str]) -> dict[str, Any]:
@@ -127,10 +171,14 @@ def with_changes(document: dict[str, Any], changes: Sequence[str]) -> dict[str, 
 
 
 def with_change(document: dict[str, Any], change: str) -> dict[str, Any]:
-    """A scenario's content with one ``"key=value"`` put in; raises DeclarationError where it cannot be."""
+    """A scenario's content with one ``"key=value"`` put in; raises DeclarationError where it cannot
+    be.
+    """
     key, equals, text = change.partition("=")
     if not equals or not key.strip():
-        raise DeclarationError(f"{change!r} is not key=value", where="--set", remedy="write for example flight.rate=50")
+        raise DeclarationError(
+            f"{change!r} is not key=value", where="--set", remedy="write for example flight.rate=50"
+        )
     try:
         value: Any = toml_value(f"value = {text}")["value"]
     except DocumentError:
@@ -139,17 +187,33 @@ def with_change(document: dict[str, Any], change: str) -> dict[str, Any]:
     changed: dict[str, Any] = _put(document, path, value, key.strip())
     if isinstance(document.get("own"), dict) and path[0] != "own":
         changed["own"] = without_gone(document["own"], document, changed)
-    return methods_without_gone(document, changed) if path[0] in ("estimate", "methods") else changed
+    return (
+        methods_without_gone(document, changed) if path[0] in ("estimate", "methods") else changed
+    )
 
 
 def _put(table: Any, path: list[str], value: Any, key: str) -> Any:
-    """The same table with one entry replaced; a number in the path counts entries of a list from 1."""
+    """The same table with one entry replaced; a number in the path counts entries of a list from
+    1.
+    """
     first, *rest = path
     if isinstance(table, list):
         if not (first.isascii() and first.isdigit()) or not 1 <= int(first) <= len(table):
-            raise DeclarationError(f"{key}: there is no entry {first!r}", where="--set", remedy=f"use a number from 1 to {len(table)}")
+            raise DeclarationError(
+                f"{key}: there is no entry {first!r}",
+                where="--set",
+                remedy=f"use a number from 1 to {len(table)}",
+            )
         at = int(first) - 1
-        return [*table[:at], value if not rest else _put(table[at], rest, value, key), *table[at + 1 :]]
+        return [
+            *table[:at],
+            value if not rest else _put(table[at], rest, value, key),
+            *table[at + 1 :],
+        ]
     if not isinstance(table, dict):
-        raise DeclarationError(f"{key}: nothing stands inside {first!r}", where="--set", remedy="name a key of the scenario's file")
+        raise DeclarationError(
+            f"{key}: nothing stands inside {first!r}",
+            where="--set",
+            remedy="name a key of the scenario's file",
+        )
     return {**table, first: value if not rest else _put(table.get(first, {}), rest, value, key)}

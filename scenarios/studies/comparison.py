@@ -31,8 +31,11 @@ from sim.vehicles.library import Origin, VehicleData, read_parameter_set
 # ---- What a study must tell beside its numbers
 
 HEADING = "chosen by this project [own]; no source prints it, or it prints another:"
-STATED_ORIGINS = (Origin.OWN, Origin.REMEMBERED, Origin.CONVERTED)  # origins that a reader would not expect of a published aircraft
-_MODAL = re.compile(r"(?:omega|zeta|generalized_mass|CL_eta|CL_etadot|Cm_eta|Cm_etadot|Ceta)(\d+)(?:_|$)")
+# origins that a reader would not expect of a published aircraft
+STATED_ORIGINS = (Origin.OWN, Origin.REMEMBERED, Origin.CONVERTED)
+_MODAL = re.compile(
+    r"(?:omega|zeta|generalized_mass|CL_eta|CL_etadot|Cm_eta|Cm_etadot|Ceta)(\d+)(?:_|$)"
+)
 
 
 def choice_lines(choices: Sequence[Choice]) -> list[str]:
@@ -46,15 +49,21 @@ def choices_content(choices: Sequence[Choice]) -> dict[str, dict[str, str]]:
 
 
 def vehicle_origins(flight: FlightPlan) -> dict[str, list[str]]:
-    """Numbers of a built-in vehicle that its source does not print, by what their origin means; those of an elastic mode are counted."""
+    """Numbers of a built-in vehicle that its source does not print, by what their origin means;
+    those of an elastic mode are counted.
+    """
     if flight.own is not None:
         return {}
     data = read_parameter_set(flight.vehicle)
-    return {origin.words: names for origin in STATED_ORIGINS if (names := _names(data, origin, flight))}
+    return {
+        origin.words: names for origin in STATED_ORIGINS if (names := _names(data, origin, flight))
+    }
 
 
 def _names(data: VehicleData, origin: Origin, flight: FlightPlan) -> list[str]:
-    """Rigid numbers of an origin by name, modal ones of the modes that fly as ``"11 of mode 2"``."""
+    """Rigid numbers of an origin by name, modal ones of the modes that fly as ``"11 of mode
+    2"``.
+    """
     rigid, modal = [], Counter[int]()
     for number in data.numbers:
         mode = _MODAL.match(number.name)
@@ -62,37 +71,68 @@ def _names(data: VehicleData, origin: Origin, flight: FlightPlan) -> list[str]:
             rigid.append(number.name)
         elif number.origin is origin and mode is not None and int(mode[1]) <= flight.modes:
             modal[int(mode[1])] += 1
-    return [name for name in rigid if name not in flight.derivatives] + [f"{count} of mode {mode}" for mode, count in sorted(modal.items())]
+    return [name for name in rigid if name not in flight.derivatives] + [
+        f"{count} of mode {mode}" for mode, count in sorted(modal.items())
+    ]
 
 
 def vehicle_line(flight: FlightPlan) -> str:
-    """What is to be said of the vehicle's numbers in one line; empty where its source prints all of them and none as it flies otherwise."""
+    """What is to be said of the vehicle's numbers in one line; empty where its source prints all of
+    them and none as it flies otherwise.
+    """
     told = [f"{', '.join(names)} ({words})" for words, names in vehicle_origins(flight).items()]
-    told += [f"{name} flies with {flies}, printed {printed}" for name, (flies, printed) in misprints(flight).items()]
-    return f"numbers of {flight.vehicle} that its source does not print so: {'; '.join(told)}" if told else ""
+    told += [
+        f"{name} flies with {flies}, printed {printed}"
+        for name, (flies, printed) in misprints(flight).items()
+    ]
+    return (
+        f"numbers of {flight.vehicle} that its source does not print so: {'; '.join(told)}"
+        if told
+        else ""
+    )
 
 
 def misprints(flight: FlightPlan) -> dict[str, tuple[str, str]]:
-    """Numbers of a built-in vehicle that fly otherwise than the paper prints them: both as text, by name."""
+    """Numbers of a built-in vehicle that fly otherwise than the paper prints them: both as text, by
+    name.
+    """
     if flight.own is not None:
         return {}
-    modes = [(number, _MODAL.match(number.name)) for number in read_parameter_set(flight.vehicle).numbers if number.printed_by_paper]
-    return {number.name: (number.printed, number.printed_by_paper) for number, mode in modes if mode is None or int(mode[1]) <= flight.modes}
+    modes = [
+        (number, _MODAL.match(number.name))
+        for number in read_parameter_set(flight.vehicle).numbers
+        if number.printed_by_paper
+    ]
+    return {
+        number.name: (number.printed, number.printed_by_paper)
+        for number, mode in modes
+        if mode is None or int(mode[1]) <= flight.modes
+    }
 
 
 def other_flight(scenario: Scenario, estimation: Estimation) -> Mapping[str, Any]:
-    """What the flight of an estimation has in the place of the scenario's, by key, SI; empty where it sees the scenario's own."""
+    """What the flight of an estimation has in the place of the scenario's, by key, SI; empty where
+    it sees the scenario's own.
+    """
     if estimation.flight is None:
         return {}
-    pairs = ((item.name, getattr(scenario.flight, item.name), getattr(estimation.flight, item.name)) for item in fields(FlightPlan))
+    pairs = (
+        (item.name, getattr(scenario.flight, item.name), getattr(estimation.flight, item.name))
+        for item in fields(FlightPlan)
+    )
     return {name: theirs for name, ours, theirs in pairs if theirs != ours}
 
 
 def other_flight_line(scenario: Scenario, estimation: Estimation) -> str:
-    """The same in words, with how far that flight is from the model; empty where there is no other flight."""
+    """The same in words, with how far that flight is from the model; empty where there is no other
+    flight.
+    """
     if estimation.flight is None:
         return ""
-    changed = "; ".join(f"{name} {_worded(name, value)}" for name, value in other_flight(scenario, estimation).items())
+    changed = "; ".join(
+        f"{name} {_worded(name, value)}"
+        for name, value in other_flight(scenario, estimation).items()
+    )
     return f"its own flight: {changed}; truth and model: {estimation.distance or scenario.distance}"
 
 
@@ -107,12 +147,22 @@ def _worded(name: str, value: Any) -> str:
 
 # ---- What records and priors determine
 
-HEADINGS = ("method", "parameter", "prior_std", "std", "std_over_prior", "share_from_prior", "claimed_std")
+HEADINGS = (
+    "method",
+    "parameter",
+    "prior_std",
+    "std",
+    "std_over_prior",
+    "share_from_prior",
+    "claimed_std",
+)
 FEW = 6  # parts of a direction that are written
 
 
 def determination_content(method: MethodDetermination) -> dict[str, Any]:
-    """Counts, every strength, the directions that the record sees, and of each parameter what comes from where."""
+    """Counts, every strength, the directions that the record sees, and of each parameter what comes
+    from where.
+    """
     found = method.found
     return {
         "parameters_estimated": len(found.names),
@@ -121,10 +171,16 @@ def determination_content(method: MethodDetermination) -> dict[str, Any]:
         "directions_unseen": found.unseen,
         "strengths": found.strengths.tolist(),
         "directions": [
-            {"strength": float(found.strengths[at]), "parts": dict(found.composition(at, FEW))} for at in range(len(found.names) - found.unseen)
+            {"strength": float(found.strengths[at]), "parts": dict(found.composition(at, FEW))}
+            for at in range(len(found.names) - found.unseen)
         ],
         "parameters": {
-            name: {"prior_std": float(prior), "std": float(std), "share_from_prior": float(share), "claimed_std": float(claimed)}
+            name: {
+                "prior_std": float(prior),
+                "std": float(std),
+                "share_from_prior": float(share),
+                "claimed_std": float(claimed),
+            }
             for name, prior, std, share, claimed in _rows(method)
         },
         "overclaimed": list(method.overclaimed),
@@ -139,13 +195,26 @@ def determination_csv(methods: Sequence[MethodDetermination]) -> str:
     for method in methods:
         for name, prior, std, share, claimed in _rows(method):
             numbers = (prior, std, std / prior, share, claimed)
-            writer.writerow([method.estimation.name, name, *(repr(float(number)) for number in numbers)])
+            writer.writerow(
+                [method.estimation.name, name, *(repr(float(number)) for number in numbers)]
+            )
     return text.getvalue()
 
 
-def _rows(method: MethodDetermination) -> list[tuple[str, np.float64, np.float64, np.float64, np.float64]]:
+def _rows(
+    method: MethodDetermination,
+) -> list[tuple[str, np.float64, np.float64, np.float64, np.float64]]:
     found = method.found
-    return list(zip(found.names, found.prior_std, found.posterior_std, found.prior_share, method.claimed, strict=True))
+    return list(
+        zip(
+            found.names,
+            found.prior_std,
+            found.posterior_std,
+            found.prior_share,
+            method.claimed,
+            strict=True,
+        )
+    )
 
 
 # ---- The engine of a study's filters
@@ -161,7 +230,9 @@ def engine_label(estimation: Estimation) -> str:
 
 
 def engine_line(estimations: Sequence[Estimation]) -> str:
-    """``"engine: filterpy ExtendedKalmanFilter"``, with the methods of each engine where there are several; empty without a filter."""
+    """``"engine: filterpy ExtendedKalmanFilter"``, with the methods of each engine where there are
+    several; empty without a filter.
+    """
     methods: dict[str, list[str]] = {}
     for each in estimations:
         if label := engine_label(each):
@@ -169,7 +240,9 @@ def engine_line(estimations: Sequence[Estimation]) -> str:
     if not methods:
         return ""
     several = len(methods) > 1
-    return "engine: " + "; ".join(f"{label} ({', '.join(names)})" if several else label for label, names in methods.items())
+    return "engine: " + "; ".join(
+        f"{label} ({', '.join(names)})" if several else label for label, names in methods.items()
+    )
 
 
 def engine_content(estimation: Estimation) -> dict[str, Any]:
@@ -180,7 +253,9 @@ def engine_content(estimation: Estimation) -> dict[str, Any]:
 
 
 def bank_line(name: str, second: SecondPass | None) -> str:
-    """``engine_line`` of a bank of delays: the engine ``name``, and how far a second pass by filterpy is from its likeliest filter."""
+    """``engine_line`` of a bank of delays: the engine ``name``, and how far a second pass by
+    filterpy is from its likeliest filter.
+    """
     return f"engine: {bank_sentence(name, second)}"
 
 
@@ -189,11 +264,16 @@ def bank_sentence(name: str, second: SecondPass | None) -> str:
     label = ENGINES[name].label
     if second is None:
         return label if name == "filterpy" else f"{label}; no sound filter to compare with filterpy"
-    return f"{label}; equals filterpy to {second.sigmas:.0e} sigma on the filter at {second.held:.4g} s"
+    return (
+        f"{label}; equals filterpy to {second.sigmas:.0e} sigma on the filter at {second.held:.4g} "
+        "s"
+    )
 
 
 def bank_content(name: str, second: SecondPass | None) -> dict[str, Any]:
-    """Content of the key ``engine`` for a bank of delays; differences of means and standard deviations in sigmas."""
+    """Content of the key ``engine`` for a bank of delays; differences of means and standard
+    deviations in sigmas.
+    """
     content: dict[str, Any] = {"name": name, "sentence": bank_sentence(name, second)}
     if second is not None:
         content["against_filterpy"] = {
@@ -213,7 +293,9 @@ DERIVED_UNITS = {**MODAL_UNITS, "delay": "s"}
 
 
 def comparison(study: StudyResult) -> dict[str, Any]:
-    """Content of ``comparison.json`` for a scenario: the main method's figures, the others under ``methods``."""
+    """Content of ``comparison.json`` for a scenario: the main method's figures, the others under
+    ``methods``.
+    """
     out: dict[str, Any] = {
         "schema": SCHEMA,
         "scenario": study.scenario.name,
@@ -221,16 +303,26 @@ def comparison(study: StudyResult) -> dict[str, Any]:
         "seed": study.seed,
         "distance": study.scenario.distance,
         **method_content(study.main),
-        **({"flying_qualities": levels_content(study.main.levels, study.scenario.flown)} if study.scenario.flown is not None else {}),
+        **(
+            {"flying_qualities": levels_content(study.main.levels, study.scenario.flown)}
+            if study.scenario.flown is not None
+            else {}
+        ),
         "own": choices_content(study.scenario.choices),
         "vehicle_origins": vehicle_origins(study.scenario.flight),
-        "misprints": {name: {"flown": flown, "printed": printed} for name, (flown, printed) in misprints(study.scenario.flight).items()},
+        "misprints": {
+            name: {"flown": flown, "printed": printed}
+            for name, (flown, printed) in misprints(study.scenario.flight).items()
+        },
         "notes": list(study.notes),
         "versions": versions(),
     }
     if study.scenario.files:
         files = study.scenario.files
-        out["inputs"] = {"models": [file.name for file in files], "models_sha256": [file.sha256 for file in files]}
+        out["inputs"] = {
+            "models": [file.name for file in files],
+            "models_sha256": [file.sha256 for file in files],
+        }
     if study.flexibility is not None:
         out["flexibility"] = flexibility_content(study.flexibility)
     if study.sweep is not None:
@@ -238,7 +330,10 @@ def comparison(study: StudyResult) -> dict[str, Any]:
     if study.repeated:
         out["repeated"] = [_repeated(each) for each in study.repeated]
     if len(study.methods) > 1:
-        out["methods"] = {method.estimation.name: method_content(method) | _departures(study, method) for method in study.methods[1:]}
+        out["methods"] = {
+            method.estimation.name: method_content(method) | _departures(study, method)
+            for method in study.methods[1:]
+        }
     return out
 
 
@@ -247,13 +342,19 @@ def _departures(study: StudyResult, method: MethodResult) -> dict[str, Any]:
     estimation, flight = method.estimation, method.estimation.flight
     out: dict[str, Any] = {"own": choices_content(estimation.choices)} if estimation.choices else {}
     if flight is not None:
-        changed = {name: value for name, value in other_flight(study.scenario, estimation).items() if name != "maneuvers"}
+        changed = {
+            name: value
+            for name, value in other_flight(study.scenario, estimation).items()
+            if name != "maneuvers"
+        }
         out |= {"flight": changed, "distance": estimation.distance or study.scenario.distance}
     return out
 
 
 def flexibility_content(found: Flexibility) -> dict[str, Any]:
-    """The degree of flexibility, its threshold and what it stands on; frequencies in rad/s, derivatives in 1/rad."""
+    """The degree of flexibility, its threshold and what it stands on; frequencies in rad/s,
+    derivatives in 1/rad.
+    """
     content: dict[str, Any] = {
         "degree": found.degree,
         "short_period": found.short_period,
@@ -270,10 +371,15 @@ def flexibility_content(found: Flexibility) -> dict[str, Any]:
 
 
 def _repeated(each: Scatter) -> dict[str, Any]:
-    """One estimator's errors over the runs of one flight; derivatives are left out where no run settled."""
+    """One estimator's errors over the runs of one flight; derivatives are left out where no run
+    settled.
+    """
     share, interval = each.within_two
     table = zip(each.names, each.units, each.rms, each.rms_sigmas, strict=True)
-    known = {name: {"rms_error": float(rms), "rms_error_sigmas": float(sigmas), "unit": unit} for name, unit, rms, sigmas in table}
+    known = {
+        name: {"rms_error": float(rms), "rms_error_sigmas": float(sigmas), "unit": unit}
+        for name, unit, rms, sigmas in table
+    }
     return {
         "flight": each.flight,
         "method": each.estimation.name,
@@ -286,7 +392,9 @@ def _repeated(each: Scatter) -> dict[str, Any]:
 
 def method_content(method: MethodResult) -> dict[str, Any]:
     """Parameters, derived quantities, outcome and tests of one method."""
-    content = estimate_content(method.result.estimate, method.rows, method.derived, method.fixed, method.tests)
+    content = estimate_content(
+        method.result.estimate, method.rows, method.derived, method.fixed, method.tests
+    )
     content["method"] = method.estimation.method
     content |= engine_content(method.estimation)
     if method.determination is not None:
@@ -309,12 +417,25 @@ def estimate_content(
     return {
         "parameters": {row.name: _row(row) for row in rows},
         "fixed": {name: {"value": value, "unit": unit} for name, (value, unit) in fixed.items()},
-        "derived": {name: {"estimate": value, "std": std, "unit": DERIVED_UNITS[name]} for name, (value, std) in derived.items()},
+        "derived": {
+            name: {"estimate": value, "std": std, "unit": DERIVED_UNITS[name]}
+            for name, (value, std) in derived.items()
+        },
         "outcome": estimate.outcome.code,
         "outcome_sentence": estimate.outcome.value,
-        **({"log_likelihood": estimate.log_likelihood} if math.isfinite(estimate.log_likelihood) else {}),
-        "noise_std": {name: float(std) for name, std in zip(estimate.output_names, estimate.noise_std, strict=True)},
-        "correlation": {a: {b: float(correlation[i, j]) for j, b in enumerate(estimate.names)} for i, a in enumerate(estimate.names)},
+        **(
+            {"log_likelihood": estimate.log_likelihood}
+            if math.isfinite(estimate.log_likelihood)
+            else {}
+        ),
+        "noise_std": {
+            name: float(std)
+            for name, std in zip(estimate.output_names, estimate.noise_std, strict=True)
+        },
+        "correlation": {
+            a: {b: float(correlation[i, j]) for j, b in enumerate(estimate.names)}
+            for i, a in enumerate(estimate.names)
+        },
         "residual_tests": [_test(test) for test in tests],
         "iterations": estimate.iterations,
     }
@@ -326,7 +447,11 @@ def in_unit(row: Row, unit: str) -> Row:
     from sim.errors import DeclarationError
 
     factor = 1.0 / float(to_si(1.0, unit, row.unit, f"key display.{row.name}", DeclarationError))
-    published = None if row.published is None else Start(row.published.value * factor, row.published.std * factor)
+    published = (
+        None
+        if row.published is None
+        else Start(row.published.value * factor, row.published.std * factor)
+    )
     return replace(
         row,
         unit=unit,
@@ -339,19 +464,30 @@ def in_unit(row: Row, unit: str) -> Row:
 
 
 def check_display(study: StudyResult) -> None:
-    """Refuse a parameter or unit that the scenario wants shown and that cannot be, before anything is written."""
+    """Refuse a parameter or unit that the scenario wants shown and that cannot be, before anything
+    is written.
+    """
     from sim.errors import DeclarationError
 
     rows = {row.name: row for method in study.methods for row in method.rows}
     for name, unit in study.scenario.display.items():
         if name not in rows:
-            raise DeclarationError(f"no parameter {name!r} is estimated", where=f"key display.{name}", remedy=f"use one of {', '.join(rows)}")
+            raise DeclarationError(
+                f"no parameter {name!r} is estimated",
+                where=f"key display.{name}",
+                remedy=f"use one of {', '.join(rows)}",
+            )
         in_unit(rows[name], unit)
 
 
 def _row(row: Row) -> dict[str, Any]:
     out: dict[str, Any] = {"estimate": row.estimate, "std": row.std, "unit": row.unit}
-    for key, value in (("true", row.true), ("condensed", row.condensed), ("error_percent", row.percent), ("error_sigmas", row.sigmas)):
+    for key, value in (
+        ("true", row.true),
+        ("condensed", row.condensed),
+        ("error_percent", row.percent),
+        ("error_sigmas", row.sigmas),
+    ):
         if value is not None:
             out[key] = value
     if row.published is not None:

@@ -1,4 +1,6 @@
-"""Declaration of a scenario: flight, measurement, estimations, published values, and values that no source gives."""
+"""Declaration of a scenario: flight, measurement, estimations, published values, and values that no
+source gives.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ EMPTY: Mapping[str, Any] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Start:
-    """A starting value and its standard deviation, SI; the deviation is infinite where nothing is known."""
+    """A starting value and its standard deviation, SI; the deviation is infinite where nothing is
+    known.
+    """
 
     value: float
     std: float
@@ -43,14 +47,14 @@ class FlightPlan:
 
     Attributes
     ----------
-    vehicle : name of a built-in vehicle, or a user's model file; ``own`` is its model with the true values. modes : elastic modes that act.
-    duration, rate : s, 1/s. maneuvers : in order; several on one input add up.
-    integration : ``"tolerance"``, or by steps, ``"rk4"`` or ``"euler"``. step : of these, and wherever only steps serve, s.
-    process_noise : spectral densities of forcing that really acts, by state or parameter.
-    noise_std : measurement noise, by output.
-    derivatives : true values in the place of the vehicle's.
-    feedback : by input, then by output, gains with which what is measured moves the input.
-    frequency_factor : of the modal frequencies against the vehicle's: above one a stiffer structure, below one a softer one.
+    vehicle : name of a built-in vehicle, or a user's model file; ``own`` is its model with the true
+    values. modes : elastic modes that act. duration, rate : s, 1/s. maneuvers : in order; several
+    on one input add up. integration : ``"tolerance"``, or by steps, ``"rk4"`` or ``"euler"``. step
+    : of these, and wherever only steps serve, s. process_noise : spectral densities of forcing that
+    really acts, by state or parameter. noise_std : measurement noise, by output. derivatives : true
+    values in the place of the vehicle's. feedback : by input, then by output, gains with which what
+    is measured moves the input. frequency_factor : of the modal frequencies against the vehicle's:
+    above one a stiffer structure, below one a softer one.
     """
 
     vehicle: str
@@ -70,7 +74,9 @@ class FlightPlan:
 
 @dataclass(frozen=True)
 class Variation:
-    """A flight to be repeated: ``label`` for tables and figures, and the names of the estimations that its records go to."""
+    """A flight to be repeated: ``label`` for tables and figures, and the names of the estimations
+    that its records go to.
+    """
 
     label: str
     flight: FlightPlan
@@ -87,7 +93,9 @@ class Repeated:
 
 @dataclass(frozen=True)
 class Choice:
-    """A value that no source gives: its key in the file, what stands there as text, and why that was chosen."""
+    """A value that no source gives: its key in the file, what stands there as text, and why that
+    was chosen.
+    """
 
     key: str
     value: str
@@ -114,7 +122,9 @@ class Mark:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """Frequency factors at which a flight is flown and estimated again, from stiff to soft, and those of them that have a name."""
+    """Frequency factors at which a flight is flown and estimated again, from stiff to soft, and
+    those of them that have a name.
+    """
 
     frequency_factors: tuple[float, ...]
     marks: tuple[Mark, ...] = ()
@@ -126,22 +136,23 @@ class Estimation:
 
     Attributes
     ----------
-    name : key in the study. label : for tables and figures. explanation : what a reader should know of the result.
-    model, modes : estimation model; of a user's file ``own``, as the file declares it. outputs : those used.
-    method : ``"ekf"``, ``"ukf"``, ``"output-error"``, ``"filter-error"`` or ``"equation-error"``.
-    start : starting values and priors of the free parameters. initial : of the states.
-    held : parameters that are not estimated and not constants of the vehicle.
-    noise_std : measurement noise that the estimator assumes; empty takes that of the record's sensors.
-    process_noise : spectral densities that the filter assumes, by state or parameter.
-    integration, terms, max_step, passes : of a filter; ``terms`` Taylor terms of the fundamental matrix, 0 the exponential.
-    spread : a pass after the first starts from the result of the one before with at most ``spread`` of its standard
-        deviations, so that it linearises near that result; infinite keeps the declared priors. 20 counts the data
-        1 + 1/400 times.
+    name : key in the study. label : for tables and figures. explanation : what a reader should know
+    of the result. model, modes : estimation model; of a user's file ``own``, as the file declares
+    it. outputs : those used. method : ``"ekf"``, ``"ukf"``, ``"output-error"``, ``"filter-error"``
+    or ``"equation-error"``. start : starting values and priors of the free parameters. initial : of
+    the states. held : parameters that are not estimated and not constants of the vehicle. noise_std
+    : measurement noise that the estimator assumes; empty takes that of the record's sensors.
+    process_noise : spectral densities that the filter assumes, by state or parameter. integration,
+    terms, max_step, passes : of a filter; ``terms`` Taylor terms of the fundamental matrix, 0 the
+    exponential. spread : a pass after the first starts from the result of the one before with at
+    most ``spread`` of its standard
+        deviations, so that it linearises near that result; infinite keeps the declared priors. 20
+        counts the data 1 + 1/400 times.
     use_priors : whether a whole-record fit counts the priors of ``start`` too; filters always do.
-    flown_noise_std : the same flight measured with sensors of this noise; empty takes the record as flown.
-    flight : what was flown for this estimation alone, with its ``distance``; None takes the scenario's.
-    choices : values of this estimation that no source gives.
-    engine : of an extended Kalman filter, a key of ``ident.banks.delays.ENGINES``; both give the same result to rounding.
+    flown_noise_std : the same flight measured with sensors of this noise; empty takes the record as
+    flown. flight : what was flown for this estimation alone, with its ``distance``; None takes the
+    scenario's. choices : values of this estimation that no source gives. engine : of an extended
+    Kalman filter, a key of ``ident.banks.delays.ENGINES``; both give the same result to rounding.
     """
 
     name: str
@@ -180,16 +191,17 @@ class Scenario:
     name, title, about : for people.
     distance : how far the truth is from the model that is fitted.
     flight : the truth recipe. estimations : the main one first.
-    condensed : compare with the coefficients that static condensation gives, of those elastic modes that fly and that
+    condensed : compare with the coefficients that static condensation gives, of those elastic modes
+    that fly and that
         an estimation's model lacks.
     display : unit to show a parameter in besides SI, e.g. ``{"beta": "lb/ft2"}``.
     seed : the default seed.
-    flown : class of the aircraft and category of the flight phase, by which levels of flying qualities are told; None tells none.
-    files : users' model files that it names, with their hashes.
-    repeated : flights that show how the estimates scatter; None where one flight is all.
-    determination : tell what the records determine and what only the priors do.
-    sweep : structures with which the flight is flown and estimated again; None where one is all.
-    choices : values of the flight and of the main estimation that no source gives.
+    flown : class of the aircraft and category of the flight phase, by which levels of flying
+    qualities are told; None tells none. files : users' model files that it names, with their
+    hashes. repeated : flights that show how the estimates scatter; None where one flight is all.
+    determination : tell what the records determine and what only the priors do. sweep : structures
+    with which the flight is flown and estimated again; None where one is all. choices : values of
+    the flight and of the main estimation that no source gives.
     """
 
     name: str
@@ -210,10 +222,14 @@ class Scenario:
 
 
 def seen_by(scenario: Scenario, estimation: Estimation) -> Scenario:
-    """The scenario with the flight whose record an estimation gets: its own where it has one, of the same vehicle."""
+    """The scenario with the flight whose record an estimation gets: its own where it has one, of
+    the same vehicle.
+    """
     if estimation.flight is None:
         return scenario
-    return replace(scenario, flight=estimation.flight, distance=estimation.distance or scenario.distance)
+    return replace(
+        scenario, flight=estimation.flight, distance=estimation.distance or scenario.distance
+    )
 
 
 # ---- The table own of a scenario file
@@ -221,10 +237,14 @@ def seen_by(scenario: Scenario, estimation: Estimation) -> Scenario:
 MOST_ENTRIES = 6  # of a list of numbers that is told one by one
 
 
-def choices_of(own: Mapping[str, Any], document: Mapping[str, Any], where: str) -> tuple[Choice, ...]:
-    """The choices that ``own`` declares of ``document``, whose keys it repeats with a reason in the place of each value.
+def choices_of(
+    own: Mapping[str, Any], document: Mapping[str, Any], where: str
+) -> tuple[Choice, ...]:
+    """The choices that ``own`` declares of ``document``, whose keys it repeats with a reason in the
+    place of each value.
 
-    The value is read from the document, so that a study tells what it really used; ``where`` is the key of ``own`` in messages.
+    The value is read from the document, so that a study tells what it really used; ``where`` is the
+    key of ``own`` in messages.
 
     Raises
     ------
@@ -237,13 +257,21 @@ def _choices(own: Mapping[str, Any], found: Any, where: str, above: str) -> Iter
     for name, reason in own.items():
         key, value = f"{above}{name}", _inside(found, name)
         if value is None:
-            raise DeclarationError("the file has no such value", where=f"{where}.{key}", remedy="name a key that stands in it, or leave it out")
+            raise DeclarationError(
+                "the file has no such value",
+                where=f"{where}.{key}",
+                remedy="name a key that stands in it, or leave it out",
+            )
         if isinstance(reason, Mapping):
             yield from _choices(reason, value, where, f"{key}.")
         elif isinstance(reason, str) and reason.strip():
             yield Choice(key, value_text(value), " ".join(reason.split()))
         else:
-            raise DeclarationError(f"{reason!r} is no reason", where=f"{where}.{key}", remedy="say in words why this value was chosen")
+            raise DeclarationError(
+                f"{reason!r} is no reason",
+                where=f"{where}.{key}",
+                remedy="say in words why this value was chosen",
+            )
 
 
 def without_gone(own: Mapping[str, Any], before: Any, after: Any) -> dict[str, Any]:
@@ -260,36 +288,56 @@ def without_gone(own: Mapping[str, Any], before: Any, after: Any) -> dict[str, A
 
 
 def methods_without_gone(before: Mapping[str, Any], after: dict[str, Any]) -> dict[str, Any]:
-    """A changed document likewise in the table ``own`` of each method; what a method does not declare is the main one's."""
+    """A changed document likewise in the table ``own`` of each method; what a method does not
+    declare is the main one's.
+    """
     were, now = before.get("methods"), after.get("methods")
     if not (isinstance(were, list) and isinstance(now, list) and len(were) == len(now)):
         return after
-    return {**after, "methods": [_method(old, new, before, after) for old, new in zip(were, now, strict=True)]}
+    return {
+        **after,
+        "methods": [_method(old, new, before, after) for old, new in zip(were, now, strict=True)],
+    }
 
 
 def _method(old: Any, new: Any, before: Mapping[str, Any], after: Mapping[str, Any]) -> Any:
-    if not (isinstance(old, Mapping) and isinstance(new, Mapping) and isinstance(new.get("own"), Mapping)):
+    if not (
+        isinstance(old, Mapping)
+        and isinstance(new, Mapping)
+        and isinstance(new.get("own"), Mapping)
+    ):
         return new
-    main = [document["estimate"] if isinstance(document.get("estimate"), Mapping) else {} for document in (before, after)]
+    main = [
+        document["estimate"] if isinstance(document.get("estimate"), Mapping) else {}
+        for document in (before, after)
+    ]
     return {**new, "own": without_gone(new["own"], {**main[0], **old}, {**main[1], **new})}
 
 
 def _inside(table: Any, name: str) -> Any:
     """An entry of a table, or of a list by its number from one; None where it is not there."""
     if isinstance(table, list):
-        return table[int(name) - 1] if name.isascii() and name.isdigit() and 1 <= int(name) <= len(table) else None
+        return (
+            table[int(name) - 1]
+            if name.isascii() and name.isdigit() and 1 <= int(name) <= len(table)
+            else None
+        )
     return table.get(name) if isinstance(table, Mapping) else None
 
 
 def value_text(value: Any) -> str:
-    """A value of a scenario file in one line: ``"100 Hz"``, ``"550 lb/ft2 +- 110 lb/ft2"``, ``"CL_q -11 +- 6, CL_de 0.35 +- 0.2"``."""
+    """A value of a scenario file in one line: ``"100 Hz"``, ``"550 lb/ft2 +- 110 lb/ft2"``, ``"CL_q
+    -11 +- 6, CL_de 0.35 +- 0.2"``.
+    """
     if isinstance(value, Mapping):
         if value.keys() == {"value", "std"}:
             return f"{value_text(value['value'])} +- {value_text(value['std'])}"
         return ", ".join(f"{name} {value_text(entry)}" for name, entry in value.items())
     if isinstance(value, list):
         told = len(value) <= MOST_ENTRIES and not any(isinstance(entry, Mapping) for entry in value)
-        return ", ".join(value_text(entry) for entry in value) if told else f"({len(value)} entries)"
+        return (
+            ", ".join(value_text(entry) for entry in value) if told else f"({len(value)} entries)"
+        )
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,7 +1,8 @@
 """From a scenario's flight to its record, and from a record to its estimate, one or many at once.
 
-Only what the declaration says and the record holds is used: constants of the vehicle (mass, geometry, flight
-condition, modal frequencies) come from its data file, every derivative from the declaration.
+Only what the declaration says and the record holds is used: constants of the vehicle (mass,
+geometry, flight condition, modal frequencies) come from its data file, every derivative from the
+declaration.
 """
 
 from __future__ import annotations
@@ -27,7 +28,17 @@ from sim.declaration.compile import compile_model
 from sim.declaration.effect import DynamicsEffect, ParameterSet
 from sim.declaration.model import Model, Noise, System
 from sim.errors import DeclarationError
-from sim.maneuvers import Maneuver, MultiStep, Sum, Sweep, doublet, pulse, schroeder_multisine, step, three_two_one_one
+from sim.maneuvers import (
+    Maneuver,
+    MultiStep,
+    Sum,
+    Sweep,
+    doublet,
+    pulse,
+    schroeder_multisine,
+    step,
+    three_two_one_one,
+)
 from sim.propagation import euler_step, rk4_step
 from sim.record import Record
 from sim.truth.feedback import fly_with_feedback
@@ -52,7 +63,8 @@ from sim.vehicles.library import VehicleData, read_parameter_set
 
 # ---- From a scenario's flight to a record and its truth
 
-EVER = -1e6  # s, since when an input has been at rest: before all that a record or an effect looks back to
+# s, since when an input has been at rest: before all that a record or an effect looks back to
+EVER = -1e6
 SMOOTH = ("sweep", "multisine")
 STEPS = {"rk4": rk4_step, "euler": euler_step}
 
@@ -73,7 +85,11 @@ def true_model(flight: FlightPlan) -> Model:
     free = model.parameters.free_names
     for name in flight.derivatives:
         if name not in free:
-            raise DeclarationError(f"there is no derivative {name!r}", where="key flight.derivatives", remedy=f"use {', '.join(free)}")
+            raise DeclarationError(
+                f"there is no derivative {name!r}",
+                where="key flight.derivatives",
+                remedy=f"use {', '.join(free)}",
+            )
     return model.with_values(flight.derivatives)
 
 
@@ -81,7 +97,9 @@ def vehicle_model(vehicle: str, modes: int, noise: Noise, frequency_factor: floa
     """A built-in vehicle with so many of its elastic modes, their frequencies by a factor."""
     data = with_frequency_factor(read_parameter_set(vehicle), frequency_factor)
     if modes and not data.modes:
-        raise DeclarationError(f"{modes} elastic modes asked for", where=f"vehicle {data.name}", remedy="it has none")
+        raise DeclarationError(
+            f"{modes} elastic modes asked for", where=f"vehicle {data.name}", remedy="it has none"
+        )
     if data.equations == "ballistic":
         return ballistic_model(data, noise)
     if data.equations in WHOLE_AXES:
@@ -99,7 +117,8 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
 
     Raises
     ------
-    DeclarationError : a maneuver lacks a number or moves an input that is not there, or noise is declared for no output.
+    DeclarationError : a maneuver lacks a number or moves an input that is not there, or noise is
+    declared for no output.
     """
     flight = scenario.flight
     model = true_model(flight)
@@ -108,12 +127,20 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
     outputs = {signal.name for signal in model.equations.outputs}
     for name in flight.noise_std:
         if name not in outputs:
-            raise DeclarationError(f"there is no output {name!r}", where=f"{place}.noise", remedy=f"its outputs are {', '.join(sorted(outputs))}")
+            raise DeclarationError(
+                f"there is no output {name!r}",
+                where=f"{place}.noise",
+                remedy=f"its outputs are {', '.join(sorted(outputs))}",
+            )
     by_input = maneuvers_by_input(flight.maneuvers, inputs, place, resting(model))
     time = sample_times(flight.rate, flight.duration)
     if flight.own is not None:
         by_input = held_alike(by_input, flight.maneuvers, time)
-    measured = [name for name in (signal.name for signal in model.equations.outputs) if name in flight.noise_std]
+    measured = [
+        name
+        for name in (signal.name for signal in model.equations.outputs)
+        if name in flight.noise_std
+    ]
     common: dict[str, Any] = {
         "step": min(flight.step, 1.0 / flight.rate),
         "method": STEPS.get(flight.integration),  # none: to a tolerance
@@ -134,9 +161,13 @@ def resting(model: Model) -> dict[str, float]:
 
 
 def maneuvers_by_input(
-    plans: Sequence[ManeuverPlan], inputs: Collection[str], place: str, rest: Mapping[str, float] = MappingProxyType({})
+    plans: Sequence[ManeuverPlan],
+    inputs: Collection[str],
+    place: str,
+    rest: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, Maneuver]:
-    """What moves each input, about where it rests; several maneuvers on one add up. ``place`` is the key of the flight they belong to.
+    """What moves each input, about where it rests; several maneuvers on one add up. ``place`` is
+    the key of the flight they belong to.
 
     Raises
     ------
@@ -146,25 +177,43 @@ def maneuvers_by_input(
     for number, plan in enumerate(plans, start=1):
         if plan.input not in inputs:
             known = ", ".join(sorted(inputs)) or "none"
-            raise DeclarationError(f"there is no input {plan.input!r}", where=f"{place}.maneuvers[{number}]", remedy=f"its inputs are {known}")
+            raise DeclarationError(
+                f"there is no input {plan.input!r}",
+                where=f"{place}.maneuvers[{number}]",
+                remedy=f"its inputs are {known}",
+            )
         before = by_input.get(plan.input, Sum())
-        by_input[plan.input] = Sum((*before.parts, maneuver_of(plan, f"{place}.maneuvers[{number}]")))
+        by_input[plan.input] = Sum(
+            (*before.parts, maneuver_of(plan, f"{place}.maneuvers[{number}]"))
+        )
     return {**by_input}
 
 
-def held_alike(by_input: Mapping[str, Maneuver], plans: Sequence[ManeuverPlan], time: np.ndarray) -> dict[str, Maneuver]:
-    """Maneuvers that a record can hold: beside steps on any input a smooth one is fed sample by sample.
+def held_alike(
+    by_input: Mapping[str, Maneuver], plans: Sequence[ManeuverPlan], time: np.ndarray
+) -> dict[str, Maneuver]:
+    """Maneuvers that a record can hold: beside steps on any input a smooth one is fed sample by
+    sample.
 
-    Between the samples ``time`` (s) a record's inputs are all held or all linear, and read the other way a step is half a sample late.
+    Between the samples ``time`` (s) a record's inputs are all held or all linear, and read the
+    other way a step is half a sample late.
     """
     smooth = {plan.input for plan in plans if plan.kind in SMOOTH}
     if all(plan.kind in SMOOTH for plan in plans):
         return {**by_input}
     times = (EVER, *time[1:].tolist(), math.inf)
-    return {**by_input, **{name: MultiStep(tuple(np.asarray(by_input[name](time)).tolist()), times) for name in smooth}}
+    return {
+        **by_input,
+        **{
+            name: MultiStep(tuple(np.asarray(by_input[name](time)).tolist()), times)
+            for name in smooth
+        },
+    }
 
 
-def measured_again(record: Record, truth: Truth, noise_std: Mapping[str, float], seed: int) -> Record:
+def measured_again(
+    record: Record, truth: Truth, noise_std: Mapping[str, float], seed: int
+) -> Record:
     """The same flight with sensors of other noise."""
     std = {**truth.noise_std, **noise_std}
     return remeasure(record, replace(truth, noise_std=std), np.random.default_rng(seed))
@@ -175,30 +224,49 @@ def maneuver_of(plan: ManeuverPlan, where: str) -> Maneuver:
 
     Raises
     ------
-    DeclarationError : a number that the kind needs is missing, or one is given that it does not take.
+    DeclarationError : a number that the kind needs is missing, or one is given that it does not
+    take.
     """
     needed, build = KINDS[plan.kind]
     for name in needed:
         if name not in plan.numbers:
-            raise DeclarationError(f"{name} is missing", where=where, remedy=f"a {plan.kind} needs {', '.join(needed)}")
+            raise DeclarationError(
+                f"{name} is missing", where=where, remedy=f"a {plan.kind} needs {', '.join(needed)}"
+            )
     for name in plan.numbers:
         if name not in (*needed, "start"):
-            raise DeclarationError(f"a {plan.kind} takes no {name}", where=where, remedy=f"it takes {', '.join((*needed, 'start'))}")
+            raise DeclarationError(
+                f"a {plan.kind} takes no {name}",
+                where=where,
+                remedy=f"it takes {', '.join((*needed, 'start'))}",
+            )
     return build(plan.numbers)
 
 
 KINDS: Mapping[str, tuple[tuple[str, ...], Callable[[Mapping], Maneuver]]] = {
-    "3-2-1-1": (("amplitude", "unit"), lambda n: three_two_one_one(n["amplitude"], n["unit"], n["start"])),
+    "3-2-1-1": (
+        ("amplitude", "unit"),
+        lambda n: three_two_one_one(n["amplitude"], n["unit"], n["start"]),
+    ),
     "doublet": (("amplitude", "unit"), lambda n: doublet(n["amplitude"], n["unit"], n["start"])),
     "pulse": (("amplitude", "unit"), lambda n: pulse(n["amplitude"], n["unit"], n["start"])),
     "step": (("amplitude",), lambda n: step(n["amplitude"], n["start"])),
     "sweep": (
         ("amplitude", "first_frequency", "last_frequency", "duration"),
-        lambda n: Sweep(n["amplitude"], n["first_frequency"], n["last_frequency"], n["duration"], n["start"], taper=0.1 * n["duration"]),
+        lambda n: Sweep(
+            n["amplitude"],
+            n["first_frequency"],
+            n["last_frequency"],
+            n["duration"],
+            n["start"],
+            taper=0.1 * n["duration"],
+        ),
     ),
     "multisine": (
         ("amplitude", "duration", "harmonics"),
-        lambda n: schroeder_multisine(n["amplitude"], n["duration"], tuple(n["harmonics"]), n["start"]),
+        lambda n: schroeder_multisine(
+            n["amplitude"], n["duration"], tuple(n["harmonics"]), n["start"]
+        ),
     ),
 }
 
@@ -209,7 +277,9 @@ FIT_STEP = 0.01  # longest sub-step of whole-record fits, s
 
 
 class _Kind(NamedTuple):
-    """Names that equations know: their constants, the derivatives that must be declared, those that may be left out, the states."""
+    """Names that equations know: their constants, the derivatives that must be declared, those that
+    may be left out, the states.
+    """
 
     constants: Collection[str]
     needed: Collection[str]
@@ -237,12 +307,16 @@ class Result:
     estimate: Estimate
 
 
-def declared_model(estimation: Estimation, constants: Mapping[str, float], noise_std: Mapping[str, float]) -> Model:
-    """The model an estimator starts from: constants held, ``start`` free with its priors, ``held`` fixed.
+def declared_model(
+    estimation: Estimation, constants: Mapping[str, float], noise_std: Mapping[str, float]
+) -> Model:
+    """The model an estimator starts from: constants held, ``start`` free with its priors, ``held``
+    fixed.
 
     Raises
     ------
-    DeclarationError : a derivative that is neither under ``start`` nor under ``held``, or a name that is unknown.
+    DeclarationError : a derivative that is neither under ``start`` nor under ``held``, or a name
+    that is unknown.
     """
     if estimation.own is not None:
         return own_declared(estimation, noise_std)
@@ -251,30 +325,55 @@ def declared_model(estimation: Estimation, constants: Mapping[str, float], noise
     values = {**{name: start.value for name, start in estimation.start.items()}, **estimation.held}
     _only_declared(estimation, kind, values, place)
     initial = {name: start.value for name, start in estimation.initial.items()}
-    model = model_from_constants(kind, constants, values, modes=estimation.modes, initial=_base_states(kind, initial))
-    free = model.parameters.only_free(estimation.start).with_prior({name: start.std for name, start in estimation.start.items()})
+    model = model_from_constants(
+        kind, constants, values, modes=estimation.modes, initial=_base_states(kind, initial)
+    )
+    free = model.parameters.only_free(estimation.start).with_prior(
+        {name: start.std for name, start in estimation.start.items()}
+    )
     states = {signal.name: signal for signal in model.equations.states}
     for effect in model.effects:
-        states |= {signal.name: signal for signal in effect.states} if isinstance(effect, DynamicsEffect) else {}
+        states |= (
+            {signal.name: signal for signal in effect.states}
+            if isinstance(effect, DynamicsEffect)
+            else {}
+        )
     for name in estimation.initial:
         if name not in states:
-            raise DeclarationError(f"there is no state {name!r}", where=f"{place}, key initial", remedy=f"its states are {', '.join(states)}")
+            raise DeclarationError(
+                f"there is no state {name!r}",
+                where=f"{place}, key initial",
+                remedy=f"its states are {', '.join(states)}",
+            )
     start = _initial_states(model, estimation.initial, place)
-    return replace(model, parameters=free, initial=start, noise=Noise(dict(noise_std), dict(estimation.process_noise)))
+    return replace(
+        model,
+        parameters=free,
+        initial=start,
+        noise=Noise(dict(noise_std), dict(estimation.process_noise)),
+    )
 
 
 def assumed_noise(scenario: Scenario, estimation: Estimation) -> dict[str, float]:
-    """Measurement noise that an estimator is told: the sensors' data sheet unless the estimation says otherwise."""
+    """Measurement noise that an estimator is told: the sensors' data sheet unless the estimation
+    says otherwise.
+    """
     return {**scenario.flight.noise_std, **estimation.flown_noise_std, **estimation.noise_std}
 
 
-def vehicle_constants(estimation: Estimation, vehicle: str, frequency_factor: float = 1.0) -> dict[str, float]:
-    """The numbers of a built-in vehicle that an estimator may know: no derivative among them, and none where the model has its own."""
+def vehicle_constants(
+    estimation: Estimation, vehicle: str, frequency_factor: float = 1.0
+) -> dict[str, float]:
+    """The numbers of a built-in vehicle that an estimator may know: no derivative among them, and
+    none where the model has its own.
+    """
     if estimation.own is not None:
         return {}
     data = with_frequency_factor(read_parameter_set(vehicle), frequency_factor)
     names = list(_KINDS[_kind(estimation)].constants)
-    names += [mode_parameter(local, i) for i in range(1, estimation.modes + 1) for local in MODE_CONSTANTS]
+    names += [
+        mode_parameter(local, i) for i in range(1, estimation.modes + 1) for local in MODE_CONSTANTS
+    ]
     return {name: data[name].value for name in names}
 
 
@@ -292,7 +391,9 @@ def compiled(estimation: Estimation, model: Model) -> System:
 
 
 def biased_system(estimation: Estimation, model: Model) -> System:
-    """The System of a model for a whole-record fit: with a free bias of each sensor that can have one."""
+    """The System of a model for a whole-record fit: with a free bias of each sensor that can have
+    one.
+    """
     return compile_model(model.with_biases(_biased(estimation, model)), estimation.outputs)
 
 
@@ -300,11 +401,17 @@ def _biased(estimation: Estimation, model: Model) -> list[str]:
     """The outputs whose sensors have a free bias."""
     if estimation.own is not None:
         return own_biases(model, estimation.outputs)
-    return [name for name in estimation.outputs if not (estimation.model == "ballistic" and name == "altitude")]
+    return [
+        name
+        for name in estimation.outputs
+        if not (estimation.model == "ballistic" and name == "altitude")
+    ]
 
 
 def _longest_step(estimation: Estimation) -> float:
-    """Largest integration step of a whole-record fit, s; an own model may be a thousand times slower than an aircraft: its scenario's word counts."""
+    """Largest integration step of a whole-record fit, s; an own model may be a thousand times
+    slower than an aircraft: its scenario's word counts.
+    """
     told = estimation.own is not None and math.isfinite(estimation.max_step)
     return estimation.max_step if told else min(FIT_STEP, estimation.max_step)
 
@@ -312,7 +419,9 @@ def _longest_step(estimation: Estimation) -> float:
 def filter_settings(estimation: Estimation) -> FilterSettings:
     """Integration settings of a filter."""
     transition = Taylor(estimation.terms) if estimation.terms else Exponential()
-    return FilterSettings(STEPS[estimation.integration], transition, estimation.max_step, estimation.passes)
+    return FilterSettings(
+        STEPS[estimation.integration], transition, estimation.max_step, estimation.passes
+    )
 
 
 def estimate_record(estimation: Estimation, record: Record, model: Model) -> Result:
@@ -324,7 +433,11 @@ def estimate_record(estimation: Estimation, record: Record, model: Model) -> Res
         from ident.whole_record.layout import FitSettings
         from ident.whole_record.output_error import fit_output_error
 
-        estimate = fit_output_error([record], system, FitSettings(max_step=_longest_step(estimation), use_priors=estimation.use_priors))
+        estimate = fit_output_error(
+            [record],
+            system,
+            FitSettings(max_step=_longest_step(estimation), use_priors=estimation.use_priors),
+        )
     elif estimation.method == "filter-error":
         from ident.process_noise.filter_error import fit_filter_error
         from ident.whole_record.layout import FitSettings
@@ -340,9 +453,16 @@ def estimate_record(estimation: Estimation, record: Record, model: Model) -> Res
 
 
 def narrowed(model: Model, estimate: Estimate, spread: float) -> Model:
-    """The model started at an estimate, each free parameter with at most ``spread`` of its standard deviations."""
-    std = {name: min(model.parameters[name].prior_std, spread * float(sigma)) for name, sigma in zip(estimate.names, estimate.std, strict=True)}
-    return replace(model, parameters=model.parameters.with_values(estimate.as_dict()).with_prior(std))
+    """The model started at an estimate, each free parameter with at most ``spread`` of its standard
+    deviations.
+    """
+    std = {
+        name: min(model.parameters[name].prior_std, spread * float(sigma))
+        for name, sigma in zip(estimate.names, estimate.std, strict=True)
+    }
+    return replace(
+        model, parameters=model.parameters.with_values(estimate.as_dict()).with_prior(std)
+    )
 
 
 def _filtered(estimation: Estimation, record: Record, model: Model) -> Estimate:
@@ -359,7 +479,9 @@ def _filtered(estimation: Estimation, record: Record, model: Model) -> Estimate:
     for done in range(1, estimation.passes):
         if estimate.outcome is not Outcome.CONVERGED:
             break
-        again = run(record, compiled(estimation, narrowed(model, estimate, estimation.spread)), once)
+        again = run(
+            record, compiled(estimation, narrowed(model, estimate, estimation.spread)), once
+        )
         moved = np.max(np.abs(again.values - estimate.values) / estimate.std, initial=0.0)
         estimate = replace(again, iterations=done + 1)
         if moved < SETTLED:
@@ -371,24 +493,51 @@ def _kind(estimation: Estimation) -> str:
     return "rigid" if estimation.model == "flexible" else estimation.model
 
 
-def _only_declared(estimation: Estimation, kind: str, values: Mapping[str, float], place: str) -> None:
+def _only_declared(
+    estimation: Estimation, kind: str, values: Mapping[str, float], place: str
+) -> None:
     """Refuse a derivative without a declared value: a default would be the truth's."""
     needed = _KINDS[kind].needed
-    modal = [name for name, _, must in mode_units(estimation.modes) if must and not name.startswith(tuple(MODE_CONSTANTS))]
-    known = {*needed, *_KINDS[kind].optional, *modal, *(name for name, _, _ in mode_units(estimation.modes))}
+    modal = [
+        name
+        for name, _, must in mode_units(estimation.modes)
+        if must and not name.startswith(tuple(MODE_CONSTANTS))
+    ]
+    known = {
+        *needed,
+        *_KINDS[kind].optional,
+        *modal,
+        *(name for name, _, _ in mode_units(estimation.modes)),
+    }
     for name in (*needed, *modal):
         if name not in values:
-            raise DeclarationError(f"{name} has no starting value", where=f"{place}, key start", remedy="give it under start, or under held")
+            raise DeclarationError(
+                f"{name} has no starting value",
+                where=f"{place}, key start",
+                remedy="give it under start, or under held",
+            )
     for name in values:
         if name not in known:
-            raise DeclarationError(f"there is no parameter {name!r}", where=f"{place}, key start", remedy=f"use {', '.join(sorted(known))}")
+            raise DeclarationError(
+                f"there is no parameter {name!r}",
+                where=f"{place}, key start",
+                remedy=f"use {', '.join(sorted(known))}",
+            )
     for name in estimation.held:
         if name in estimation.start:
-            raise DeclarationError(f"{name} is under start and under held", where=f"{place}, key held", remedy="keep one of the two")
+            raise DeclarationError(
+                f"{name} is under start and under held",
+                where=f"{place}, key held",
+                remedy="keep one of the two",
+            )
     for name in estimation.process_noise:
         if name not in (*estimation.start, *estimation.initial):
             remedy = f"use {', '.join((*estimation.initial, *estimation.start))}"
-            raise DeclarationError(f"{name!r} is no state and no free parameter", where=f"{place}, key process_noise", remedy=remedy)
+            raise DeclarationError(
+                f"{name!r} is no state and no free parameter",
+                where=f"{place}, key process_noise",
+                remedy=remedy,
+            )
 
 
 def _base_states(kind: str, initial: Mapping[str, float]) -> dict[str, float]:
@@ -398,27 +547,37 @@ def _base_states(kind: str, initial: Mapping[str, float]) -> dict[str, float]:
 def _initial_states(model: Model, initial: Mapping[str, Start], place: str) -> ParameterSet:
     for signal in model.equations.states:
         if signal.name not in initial:
-            raise DeclarationError(f"state {signal.name} has no starting value", where=f"{place}, key initial", remedy="give its value and std")
+            raise DeclarationError(
+                f"state {signal.name} has no starting value",
+                where=f"{place}, key initial",
+                remedy="give its value and std",
+            )
     known = {item.name: item for item in model.initial}
     items = []
     for effect in model.effects:
         for signal in effect.states if isinstance(effect, DynamicsEffect) else ():
             if signal.name in initial:
-                known[signal.name] = replace(model.initial.items[0], name=signal.name, unit=signal.unit, source="declared")
+                known[signal.name] = replace(
+                    model.initial.items[0], name=signal.name, unit=signal.unit, source="declared"
+                )
     for name, item in known.items():
-        items.append(replace(item, value=initial[name].value, prior_std=initial[name].std, free=True))
+        items.append(
+            replace(item, value=initial[name].value, prior_std=initial[name].std, free=True)
+        )
     return ParameterSet(tuple(items))
 
 
 # ---- Estimates of many records of one flight
 
-LANES = 8  # runs, of which a batch has a multiple: linear algebra adds up a single column in another order
+# runs, of which a batch has a multiple: linear algebra adds up a single column in another order
+LANES = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """What k runs gave: parameters and sigmas ``(n, k)``, covariances ``(k, n, n)``, outcome codes, and of filters the sum of the normalised
-    innovations squared ``(k,)`` and of how many measured numbers that is ``(k,)``, else zeros; ``noise_std (m, k)`` of ``outputs``, assumed or
+    """What k runs gave: parameters and sigmas ``(n, k)``, covariances ``(k, n, n)``, outcome codes,
+    and of filters the sum of the normalised innovations squared ``(k,)`` and of how many measured
+    numbers that is ``(k,)``, else zeros; ``noise_std (m, k)`` of ``outputs``, assumed or
     estimated."""
 
     names: tuple[str, ...]
@@ -432,7 +591,9 @@ class Estimates:
 
 
 def is_batched(estimation: Estimation, feedback: bool) -> bool:
-    """Whether runs go through one batch: a batch has one input, and under feedback no two runs have the same."""
+    """Whether runs go through one batch: a batch has one input, and under feedback no two runs have
+    the same.
+    """
     return estimation.method == "ekf" and not feedback
 
 
@@ -454,7 +615,9 @@ def one_by_one(estimation: Estimation, records: Sequence[Record], model: Model) 
 
 
 def batched(estimation: Estimation, records: Sequence[Record], model: Model) -> Estimates:
-    """Filters of many runs as one batch, which is filled up so that no run's numbers depend on how many there are."""
+    """Filters of many runs as one batch, which is filled up so that no run's numbers depend on how
+    many there are.
+    """
     count = len(records)
     filled = [*records, *[records[0]] * (-count % LANES)]
     system, settings = compiled(estimation, model), filter_settings(estimation)
@@ -471,17 +634,31 @@ def batched(estimation: Estimation, records: Sequence[Record], model: Model) -> 
     outcomes = tuple("converged" if each else "diverged" for each in sound[:count])
     told = np.array([[model.noise.measurement_std[name]] * count for name in system.output_names])
     found = bank.names[n_x:], mean[n_x:, :count], covariance[:count, n_x:, n_x:]
-    return Estimates(*found, outcomes, nis[:count], np.full(count, degrees, dtype=int), system.output_names, told)
+    return Estimates(
+        *found, outcomes, nis[:count], np.full(count, degrees, dtype=int), system.output_names, told
+    )
 
 
 def _narrowed_passes(
     estimation: Estimation, record: Record, system: System, bank: BankEstimate, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Means, covariances, soundness and NIS after further passes, each run started and narrowed by its own result, as `studies.estimating` does."""
+    """Means, covariances, soundness and NIS after further passes, each run started and narrowed by
+    its own result, as `studies.estimating` does.
+    """
     settings, n_x = replace(filter_settings(estimation), passes=1), len(system.states)
-    declared = np.array([*(item.prior_std for item in system.initial), *(system.parameters[name].prior_std for name in bank.names[n_x:])])
+    declared = np.array(
+        [
+            *(item.prior_std for item in system.initial),
+            *(system.parameters[name].prior_std for name in bank.names[n_x:]),
+        ]
+    )
     first = np.array(system.initial.values())
-    mean, covariance, sound, nis = bank.mean.copy(), bank.covariance.copy(), bank.sound.copy(), bank.nis.sum(axis=0)
+    mean, covariance, sound, nis = (
+        bank.mean.copy(),
+        bank.covariance.copy(),
+        bank.sound.copy(),
+        bank.nis.sum(axis=0),
+    )
     active = np.flatnonzero(sound)
     for _ in range(1, estimation.passes):
         if active.size == 0:
@@ -491,9 +668,18 @@ def _narrowed_passes(
         prior = np.repeat(declared[:, None], taken.size, axis=1)
         prior[n_x:] = np.minimum(prior[n_x:], estimation.spread * std)
         start = np.concatenate([np.repeat(first[:, None], taken.size, axis=1), mean[n_x:, taken]])
-        again = run_bank(record, system, settings, z=z[:, :, taken], start=start, covariance=prior.T[:, :, None] ** 2 * np.eye(len(declared)))
+        again = run_bank(
+            record,
+            system,
+            settings,
+            z=z[:, :, taken],
+            start=start,
+            covariance=prior.T[:, :, None] ** 2 * np.eye(len(declared)),
+        )
         kept = slice(0, active.size)
-        moved = np.max(np.abs(again.mean[n_x:] - mean[n_x:, taken]) / std, axis=0, initial=0.0)[kept]
+        moved = np.max(np.abs(again.mean[n_x:] - mean[n_x:, taken]) / std, axis=0, initial=0.0)[
+            kept
+        ]
         mean[:, active], covariance[active] = again.mean[:, kept], again.covariance[kept]
         sound[active], nis[active] = again.sound[kept], again.nis.sum(axis=0)[kept]
         active = active[again.sound[kept] & (moved >= SETTLED)]

@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scenarios.files.writing import RESPONSE, study_folder, write_json, write_record, write_responses
+from scenarios.files.writing import (
+    RESPONSE,
+    study_folder,
+    write_json,
+    write_record,
+    write_responses,
+)
 from scenarios.pages.folder import write_page
 from scenarios.plots.display import SIMULATED_DATA
 from scenarios.plots.formats import USUAL, Drawn, Formats
@@ -41,15 +47,30 @@ if TYPE_CHECKING:
 
 # Axis, legend, and what is drawn to scale.
 LABELS = {
-    "likelihood": ("BIC gain of an elastic mode (–)", "from here on a mode is likelier (BIC)", (-100.0, 300.0)),
+    "likelihood": (
+        "BIC gain of an elastic mode (–)",
+        "from here on a mode is likelier (BIC)",
+        (-100.0, 300.0),
+    ),
     "whiteness": (r"$\log_{10}$ p(residual white)", "the residual is not white", (-20.0, 0.0)),
-    "misfit": (r"$\log_{10}$ (misfit / noise)", "no rigid model fits to the noise", (-math.inf, math.inf)),
+    "misfit": (
+        r"$\log_{10}$ (misfit / noise)",
+        "no rigid model fits to the noise",
+        (-math.inf, math.inf),
+    ),
 }
 
 
 def draw_sweep(sweep: Sweep, title: str) -> Figure:
-    """Equivalent derivatives over the degree of flexibility by the main method and by those with modes, with the criteria's courses below."""
-    from scenarios.plots.studies import CriterionCourse, DerivativeCourse, Published, figure_flexibility
+    """Equivalent derivatives over the degree of flexibility by the main method and by those with
+    modes, with the criteria's courses below.
+    """
+    from scenarios.plots.studies import (
+        CriterionCourse,
+        DerivativeCourse,
+        Published,
+        figure_flexibility,
+    )
 
     points = sweep.points
     degrees = [point.figures.degree for point in points]
@@ -57,19 +78,36 @@ def draw_sweep(sweep: Sweep, title: str) -> Figure:
     for name, rigid in sweep.rigid.items():
         estimates = {}
         for number, method in enumerate(points[0].methods):
-            if name in method.names and (number == 0 or method.estimation.modes != points[0].methods[0].estimation.modes):
+            if name in method.names and (
+                number == 0 or method.estimation.modes != points[0].methods[0].estimation.modes
+            ):
                 at = method.names.index(name)
-                found = [(float(point.methods[number].values[at]), float(point.methods[number].std[at])) for point in points]
+                found = [
+                    (float(point.methods[number].values[at]), float(point.methods[number].std[at]))
+                    for point in points
+                ]
                 estimates[method.estimation.label] = found
         printed = [
             Published(sweep.point(mark.frequency_factor).figures.degree, start.value, start.std)
             for mark, values in sweep.marks
             if (start := values.get(name)) is not None
         ]
-        condensed, best = [point.figures.condensed[name] for point in points], [point.figures.fitted[name] for point in points]
-        courses.append(DerivativeCourse(name, sweep.units[name], rigid, condensed, best, estimates, printed))
-    criteria = [CriterionCourse(*LABELS[each.name][:2], each.limit, each.values, each.degree, LABELS[each.name][2]) for each in criteria_of(points)]
-    marks = {mark.label: sweep.point(mark.frequency_factor).figures.degree for mark, _ in sweep.marks}
+        condensed, best = (
+            [point.figures.condensed[name] for point in points],
+            [point.figures.fitted[name] for point in points],
+        )
+        courses.append(
+            DerivativeCourse(name, sweep.units[name], rigid, condensed, best, estimates, printed)
+        )
+    criteria = [
+        CriterionCourse(
+            *LABELS[each.name][:2], each.limit, each.values, each.degree, LABELS[each.name][2]
+        )
+        for each in criteria_of(points)
+    ]
+    marks = {
+        mark.label: sweep.point(mark.frequency_factor).figures.degree for mark, _ in sweep.marks
+    }
     return figure_flexibility(degrees, courses, criteria, marks, title)
 
 
@@ -78,12 +116,33 @@ def draw_sweep(sweep: Sweep, title: str) -> Figure:
 
 def statistics_figures(found: CampaignStatistics, title: str) -> Iterator[Named]:
     """Coverage by parameter, errors beside the normal distribution, NEES and NIS."""
-    from scenarios.plots.studies import CoverageRow, SquaresPanel, figure_coverage, figure_errors, figure_squares
+    from scenarios.plots.studies import (
+        CoverageRow,
+        SquaresPanel,
+        figure_coverage,
+        figure_errors,
+        figure_squares,
+    )
 
-    rows = [CoverageRow(p.name, tuple((100.0 * w.share, 100.0 * w.interval[0], 100.0 * w.interval[1]) for w in p.coverage)) for p in found.parameters]
-    yield "coverage", partial(figure_coverage, rows, [100.0 * NORMAL[each] for each in SIGMAS], title)
+    rows = [
+        CoverageRow(
+            p.name,
+            tuple(
+                (100.0 * w.share, 100.0 * w.interval[0], 100.0 * w.interval[1]) for w in p.coverage
+            ),
+        )
+        for p in found.parameters
+    ]
+    yield (
+        "coverage",
+        partial(figure_coverage, rows, [100.0 * NORMAL[each] for each in SIGMAS], title),
+    )
     yield "normality", partial(figure_errors, found.names, found.sigmas, title)
-    panels = [SquaresPanel(s.name, s.values / s.degrees, float(s.degrees.mean())) for s in (found.nees, found.nis) if s is not None]
+    panels = [
+        SquaresPanel(s.name, s.values / s.degrees, float(s.degrees.mean()))
+        for s in (found.nees, found.nis)
+        if s is not None
+    ]
     if panels:
         yield "consistency", partial(figure_squares, panels, title)
 
@@ -97,7 +156,13 @@ MOST_PANELS = 30  # parameters: more histories, or a larger matrix, on one page 
 
 def study_figures(study: StudyResult) -> Iterator[Named]:
     """A scenario's figures: the stem of each file, and what draws it."""
-    from scenarios.plots.comparison import ComparisonRow, ErrorCloud, figure_comparison, figure_equivalents, figure_repeated
+    from scenarios.plots.comparison import (
+        ComparisonRow,
+        ErrorCloud,
+        figure_comparison,
+        figure_equivalents,
+        figure_repeated,
+    )
     from scenarios.plots.signals import figure_fit, figure_record
     from scenarios.plots.studies import figure_determination
 
@@ -105,16 +170,34 @@ def study_figures(study: StudyResult) -> Iterator[Named]:
     title = scenario.title
     yield "record", partial(figure_record, study.record, title, SIMULATED_DATA)
     responses = [_response(method) for method in _told_apart(study)]
-    yield "fit", partial(figure_fit, study.record, responses, study.truth, title, study.truth.noise_std, SIMULATED_DATA)
+    yield (
+        "fit",
+        partial(
+            figure_fit,
+            study.record,
+            responses,
+            study.truth,
+            title,
+            study.truth.noise_std,
+            SIMULATED_DATA,
+        ),
+    )
     for method in study.methods:
         if method.estimation.flight is not None:
             yield (
                 f"record_{method.estimation.name}",
-                partial(figure_record, method.result.record, f"{title}\n{method.estimation.label}", SIMULATED_DATA),
+                partial(
+                    figure_record,
+                    method.result.record,
+                    f"{title}\n{method.estimation.label}",
+                    SIMULATED_DATA,
+                ),
             )
         # Of a single parameter the figures of all methods together say what one for each would.
         if method is main or len(method.rows) > 1:
-            yield from _filter_figures(study, method, "" if method is main else f"_{method.estimation.name}")
+            yield from _filter_figures(
+                study, method, "" if method is main else f"_{method.estimation.name}"
+            )
     if scenario.estimations[0].model == "ballistic":
         yield from _ballistic_figures(study)
     rows = [
@@ -134,11 +217,21 @@ def study_figures(study: StudyResult) -> Iterator[Named]:
     if rows:
         against = "condensed" if scenario.condensed else "true"
         label = "" if len(main.rows) == 1 else f"{main.estimation.label}: "
-        yield "errors", partial(figure_comparison, rows, f"{title}\n{label}error against the {against} value")
+        yield (
+            "errors",
+            partial(figure_comparison, rows, f"{title}\n{label}error against the {against} value"),
+        )
     if study.repeated:
-        clouds = [ErrorCloud(each.estimation.label, each.flight, each.names, each.sigmas, each.outcomes) for each in study.repeated]
+        clouds = [
+            ErrorCloud(each.estimation.label, each.flight, each.names, each.sigmas, each.outcomes)
+            for each in study.repeated
+        ]
         yield "repeated", partial(figure_repeated, clouds, title)
-    determined = [_determined(method.determination) for method in study.methods if method.determination is not None]
+    determined = [
+        _determined(method.determination)
+        for method in study.methods
+        if method.determination is not None
+    ]
     if determined:
         yield "determination", partial(figure_determination, determined, title)
     if study.sweep is not None:
@@ -148,14 +241,23 @@ def study_figures(study: StudyResult) -> Iterator[Named]:
 
 
 def campaign_figures(campaign: CampaignRuns, statistics: CampaignStatistics) -> Iterator[Named]:
-    """The figures of a campaign: errors of all runs and how often their intervals hold the reference, and those of its statistics."""
+    """The figures of a campaign: errors of all runs and how often their intervals hold the
+    reference, and those of its statistics.
+    """
     from scenarios.plots.studies import figure_campaign
 
     reference = np.array([[spread.reference] for spread in campaign.spreads])
     sigmas = (campaign.values - reference) / campaign.std
     rows = [_coverage(spread, each) for spread, each in zip(campaign.spreads, sigmas, strict=True)]
     title = f"{campaign.scenario.title}\n{campaign.estimation.label}: {sigmas.shape[1]} runs"
-    yield "campaign", partial(figure_campaign, [*rows, _coverage(campaign.pooled, sigmas.ravel())] if len(rows) > 1 else rows, title)
+    yield (
+        "campaign",
+        partial(
+            figure_campaign,
+            [*rows, _coverage(campaign.pooled, sigmas.ravel())] if len(rows) > 1 else rows,
+            title,
+        ),
+    )
     yield from statistics_figures(statistics, title)
 
 
@@ -167,7 +269,11 @@ def _coverage(spread: Spread, sigmas: np.ndarray) -> Coverage:
 
 
 def _filter_figures(study: StudyResult, method: MethodResult, suffix: str) -> Iterator[Named]:
-    from scenarios.plots.estimates import figure_correlation, figure_innovations, figure_parameter_histories
+    from scenarios.plots.estimates import (
+        figure_correlation,
+        figure_innovations,
+        figure_parameter_histories,
+    )
     from scenarios.plots.signals import units_of
 
     estimate, estimation = method.result.estimate, method.estimation
@@ -175,28 +281,51 @@ def _filter_figures(study: StudyResult, method: MethodResult, suffix: str) -> It
     if estimate.history is not None:
         prior = {name: (start.value, start.std) for name, start in estimation.start.items()}
         true = {row.name: row.reference for row in method.rows if row.reference is not None}
-        published = {row.name: _pair(row.published) for row in method.rows if row.published is not None}
+        published = {
+            row.name: _pair(row.published) for row in method.rows if row.published is not None
+        }
         units = [row.unit for row in method.rows]
         against = "condensed" if study.scenario.condensed else "true"
         if len(estimate.names) <= MOST_PANELS:
             shown = estimate.history, estimate.names, units, true, published, prior, title, against
             yield f"parameters{suffix}", partial(figure_parameter_histories, *shown)
         units = units_of(method.result.record, estimate.output_names)
-        yield f"innovations{suffix}", partial(figure_innovations, estimate.history, estimate.output_names, units, title)
-    if method is study.main and 1 < len(estimate.names) <= MOST_PANELS and np.all(np.isfinite(estimate.correlation)):
-        yield "correlation", partial(figure_correlation, estimate.names, estimate.correlation, title)
+        yield (
+            f"innovations{suffix}",
+            partial(figure_innovations, estimate.history, estimate.output_names, units, title),
+        )
+    if (
+        method is study.main
+        and 1 < len(estimate.names) <= MOST_PANELS
+        and np.all(np.isfinite(estimate.correlation))
+    ):
+        yield (
+            "correlation",
+            partial(figure_correlation, estimate.names, estimate.correlation, title),
+        )
 
 
 def _told_apart(study: StudyResult) -> list[MethodResult]:
-    """The main method and those whose residual of the same record differs so much that a figure shows it."""
+    """The main method and those whose residual of the same record differs so much that a figure
+    shows it.
+    """
     z, valid = study.record.output_array(study.main.result.estimate.output_names)
 
     def size(method: MethodResult) -> np.ndarray:
-        return np.sqrt(np.mean(np.where(valid, z - method.result.estimate.fitted[0], 0.0) ** 2, axis=1))
+        return np.sqrt(
+            np.mean(np.where(valid, z - method.result.estimate.fitted[0], 0.0) ** 2, axis=1)
+        )
 
     expected = size(study.main)
-    same_record = [m for m in study.methods[1:] if m.result.record is study.record and len(m.result.estimate.output_names) == len(z)]
-    return [study.main, *(m for m in same_record if np.any(np.abs(size(m) / expected - 1.0) > TOLD_APART))][:MOST_RESPONSES]
+    same_record = [
+        m
+        for m in study.methods[1:]
+        if m.result.record is study.record and len(m.result.estimate.output_names) == len(z)
+    ]
+    return [
+        study.main,
+        *(m for m in same_record if np.any(np.abs(size(m) / expected - 1.0) > TOLD_APART)),
+    ][:MOST_RESPONSES]
 
 
 def _ballistic_figures(study: StudyResult) -> Iterator[Named]:
@@ -209,10 +338,16 @@ def _ballistic_figures(study: StudyResult) -> Iterator[Named]:
             if method.estimation.flight is None:
                 same_fall[method.estimation.label] = method.result.estimate.history
     if same_fall:
-        yield "trajectory", partial(figure_trajectory, study.record, same_fall, study.truth, study.scenario.title)
+        yield (
+            "trajectory",
+            partial(figure_trajectory, study.record, same_fall, study.truth, study.scenario.title),
+        )
     if kept:
         true = study.truth.parameters["beta"].value
-        yield "ballistic_coefficient", partial(figure_ballistic_coefficient, kept, true, title=study.scenario.title)
+        yield (
+            "ballistic_coefficient",
+            partial(figure_ballistic_coefficient, kept, true, title=study.scenario.title),
+        )
 
 
 def _response(method: MethodResult) -> Response:
@@ -248,7 +383,11 @@ def _determined(method: MethodDetermination) -> DeterminedBy:
     found, seen = method.found, len(method.found.names) - method.found.unseen
     ratio = dict(zip(found.names, (found.posterior_std / found.prior_std).tolist(), strict=True))
     return DeterminedBy(
-        method.estimation.label, ratio, dict(zip(found.names, found.prior_share.tolist(), strict=True)), found.strengths[:seen], found.unseen
+        method.estimation.label,
+        ratio,
+        dict(zip(found.names, found.prior_share.tolist(), strict=True)),
+        found.strengths[:seen],
+        found.unseen,
     )
 
 
@@ -264,11 +403,12 @@ MAIN = "comparison.json"
 def write_study(study: StudyResult, folder: str | Path, *, figures: Formats = USUAL) -> Path:
     """Write a study into ``folder``, whole or not at all; returns the folder.
 
-    Files: ``record.csv`` and ``record.json``, ``truth.json``, ``study.txt`` (what the terminal shows), ``response.csv`` (measured, predicted
-    and noise-free outputs), ``history.csv`` of a filter, figures in the formats ``figures``, ``report.html`` with them and ``report.json``, from
-    which it is made, ``comparison.json`` last. Further methods leave
-    ``response_METHOD.csv`` and ``history_METHOD.csv``, those that saw another flight or other sensors ``record_METHOD.csv``; a sweep
-    ``sweep.csv``, determination ``determination.csv``.
+    Files: ``record.csv`` and ``record.json``, ``truth.json``, ``study.txt`` (what the terminal
+    shows), ``response.csv`` (measured, predicted and noise-free outputs), ``history.csv`` of a
+    filter, figures in the formats ``figures``, ``report.html`` with them and ``report.json``, from
+    which it is made, ``comparison.json`` last. Further methods leave ``response_METHOD.csv`` and
+    ``history_METHOD.csv``, those that saw another flight or other sensors ``record_METHOD.csv``; a
+    sweep ``sweep.csv``, determination ``determination.csv``.
     """
     with study_folder(folder, MAIN) as scratch:
         write_record(scratch, study.record, simulated=True)
@@ -279,17 +419,31 @@ def write_study(study: StudyResult, folder: str | Path, *, figures: Formats = US
             suffix = "" if method is study.main else f"_{name}"
             estimate = method.result.estimate
             predicted = dict(zip(estimate.output_names, estimate.fitted[0], strict=True))
-            write_responses(scratch / f"{RESPONSE}{suffix}.csv", method.result.record, predicted, method.truth.outputs if method.truth else None)
+            write_responses(
+                scratch / f"{RESPONSE}{suffix}.csv",
+                method.result.record,
+                predicted,
+                method.truth.outputs if method.truth else None,
+            )
             if estimate.history is not None:
                 write_history(scratch / f"history{suffix}.csv", method)
         write_json(scratch / "truth.json", truth_content(study.truth))
-        determined = [method.determination for method in study.methods if method.determination is not None]
+        determined = [
+            method.determination for method in study.methods if method.determination is not None
+        ]
         if determined:
-            (scratch / "determination.csv").write_text(determination_csv(determined), encoding="utf-8", newline="\n")
+            (scratch / "determination.csv").write_text(
+                determination_csv(determined), encoding="utf-8", newline="\n"
+            )
         if study.sweep is not None:
-            (scratch / "sweep.csv").write_text(sweep_csv(study.sweep), encoding="utf-8", newline="\n")
+            (scratch / "sweep.csv").write_text(
+                sweep_csv(study.sweep), encoding="utf-8", newline="\n"
+            )
         (scratch / "study.txt").write_text(
-            as_text(lambda out: print_study(study, out, HERE)), encoding="utf-8", errors="backslashreplace", newline="\n"
+            as_text(lambda out: print_study(study, out, HERE)),
+            encoding="utf-8",
+            errors="backslashreplace",
+            newline="\n",
         )
         drawn: tuple[Drawn, ...] = ()
         if figures:
@@ -305,7 +459,10 @@ def truth_content(truth: Truth) -> dict[str, Any]:
     """True parameters, effects, noise and distance, without the histories."""
     return {
         "schema": "flightid/truth/1",
-        "parameters": {item.name: {"value": item.value, "unit": item.unit, "source": item.source} for item in truth.parameters},
+        "parameters": {
+            item.name: {"value": item.value, "unit": item.unit, "source": item.source}
+            for item in truth.parameters
+        },
         "effects": list(truth.effects),
         "noise_std": dict(truth.noise_std),
         "process_density": dict(truth.process_density),
@@ -316,7 +473,9 @@ def truth_content(truth: Truth) -> dict[str, Any]:
 
 
 def write_history(path: Path, method: MethodResult) -> None:
-    """States and parameters after each sample with their standard deviations, and innovations, as CSV."""
+    """States and parameters after each sample with their standard deviations, and innovations, as
+    CSV.
+    """
     history = method.result.estimate.history
     assert history is not None
     outputs = method.result.estimate.output_names

@@ -26,7 +26,15 @@ from scenarios.pages.model import (
     section,
     summary_sentences,
 )
-from scenarios.pages.tables import SIGMAS, derived_table, estimates_table, fixed_table, levels_of_noise, printed_blocks, tests_table
+from scenarios.pages.tables import (
+    SIGMAS,
+    derived_table,
+    estimates_table,
+    fixed_table,
+    levels_of_noise,
+    printed_blocks,
+    tests_table,
+)
 from scenarios.plots.formats import Drawn
 from scenarios.studies.comparison import choice_lines, engine_line, other_flight_line, vehicle_line
 from scenarios.studies.published import published_remark
@@ -47,24 +55,48 @@ def scattered_blocks(found: Sequence[Scatter]) -> list[Block]:
     columns = (Column("flight"), Column("method"), Column("settled", PURE), *shares)
     rows = tuple(_shares(each) for each in found)
     labels = [f"{each.flight}: {each.estimation.label}" for each in found]
-    units = {name: unit for each in found for name, unit in zip(each.names, each.units, strict=True)}
+    units = {
+        name: unit for each in found for name, unit in zip(each.names, each.units, strict=True)
+    }
     in_units = tuple((name, *(_rms(each, name, sigmas=False) for each in found)) for name in units)
     in_sigmas = tuple((name, *(_rms(each, name, sigmas=True) for each in found)) for name in units)
     blocks: list[Block] = [
         Table(f"{runs} runs of each flight: intervals that hold the truth", columns, rows),
-        Table("Root mean square error in reported sigmas", (Column("derivative"), *(Column(label, SIGMAS) for label in labels)), in_sigmas),
-        Table("Root mean square error", (Column("derivative"), *(Column(label, BY_ROW) for label in labels)), in_units, tuple(units.values())),
+        Table(
+            "Root mean square error in reported sigmas",
+            (Column("derivative"), *(Column(label, SIGMAS) for label in labels)),
+            in_sigmas,
+        ),
+        Table(
+            "Root mean square error",
+            (Column("derivative"), *(Column(label, BY_ROW) for label in labels)),
+            in_units,
+            tuple(units.values()),
+        ),
     ]
     for each in found:
-        others = ", ".join(f"{count} {code}" for code, count in sorted(each.outcomes.items()) if code != "converged")
-        blocks += [Prose(f"{each.flight}, {each.estimation.label}: {others} of {runs} left out.", "note")] if others else []
+        others = ", ".join(
+            f"{count} {code}"
+            for code, count in sorted(each.outcomes.items())
+            if code != "converged"
+        )
+        blocks += (
+            [Prose(f"{each.flight}, {each.estimation.label}: {others} of {runs} left out.", "note")]
+            if others
+            else []
+        )
     return blocks
 
 
 def _shares(each: Scatter) -> tuple[Cell, ...]:
     share, (low, high) = each.within_two
     shares = (Number(100.0 * value, digits=0) for value in (share, low, high))
-    return each.flight, each.estimation.label, Number(each.outcomes.get("converged", 0), digits=0), *shares
+    return (
+        each.flight,
+        each.estimation.label,
+        Number(each.outcomes.get("converged", 0), digits=0),
+        *shares,
+    )
 
 
 def _rms(each: Scatter, name: str, *, sigmas: bool) -> Cell:
@@ -97,21 +129,31 @@ def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
         warnings=tuple(as_sentence(line) for line in (main.result.estimate.message,) if line),
         sections=(
             *section("What was found", *_found(study, main)),
-            *section("Other methods", parts=tuple(_method(study, method) for method in study.methods[1:])),
-            *section("Repeated flights", *(scattered_blocks(study.repeated) if study.repeated else ())),
+            *section(
+                "Other methods", parts=tuple(_method(study, method) for method in study.methods[1:])
+            ),
+            *section(
+                "Repeated flights", *(scattered_blocks(study.repeated) if study.repeated else ())
+            ),
             *_determined(study),
             *section("Structures from stiff to soft", *_swept(study)),
             *section("Figures", *figures(drawn)),
             *section("Residuals and noise", *_evidence(study)),
             *section("How it was made", *_made(study)),
         ),
-        reproduction=reproduction(("flightid", "run", scenario.name, "--seed", str(study.seed)), f"Seed {study.seed}.", files),
+        reproduction=reproduction(
+            ("flightid", "run", scenario.name, "--seed", str(study.seed)),
+            f"Seed {study.seed}.",
+            files,
+        ),
         created=now(),
     )
 
 
 def within_line(rows: Sequence[Row], reference: str) -> str:
-    """How many estimates lie within two of their sigmas of what they are held against; empty where nothing is known."""
+    """How many estimates lie within two of their sigmas of what they are held against; empty where
+    nothing is known.
+    """
     known = [row.sigmas for row in rows if row.sigmas is not None and row.std > 0.0]
     if not known:
         return ""
@@ -120,7 +162,10 @@ def within_line(rows: Sequence[Row], reference: str) -> str:
     which = "the estimate lies" if len(known) == 1 else f"{inside} of {len(known)} estimates lie"
     if len(known) == 1:
         return f"{which} {abs(worst):.1f} of its sigmas from the {reference} value"
-    return f"{which} within two of their sigmas of the {reference} value; the farthest is {abs(worst):.1f} off"
+    return (
+        f"{which} within two of their sigmas of the {reference} value; the farthest is "
+        f"{abs(worst):.1f} off"
+    )
 
 
 def _found(study: StudyResult, method: MethodResult) -> list[Block]:
@@ -134,7 +179,12 @@ def _found(study: StudyResult, method: MethodResult) -> list[Block]:
         estimation.explanation,
         f"published: {remark}" if remark else "",
     )
-    blocks: list[Block] = [estimates_table(f"{capital(estimation.label)}: {estimate.outcome.value}", with_display(study, method.rows))]
+    blocks: list[Block] = [
+        estimates_table(
+            f"{capital(estimation.label)}: {estimate.outcome.value}",
+            with_display(study, method.rows),
+        )
+    ]
     blocks += [derived_table("What follows from them", method.derived)] if method.derived else []
     return [*blocks, *(Prose(as_sentence(line)) for line in sentences if line)]
 
@@ -147,7 +197,14 @@ def _method(study: StudyResult, method: MethodResult) -> Section:
 
 def _determined(study: StudyResult) -> tuple[Section, ...]:
     found = [method.determination for method in study.methods if method.determination is not None]
-    return section("What the record determines", *printed_blocks(lambda out: print_determination(found, out))) if found else ()
+    return (
+        section(
+            "What the record determines",
+            *printed_blocks(lambda out: print_determination(found, out)),
+        )
+        if found
+        else ()
+    )
 
 
 def _swept(study: StudyResult) -> list[Block]:
@@ -161,7 +218,10 @@ def _evidence(study: StudyResult) -> list[Block]:
         estimate, record = method.result.estimate, method.result.record
         label = f" ({method.estimation.label})" if len(study.methods) > 1 else ""
         units = {channel.name: channel.unit for channel in record.outputs}
-        noise = {name: (float(std), units.get(name, "1")) for name, std in zip(estimate.output_names, estimate.noise_std, strict=True)}
+        noise = {
+            name: (float(std), units.get(name, "1"))
+            for name, std in zip(estimate.output_names, estimate.noise_std, strict=True)
+        }
         blocks += [tests_table(f"Residual tests{label}", method.tests)] if method.tests else []
         blocks += [levels_of_noise(f"Noise that the estimator took or found{label}", noise)]
     return blocks
@@ -184,10 +244,20 @@ def _made(study: StudyResult) -> list[Block]:
     if line := engine_line([method.estimation for method in study.methods]):
         blocks += [Prose(as_sentence(line))]
     if study.flexibility is not None:
-        blocks += [Prose(as_sentence(line)) for line in flexibility_sentences(study.flexibility, scenario.flight.noise_std)]
+        blocks += [
+            Prose(as_sentence(line))
+            for line in flexibility_sentences(study.flexibility, scenario.flight.noise_std)
+        ]
     blocks += [Prose(as_sentence(note)) for note in study.notes]
     choices = choice_lines(scenario.choices)
-    blocks += [Prose("Chosen by this project; no source prints it, or it prints another:"), Bullets(tuple(choices))] if choices else []
+    blocks += (
+        [
+            Prose("Chosen by this project; no source prints it, or it prints another:"),
+            Bullets(tuple(choices)),
+        ]
+        if choices
+        else []
+    )
     blocks += [Prose(as_sentence(vehicle))] if vehicle else []
     blocks += [fixed_table("What was held", study.main.fixed)] if study.main.fixed else []
     return blocks

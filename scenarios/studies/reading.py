@@ -51,8 +51,12 @@ WIDEST = 1.0  # of a state at the start where its file gives zero, in the state'
 
 
 def model_files(names: Iterable[str]) -> dict[str, OwnModel]:
-    """The models of those names that are files, each read once. Raises DeclarationError as ``read_user_model``."""
-    return {name: read_user_model(name, MODELS) for name in dict.fromkeys(names) if is_model_file(name)}
+    """The models of those names that are files, each read once. Raises DeclarationError as
+    ``read_user_model``.
+    """
+    return {
+        name: read_user_model(name, MODELS) for name in dict.fromkeys(names) if is_model_file(name)
+    }
 
 
 def truth_of(model: Model, values: Mapping[str, Quantity], where: str) -> Model:
@@ -60,22 +64,34 @@ def truth_of(model: Model, values: Mapping[str, Quantity], where: str) -> Model:
 
     Raises
     ------
-    DeclarationError : an unknown name, a wrong unit, a value beyond its bounds; ``where`` is the key of the table.
+    DeclarationError : an unknown name, a wrong unit, a value beyond its bounds; ``where`` is the
+    key of the table.
     """
     for name in values:
         if name not in model.parameters:
-            raise DeclarationError(f"there is no parameter {name!r}", where=f"{where}.{name}", remedy=closest(name, model.parameters.names))
-    numbers = {name: si(value, model.parameters[name].unit, f"{where}.{name}") for name, value in values.items()}
+            raise DeclarationError(
+                f"there is no parameter {name!r}",
+                where=f"{where}.{name}",
+                remedy=closest(name, model.parameters.names),
+            )
+    numbers = {
+        name: si(value, model.parameters[name].unit, f"{where}.{name}")
+        for name, value in values.items()
+    }
     try:
         return model.with_values(numbers)
     except ModelError as fault:
-        raise DeclarationError(f"{fault.where}: {fault.what}", where=where, remedy=fault.remedy) from None
+        raise DeclarationError(
+            f"{fault.where}: {fault.what}", where=where, remedy=fault.remedy
+        ) from None
 
 
 def completed(estimation: Estimation, measured: Iterable[str]) -> Estimation:
-    """An estimation of an own model with what its scenario leaves to the file: outputs that are ``measured``, starts, initial states.
+    """An estimation of an own model with what its scenario leaves to the file: outputs that are
+    ``measured``, starts, initial states.
 
-    A parameter starts where the file says, with half of that as its standard deviation; a state likewise, with at least ``WIDEST`` of its unit.
+    A parameter starts where the file says, with half of that as its standard deviation; a state
+    likewise, with at least ``WIDEST`` of its unit.
     """
     model = estimation.own
     assert model is not None
@@ -86,18 +102,21 @@ def completed(estimation: Estimation, measured: Iterable[str]) -> Estimation:
     begun = {item.name: Start(item.value, max(abs(item.value), WIDEST)) for item in model.initial}
     return replace(
         estimation,
-        outputs=estimation.outputs or tuple(signal.name for signal in model.equations.outputs if signal.name in noisy),
+        outputs=estimation.outputs
+        or tuple(signal.name for signal in model.equations.outputs if signal.name in noisy),
         start={**starts, **estimation.start},
         initial={**begun, **estimation.initial},
     )
 
 
 def own_declared(estimation: Estimation, noise_std: Mapping[str, float]) -> Model:
-    """The model an estimator starts from: ``start`` free with its priors, ``held`` fixed, constants as the file has them.
+    """The model an estimator starts from: ``start`` free with its priors, ``held`` fixed, constants
+    as the file has them.
 
     Raises
     ------
-    DeclarationError : a parameter or state that the model does not have, one that is started and held, a value beyond its bounds.
+    DeclarationError : a parameter or state that the model does not have, one that is started and
+    held, a value beyond its bounds.
     """
     model, place = estimation.own, f"estimation {estimation.name}"
     assert model is not None
@@ -105,22 +124,53 @@ def own_declared(estimation: Estimation, noise_std: Mapping[str, float]) -> Mode
         ("start", "parameter", estimation.start, model.parameters.names),
         ("held", "parameter", estimation.held, model.parameters.names),
         ("initial", "state", estimation.initial, model.initial.names),
-        ("outputs", "output", estimation.outputs, [signal.name for signal in model.equations.outputs]),
-        ("process_noise", "state or free parameter", estimation.process_noise, (*estimation.start, *estimation.initial)),
+        (
+            "outputs",
+            "output",
+            estimation.outputs,
+            [signal.name for signal in model.equations.outputs],
+        ),
+        (
+            "process_noise",
+            "state or free parameter",
+            estimation.process_noise,
+            (*estimation.start, *estimation.initial),
+        ),
     )
     for key, kind, names, known in tables:
         for name in names:
             if name not in known:
-                raise DeclarationError(f"there is no {kind} {name!r}", where=f"{place}, key {key}", remedy=closest(name, known))
+                raise DeclarationError(
+                    f"there is no {kind} {name!r}",
+                    where=f"{place}, key {key}",
+                    remedy=closest(name, known),
+                )
     for name in estimation.held:
         if name in estimation.start:
-            raise DeclarationError(f"{name} is under start and under held", where=f"{place}, key held", remedy="keep one of the two")
+            raise DeclarationError(
+                f"{name} is under start and under held",
+                where=f"{place}, key held",
+                remedy="keep one of the two",
+            )
     try:
-        started = model.with_values({**{name: start.value for name, start in estimation.start.items()}, **estimation.held})
+        started = model.with_values(
+            {**{name: start.value for name, start in estimation.start.items()}, **estimation.held}
+        )
     except ModelError as fault:
-        raise DeclarationError(f"{fault.where}: {fault.what}", where=f"{place}, key start", remedy=fault.remedy) from None
-    free = started.parameters.only_free(estimation.start).with_prior({name: start.std for name, start in estimation.start.items()})
-    begun = (replace(item, value=estimation.initial[item.name].value, prior_std=estimation.initial[item.name].std) for item in model.initial)
+        raise DeclarationError(
+            f"{fault.where}: {fault.what}", where=f"{place}, key start", remedy=fault.remedy
+        ) from None
+    free = started.parameters.only_free(estimation.start).with_prior(
+        {name: start.std for name, start in estimation.start.items()}
+    )
+    begun = (
+        replace(
+            item,
+            value=estimation.initial[item.name].value,
+            prior_std=estimation.initial[item.name].std,
+        )
+        for item in model.initial
+    )
     noise = Noise(dict(noise_std), dict(estimation.process_noise))
     return replace(started, parameters=free, initial=ParameterSet(tuple(begun)), noise=noise)
 
@@ -134,14 +184,20 @@ def own_biases(model: Model, outputs: Iterable[str]) -> list[str]:
 # ---- From the tables of a flight, as a scenario file has them, to what is flown
 
 
-def flight_of(flight: FlightTable, fitted: str, where: str, files: Mapping[str, OwnModel], key: str = "flight") -> FlightPlan:
+def flight_of(
+    flight: FlightTable, fitted: str, where: str, files: Mapping[str, OwnModel], key: str = "flight"
+) -> FlightPlan:
     """The flight of a checked table, SI; ``key`` is the table's in messages."""
     place = f"{where}, key {key}"
     own = own_vehicle_of(flight.vehicle, flight.values, flight.modes, place, files)
     refuse_other_equations(own, fitted, where)
     if own is not None and flight.derivatives:
         remedy = "put its true values under flight.values"
-        raise DeclarationError("a model of your own has no derivatives of a vehicle", where=f"{place}.derivatives", remedy=remedy)
+        raise DeclarationError(
+            "a model of your own has no derivatives of a vehicle",
+            where=f"{place}.derivatives",
+            remedy=remedy,
+        )
     model = own or fitted
     rate = positive(si(flight.rate, "1/s", f"{place}.rate", {"hz": "1/s"}), f"{place}.rate")
     return FlightPlan(
@@ -153,7 +209,10 @@ def flight_of(flight: FlightTable, fitted: str, where: str, files: Mapping[str, 
         flight.modes,
         positive(si(flight.step, "s", f"{place}.step"), f"{place}.step"),
         flight.integration,
-        {name: density(name, value, f"{place}.process_noise.{name}", model) for name, value in flight.process_noise.items()},
+        {
+            name: density(name, value, f"{place}.process_noise.{name}", model)
+            for name, value in flight.process_noise.items()
+        },
         dict(flight.derivatives),
         {name: dict(gains) for name, gains in flight.feedback.items()},
         own,
@@ -162,9 +221,16 @@ def flight_of(flight: FlightTable, fitted: str, where: str, files: Mapping[str, 
 
 
 def other_flight_of(
-    flight: FlightTable, other: OtherFlightTable | None, fitted: str, where: str, key: str, files: Mapping[str, OwnModel]
+    flight: FlightTable,
+    other: OtherFlightTable | None,
+    fitted: str,
+    where: str,
+    key: str,
+    files: Mapping[str, OwnModel],
 ) -> FlightPlan | None:
-    """The scenario's flight with what ``other`` gives in the place of its own; None without. Noise of one kind replaces both kinds."""
+    """The scenario's flight with what ``other`` gives in the place of its own; None without. Noise
+    of one kind replaces both kinds.
+    """
     if other is None:
         return None
     changed = {name: value for name, value in other if value is not None}
@@ -173,47 +239,92 @@ def other_flight_of(
     return flight_of(flight.model_copy(update=changed), fitted, where, files, key)
 
 
-def own_vehicle_of(vehicle: str, values: Mapping[str, Quantity], modes: int, place: str, files: Mapping[str, OwnModel]) -> Model | None:
-    """The own model that flies, with its true values; None where a built-in vehicle does, which has neither."""
+def own_vehicle_of(
+    vehicle: str,
+    values: Mapping[str, Quantity],
+    modes: int,
+    place: str,
+    files: Mapping[str, OwnModel],
+) -> Model | None:
+    """The own model that flies, with its true values; None where a built-in vehicle does, which has
+    neither.
+    """
     if vehicle in files:
         if modes:
-            raise DeclarationError(f"{modes} elastic modes asked for", where=f"{place}.modes", remedy="a model of your own has none")
+            raise DeclarationError(
+                f"{modes} elastic modes asked for",
+                where=f"{place}.modes",
+                remedy="a model of your own has none",
+            )
         return truth_of(files[vehicle].model, values, f"{place}.values")
     if values:
-        raise DeclarationError("a built-in vehicle has its own values", where=f"{place}.values", remedy="leave them out, or name a model of your own")
+        raise DeclarationError(
+            "a built-in vehicle has its own values",
+            where=f"{place}.values",
+            remedy="leave them out, or name a model of your own",
+        )
     return None
 
 
 def refuse_other_equations(own: Model | None, fitted: str, where: str) -> None:
-    """Raise DeclarationError where an own model flies and a built-in one is fitted, whose constants it need not have."""
+    """Raise DeclarationError where an own model flies and a built-in one is fitted, whose constants
+    it need not have.
+    """
     if own is not None and not is_model_file(fitted):
         what = f"a model of your own flies, and {fitted} is fitted"
-        raise DeclarationError(what, where=f"{where}, key estimate.model", remedy="name the same file, or another of yours")
+        raise DeclarationError(
+            what,
+            where=f"{where}, key estimate.model",
+            remedy="name the same file, or another of yours",
+        )
 
 
-def maneuver_plans(maneuvers: Sequence[ManeuverTable], place: str, model: str | Model = "") -> tuple[ManeuverPlan, ...]:
-    """Maneuvers with their numbers in SI, or in the units of an own ``model``; ``place`` is the key of the flight they belong to."""
+def maneuver_plans(
+    maneuvers: Sequence[ManeuverTable], place: str, model: str | Model = ""
+) -> tuple[ManeuverPlan, ...]:
+    """Maneuvers with their numbers in SI, or in the units of an own ``model``; ``place`` is the key
+    of the flight they belong to.
+    """
     plans = []
     for number, maneuver in enumerate(maneuvers, start=1):
         key = f"{place}.maneuvers[{number}]"
         given = maneuver.model_dump(exclude_none=True, exclude={"input", "kind"})
-        units = {"amplitude": unit_of(maneuver.input, model), "first_frequency": "rad/s", "last_frequency": "rad/s"}
-        numbers = {k: v if k == "harmonics" else si(v, units.get(k, "s"), f"{key}.{k}") for k, v in given.items()}
+        units = {
+            "amplitude": unit_of(maneuver.input, model),
+            "first_frequency": "rad/s",
+            "last_frequency": "rad/s",
+        }
+        numbers = {
+            k: v if k == "harmonics" else si(v, units.get(k, "s"), f"{key}.{k}")
+            for k, v in given.items()
+        }
         plans.append(ManeuverPlan(maneuver.input, maneuver.kind, numbers))
     return tuple(plans)
 
 
-def repeated_of(content: ScenarioTable, names: Sequence[str], where: str, files: Mapping[str, OwnModel]) -> Repeated:
-    """The flights to be repeated: each the scenario's own with those tables replaced that it gives itself."""
+def repeated_of(
+    content: ScenarioTable, names: Sequence[str], where: str, files: Mapping[str, OwnModel]
+) -> Repeated:
+    """The flights to be repeated: each the scenario's own with those tables replaced that it gives
+    itself.
+    """
     assert content.repeated is not None
     flights = []
     for number, given in enumerate(content.repeated.flights, start=1):
         unknown = [name for name in given.methods if name not in names]
         if unknown:
             place = f"{where}, key repeated.flights[{number}].methods"
-            raise DeclarationError(f"there is no method {unknown[0]!r}", where=place, remedy=f"use {', '.join(names)}")
-        changed = {key: value for key, value in given.model_dump(exclude={"label", "methods"}).items() if value is not None}
-        flight = flight_of(content.flight.model_copy(update=changed), content.estimate.model, where, files)
+            raise DeclarationError(
+                f"there is no method {unknown[0]!r}", where=place, remedy=f"use {', '.join(names)}"
+            )
+        changed = {
+            key: value
+            for key, value in given.model_dump(exclude={"label", "methods"}).items()
+            if value is not None
+        }
+        flight = flight_of(
+            content.flight.model_copy(update=changed), content.estimate.model, where, files
+        )
         flights.append(Variation(given.label, flight, tuple(given.methods or names)))
     return Repeated(content.repeated.runs, tuple(flights))
 
@@ -224,16 +335,24 @@ def repeated_of(content: ScenarioTable, names: Sequence[str], where: str, files:
 def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
     """A Scenario from the content of its file; ``where`` names the file in messages.
 
-    A method under ``[[methods]]`` takes over from ``[estimate]`` whatever it does not say itself; its tables
-    ``start``, ``initial`` and ``held`` replace whole entries, not tables. Its ``flight`` replaces keys of ``[flight]``.
+    A method under ``[[methods]]`` takes over from ``[estimate]`` whatever it does not say itself;
+    its tables ``start``, ``initial`` and ``held`` replace whole entries, not tables. Its ``flight``
+    replaces keys of ``[flight]``.
 
     Raises
     ------
-    DeclarationError : an unknown or missing key, a value or unit that is wrong: one line with file and key.
+    DeclarationError : an unknown or missing key, a value or unit that is wrong: one line with file
+    and key.
     """
     content = checked(ScenarioTable, document, where)
     base = {key: value for key, value in document["estimate"].items()}
-    files = model_files([content.flight.vehicle, content.estimate.model, *(str(change.get("model", "")) for change in content.methods)])
+    files = model_files(
+        [
+            content.flight.vehicle,
+            content.estimate.model,
+            *(str(change.get("model", "")) for change in content.methods),
+        ]
+    )
     flight = flight_of(content.flight, content.estimate.model, where, files)
     _refuse_words_for_aircraft(content, flight.own, where)
     mains = [estimation_of(content.estimate, "main", where, flight, files)]
@@ -242,22 +361,43 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
         for table in ("start", "initial", "held"):
             if isinstance(change.get(table), dict) and isinstance(base.get(table), dict):
                 merged[table] = {**base[table], **change[table]}
-        method, place = checked(MethodTable, merged, where, f"methods[{number}]"), f"{where}, key methods[{number}]"
+        method, place = (
+            checked(MethodTable, merged, where, f"methods[{number}]"),
+            f"{where}, key methods[{number}]",
+        )
         if why := unportable(method.name):
             remedy = "its files have it in their names: give it another one"
-            raise DeclarationError(f"the name {method.name!r} {why}", where=f"{place}.name", remedy=remedy)
+            raise DeclarationError(
+                f"the name {method.name!r} {why}", where=f"{place}.name", remedy=remedy
+            )
         if method.name.lower() in [done.name.lower() for done in mains]:
-            raise DeclarationError(f"the name {method.name!r} is taken", where=f"{place}.name", remedy="give each method a name of its own")
-        own_flight = other_flight_of(content.flight, method.flight, method.model, where, f"methods[{number}].flight", files)
+            raise DeclarationError(
+                f"the name {method.name!r} is taken",
+                where=f"{place}.name",
+                remedy="give each method a name of its own",
+            )
+        own_flight = other_flight_of(
+            content.flight, method.flight, method.model, where, f"methods[{number}].flight", files
+        )
         if method.distance and own_flight is None:
-            raise DeclarationError("this method sees the scenario's flight", where=f"{place}.distance", remedy="leave it out, or give it a flight")
+            raise DeclarationError(
+                "this method sees the scenario's flight",
+                where=f"{place}.distance",
+                remedy="leave it out, or give it a flight",
+            )
         declared = estimation_of(method, method.name, where, own_flight or flight, files)
         choices = choices_of(method.own, merged, f"{place}.own")
-        mains.append(replace(declared, flight=own_flight, distance=method.distance or "", choices=choices))
+        mains.append(
+            replace(declared, flight=own_flight, distance=method.distance or "", choices=choices)
+        )
     _refuse_other_flights(content, mains, where)
     if content.estimate.engine is not None and not any(each.method == "ekf" for each in mains):
         what = "an engine is named, and no method is an extended Kalman filter"
-        raise DeclarationError(what, where=f"{where}, key estimate.engine", remedy='leave it out, or write method = "ekf"')
+        raise DeclarationError(
+            what,
+            where=f"{where}, key estimate.engine",
+            remedy='leave it out, or write method = "ekf"',
+        )
     return Scenario(
         name,
         content.title,
@@ -268,9 +408,13 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
         content.condensed,
         dict(content.display),
         content.seed,
-        flown_as(content.aircraft_class, content.flight_phase) if content.aircraft_class or content.flight_phase else None,
+        flown_as(content.aircraft_class, content.flight_phase)
+        if content.aircraft_class or content.flight_phase
+        else None,
         tuple(file.identity for file in files.values()),
-        repeated_of(content, [each.name for each in mains if each.flight is None], where, files) if content.repeated else None,
+        repeated_of(content, [each.name for each in mains if each.flight is None], where, files)
+        if content.repeated
+        else None,
         _swept(content, mains, where),
         content.determination,
         choices_of(content.own, document, f"{where}, key own"),
@@ -283,24 +427,52 @@ def _swept(content: ScenarioTable, mains: Sequence[Estimation], where: str) -> S
         return None
     place = f"{where}, key sweep"
     if not content.condensed or content.flight.modes < 1:
-        raise DeclarationError("there is no structure to soften", where=place, remedy="fly elastic modes, with condensed = true")
+        raise DeclarationError(
+            "there is no structure to soften",
+            where=place,
+            remedy="fly elastic modes, with condensed = true",
+        )
     if mains[0].modes or mains[0].model != "rigid":
-        raise DeclarationError("the main method is no rigid model", where=place, remedy='write model = "rigid" under [estimate]')
+        raise DeclarationError(
+            "the main method is no rigid model",
+            where=place,
+            remedy='write model = "rigid" under [estimate]',
+        )
     if content.flight.feedback or content.flight.process_noise:
-        raise DeclarationError("feedback or random forcing in a sweep", where=place, remedy="leave it out of the flight")
+        raise DeclarationError(
+            "feedback or random forcing in a sweep",
+            where=place,
+            remedy="leave it out of the flight",
+        )
     factors = tuple(sorted(set(content.sweep.frequency_factors), reverse=True))
     for number, mark in enumerate(content.sweep.marks, start=1):
         if mark.frequency_factor not in factors:
             known = ", ".join(f"{factor:g}" for factor in factors)
-            raise DeclarationError("no such factor", where=f"{place}.marks[{number}].frequency_factor", remedy=f"use one of {known}")
-    return SweepPlan(factors, tuple(Mark(mark.label, mark.frequency_factor, _choice(mark.published)) for mark in content.sweep.marks))
+            raise DeclarationError(
+                "no such factor",
+                where=f"{place}.marks[{number}].frequency_factor",
+                remedy=f"use one of {known}",
+            )
+    return SweepPlan(
+        factors,
+        tuple(
+            Mark(mark.label, mark.frequency_factor, _choice(mark.published))
+            for mark in content.sweep.marks
+        ),
+    )
 
 
 def _choice(published: PublishedTable | None) -> PublishedChoice | None:
     return PublishedChoice(published.file, published.table, published.column) if published else None
 
 
-def estimation_of(estimate: EstimateTable, name: str, where: str, flight: FlightPlan, files: Mapping[str, OwnModel]) -> Estimation:
+def estimation_of(
+    estimate: EstimateTable,
+    name: str,
+    where: str,
+    flight: FlightPlan,
+    files: Mapping[str, OwnModel],
+) -> Estimation:
     place = f"{where}, key {'estimate' if name == 'main' else f'methods {name}'}"
     own = files[estimate.model].model if estimate.model in files else None
     model = own or estimate.model
@@ -310,16 +482,30 @@ def estimation_of(estimate: EstimateTable, name: str, where: str, flight: Flight
         label=estimate.label or name,
         model=estimate.model,
         outputs=tuple(estimate.outputs or ()),
-        start={key: _start(key, value, f"{place}.start.{key}", model) for key, value in (estimate.start or {}).items()},
-        initial={key: _start(key, value, f"{place}.initial.{key}", model) for key, value in (estimate.initial or {}).items()},
+        start={
+            key: _start(key, value, f"{place}.start.{key}", model)
+            for key, value in (estimate.start or {}).items()
+        },
+        initial={
+            key: _start(key, value, f"{place}.initial.{key}", model)
+            for key, value in (estimate.initial or {}).items()
+        },
         method=estimate.method,
         modes=estimate.modes,
-        held={key: si(value, unit_of(key, model), f"{place}.held.{key}") for key, value in estimate.held.items()},
+        held={
+            key: si(value, unit_of(key, model), f"{place}.held.{key}")
+            for key, value in estimate.held.items()
+        },
         noise_std=standard_deviations(estimate.noise_std, estimate.noise_variance, place, model),
-        process_noise={key: density(key, value, f"{place}.process_noise.{key}", model) for key, value in estimate.process_noise.items()},
+        process_noise={
+            key: density(key, value, f"{place}.process_noise.{key}", model)
+            for key, value in estimate.process_noise.items()
+        },
         integration=estimate.integration,
         terms=estimate.terms,
-        max_step=math.inf if estimate.max_step is None else positive(si(estimate.max_step, "s", f"{place}.max_step"), f"{place}.max_step"),
+        max_step=math.inf
+        if estimate.max_step is None
+        else positive(si(estimate.max_step, "s", f"{place}.max_step"), f"{place}.max_step"),
         passes=estimate.passes,
         use_priors=estimate.use_priors,
         spread=math.inf if estimate.spread is None else estimate.spread,
@@ -336,29 +522,52 @@ def _refuse_words_for_aircraft(content: ScenarioTable, own: Model | None, where:
     """Raise DeclarationError for keys that say something of an aircraft alone, where none flies."""
     aircraft = content.estimate.model != "ballistic" and (own is None or is_of_aircraft(own))
     asked = {"condensed": content.condensed and own is not None}
-    asked |= {key: getattr(content, key) is not None and not aircraft for key in ("aircraft_class", "flight_phase")}
+    asked |= {
+        key: getattr(content, key) is not None and not aircraft
+        for key in ("aircraft_class", "flight_phase")
+    }
     for key, vain in asked.items():
         if vain:
-            raise DeclarationError("this is for aircraft, and none flies", where=f"{where}, key {key}", remedy="leave it out")
+            raise DeclarationError(
+                "this is for aircraft, and none flies",
+                where=f"{where}, key {key}",
+                remedy="leave it out",
+            )
 
 
 def _refuse_other_flights(content: ScenarioTable, mains: Sequence[Estimation], where: str) -> None:
-    """Raise DeclarationError for a flight of a method's own where sweeps are flown once for all methods."""
+    """Raise DeclarationError for a flight of a method's own where sweeps are flown once for all
+    methods.
+    """
     own = [number for number, method in enumerate(mains) if method.flight is not None]
     if own and content.sweep:
-        raise DeclarationError("a sweep is flown once for all methods", where=f"{where}, key methods[{own[0]}].flight", remedy="leave it out")
+        raise DeclarationError(
+            "a sweep is flown once for all methods",
+            where=f"{where}, key methods[{own[0]}].flight",
+            remedy="leave it out",
+        )
 
 
 def _refuse_missing(estimate: EstimateTable, own: Model | None, place: str) -> None:
-    """Raise DeclarationError where a built-in model is not told what only a file of one's own says itself."""
+    """Raise DeclarationError where a built-in model is not told what only a file of one's own says
+    itself.
+    """
     missing = [key for key in ("outputs", "start", "initial") if getattr(estimate, key) is None]
     if own is None and missing:
         word = "key" if len(missing) == 1 else "keys"
-        raise DeclarationError(f"{word} missing: {', '.join(missing)}", where=place, remedy="add " + ("it" if len(missing) == 1 else "them"))
+        raise DeclarationError(
+            f"{word} missing: {', '.join(missing)}",
+            where=place,
+            remedy="add " + ("it" if len(missing) == 1 else "them"),
+        )
 
 
 def _start(name: str, spread: SpreadTable, where: str, model: str | Model) -> Start:
     std = si(spread.std, unit_of(name, model), f"{where}.std")
     if not std > 0:
-        raise DeclarationError(f"{spread.std!r} is not above 0", where=f"{where}.std", remedy="give a standard deviation above zero")
+        raise DeclarationError(
+            f"{spread.std!r} is not above 0",
+            where=f"{where}.std",
+            remedy="give a standard deviation above zero",
+        )
     return Start(si(spread.value, unit_of(name, model), f"{where}.value"), std)

@@ -10,9 +10,11 @@ from scenarios.studies.declaration import Start
 
 @dataclass(frozen=True)
 class Row:
-    """One parameter of one method: what is true, what was estimated, what a paper found; all in ``unit``.
+    """One parameter of one method: what is true, what was estimated, what a paper found; all in
+    ``unit``.
 
-    ``condensed`` is the coefficient by static condensation of the elastic modes that the model lacks: what it should find.
+    ``condensed`` is the coefficient by static condensation of the elastic modes that the model
+    lacks: what it should find.
     """
 
     name: str
@@ -25,7 +27,9 @@ class Row:
 
     @property
     def reference(self) -> float | None:
-        """What the estimate is held against: the condensed value where there is one, else the true one."""
+        """What the estimate is held against: the condensed value where there is one, else the true
+        one.
+        """
         return self.true if self.condensed is None else self.condensed
 
     @property
@@ -36,11 +40,17 @@ class Row:
     @property
     def percent(self) -> float | None:
         """Error in percent of the reference; None where that is zero."""
-        return None if not self.reference else 100.0 * (self.estimate - self.reference) / abs(self.reference)
+        return (
+            None
+            if not self.reference
+            else 100.0 * (self.estimate - self.reference) / abs(self.reference)
+        )
 
     @property
     def published_sigmas(self) -> float | None:
-        """Error of the published value against the same reference, in the publication's own sigmas."""
+        """Error of the published value against the same reference, in the publication's own
+        sigmas.
+        """
         if self.published is None or self.reference is None:
             return None
         return (self.published.value - self.reference) / self.published.std

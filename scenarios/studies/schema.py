@@ -44,7 +44,8 @@ OWN_UNITS = {"lateral": {"beta": "rad"}}
 
 
 def unit_of(name: str, model: str | Model = "") -> str:
-    """The SI unit of what a scenario gives under a name, for a model where it has a meaning of its own; 1 for a coefficient.
+    """The SI unit of what a scenario gives under a name, for a model where it has a meaning of its
+    own; 1 for a coefficient.
 
     A user's own model (``Model``) declares the units of all its names.
     """
@@ -53,15 +54,22 @@ def unit_of(name: str, model: str | Model = "") -> str:
     return OWN_UNITS.get(model, {}).get(name) or UNITS.get(name, "1")
 
 
-def standard_deviations(std: Mapping[str, Quantity], variance: Mapping[str, str], where: str, model: str | Model = "") -> dict[str, float]:
+def standard_deviations(
+    std: Mapping[str, Quantity], variance: Mapping[str, str], where: str, model: str | Model = ""
+) -> dict[str, float]:
     """Noise by output of a model, SI, from standard deviations and variances."""
     out = {}
     for name, value in std.items():
-        out[name] = positive(si(value, unit_of(name, model), f"{where}.noise_std.{name}"), f"{where}.noise_std.{name}")
+        out[name] = positive(
+            si(value, unit_of(name, model), f"{where}.noise_std.{name}"),
+            f"{where}.noise_std.{name}",
+        )
     for name, text in variance.items():
         key = f"{where}.noise_variance.{name}"
         number, unit = _parts(text, key)
-        out[name] = math.sqrt(positive(number, key)) * float(to_si(1.0, _root(unit, key), unit_of(name, model), key, DeclarationError))
+        out[name] = math.sqrt(positive(number, key)) * float(
+            to_si(1.0, _root(unit, key), unit_of(name, model), key, DeclarationError)
+        )
     return out
 
 
@@ -71,8 +79,20 @@ def density(name: str, value: Quantity, where: str, model: str | Model = "") -> 
         return _not_negative(float(value), where)
     number, unit = _parts(value, where)
     if not unit.endswith("/s"):
-        raise DeclarationError(f"unit {unit!r} is no spectral density", where=where, remedy='write for example "57 (lb/ft2)^2/s"')
-    factor = float(to_si(1.0, _root(unit.removesuffix("/s"), where), unit_of(name, model), where, DeclarationError))
+        raise DeclarationError(
+            f"unit {unit!r} is no spectral density",
+            where=where,
+            remedy='write for example "57 (lb/ft2)^2/s"',
+        )
+    factor = float(
+        to_si(
+            1.0,
+            _root(unit.removesuffix("/s"), where),
+            unit_of(name, model),
+            where,
+            DeclarationError,
+        )
+    )
     return _not_negative(number, where) * factor**2
 
 
@@ -80,7 +100,11 @@ def _root(unit: str, where: str) -> str:
     """The unit whose square is given: ``"deg^2"``, ``"(deg/s)^2"``."""
     text = unit.strip()
     if not text.endswith("^2"):
-        raise DeclarationError(f"unit {unit!r} is no square", where=where, remedy='write for example "0.016 deg^2" or "0.016 (deg/s)^2"')
+        raise DeclarationError(
+            f"unit {unit!r} is no square",
+            where=where,
+            remedy='write for example "0.016 deg^2" or "0.016 (deg/s)^2"',
+        )
     return text.removesuffix("^2").strip().removeprefix("(").removesuffix(")")
 
 
@@ -89,11 +113,17 @@ def _parts(text: str, where: str) -> tuple[float, str]:
     try:
         return float(number), unit
     except ValueError:
-        raise DeclarationError(f"{text!r} is not a number with a unit", where=where, remedy='write for example "0.016 deg^2"') from None
+        raise DeclarationError(
+            f"{text!r} is not a number with a unit",
+            where=where,
+            remedy='write for example "0.016 deg^2"',
+        ) from None
 
 
 def si(value: Quantity, target: str, where: str, same: Mapping[str, str] | None = None) -> float:
-    """A number, or a text with a unit, in the unit ``target``; ``same`` are other spellings of units."""
+    """A number, or a text with a unit, in the unit ``target``; ``same`` are other spellings of
+    units.
+    """
     if not isinstance(value, str):
         return float(value)
     number, unit = _parts(value, where)
@@ -104,20 +134,29 @@ def si(value: Quantity, target: str, where: str, same: Mapping[str, str] | None 
 def positive(value: float, where: str) -> float:
     """The value, refused where it is not above zero and finite."""
     if not (value > 0 and math.isfinite(value)):
-        raise DeclarationError(f"{value:g} is not above 0", where=where, remedy="give a positive number")
+        raise DeclarationError(
+            f"{value:g} is not above 0", where=where, remedy="give a positive number"
+        )
     return value
 
 
 def _not_negative(value: float, where: str) -> float:
     if not (value >= 0 and math.isfinite(value)):
-        raise DeclarationError(f"{value:g} is negative", where=where, remedy="give zero or a positive number")
+        raise DeclarationError(
+            f"{value:g} is negative", where=where, remedy="give zero or a positive number"
+        )
     return value
 
 
 # ---- The schema of scenario files (pydantic); imported only when one is read
 
 Name = Annotated[str, Field(min_length=1)]
-Distance = Literal["same equations and step", "same equations, finer step", "same equations, other values", "effect missing"]
+Distance = Literal[
+    "same equations and step",
+    "same equations, finer step",
+    "same equations, other values",
+    "effect missing",
+]
 
 
 def model_name(*known: str) -> Callable[[str], str]:
@@ -125,7 +164,10 @@ def model_name(*known: str) -> Callable[[str], str]:
 
     def checked_name(name: str) -> str:
         if name not in known and not is_model_file(name):
-            context = {"what": f"there is no model {name!r}", "remedy": f"use one of {', '.join(known)}, or a Python file of your own"}
+            context = {
+                "what": f"there is no model {name!r}",
+                "remedy": f"use one of {', '.join(known)}, or a Python file of your own",
+            }
             raise PydanticCustomError("model", "no model", context)
         return name
 
@@ -205,7 +247,9 @@ class SweepTable(Strict):
 class EstimateTable(Strict):
     name: Name = "main"
     label: str = ""
-    model: Annotated[str, AfterValidator(model_name("rigid", "flexible", "ballistic", "lateral", "longitudinal"))]
+    model: Annotated[
+        str, AfterValidator(model_name("rigid", "flexible", "ballistic", "lateral", "longitudinal"))
+    ]
     modes: int = Field(default=0, ge=0)
     outputs: list[str] | None = Field(default=None, min_length=1)
     method: Literal["ekf", "ukf", "output-error", "filter-error", "equation-error"] = "ekf"
@@ -228,7 +272,9 @@ class EstimateTable(Strict):
 
 
 class OtherFlightTable(Strict):
-    """What a method's own flight has in the place of the scenario's; the vehicle and its true values are the same."""
+    """What a method's own flight has in the place of the scenario's; the vehicle and its true
+    values are the same.
+    """
 
     duration: Quantity | None = None
     rate: Quantity | None = None

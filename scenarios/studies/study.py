@@ -52,8 +52,8 @@ RESAMPLING_SEED = 1  # of the interval over all derivatives: the same runs give 
 class Scatter:
     """What one estimator made of one flight, flown N times.
 
-    ``errors`` (estimate minus true) and ``std`` are ``(n, M)``, in the derivatives' units, of the M runs that settled; ``outcomes`` counts all N by
-    code.
+    ``errors`` (estimate minus true) and ``std`` are ``(n, M)``, in the derivatives' units, of the M
+    runs that settled; ``outcomes`` counts all N by code.
     """
 
     flight: str
@@ -71,26 +71,43 @@ class Scatter:
 
     @property
     def rms_sigmas(self) -> np.ndarray:
-        """Root mean square of these by derivative ``(n,)``: one where the reported sigmas are right."""
-        return np.sqrt(np.mean(self.sigmas**2, axis=1)) if self.errors.shape[1] else np.full(len(self.names), np.nan)
+        """Root mean square of these by derivative ``(n,)``: one where the reported sigmas are
+        right.
+        """
+        return (
+            np.sqrt(np.mean(self.sigmas**2, axis=1))
+            if self.errors.shape[1]
+            else np.full(len(self.names), np.nan)
+        )
 
     @property
     def rms(self) -> np.ndarray:
         """Root mean square error by derivative ``(n,)``, in its unit."""
-        return np.sqrt(np.mean(self.errors**2, axis=1)) if self.errors.shape[1] else np.full(len(self.names), np.nan)
+        return (
+            np.sqrt(np.mean(self.errors**2, axis=1))
+            if self.errors.shape[1]
+            else np.full(len(self.names), np.nan)
+        )
 
     @property
     def within_two(self) -> tuple[float, tuple[float, float]]:
-        """Share of 2-sigma intervals that hold the truth, over all derivatives, and its 95 % interval by resampling whole runs."""
+        """Share of 2-sigma intervals that hold the truth, over all derivatives, and its 95 %
+        interval by resampling whole runs.
+        """
         hits = np.sum(np.abs(self.sigmas) <= 2.0, axis=0)
         share = float(hits.mean()) / len(self.names) if hits.size else 0.0
-        return share, clustered_share(hits, np.full(len(hits), len(self.names)), np.random.default_rng(RESAMPLING_SEED)) if hits.size else (0.0, 1.0)
+        return share, clustered_share(
+            hits, np.full(len(hits), len(self.names)), np.random.default_rng(RESAMPLING_SEED)
+        ) if hits.size else (0.0, 1.0)
 
 
 def fly_repeatedly(
-    scenario: Scenario, seed: int | None = None, progress: Callable[[str, float], None] = lambda stage, share: None
+    scenario: Scenario,
+    seed: int | None = None,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> tuple[Scatter, ...]:
-    """All repeated flights of a scenario, each estimated by the methods it names; run i has the seed ``seed + i``.
+    """All repeated flights of a scenario, each estimated by the methods it names; run i has the
+    seed ``seed + i``.
 
     Raises
     ------
@@ -99,20 +116,40 @@ def fly_repeatedly(
     if scenario.repeated is None:
         return ()
     first, runs, found = scenario.seed if seed is None else seed, scenario.repeated.runs, []
-    parts = [(flight, estimation) for flight in scenario.repeated.flights for estimation in scenario.estimations if estimation.name in flight.methods]
+    parts = [
+        (flight, estimation)
+        for flight in scenario.repeated.flights
+        for estimation in scenario.estimations
+        if estimation.name in flight.methods
+    ]
     for number, (flight, estimation) in enumerate(parts):
-        progress(f"{number + 1} of {len(parts)}, {flight.label}: {estimation.label}", number / len(parts))
-        found.append(_scatter(scenario, flight, estimation, list(_flown(scenario, flight, first, runs))))
+        progress(
+            f"{number + 1} of {len(parts)}, {flight.label}: {estimation.label}", number / len(parts)
+        )
+        found.append(
+            _scatter(scenario, flight, estimation, list(_flown(scenario, flight, first, runs)))
+        )
     return tuple(found)
 
 
-def _flown(scenario: Scenario, variation: Variation, first: int, runs: int) -> Iterator[tuple[Record, Truth]]:
+def _flown(
+    scenario: Scenario, variation: Variation, first: int, runs: int
+) -> Iterator[tuple[Record, Truth]]:
     for seed in range(first, first + runs):
         yield fly_scenario(replace(scenario, flight=variation.flight), seed)
 
 
-def _scatter(scenario: Scenario, variation: Variation, estimation: Estimation, flown: list[tuple[Record, Truth]]) -> Scatter:
-    model = declared_model(estimation, flight_constants(variation.flight, estimation), assumed_noise(scenario, estimation))
+def _scatter(
+    scenario: Scenario,
+    variation: Variation,
+    estimation: Estimation,
+    flown: list[tuple[Record, Truth]],
+) -> Scatter:
+    model = declared_model(
+        estimation,
+        flight_constants(variation.flight, estimation),
+        assumed_noise(scenario, estimation),
+    )
     names = tuple(estimation.start)
     own = replace(estimation, engine="batched")
     done = [estimate_record(own, record, model).estimate for record, _ in flown]
@@ -122,7 +159,15 @@ def _scatter(scenario: Scenario, variation: Variation, estimation: Estimation, f
     settled = np.array([estimate.outcome.code == "converged" for estimate in done])
     outcomes = Counter(estimate.outcome.code for estimate in done)
     units = tuple(model.parameters[name].unit for name in names)
-    return Scatter(variation.label, estimation, names, units, (values - true)[settled].T, std[settled].T, dict(outcomes))
+    return Scatter(
+        variation.label,
+        estimation,
+        names,
+        units,
+        (values - true)[settled].T,
+        std[settled].T,
+        dict(outcomes),
+    )
 
 
 # ---- What a record determines of a method's parameters, linearised at its estimate
@@ -130,7 +175,9 @@ def _scatter(scenario: Scenario, variation: Variation, estimation: Estimation, f
 
 @dataclass(frozen=True, eq=False)
 class MethodDetermination:
-    """What record and priors of one method say, and the deviations ``claimed (n,)`` that the method itself states, in the same order."""
+    """What record and priors of one method say, and the deviations ``claimed (n,)`` that the method
+    itself states, in the same order.
+    """
 
     estimation: Estimation
     found: Determination
@@ -138,50 +185,80 @@ class MethodDetermination:
 
     @property
     def overclaimed(self) -> tuple[str, ...]:
-        """Parameters with a stated deviation below ``HONEST`` of what record and prior together allow."""
+        """Parameters with a stated deviation below ``HONEST`` of what record and prior together
+        allow.
+        """
         ratio = self.claimed / self.found.posterior_std
-        return tuple(name for name, value in zip(self.found.names, ratio.tolist(), strict=True) if value < HONEST)
+        return tuple(
+            name
+            for name, value in zip(self.found.names, ratio.tolist(), strict=True)
+            if value < HONEST
+        )
 
 
-HONEST = 0.8  # the nonlinearity of these records and the noise level found from one change a deviation by a tenth
+# the nonlinearity of these records and the noise level found from one change a deviation by a tenth
+HONEST = 0.8
 
 
-def determine(estimation: Estimation, record: Record, model: Model, estimate: Estimate) -> MethodDetermination:
-    """What ``record`` and the priors of ``model`` say of the parameters, at the estimate and with the noise that the model declares.
+def determine(
+    estimation: Estimation, record: Record, model: Model, estimate: Estimate
+) -> MethodDetermination:
+    """What ``record`` and the priors of ``model`` say of the parameters, at the estimate and with
+    the noise that the model declares.
 
-    No process noise: what a filter counts as such can only hide more. Biases of the sensors count as unknown, as in whole-record fits.
+    No process noise: what a filter counts as such can only hide more. Biases of the sensors count
+    as unknown, as in whole-record fits.
     """
-    system = biased_system(estimation, model.with_values(estimate.only(model.parameters.free_names).as_dict()))
+    system = biased_system(
+        estimation, model.with_values(estimate.only(model.parameters.free_names).as_dict())
+    )
     noise = np.array([model.noise.measurement_std[name] for name in system.output_names])
     names, slopes = weighted_sensitivities(record, system, noise)
     found = determination(names, slopes, np.array([estimation.start[name].std for name in names]))
-    return MethodDetermination(estimation, found, np.array([estimate.sigma(name) for name in names]))
+    return MethodDetermination(
+        estimation, found, np.array([estimate.sigma(name) for name in names])
+    )
 
 
 # ---- Sentences about a study that its tables do not say
 
-LITTLE_LEARNT = 0.5  # of the prior's standard deviation: above it the record has said less than the start did
+# of the prior's standard deviation: above it the record has said less than the start did
+LITTLE_LEARNT = 0.5
 
 
 def prior_note(result: Result) -> str:
-    """Which parameters the record hardly determines, those that may wander left out; empty where there is none or the method has no priors."""
+    """Which parameters the record hardly determines, those that may wander left out; empty where
+    there is none or the method has no priors.
+    """
     estimation = result.estimation
-    priors = {name: start for name, start in estimation.start.items() if not estimation.process_noise.get(name)}
+    priors = {
+        name: start
+        for name, start in estimation.start.items()
+        if not estimation.process_noise.get(name)
+    }
     if result.estimate.history is None and not estimation.use_priors:
         return ""
     sigma = dict(zip(result.estimate.names, result.estimate.std.tolist(), strict=True))
-    named = [f"{name} {value / priors[name].std:.2f}" for name, value in sigma.items() if name in priors and value > LITTLE_LEARNT * priors[name].std]
+    named = [
+        f"{name} {value / priors[name].std:.2f}"
+        for name, value in sigma.items()
+        if name in priors and value > LITTLE_LEARNT * priors[name].std
+    ]
     if not named:
         return ""
-    return f"{estimation.name}: determined by the prior more than by the record (sigma over prior sigma): {', '.join(named)}"
+    return (
+        f"{estimation.name}: determined by the prior more than by the record (sigma over prior "
+        f"sigma): {', '.join(named)}"
+    )
 
 
 def residual_note(result: Result, model: Model) -> str:
-    """How much of the residual's power lies about the elastic frequencies of ``model``, by output; empty for a rigid one.
+    """How much of the residual's power lies about the elastic frequencies of ``model``, by output;
+    empty for a rigid one.
 
-    The periodogram of normalised innovations, or of residuals, under a Hann window; the band runs from half the
-    lowest to one and a half times the highest elastic frequency. Where it holds twice the share that white noise
-    has there, or more, the strongest frequency is named.
+    The periodogram of normalised innovations, or of residuals, under a Hann window; the band runs
+    from half the lowest to one and a half times the highest elastic frequency. Where it holds twice
+    the share that white noise has there, or more, the strongest frequency is named.
     """
     elastic = elastic_frequencies(model)
     if not elastic:
@@ -192,27 +269,46 @@ def residual_note(result: Result, model: Model) -> str:
         omega, power = periodogram(row, float(np.median(np.diff(result.record.time))))
         inside = (omega >= low) & (omega <= high)
         share, white = float(power[inside].sum() / power.sum()), float(inside.mean())
-        strongest = f" (strongest at {_frequency(float(omega[np.argmax(power)]))})" if share > 2.0 * white else ""
+        strongest = (
+            f" (strongest at {_frequency(float(omega[np.argmax(power)]))})"
+            if share > 2.0 * white
+            else ""
+        )
         shares.append(f"{name} {100 * share:.0f} %{strongest}")
     turn = 2.0 * math.pi
-    band = f"between {low:.1f} and {high:.1f} rad/s ({low / turn:.2g} and {high / turn:.2g} Hz), about the elastic modes"
-    return f"{result.estimation.name}: share of the residual's power {band}: {', '.join(shares)}; white noise has {100 * white:.0f} % there"
+    band = (
+        f"between {low:.1f} and {high:.1f} rad/s ({low / turn:.2g} and {high / turn:.2g} Hz), "
+        "about the elastic modes"
+    )
+    return (
+        f"{result.estimation.name}: share of the residual's power {band}: {', '.join(shares)}; "
+        f"white noise has {100 * white:.0f} % there"
+    )
 
 
 def flexibility_sentences(found: Flexibility, noise_std: Mapping[str, float]) -> tuple[str, ...]:
-    """The degree of flexibility, the threshold it is held against, and on which side of it this aircraft is."""
+    """The degree of flexibility, the threshold it is held against, and on which side of it this
+    aircraft is.
+    """
     degree = (
-        f"degree of flexibility {found.degree:.3g}: what a structure that follows its loads at once gets wrong at the short period "
-        f"of {_frequency(found.short_period)}; deflection takes {100 * found.stiffness_loss:.0f} % of the rigid short period's stiffness"
+        f"degree of flexibility {found.degree:.3g}: what a structure that follows its loads at "
+        "once gets wrong at the short period "
+        f"of {_frequency(found.short_period)}; deflection takes {100 * found.stiffness_loss:.0f} % "
+        "of the rigid short period's stiffness"
     )
     if math.isfinite(found.separation):
         degree += f", the lowest elastic frequency is {found.separation:.2g} times its frequency"
     noise = ", ".join(_level(name, std) for name, std in noise_std.items())
-    misfit = f"what no rigid model explains of this maneuver is {found.misfit:.2g} times the noise in rms (noise: {noise})"
+    misfit = (
+        f"what no rigid model explains of this maneuver is {found.misfit:.2g} times the noise in "
+        f"rms (noise: {noise})"
+    )
     if not found.rigid_serves:
         return degree, f"{misfit}; threshold {LARGEST_MISFIT:g}: a rigid model no longer serves"
     seen = (
-        f"yet the residual shows the structure from {found.detectable:.2g} on" if found.misfit > found.detectable else "and too small to be noticed"
+        f"yet the residual shows the structure from {found.detectable:.2g} on"
+        if found.misfit > found.detectable
+        else "and too small to be noticed"
     )
     return degree, f"{misfit}; threshold {LARGEST_MISFIT:g}: a rigid model still serves, {seen}"
 
@@ -227,12 +323,18 @@ def _frequency(omega: float) -> str:
 
 
 def elastic_frequencies(model: Model) -> list[float]:
-    """Frequencies of a model's oscillations above the short period, rad/s, ascending; empty for a rigid one."""
-    return sorted(abs(root) for root in np.linalg.eigvals(linearise(model).A).tolist() if root.imag > 0)[1:]
+    """Frequencies of a model's oscillations above the short period, rad/s, ascending; empty for a
+    rigid one.
+    """
+    return sorted(
+        abs(root) for root in np.linalg.eigvals(linearise(model).A).tolist() if root.imag > 0
+    )[1:]
 
 
 def residuals_of(result: Result) -> Sequence[np.ndarray]:
-    """Normalised innovations of a filter, residuals of a whole-record fit; zero where a sample is missing."""
+    """Normalised innovations of a filter, residuals of a whole-record fit; zero where a sample is
+    missing.
+    """
     history = result.estimate.history
     if history is not None:
         return list(np.where(history.valid, history.innovation / history.innovation_std, 0.0))
@@ -241,7 +343,9 @@ def residuals_of(result: Result) -> Sequence[np.ndarray]:
 
 
 def periodogram(row: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (rad/s, zero left out) and power of a series under a Hann window, padded to four times its length."""
+    """Frequencies (rad/s, zero left out) and power of a series under a Hann window, padded to four
+    times its length.
+    """
     size = 4 * len(row)
     power = np.abs(np.fft.rfft((row - row.mean()) * np.hanning(len(row)), size)) ** 2
     return 2.0 * np.pi * np.fft.rfftfreq(size, step)[1:], power[1:]
@@ -252,7 +356,9 @@ def periodogram(row: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MethodResult:
-    """What one method found; ``truth`` of the flight it saw, ``determination`` where the scenario asks for it."""
+    """What one method found; ``truth`` of the flight it saw, ``determination`` where the scenario
+    asks for it.
+    """
 
     result: Result
     rows: tuple[Row, ...]
@@ -273,8 +379,8 @@ class MethodResult:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StudyResult:
-    """A scenario that has been run; the main method's result first. ``repeated`` are its repeated flights, ``sweep`` its structures from stiff
-    to soft, where they were flown."""
+    """A scenario that has been run; the main method's result first. ``repeated`` are its repeated
+    flights, ``sweep`` its structures from stiff to soft, where they were flown."""
 
     scenario: Scenario
     seed: int
@@ -287,7 +393,10 @@ class StudyResult:
     sweep: Sweep | None = None
 
     def __repr__(self) -> str:
-        return f"<Study {self.scenario.name}, seed {self.seed}: {', '.join(method.estimation.name for method in self.methods)}>"
+        return (
+            f"<Study {self.scenario.name}, seed {self.seed}: "
+            f"{', '.join(method.estimation.name for method in self.methods)}>"
+        )
 
     @property
     def main(self) -> MethodResult:
@@ -306,27 +415,55 @@ def run_scenario(scenario: Scenario, seed: int | None = None) -> StudyResult:
     methods = []
     for estimation in scenario.estimations:
         flown = seen_by(scenario, estimation)
-        seen, actual = (record, truth) if flown is scenario else fly_scenario(flown, chosen, f"method {estimation.name}, key flight")
-        seen = measured_again(seen, actual, estimation.flown_noise_std, chosen) if estimation.flown_noise_std else seen
+        seen, actual = (
+            (record, truth)
+            if flown is scenario
+            else fly_scenario(flown, chosen, f"method {estimation.name}, key flight")
+        )
+        seen = (
+            measured_again(seen, actual, estimation.flown_noise_std, chosen)
+            if estimation.flown_noise_std
+            else seen
+        )
         methods.append(_method(flown, estimation, seen, actual, references(flown, estimation)))
-    return StudyResult(scenario, chosen, record, truth, tuple(methods), _notes(scenario, methods), _flexibility(scenario, record))
+    return StudyResult(
+        scenario,
+        chosen,
+        record,
+        truth,
+        tuple(methods),
+        _notes(scenario, methods),
+        _flexibility(scenario, record),
+    )
 
 
 def references(scenario: Scenario, estimation: Estimation) -> Mapping[str, float]:
-    """What an estimation's model should find where the vehicle has more modes than it: condensed coefficients by name, SI."""
+    """What an estimation's model should find where the vehicle has more modes than it: condensed
+    coefficients by name, SI.
+    """
     if not scenario.condensed:
         return EMPTY
     values = flown_vehicle(scenario.flight).values
-    return condense_above(values, scenario.flight.modes, min(estimation.modes, scenario.flight.modes))
+    return condense_above(
+        values, scenario.flight.modes, min(estimation.modes, scenario.flight.modes)
+    )
 
 
 def _flexibility(scenario: Scenario, record: Record) -> Flexibility | None:
-    """Of a scenario that is compared with condensed coefficients; None too where the condensed aircraft has no short period."""
+    """Of a scenario that is compared with condensed coefficients; None too where the condensed
+    aircraft has no short period.
+    """
     flight = scenario.flight
     if not scenario.condensed or not flight.modes or "elevator" not in record.input_names:
         return None
     try:
-        return flexibility(flown_vehicle(flight), record["elevator"].values, 1.0 / flight.rate, flight.noise_std, flight.modes)
+        return flexibility(
+            flown_vehicle(flight),
+            record["elevator"].values,
+            1.0 / flight.rate,
+            flight.noise_std,
+            flight.modes,
+        )
     except ModelError:
         return None
 
@@ -334,12 +471,25 @@ def _flexibility(scenario: Scenario, record: Record) -> Flexibility | None:
 def _notes(scenario: Scenario, methods: Sequence[MethodResult]) -> tuple[str, ...]:
     notes = [] if scenario.determination else [prior_note(method.result) for method in methods]
     if scenario.condensed:
-        notes += [residual_note(method.result, true_model(seen_by(scenario, method.estimation).flight)) for method in methods]
+        notes += [
+            residual_note(method.result, true_model(seen_by(scenario, method.estimation).flight))
+            for method in methods
+        ]
     return tuple(note for note in notes if note)
 
 
-def _method(scenario: Scenario, estimation: Estimation, record: Record, truth: Truth, condensed: Mapping[str, float]) -> MethodResult:
-    model = declared_model(estimation, flight_constants(scenario.flight, estimation), assumed_noise(scenario, estimation))
+def _method(
+    scenario: Scenario,
+    estimation: Estimation,
+    record: Record,
+    truth: Truth,
+    condensed: Mapping[str, float],
+) -> MethodResult:
+    model = declared_model(
+        estimation,
+        flight_constants(scenario.flight, estimation),
+        assumed_noise(scenario, estimation),
+    )
     result = estimate_record(estimation, record, model)
     estimate = result.estimate
     units = {name: unit for name, unit in zip(estimate.names, estimate.units, strict=True)}
@@ -354,15 +504,25 @@ def _method(scenario: Scenario, estimation: Estimation, record: Record, truth: T
             condensed.get(name),
             published.get(name),
         )
-        for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values, estimate.std, strict=True)
+        for name, unit, value, std in zip(
+            estimate.names, estimate.units, estimate.values, estimate.std, strict=True
+        )
     )
     z, valid = record.output_array(estimate.output_names)
     tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
     rests = estimation.model != "ballistic" and moves_about_rest(model)
     own_parameters = estimate.only(model.parameters.names)
     derived = modal_estimate(compiled(estimation, model), own_parameters) if rests else {}
-    modes = characteristics(compiled(estimation, model), own_parameters) if scenario.flown is not None else None
-    levels = mode_levels(modes, scenario.flown) if modes is not None and scenario.flown is not None else ()
+    modes = (
+        characteristics(compiled(estimation, model), own_parameters)
+        if scenario.flown is not None
+        else None
+    )
+    levels = (
+        mode_levels(modes, scenario.flown)
+        if modes is not None and scenario.flown is not None
+        else ()
+    )
     fixed = {item.name: (item.value, item.unit) for item in model.parameters if not item.free}
     found = determine(estimation, record, model, estimate) if scenario.determination else None
     return MethodResult(result, rows, derived, fixed, tests, levels, truth, found)

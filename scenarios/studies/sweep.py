@@ -2,10 +2,12 @@
 
 Two say when a record shows the structure, one when the structure spoils what a rigid model is for.
 
-- whiteness: the residual of the rigid whole-record fit is no longer white (Ljung and Box), at the level of all residual tests here.
-- likelihood: the Bayesian information criterion (Schwarz 1978) prefers the rigid model with one elastic mode to the rigid one,
-  2 (ln L_mode - ln L_rigid) > k ln n. A model with s states that moves alpha and q from one input shows 3 s numbers, whatever
-  parameters it is written in, and has s initial states: k = 8 for two more states.
+ - whiteness: the residual of the rigid whole-record fit is no longer white (Ljung and Box), at the
+  level of all residual tests here.
+ - likelihood: the Bayesian information criterion (Schwarz 1978) prefers the rigid model with one
+  elastic mode to the rigid one, 2 (ln L_mode - ln L_rigid) > k ln n. A model with s states that
+  moves alpha and q from one input shows 3 s numbers, whatever parameters it is written in, and has
+  s initial states: k = 8 for two more states.
 - misfit: what no rigid model explains is larger than the noise in rms (`sim.vehicles.flexibility`).
 """
 
@@ -46,7 +48,8 @@ from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility, condense_above
 class SweptMethod:
     """What one method found on one structure: ``values`` and ``std`` ``(n,)`` of ``names``, in SI.
 
-    ``condensed``: what its model should find, by name. ``tests`` of its residual: none of a filter, whose estimate alone is kept.
+    ``condensed``: what its model should find, by name. ``tests`` of its residual: none of a filter,
+    whose estimate alone is kept.
     """
 
     estimation: Estimation
@@ -59,7 +62,9 @@ class SweptMethod:
     tests: tuple[ResidualTest, ...] = ()
 
     def errors(self, name: str) -> tuple[float, float]:
-        """Estimate minus condensed value of a parameter, in per cent of the latter and in its own standard deviations."""
+        """Estimate minus condensed value of a parameter, in per cent of the latter and in its own
+        standard deviations.
+        """
         at, right = self.names.index(name), self.condensed[name]
         off = float(self.values[at]) - right
         return 100.0 * off / abs(right), off / float(self.std[at])
@@ -67,7 +72,9 @@ class SweptMethod:
 
 @dataclass(frozen=True, eq=False)
 class SweepPoint:
-    """One structure: the factor on its modal frequencies, its figures of flexibility, samples measured, and every method."""
+    """One structure: the factor on its modal frequencies, its figures of flexibility, samples
+    measured, and every method.
+    """
 
     frequency_factor: float
     figures: Flexibility
@@ -79,7 +86,8 @@ class SweepPoint:
 class Sweep:
     """Structures from stiff to soft.
 
-    ``rigid``: true derivatives of the aircraft without its structure; ``units`` of all parameters; ``marks`` with what is printed of them.
+    ``rigid``: true derivatives of the aircraft without its structure; ``units`` of all parameters;
+    ``marks`` with what is printed of them.
     """
 
     points: tuple[SweepPoint, ...]
@@ -93,12 +101,16 @@ class Sweep:
 
 
 def sweep_flexibility(
-    scenario: Scenario, record: Record, seed: int, progress: Callable[[str, float], None] = lambda stage, share: None
+    scenario: Scenario,
+    record: Record,
+    seed: int,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> Sweep | None:
-    """Fly a scenario's flight with each of its frequency factors and estimate it by each of its methods; None where it asks for none.
+    """Fly a scenario's flight with each of its frequency factors and estimate it by each of its
+    methods; None where it asks for none.
 
-    ``record`` is that of its own flight with this ``seed``: every structure is measured with the same noise, so that what differs along the
-    sweep is the structure's doing.
+    ``record`` is that of its own flight with this ``seed``: every structure is measured with the
+    same noise, so that what differs along the sweep is the structure's doing.
 
     Raises
     ------
@@ -108,35 +120,72 @@ def sweep_flexibility(
     if plan is None:
         return None
     progress("flying", 0.0)
-    flights = [replace(scenario.flight, frequency_factor=factor) for factor in plan.frequency_factors]
+    flights = [
+        replace(scenario.flight, frequency_factor=factor) for factor in plan.frequency_factors
+    ]
     records = [fly_scenario(replace(scenario, flight=flight), seed)[0] for flight in flights]
     methods = []
     for number, estimation in enumerate(scenario.estimations):
         progress(estimation.label, (1 + number) / (2 + len(scenario.estimations)))
         methods.append(_estimated(scenario, estimation, flights, records))
-    figures = [flexibility(flown_vehicle(f), record["elevator"].values, 1.0 / f.rate, f.noise_std, f.modes) for f in flights]
+    figures = [
+        flexibility(flown_vehicle(f), record["elevator"].values, 1.0 / f.rate, f.noise_std, f.modes)
+        for f in flights
+    ]
     count = sum(int(channel.valid.sum()) for channel in record.outputs)
-    points = tuple(SweepPoint(f.frequency_factor, figures[i], count, tuple(found[i] for found in methods)) for i, f in enumerate(flights))
-    units = {item.name: item.unit for estimation in scenario.estimations for item in _model(scenario, estimation, flights[0]).parameters}
+    points = tuple(
+        SweepPoint(f.frequency_factor, figures[i], count, tuple(found[i] for found in methods))
+        for i, f in enumerate(flights)
+    )
+    units = {
+        item.name: item.unit
+        for estimation in scenario.estimations
+        for item in _model(scenario, estimation, flights[0]).parameters
+    }
     values = flown_vehicle(scenario.flight).values
-    marks = tuple((mark, published_values(mark.published, units) if mark.published else {}) for mark in plan.marks)
+    marks = tuple(
+        (mark, published_values(mark.published, units) if mark.published else {})
+        for mark in plan.marks
+    )
     return Sweep(points, {name: values[name] for name in figures[0].condensed}, units, marks)
 
 
 def _model(scenario: Scenario, estimation: Estimation, flight: FlightPlan) -> Model:
-    return declared_model(estimation, flight_constants(flight, estimation), assumed_noise(scenario, estimation))
+    return declared_model(
+        estimation, flight_constants(flight, estimation), assumed_noise(scenario, estimation)
+    )
 
 
-def _estimated(scenario: Scenario, estimation: Estimation, flights: Sequence[FlightPlan], records: Sequence[Record]) -> list[SweptMethod]:
-    """One method on all structures; a filter of a model that they share runs on all records at once."""
-    condensed = [condense_above(flown_vehicle(f).values, f.modes, min(estimation.modes, f.modes)) for f in flights]
+def _estimated(
+    scenario: Scenario,
+    estimation: Estimation,
+    flights: Sequence[FlightPlan],
+    records: Sequence[Record],
+) -> list[SweptMethod]:
+    """One method on all structures; a filter of a model that they share runs on all records at
+    once.
+    """
+    condensed = [
+        condense_above(flown_vehicle(f).values, f.modes, min(estimation.modes, f.modes))
+        for f in flights
+    ]
     model = _model(scenario, estimation, flights[0])
     if estimation.method == "ekf" and not estimation.modes and math.isinf(estimation.spread):
         system = compiled(estimation, model)
         z = np.stack([record.output_array(system.output_names)[0] for record in records], axis=2)
         bank = run_bank(records[0], system, filter_settings(estimation), z=z)
-        first, outcomes = len(system.states), [Outcome.CONVERGED if sound else Outcome.DIVERGED for sound in bank.sound]
-        columns = zip(bank.mean[first:].T, bank.std[first:].T, outcomes, bank.log_likelihood.tolist(), condensed, strict=True)
+        first, outcomes = (
+            len(system.states),
+            [Outcome.CONVERGED if sound else Outcome.DIVERGED for sound in bank.sound],
+        )
+        columns = zip(
+            bank.mean[first:].T,
+            bank.std[first:].T,
+            outcomes,
+            bank.log_likelihood.tolist(),
+            condensed,
+            strict=True,
+        )
         return [SweptMethod(estimation, bank.names[first:], *column) for column in columns]
     found = []
     for flight, record, right in zip(flights, records, condensed, strict=True):
@@ -144,7 +193,13 @@ def _estimated(scenario: Scenario, estimation: Estimation, flights: Sequence[Fli
         estimate = estimate_record(own, record, _model(scenario, estimation, flight)).estimate
         z, valid = record.output_array(estimate.output_names)
         tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
-        numbers = (estimate.names, estimate.values, estimate.std, estimate.outcome, estimate.log_likelihood)
+        numbers = (
+            estimate.names,
+            estimate.values,
+            estimate.std,
+            estimate.outcome,
+            estimate.log_likelihood,
+        )
         found.append(SweptMethod(estimation, *numbers, right, tests))
     return found
 
@@ -152,7 +207,8 @@ def _estimated(scenario: Scenario, estimation: Estimation, flights: Sequence[Fli
 # ---- From which degree of flexibility on a rigid model no longer serves
 
 WHITE = 1e-3  # smallest probability of a white residual: that of `ident.statistics.residuals`
-NUMBERS_PER_STATE = 3 + 1  # one for each coefficient of the denominator and of two numerators, one initial state
+# one for each coefficient of the denominator and of two numerators, one initial state
+NUMBERS_PER_STATE = 3 + 1
 FIT = "output-error"
 
 
@@ -160,8 +216,9 @@ FIT = "output-error"
 class Criterion:
     """One criterion along a sweep.
 
-    ``values``: one a point, NaN where it cannot be told. A rigid model fails where the value is beyond ``limit``, below it if ``below``.
-    ``degree`` and ``frequency_factor``: where that begins, interpolated; None where it does not within the sweep.
+    ``values``: one a point, NaN where it cannot be told. A rigid model fails where the value is
+    beyond ``limit``, below it if ``below``. ``degree`` and ``frequency_factor``: where that begins,
+    interpolated; None where it does not within the sweep.
     """
 
     name: str
@@ -174,10 +231,26 @@ class Criterion:
 
 
 def criteria_of(points: Sequence[SweepPoint]) -> tuple[Criterion, ...]:
-    """The criteria in the order in which they usually fail; those that the scenario's methods do not allow are left out."""
+    """The criteria in the order in which they usually fail; those that the scenario's methods do
+    not allow are left out.
+    """
     found = [
-        _criterion("likelihood", "a model with one elastic mode is likelier (BIC)", 0.0, False, points, _preference),
-        _criterion("whiteness", "the residual of the rigid fit is no longer white", math.log10(WHITE), True, points, _whiteness),
+        _criterion(
+            "likelihood",
+            "a model with one elastic mode is likelier (BIC)",
+            0.0,
+            False,
+            points,
+            _preference,
+        ),
+        _criterion(
+            "whiteness",
+            "the residual of the rigid fit is no longer white",
+            math.log10(WHITE),
+            True,
+            points,
+            _whiteness,
+        ),
         _criterion(
             "misfit",
             "what no rigid model explains exceeds the noise",
@@ -190,16 +263,37 @@ def criteria_of(points: Sequence[SweepPoint]) -> tuple[Criterion, ...]:
     return tuple(each for each in found if any(map(math.isfinite, each.values)))
 
 
-def _criterion(name: str, sentence: str, limit: float, below: bool, points: Sequence[SweepPoint], value: Callable[[SweepPoint], float]) -> Criterion:
+def _criterion(
+    name: str,
+    sentence: str,
+    limit: float,
+    below: bool,
+    points: Sequence[SweepPoint],
+    value: Callable[[SweepPoint], float],
+) -> Criterion:
     values = tuple(float(value(point)) for point in points)
     degree = _begins([math.log(point.figures.degree) for point in points], values, limit, below)
     factor = _begins([math.log(point.frequency_factor) for point in points], values, limit, below)
-    return Criterion(name, sentence, limit, below, values, None if degree is None else math.exp(degree), None if factor is None else math.exp(factor))
+    return Criterion(
+        name,
+        sentence,
+        limit,
+        below,
+        values,
+        None if degree is None else math.exp(degree),
+        None if factor is None else math.exp(factor),
+    )
 
 
-def _begins(places: Sequence[float], values: Sequence[float], limit: float, below: bool) -> float | None:
-    """Where a series passes its limit for good, between two points; None where it never does, or has from the first point on."""
-    beyond = [(value < limit) is below and value != limit and math.isfinite(value) for value in values]
+def _begins(
+    places: Sequence[float], values: Sequence[float], limit: float, below: bool
+) -> float | None:
+    """Where a series passes its limit for good, between two points; None where it never does, or
+    has from the first point on.
+    """
+    beyond = [
+        (value < limit) is below and value != limit and math.isfinite(value) for value in values
+    ]
     first = next((i for i in range(len(beyond)) if all(beyond[i:])), 0)
     if first == 0:
         return None
@@ -209,14 +303,22 @@ def _begins(places: Sequence[float], values: Sequence[float], limit: float, belo
 
 def _fit(point: SweepPoint, elastic: bool) -> SweptMethod | None:
     """The whole-record fit of the rigid model, or of the one with the fewest modes."""
-    fits = [each for each in point.methods if each.estimation.method == FIT and bool(each.estimation.modes) is elastic]
+    fits = [
+        each
+        for each in point.methods
+        if each.estimation.method == FIT and bool(each.estimation.modes) is elastic
+    ]
     return min(fits, key=lambda each: each.estimation.modes, default=None)
 
 
 def _whiteness(point: SweepPoint) -> float:
-    """Logarithm to ten of the probability of the least white channel, for as many channels as there are."""
+    """Logarithm to ten of the probability of the least white channel, for as many channels as there
+    are.
+    """
     fit = _fit(point, False)
-    tests = [test.p_value for test in fit.tests if test.name == "ljung-box"] if fit is not None else []
+    tests = (
+        [test.p_value for test in fit.tests if test.name == "ljung-box"] if fit is not None else []
+    )
     return math.log10(max(min(1.0, len(tests) * min(tests)), 1e-300)) if tests else math.nan
 
 
@@ -226,21 +328,44 @@ def _preference(point: SweepPoint) -> float:
     if rigid is None or elastic is None:
         return math.nan
     states = 2 * (elastic.estimation.modes - rigid.estimation.modes)
-    return 2.0 * (elastic.log_likelihood - rigid.log_likelihood) - NUMBERS_PER_STATE * states * math.log(point.samples)
+    return 2.0 * (
+        elastic.log_likelihood - rigid.log_likelihood
+    ) - NUMBERS_PER_STATE * states * math.log(point.samples)
 
 
 # ---- A sweep for comparison.json
 
-HEADINGS = ("frequency_factor", "degree", "method", "parameter", "unit", "rigid", "condensed", "estimate", "std", "error_percent", "error_sigmas")
+HEADINGS = (
+    "frequency_factor",
+    "degree",
+    "method",
+    "parameter",
+    "unit",
+    "rigid",
+    "condensed",
+    "estimate",
+    "std",
+    "error_percent",
+    "error_sigmas",
+)
 
 
 def sweep_content(sweep: Sweep) -> dict[str, Any]:
-    """Points from stiff to soft, criteria with the degree at which each fails a rigid model, and marks; derivatives in SI."""
+    """Points from stiff to soft, criteria with the degree at which each fails a rigid model, and
+    marks; derivatives in SI.
+    """
     criteria = []
     for each in criteria_of(sweep.points):
-        told: dict[str, Any] = {"name": each.name, "sentence": each.sentence, "limit": each.limit, "fails_below": each.below}
+        told: dict[str, Any] = {
+            "name": each.name,
+            "sentence": each.sentence,
+            "limit": each.limit,
+            "fails_below": each.below,
+        }
         told["values"] = [
-            {"frequency_factor": p.frequency_factor, "value": v} for p, v in zip(sweep.points, each.values, strict=True) if math.isfinite(v)
+            {"frequency_factor": p.frequency_factor, "value": v}
+            for p, v in zip(sweep.points, each.values, strict=True)
+            if math.isfinite(v)
         ]
         if each.degree is not None and each.frequency_factor is not None:
             told |= {"degree": each.degree, "frequency_factor": each.frequency_factor}
@@ -253,7 +378,10 @@ def sweep_content(sweep: Sweep) -> dict[str, Any]:
             {
                 "label": mark.label,
                 "frequency_factor": mark.frequency_factor,
-                "published": {name: {"value": start.value, "std": start.std} for name, start in printed.items()},
+                "published": {
+                    name: {"value": start.value, "std": start.std}
+                    for name, start in printed.items()
+                },
             }
             for mark, printed in sweep.marks
         ],
@@ -271,8 +399,20 @@ def sweep_csv(sweep: Sweep) -> str:
                 if name not in found.condensed:
                     continue
                 rigid = repr(sweep.rigid[name]) if name in sweep.rigid else ""
-                numbers = (found.condensed[name], float(found.values[at]), float(found.std[at]), *found.errors(name))
-                label = [repr(point.frequency_factor), repr(point.figures.degree), found.estimation.name, name, sweep.units[name], rigid]
+                numbers = (
+                    found.condensed[name],
+                    float(found.values[at]),
+                    float(found.std[at]),
+                    *found.errors(name),
+                )
+                label = [
+                    repr(point.frequency_factor),
+                    repr(point.figures.degree),
+                    found.estimation.name,
+                    name,
+                    sweep.units[name],
+                    rigid,
+                ]
                 writer.writerow([*label, *map(repr, numbers)])
     return text.getvalue()
 
@@ -296,7 +436,13 @@ def _method(found: SweptMethod) -> dict[str, Any]:
     for at, name in enumerate(found.names):
         if name in found.condensed:
             percent, sigmas = found.errors(name)
-            row = {"estimate": float(found.values[at]), "std": float(found.std[at]), "condensed": found.condensed[name]}
+            row = {
+                "estimate": float(found.values[at]),
+                "std": float(found.std[at]),
+                "condensed": found.condensed[name],
+            }
             rows[name] = {**row, "error_percent": percent, "error_sigmas": sigmas}
     content: dict[str, Any] = {"outcome": found.outcome.code, "parameters": rows}
-    return content | ({"log_likelihood": found.log_likelihood} if math.isfinite(found.log_likelihood) else {})
+    return content | (
+        {"log_likelihood": found.log_likelihood} if math.isfinite(found.log_likelihood) else {}
+    )

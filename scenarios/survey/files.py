@@ -13,7 +13,18 @@ import numpy as np
 from ident.tracing.diagnosis import Verdict
 from scenarios.files.writing import file_stems, study_folder, write_json, write_text
 from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import Bullets, Link, Page, Prose, Table, as_sentence, capital, now, reproduction, section
+from scenarios.pages.model import (
+    Bullets,
+    Link,
+    Page,
+    Prose,
+    Table,
+    as_sentence,
+    capital,
+    now,
+    reproduction,
+    section,
+)
 from scenarios.pages.tables import rows_table
 from scenarios.plots.formats import USUAL as USUAL_FORMATS
 from scenarios.plots.formats import Drawn, Formats
@@ -47,19 +58,34 @@ if TYPE_CHECKING:
 
 # ---- What the figures of a survey are given
 
-USUAL = ("airspeed", "reference_airspeed", "mach", "Mach", "mass", "altitude")  # what arms are drawn over, the first that varies
+# what arms are drawn over, the first that varies
+USUAL = ("airspeed", "reference_airspeed", "mach", "Mach", "mass", "altitude")
 
 
 def survey_figures(survey: SurveyResult) -> Iterator[Named]:
-    """Effects by flight; shared values over the condition; derivatives over the condition with which they change."""
-    from scenarios.plots.maneuvers import Shared, figure_effects, figure_over_condition, figure_shared
+    """Effects by flight; shared values over the condition; derivatives over the condition with
+    which they change.
+    """
+    from scenarios.plots.maneuvers import (
+        Shared,
+        figure_effects,
+        figure_over_condition,
+        figure_shared,
+    )
 
     title = survey.flights.title
     if survey.recurs:
         flights = survey.recurs[0].flights
         probabilities = {each.name: each.found.probability for each in survey.recurs}
-        yield "effects", partial(figure_effects, flights, probabilities, f"{title}: which flight has which effect")
-    condition = next((name for name in (*USUAL, *survey.conditions) if name in survey.conditions), None)
+        yield (
+            "effects",
+            partial(
+                figure_effects, flights, probabilities, f"{title}: which flight has which effect"
+            ),
+        )
+    condition = next(
+        (name for name in (*USUAL, *survey.conditions) if name in survey.conditions), None
+    )
     if condition is None:
         return
     at, unit = survey.conditions[condition], survey.condition_units[condition]
@@ -70,13 +96,46 @@ def survey_figures(survey: SurveyResult) -> Iterator[Named]:
         where = np.array([at[each.flights[number]] for number in here])
         sigma = float(np.sqrt(each.found.covariance[0, 0]))
         (local, own), *_ = each.parameters.items()
-        rows.append(Shared(f"{each.name} {local}", own, where, each.values[here, 0], each.sigmas[here, 0], has, float(each.found.value[0]), sigma))
+        rows.append(
+            Shared(
+                f"{each.name} {local}",
+                own,
+                where,
+                each.values[here, 0],
+                each.sigmas[here, 0],
+                has,
+                float(each.found.value[0]),
+                sigma,
+            )
+        )
     if rows:
-        yield "shared", partial(figure_shared, rows, condition, unit, f"{title}: each flight by itself, and the common value")
+        yield (
+            "shared",
+            partial(
+                figure_shared,
+                rows,
+                condition,
+                unit,
+                f"{title}: each flight by itself, and the common value",
+            ),
+        )
     stems = file_stems(list(survey.conditions))
     for name in dict.fromkeys(_condition(each, condition) for each in survey.derivatives):
-        mine = [_drawn(each, survey, name) for each in survey.derivatives if _condition(each, condition) == name]
-        yield f"over_{stems[name]}", partial(figure_over_condition, mine, name, survey.condition_units[name], f"{title}: derivatives over {name}")
+        mine = [
+            _drawn(each, survey, name)
+            for each in survey.derivatives
+            if _condition(each, condition) == name
+        ]
+        yield (
+            f"over_{stems[name]}",
+            partial(
+                figure_over_condition,
+                mine,
+                name,
+                survey.condition_units[name],
+                f"{title}: derivatives over {name}",
+            ),
+        )
 
 
 def _condition(each: Derivative, usual: str) -> str:
@@ -96,24 +155,47 @@ def _drawn(each: Derivative, survey: SurveyResult, condition: str) -> OverCondit
         middle, sigma = drift[1].band(along)
         between = drift[1].scatter
     else:
-        middle, sigma, between = np.full_like(along, each.common.value), np.full_like(along, each.common.sigma), each.common.scatter
-    return OverCondition(each.name, each.unit, where, each.values[here], each.sigmas[here], each.out[here], Line(along, middle, sigma, between))
+        middle, sigma, between = (
+            np.full_like(along, each.common.value),
+            np.full_like(along, each.common.sigma),
+            each.common.scatter,
+        )
+    return OverCondition(
+        each.name,
+        each.unit,
+        where,
+        each.values[here],
+        each.sigmas[here],
+        each.out[here],
+        Line(along, middle, sigma, between),
+    )
 
 
 # ---- The page of a survey: opened each morning, what is new first
 
 HOW = (
-    "Each flight was fitted with every set of the effects that several flights name. An effect recurs where all flights together, the loudest "
-    "left out, show one value of it beyond chance; a flight has it, or has it not, from 95 % probability on. Derivatives are those of each "
+    "Each flight was fitted with every set of the effects that several flights name. An effect "
+    "recurs where all flights together, the loudest "
+    "left out, show one value of it beyond chance; a flight has it, or has it not, from 95 % "
+    "probability on. Derivatives are those of each "
     "flight's own set, with shared values known from the other flights"
 )
 
 
-def survey_page(survey: SurveyResult, drawn: Sequence[Drawn] = (), linked: Collection[str] = ()) -> Page:
-    """The page of a survey with the figures ``drawn``; flights in ``linked`` have a page of their own beside it."""
+def survey_page(
+    survey: SurveyResult, drawn: Sequence[Drawn] = (), linked: Collection[str] = ()
+) -> Page:
+    """The page of a survey with the figures ``drawn``; flights in ``linked`` have a page of their
+    own beside it.
+    """
     word, rest = verdict_of(survey)
     far = [[flight, name, f"{off:+.1f}"] for flight, name, off in outlying(survey)]
-    told = [f"{each.name}: {part}" for each in survey.recurs for part in (belongs_phrase(each, survey), rivals_phrase(each)) if part]
+    told = [
+        f"{each.name}: {part}"
+        for each in survey.recurs
+        for part in (belongs_phrase(each, survey), rivals_phrase(each))
+        if part
+    ]
     alone = single_phrases(survey)
     return Page(
         title=f"{survey.flights.title}: survey",
@@ -121,25 +203,52 @@ def survey_page(survey: SurveyResult, drawn: Sequence[Drawn] = (), linked: Colle
         verdict=capital(word.lower()),
         tone=_tone(survey),
         sentence=as_sentence(rest),
-        summary=tuple(map(as_sentence, map(capital, filter(None, [news(survey), verdicts_phrase(survey), *drifts(survey)])))),
+        summary=tuple(
+            map(
+                as_sentence,
+                map(
+                    capital, filter(None, [news(survey), verdicts_phrase(survey), *drifts(survey)])
+                ),
+            )
+        ),
         warnings=tuple(map(as_sentence, survey.warnings)),
         sections=(
-            *section("New since the last survey", Bullets(tuple(map(as_sentence, map(capital, fresh(survey)))))),
             *section(
-                "What recurs", rows_table("Effects", *effect_rows(survey)), Bullets(tuple(map(as_sentence, told))), Prose(as_sentence(HOW), "note")
+                "New since the last survey",
+                Bullets(tuple(map(as_sentence, map(capital, fresh(survey))))),
             ),
-            *section("Derivatives", rows_table("Over all flights", *derivative_rows(survey)), Bullets(tuple(map(as_sentence, hints(survey))))),
-            *section("Flights that stand out", rows_table("Beyond the scatter of the others", ["flight", "derivative", "off, sigmas"], far)),
+            *section(
+                "What recurs",
+                rows_table("Effects", *effect_rows(survey)),
+                Bullets(tuple(map(as_sentence, told))),
+                Prose(as_sentence(HOW), "note"),
+            ),
+            *section(
+                "Derivatives",
+                rows_table("Over all flights", *derivative_rows(survey)),
+                Bullets(tuple(map(as_sentence, hints(survey)))),
+            ),
+            *section(
+                "Flights that stand out",
+                rows_table(
+                    "Beyond the scatter of the others", ["flight", "derivative", "off, sigmas"], far
+                ),
+            ),
             *section("Figures", *figures(drawn)),
             *section(
                 "Flights",
                 _with_links(rows_table("The newest first", *flight_rows(survey)), linked),
                 Bullets(tuple(map(as_sentence, alone))),
             ),
-            *section("What it rests on", Bullets(tuple(map(as_sentence, (*_rests(survey), *survey.notes))))),
+            *section(
+                "What it rests on",
+                Bullets(tuple(map(as_sentence, (*_rests(survey), *survey.notes)))),
+            ),
         ),
         reproduction=reproduction(
-            ["flightid", "survey", str(survey.flights.path)], "", [("survey", survey.flights.path.name, survey.flights.sha256)]
+            ["flightid", "survey", str(survey.flights.path)],
+            "",
+            [("survey", survey.flights.path.name, survey.flights.sha256)],
         ),
         created=now(),
     )
@@ -148,12 +257,22 @@ def survey_page(survey: SurveyResult, drawn: Sequence[Drawn] = (), linked: Colle
 def _tone(survey: SurveyResult) -> str:
     if not survey.grown.kept:
         return "open"
-    return "fair" if survey.recurs or survey.warnings or survey.verdicts.get(Verdict.UNEXPLAINED.value) else "good"
+    return (
+        "fair"
+        if survey.recurs or survey.warnings or survey.verdicts.get(Verdict.UNEXPLAINED.value)
+        else "good"
+    )
 
 
 def _with_links(table: Table, linked: Collection[str]) -> Table:
     """The name of each flight leads to its own page."""
-    rows = tuple((Link(str(row[0]), f"{FOLDER}/{row[0]}/report.html") if row[0] in linked else row[0], *row[1:]) for row in table.rows)
+    rows = tuple(
+        (
+            Link(str(row[0]), f"{FOLDER}/{row[0]}/report.html") if row[0] in linked else row[0],
+            *row[1:],
+        )
+        for row in table.rows
+    )
     return replace(table, rows=rows)
 
 
@@ -161,18 +280,26 @@ def _rests(survey: SurveyResult) -> list[str]:
     tried = listed(survey.tried, 10) or "none, since no two flights name the same"
     return [
         f"Effects that were asked of all flights: {tried}",
-        f"The chance of a false recurrence counts {LIBRARY} candidates (Bonferroni); trends and differences have a false discovery rate of 5 %",
-        "Sigmas of common values and trends hold the scatter between flights (restricted maximum likelihood, Hartung and Knapp)",
-        "Flights are combined by their estimates with covariances, which is the joint fit as far as each likelihood is quadratic",
-        "A trend is told with one condition at a time: where conditions go together, either may be the cause",
+        f"The chance of a false recurrence counts {LIBRARY} candidates (Bonferroni); trends and "
+        "differences have a false discovery rate of 5 %",
+        "Sigmas of common values and trends hold the scatter between flights (restricted maximum "
+        "likelihood, Hartung and Knapp)",
+        "Flights are combined by their estimates with covariances, which is the joint fit as far "
+        "as each likelihood is quadratic",
+        "A trend is told with one condition at a time: where conditions go together, either may be "
+        "the cause",
     ]
 
 
 # ---- The folder of a survey
 
 
-def write_survey(survey: SurveyResult, folder: str | Path, *, figures: Formats = USUAL_FORMATS) -> Path:
-    """Write ``derivatives.csv``, figures, the page and ``survey.json``, whole or not at all; the folder. ``flights/`` is left as it is."""
+def write_survey(
+    survey: SurveyResult, folder: str | Path, *, figures: Formats = USUAL_FORMATS
+) -> Path:
+    """Write ``derivatives.csv``, figures, the page and ``survey.json``, whole or not at all; the
+    folder. ``flights/`` is left as it is.
+    """
     with study_folder(folder, MAIN) as scratch:
         write_text(scratch / "derivatives.csv", derivatives_text(survey))
         drawn: tuple[Drawn, ...] = ()
@@ -180,7 +307,11 @@ def write_survey(survey: SurveyResult, folder: str | Path, *, figures: Formats =
             from scenarios.plots.drawing import drawn_for_page
 
             drawn = drawn_for_page(survey_figures(survey), scratch, figures)
-        linked = [name for name in survey.grown.kept if (Path(folder) / FOLDER / name / "report.html").is_file()]
+        linked = [
+            name
+            for name in survey.grown.kept
+            if (Path(folder) / FOLDER / name / "report.html").is_file()
+        ]
         write_page(scratch, survey_page(survey, drawn, linked))
         write_json(scratch / MAIN, survey_content(survey, now()))
     return Path(folder)

@@ -31,7 +31,10 @@ if TYPE_CHECKING:
 def changed(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """The content with ``changes`` in the place of its own; tables key by key."""
     both = {
-        key: {**content[key], **value} if isinstance(value, dict) and isinstance(content.get(key), dict) else value for key, value in changes.items()
+        key: {**content[key], **value}
+        if isinstance(value, dict) and isinstance(content.get(key), dict)
+        else value
+        for key, value in changes.items()
     }
     return {**content, **both}
 
@@ -45,14 +48,17 @@ def _inline(value: Any) -> str:
     if isinstance(value, float):
         return repr(value)  # inf and nan, too, are TOML
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_text(key)} = {_inline(each)}" for key, each in value.items()) + "}"
+        return (
+            "{" + ", ".join(f"{_text(key)} = {_inline(each)}" for key, each in value.items()) + "}"
+        )
     if isinstance(value, Sequence) and not isinstance(value, str):
         return "[" + ", ".join(map(_inline, value)) + "]"
     return _text(value) if isinstance(value, str) else json.dumps(value, default=str)
 
 
 def _text(value: str) -> str:
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # what JSON and TOML write alike
+    # what JSON and TOML write alike
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 # ---- The flights of a survey as its file declares them
@@ -60,8 +66,21 @@ def _text(value: str) -> str:
 FORM = "1"  # of what is kept of a flight: another one is computed again
 # Quantities that are conditions wherever they are given, in the unit in which they are kept.
 CONDITIONS = {
-    **{"mass": "kg", "airspeed": "m/s", "reference_airspeed": "m/s", "air_density": "kg/m3", "pitch_inertia": "kg m2"},
-    **{"altitude": "m", "mach": "1", "dynamic_pressure": "Pa", "trim_alpha": "rad", "roll_inertia": "kg m2", "yaw_inertia": "kg m2"},
+    **{
+        "mass": "kg",
+        "airspeed": "m/s",
+        "reference_airspeed": "m/s",
+        "air_density": "kg/m3",
+        "pitch_inertia": "kg m2",
+    },
+    **{
+        "altitude": "m",
+        "mach": "1",
+        "dynamic_pressure": "Pa",
+        "trim_alpha": "rad",
+        "roll_inertia": "kg m2",
+        "yaw_inertia": "kg m2",
+    },
 }
 
 
@@ -69,8 +88,9 @@ CONDITIONS = {
 class SurveyFlight:
     """One flight: its name, its request without anything open, and what it was flown at.
 
-    ``vehicle``: the vehicle file's text with what the flight changes of it, empty where there is none. ``condition``: values with units by name.
-    ``digest``: of everything that its results depend on.
+    ``vehicle``: the vehicle file's text with what the flight changes of it, empty where there is
+    none. ``condition``: values with units by name. ``digest``: of everything that its results
+    depend on.
     """
 
     name: str
@@ -89,7 +109,9 @@ class SurveyFlight:
 
     @property
     def vehicle_beside(self) -> Path | None:
-        """The vehicle file that is read because it is in the folder of the record, where the survey names none."""
+        """The vehicle file that is read because it is in the folder of the record, where the survey
+        names none.
+        """
         return None if self.vehicle else vehicle_next_to(self.records[0])
 
     def request(self) -> Request:
@@ -97,7 +119,16 @@ class SurveyFlight:
         raw = self.vehicle.encode()
         identity = InputFile(self.vehicle_name, hashlib.sha256(raw).hexdigest())
         vehicle = Source(Path(self.vehicle_name), raw, identity) if raw else None
-        return Request(self.records, self.model, vehicle, (), self.effects, self.channels, self.plan, self.effort)
+        return Request(
+            self.records,
+            self.model,
+            vehicle,
+            (),
+            self.effects,
+            self.channels,
+            self.plan,
+            self.effort,
+        )
 
 
 @dataclass(frozen=True)
@@ -116,8 +147,10 @@ def read_flights(path: str | Path) -> Flights:
 
     Raises
     ------
-    DeclarationError : no such file, a key that is unknown or missing, a value that is wrong, two flights of one name, no flight; a line with file,
-        flight and remedy. Records that are not there are no error here: their flights are told as failed.
+    DeclarationError : no such file, a key that is unknown or missing, a value that is wrong, two
+    flights of one name, no flight; a line with file,
+        flight and remedy. Records that are not there are no error here: their flights are told as
+        failed.
     """
     from scenarios.files.schemas import SurveyEntry
 
@@ -127,20 +160,40 @@ def read_flights(path: str | Path) -> Flights:
     model = str(root / entry.model) if is_model_file(entry.model) else entry.model
     refuse_unknown_model(model, f"{where}, key model")
     vehicle = toml_of(read_toml_source(root / entry.vehicle)) if entry.vehicle is not None else {}
-    found = [(_name_of(each, root, where, number), each) for number, each in enumerate([*_listed(entry, root, where), *entry.flights], start=1)]
+    found = [
+        (_name_of(each, root, where, number), each)
+        for number, each in enumerate([*_listed(entry, root, where), *entry.flights], start=1)
+    ]
     if not found:
-        raise DeclarationError("there is no flight", where=where, remedy='add [[flights]] tables, or records = "flights/*.csv"')
+        raise DeclarationError(
+            "there is no flight",
+            where=where,
+            remedy='add [[flights]] tables, or records = "flights/*.csv"',
+        )
     names = [name for name, _ in found]
     first: dict[str, str] = {}
     for name in names:
         other = first.setdefault(name.lower(), name)
         if names.count(name) > 1 or other != name:
-            told = name if other == name else f"{other} and {name}, one folder where case does not count"
-            raise DeclarationError(f"two flights are called {told}", where=where, remedy="give each a name of its own")
+            told = (
+                name
+                if other == name
+                else f"{other} and {name}, one folder where case does not count"
+            )
+            raise DeclarationError(
+                f"two flights are called {told}", where=where, remedy="give each a name of its own"
+            )
     flights = tuple(_flight(name, each, entry, root, model, vehicle, where) for name, each in found)
     flights = _in_one_unit(flights, where)
-    _refuse_unreadable(flights, str(root / entry.vehicle) if entry.vehicle is not None else "", toml_text(vehicle), where)
-    return Flights(Path(path), source.identity.sha256, entry.title or Path(path).stem, entry.model, flights)
+    _refuse_unreadable(
+        flights,
+        str(root / entry.vehicle) if entry.vehicle is not None else "",
+        toml_text(vehicle),
+        where,
+    )
+    return Flights(
+        Path(path), source.identity.sha256, entry.title or Path(path).stem, entry.model, flights
+    )
 
 
 def _listed(entry: SurveyEntry, root: Path, where: str) -> list[FlightEntry]:
@@ -153,13 +206,23 @@ def _listed(entry: SurveyEntry, root: Path, where: str) -> list[FlightEntry]:
     for pattern in patterns:
         anchor = Path(Path(pattern).anchor) if Path(pattern).is_absolute() else root
         below = str(Path(pattern).relative_to(anchor)) if Path(pattern).is_absolute() else pattern
-        matched = sorted(anchor.glob(below)) if any(mark in pattern for mark in "*?[") else [root / pattern]
+        matched = (
+            sorted(anchor.glob(below))
+            if any(mark in pattern for mark in "*?[")
+            else [root / pattern]
+        )
         if not matched:
             raise DeclarationError(
-                f"no file matches {pattern!r}", where=f"{where}, key records", remedy="check the path; it is relative to this file"
+                f"no file matches {pattern!r}",
+                where=f"{where}, key records",
+                remedy="check the path; it is relative to this file",
             )
         paths = [each.relative_to(root) if each.is_relative_to(root) else each for each in matched]
-        out += [FlightEntry.model_validate({"record": each.as_posix()}) for each in paths if each not in told]
+        out += [
+            FlightEntry.model_validate({"record": each.as_posix()})
+            for each in paths
+            if each not in told
+        ]
     return out
 
 
@@ -170,31 +233,65 @@ def _name_of(entry: FlightEntry, root: Path, where: str, number: int) -> str:
 
     if (entry.record is None) == (entry.records is None):
         what = "names no record" if entry.record is None else "has record and records"
-        raise DeclarationError(f"flight {entry.name or number} {what}", where=where, remedy='give it record = "FILE", or a list of records')
+        raise DeclarationError(
+            f"flight {entry.name or number} {what}",
+            where=where,
+            remedy='give it record = "FILE", or a list of records',
+        )
     name = entry.name or Path((entry.records or [str(entry.record)])[0]).stem
     if not re.fullmatch(FOLDER_NAME, name) or unportable(name):
-        raise DeclarationError(f"{name!r} cannot be the name of a folder", where=f"{where}, flight {number}", remedy='give it a plain name = "..."')
+        raise DeclarationError(
+            f"{name!r} cannot be the name of a folder",
+            where=f"{where}, flight {number}",
+            remedy='give it a plain name = "..."',
+        )
     return name
 
 
-def _flight(name: str, entry: FlightEntry, shared: SurveyEntry, root: Path, model: str, vehicle: Mapping[str, Any], where: str) -> SurveyFlight:
+def _flight(
+    name: str,
+    entry: FlightEntry,
+    shared: SurveyEntry,
+    root: Path,
+    model: str,
+    vehicle: Mapping[str, Any],
+    where: str,
+) -> SurveyFlight:
     place = f"{where}, flight {name}"
     start, stop = _either(entry.from_, shared.from_), _either(entry.to, shared.to)
-    hold, rate, lowpass = (_either(getattr(entry, key), getattr(shared, key)) for key in ("hold", "rate", "lowpass"))
+    hold, rate, lowpass = (
+        _either(getattr(entry, key), getattr(shared, key)) for key in ("hold", "rate", "lowpass")
+    )
     refuse_turned(start, stop, place)
     columns = _either(entry.columns, shared.columns)
     names = ",".join(columns) if isinstance(columns, list) else columns
     try:
-        plan = plan_of([start] if start is not None else None, [stop] if stop is not None else None, hold, rate, lowpass, columns=names)
+        plan = plan_of(
+            [start] if start is not None else None,
+            [stop] if stop is not None else None,
+            hold,
+            rate,
+            lowpass,
+            columns=names,
+        )
     except FlightidError as error:
         raise DeclarationError(error.what, where=place, remedy=error.remedy) from None
     records = tuple(root / each for each in (entry.records or [str(entry.record)]))
-    asked, file = _either(entry.maneuver, shared.maneuver), _either(entry.maneuvers, shared.maneuvers)
+    asked, file = (
+        _either(entry.maneuver, shared.maneuver),
+        _either(entry.maneuvers, shared.maneuvers),
+    )
     plan = _with_maneuvers(plan, records, asked, root / file if file is not None else None, place)
     if entry.vehicle and not vehicle:
-        raise DeclarationError("changes a vehicle file that is not named", where=place, remedy='add vehicle = "FILE.toml" at the top')
+        raise DeclarationError(
+            "changes a vehicle file that is not named",
+            where=place,
+            remedy='add vehicle = "FILE.toml" at the top',
+        )
     content = changed(vehicle, entry.vehicle)
-    given: dict[str, Any] = {key: value for key, value in content.items() if key in CONDITIONS} | entry.condition
+    given: dict[str, Any] = {
+        key: value for key, value in content.items() if key in CONDITIONS
+    } | entry.condition
     channels = _either(entry.channels, shared.channels)
     flight = SurveyFlight(
         name,
@@ -213,25 +310,41 @@ def _flight(name: str, entry: FlightEntry, shared: SurveyEntry, root: Path, mode
     return replace(flight, digest=_digest(flight))
 
 
-def _with_maneuvers(plan: Plan, records: tuple[Path, ...], asked: Any, file: Path | None, place: str) -> Plan:
-    """The plan with the maneuvers that a flight names. Raises DeclarationError; a record that is not there fails with its flight."""
+def _with_maneuvers(
+    plan: Plan, records: tuple[Path, ...], asked: Any, file: Path | None, place: str
+) -> Plan:
+    """The plan with the maneuvers that a flight names. Raises DeclarationError; a record that is
+    not there fails with its flight.
+    """
     from scenarios.preparation.maneuver_file import with_maneuvers
 
     if not all(each.is_file() for each in records):
         return plan
     try:
-        return with_maneuvers(plan, records, asked if isinstance(asked, list | None) else [asked], file)
+        return with_maneuvers(
+            plan, records, asked if isinstance(asked, list | None) else [asked], file
+        )
     except DeclarationError as error:
-        raise DeclarationError(f"{error.what} ({error.where})", where=place, remedy=error.remedy) from None
+        raise DeclarationError(
+            f"{error.what} ({error.where})", where=place, remedy=error.remedy
+        ) from None
 
 
-def _refuse_unreadable(flights: Sequence[SurveyFlight], vehicle: str, shared: str, where: str) -> None:
-    """Raise DeclarationError for what would fail in every flight: a map or file of effects that is not there, a vehicle that is none."""
+def _refuse_unreadable(
+    flights: Sequence[SurveyFlight], vehicle: str, shared: str, where: str
+) -> None:
+    """Raise DeclarationError for what would fail in every flight: a map or file of effects that is
+    not there, a vehicle that is none.
+    """
     for flight in flights:
         for path in (flight.channels, flight.effects):
             if path is not None and not path.is_file():
                 what = f"there is no file {str(path)!r}"
-                raise DeclarationError(what, where=f"{where}, flight {flight.name}", remedy="check the path; it is relative to this file")
+                raise DeclarationError(
+                    what,
+                    where=f"{where}, flight {flight.name}",
+                    remedy="check the path; it is relative to this file",
+                )
     texts: dict[str, SurveyFlight] = {}
     for flight in flights:
         texts.setdefault(flight.vehicle, flight)
@@ -242,7 +355,11 @@ def _refuse_unreadable(flights: Sequence[SurveyFlight], vehicle: str, shared: st
             read_vehicle(source, texts[text].model)
         except DeclarationError as error:
             place = error.where.removeprefix(texts[text].vehicle_name)
-            told = f"{vehicle}{place}" if text == shared else f"{where}, flight {texts[text].name}, vehicle{place}"
+            told = (
+                f"{vehicle}{place}"
+                if text == shared
+                else f"{where}, flight {texts[text].name}, vehicle{place}"
+            )
             raise DeclarationError(error.what, where=told, remedy=error.remedy) from None
 
 
@@ -259,31 +376,65 @@ def _condition(key: str, value: object, place: str) -> tuple[float, str]:
         return number_in(value, unit or "1", f"{place}, {key}"), unit or "1"
     number, _, own = value.strip().partition(" ")
     try:
-        return to_si(float(number), own.strip(), own.strip(), f"{place}, {key}", DeclarationError), own.strip() or "1"
+        return to_si(
+            float(number), own.strip(), own.strip(), f"{place}, {key}", DeclarationError
+        ), own.strip() or "1"
     except ValueError:
-        raise DeclarationError(f"{value!r} is not a number with a unit", where=f"{place}, {key}", remedy='write 0.6 or "12000 ft"') from None
+        raise DeclarationError(
+            f"{value!r} is not a number with a unit",
+            where=f"{place}, {key}",
+            remedy='write 0.6 or "12000 ft"',
+        ) from None
 
 
 def _in_one_unit(flights: Sequence[SurveyFlight], where: str) -> tuple[SurveyFlight, ...]:
-    """Each condition in the unit of the first flight that has it. Raises DeclarationError where it measures something else."""
+    """Each condition in the unit of the first flight that has it. Raises DeclarationError where it
+    measures something else.
+    """
     units: dict[str, str] = {}
     out = []
     for flight in flights:
         condition = {}
         for key, (value, unit) in flight.condition.items():
             first = units.setdefault(key, unit)
-            condition[key] = (to_si(value, unit, first, f"{where}, flight {flight.name}, {key}", DeclarationError), first)
+            condition[key] = (
+                to_si(
+                    value, unit, first, f"{where}, flight {flight.name}, {key}", DeclarationError
+                ),
+                first,
+            )
         out.append(replace(flight, condition=condition))
     return tuple(out)
 
 
 def _digest(flight: SurveyFlight) -> str:
-    """A hash of everything that a flight's results depend on; of a file that is not there, that it is not."""
+    """A hash of everything that a flight's results depend on; of a file that is not there, that it
+    is not.
+    """
     files = [*flight.records, *(each.with_suffix(".json") for each in flight.records)]
-    files += [each for each in (flight.channels, flight.effects, Path(flight.model) if is_model_file(flight.model) else None) if each is not None]
+    files += [
+        each
+        for each in (
+            flight.channels,
+            flight.effects,
+            Path(flight.model) if is_model_file(flight.model) else None,
+        )
+        if each is not None
+    ]
     files += [each for each in (flight.vehicle_beside,) if each is not None]
-    contents = [hashlib.sha256(each.read_bytes()).hexdigest() if each.is_file() else "" for each in files]
-    rest = [FORM, own_version(), flight.name, flight.model, flight.vehicle, repr(flight.plan), flight.effort, *contents]
+    contents = [
+        hashlib.sha256(each.read_bytes()).hexdigest() if each.is_file() else "" for each in files
+    ]
+    rest = [
+        FORM,
+        own_version(),
+        flight.name,
+        flight.model,
+        flight.vehicle,
+        repr(flight.plan),
+        flight.effort,
+        *contents,
+    ]
     return hashlib.sha256(json.dumps(rest).encode()).hexdigest()
 
 
@@ -323,7 +474,8 @@ class Diagnoses:
 
 
 def diagnosed(flight: SurveyFlight, folder: Path, figures: Formats) -> dict[str, Any]:
-    """Check and diagnose a flight, write its study, and last ``flight.json``, whose content is given back.
+    """Check and diagnose a flight, write its study, and last ``flight.json``, whose content is
+    given back.
 
     Raises FlightidError for anything that keeps the flight from being used.
     """
@@ -344,7 +496,13 @@ def diagnosed(flight: SurveyFlight, folder: Path, figures: Formats) -> dict[str,
         "verdict": d.verdict.value,
         "headline": headline(tracing),
         "effects": [
-            {"name": c.name, "claimed": c.claimed, "alternatives": list(c.alternatives), "parameters": quantities(c.parameters)} for c in d.effects
+            {
+                "name": c.name,
+                "claimed": c.claimed,
+                "alternatives": list(c.alternatives),
+                "parameters": quantities(c.parameters),
+            }
+            for c in d.effects
         ],
         "derivatives": quantities(d.after),
         "check": kinematics_of(flight),
@@ -369,7 +527,13 @@ def kinematics_of(flight: SurveyFlight) -> dict[str, Any]:
 
 
 def kept_of(flight: SurveyFlight, folder: Path) -> dict[str, Any] | None:
-    """What is kept of a flight where it is still of this record, vehicle, model, options and version; else None."""
+    """What is kept of a flight where it is still of this record, vehicle, model, options and
+    version; else None.
+    """
     content = found_json(folder / FOLDER / flight.name / KEPT)
-    sound = isinstance(content, dict) and content.get("schema") == SCHEMA and content.get("digest") == flight.digest
+    sound = (
+        isinstance(content, dict)
+        and content.get("schema") == SCHEMA
+        and content.get("digest") == flight.digest
+    )
     return content if sound else None

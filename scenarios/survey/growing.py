@@ -1,4 +1,6 @@
-"""A survey's folder that grows: new flights are computed, on this machine or a cluster, and fitted with the sets of effects."""
+"""A survey's folder that grows: new flights are computed, on this machine or a cluster, and fitted
+with the sets of effects.
+"""
 
 from __future__ import annotations
 
@@ -45,10 +47,11 @@ Starts = Mapping[str, float]  # by full name of a parameter
 
 @dataclass(frozen=True)
 class PooledFits:
-    """The work: each task is a flight, fitted with all sets of ``effects`` beside the effects that are its own.
+    """The work: each task is a flight, fitted with all sets of ``effects`` beside the effects that
+    are its own.
 
-    ``starts``: where the search for an effect's parameters begins: what other flights found. ``own`` of each flight: its effects that belong to
-    it alone, with their values.
+    ``starts``: where the search for an effect's parameters begins: what other flights found.
+    ``own`` of each flight: its effects that belong to it alone, with their values.
     """
 
     flights: tuple[SurveyFlight, ...]
@@ -67,7 +70,9 @@ class PooledFits:
         return {"digests": [self.digest(number) for number in range(len(self.flights))]}
 
     def digest(self, number: int) -> str:
-        """Of everything that a flight's fits depend on; not of the starts, from which every fit goes to its end."""
+        """Of everything that a flight's fits depend on; not of the starts, from which every fit
+        goes to its end.
+        """
         told = [SCHEMA, self.flights[number].digest, sorted(self.effects), sorted(self.own[number])]
         return hashlib.sha256(json.dumps(told).encode()).hexdigest()
 
@@ -77,27 +82,40 @@ class PooledFits:
     def kept(self, number: int) -> Mapping[str, Any] | None:
         """The fits of a flight as its folder has them; None where it has none of these."""
         content = found_json(self.path(number))
-        return content if isinstance(content, dict) and content.get("digest") == self.digest(number) else None
+        return (
+            content
+            if isinstance(content, dict) and content.get("digest") == self.digest(number)
+            else None
+        )
 
     def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
         out: list[Row | str] = []
         for task in tasks:
             try:
-                sets = fitted_sets(self.flights[task.number], self.effects, self.starts, self.own[task.number])
+                sets = fitted_sets(
+                    self.flights[task.number], self.effects, self.starts, self.own[task.number]
+                )
             except FlightidError as error:
                 out.append(str(error))
                 continue
-            write_json(self.path(task.number), {"schema": SCHEMA, "digest": self.digest(task.number), **sets})
+            write_json(
+                self.path(task.number),
+                {"schema": SCHEMA, "digest": self.digest(task.number), **sets},
+            )
             out.append({"flight": self.flights[task.number].name, "sets": len(sets["sets"])})
         return out
 
 
-def fitted_sets(flight: SurveyFlight, names: Sequence[str], starts: Starts, own: Mapping[str, Starts]) -> dict[str, Any]:
-    """Log likelihood, estimates and covariance of a flight's whole record with each set of the effects ``names`` that its model can have.
+def fitted_sets(
+    flight: SurveyFlight, names: Sequence[str], starts: Starts, own: Mapping[str, Starts]
+) -> dict[str, Any]:
+    """Log likelihood, estimates and covariance of a flight's whole record with each set of the
+    effects ``names`` that its model can have.
 
-    Where a residual is coloured the likelihood counts fewer samples: it is scaled by the share that are independent, of the largest set.
-    ``own`` effects are beside every set of ``sets``; beside those of ``sets_without`` only what belongs to a flight by nature, as a gust: a flight
-    alone may have named one thing for two that recur.
+    Where a residual is coloured the likelihood counts fewer samples: it is scaled by the share that
+    are independent, of the largest set. ``own`` effects are beside every set of ``sets``; beside
+    those of ``sets_without`` only what belongs to a flight by nature, as a gust: a flight alone may
+    have named one thing for two that recur.
     """
     from ident.statistics.residual_spectrum import effective_share
     from ident.tracing.candidate_model.fitted_model import FitData
@@ -112,29 +130,61 @@ def fitted_sets(flight: SurveyFlight, names: Sequence[str], starts: Starts, own:
     opened = opened_files(request, vehicle_path_of(request))
     posed = posed_for(opened, request.plan)
     records = (*posed.records, *posed.predicted)
-    known = {each.name: each for each in candidates_for(posed.model, own_effects(request.effects, posed.model)[0])}
-    outputs = [signal.name for signal in posed.model.equations.outputs if any(signal.name in record.output_names for record in records)]
+    known = {
+        each.name: each
+        for each in candidates_for(posed.model, own_effects(request.effects, posed.model)[0])
+    }
+    outputs = [
+        signal.name
+        for signal in posed.model.equations.outputs
+        if any(signal.name in record.output_names for record in records)
+    ]
     data = FitData(records, measured_masks(records, outputs), posed.model, outputs)
     settings = FitSettings(max_step=step_for(posed.model, posed.records, 0.01), enough=1e-6)
     able = [name for name in names if name in known]
-    search = _Search(data, settings, known, starts, {full: value for each in own.values() for full, value in each.items()})
+    search = _Search(
+        data,
+        settings,
+        known,
+        starts,
+        {full: value for each in own.values() for full, value in each.items()},
+    )
     beside = [name for name in own if name in known]
     remain = [name for name in beside if is_of_flight(name)]
-    found = {True: search.sets(able, beside)} | ({False: search.sets(able, remain)} if remain != beside else {})
+    found = {True: search.sets(able, beside)} | (
+        {False: search.sets(able, remain)} if remain != beside else {}
+    )
     most = next((each for each in reversed(found[True].values()) if each is not None), None)
-    share = effective_share(most.fit.residuals, [problem.valid for problem in most.fit.layout.problems]) if most is not None else 1.0
-    declared = [item.name for item in posed.model.parameters if item.free and not item.name.startswith("bias_")]
+    share = (
+        effective_share(most.fit.residuals, [problem.valid for problem in most.fit.layout.problems])
+        if most is not None
+        else 1.0
+    )
+    declared = [
+        item.name
+        for item in posed.model.parameters
+        if item.free and not item.name.startswith("bias_")
+    ]
     units = {item.name: item.unit for item in posed.model.parameters}
     local = {name: [item.name for item in known[name].parameters if item.free] for name in able}
     return {
         "declared": declared,
         "units": {name: units[name] for name in declared},
-        "effects": {name: {"parameters": local[name], "units": _units(known[name]), "full": _full(known[name])} for name in able},
+        "effects": {
+            name: {
+                "parameters": local[name],
+                "units": _units(known[name]),
+                "full": _full(known[name]),
+            }
+            for name in able
+        },
         "independent": share,
         "own": [name for name in beside if name not in remain],
         **{
             key: {
-                "+".join(sorted(taken)): _told(each, declared, [known[n] for n in sorted(taken)], share)
+                "+".join(sorted(taken)): _told(
+                    each, declared, [known[n] for n in sorted(taken)], share
+                )
                 for taken, each in found[own_in].items()
                 if each
             }
@@ -154,12 +204,18 @@ class _Search:
     starts: Starts
     own: Starts
 
-    def sets(self, names: Sequence[str], beside: Sequence[str]) -> dict[frozenset[str], FittedModel | None]:
+    def sets(
+        self, names: Sequence[str], beside: Sequence[str]
+    ) -> dict[frozenset[str], FittedModel | None]:
         """Every set of ``names``, with the effects ``beside`` in each; the whole one last."""
         found: dict[frozenset[str], FittedModel | None] = {}
         for size in range(len(names) + 1):
             for chosen in combinations(names, size):
-                sound = [each for name in chosen if (each := found[frozenset(chosen) - {name}]) is not None]
+                sound = [
+                    each
+                    for name in chosen
+                    if (each := found[frozenset(chosen) - {name}]) is not None
+                ]
                 start = min(sound, key=lambda each: each.fit.cost, default=None)
                 found[frozenset(chosen)] = self.fitted([*beside, *chosen], start)
         return found
@@ -167,7 +223,12 @@ class _Search:
     def fitted(self, names: Sequence[str], start: FittedModel | None) -> FittedModel | None:
         from ident.tracing.candidate_model.fitted_model import fit_set, start_from
 
-        return fit_set(self.data, [self.known[name] for name in names], self.settings, start_from(start, {**self.own, **self.starts}))
+        return fit_set(
+            self.data,
+            [self.known[name] for name in names],
+            self.settings,
+            start_from(start, {**self.own, **self.starts}),
+        )
 
 
 def _units(effect: Traceable) -> dict[str, str]:
@@ -180,7 +241,9 @@ def _full(effect: Traceable) -> list[str]:
     return [full_name(effect, item.name) for item in effect.parameters if item.free]
 
 
-def _told(fitted: FittedModel, declared: Sequence[str], effects: Sequence[Traceable], share: float) -> dict[str, Any]:
+def _told(
+    fitted: FittedModel, declared: Sequence[str], effects: Sequence[Traceable], share: float
+) -> dict[str, Any]:
     """Estimates of the declared parameters and then of the effects', with their covariance."""
     from ident.statistics.information import inverse_information
 
@@ -196,7 +259,10 @@ def _told(fitted: FittedModel, declared: Sequence[str], effects: Sequence[Tracea
         "log_likelihood": share * fitted.fit.log_likelihood,
         "names": names,
         "estimate": estimate,
-        "covariance": np.where(np.outer(sound, sound), covariance[np.ix_(chosen, chosen)], 1e30 * np.eye(len(at))) / share,
+        "covariance": np.where(
+            np.outer(sound, sound), covariance[np.ix_(chosen, chosen)], 1e30 * np.eye(len(at))
+        )
+        / share,
     }
 
 
@@ -210,9 +276,9 @@ STUDY = "diagnosis.json"
 class Sent:
     """The same work for a cluster.
 
-    ``work``: as this machine would do it, into its folder. ``place``: the current folder, from which paths are read.
-    ``typed``: the words of the command line, which pages show. ``inputs``: files that are there, which every worker has
-    to see at the same path.
+    ``work``: as this machine would do it, into its folder. ``place``: the current folder, from
+    which paths are read. ``typed``: the words of the command line, which pages show. ``inputs``:
+    files that are there, which every worker has to see at the same path.
     """
 
     work: Diagnoses | PooledFits
@@ -259,11 +325,14 @@ class Sent:
         return out
 
     def taken(self, row: Row) -> Row:
-        """Write the files that came with a row into this machine's folder; the row without them. Raises FlightidError."""
+        """Write the files that came with a row into this machine's folder; the row without them.
+        Raises FlightidError.
+        """
         files = _unpacked(str(row[FILES]))
         folder = self.work.folder / FOLDER / str(row["flight"])
         if STUDY in files:
-            (folder / KEPT_FILES).unlink(missing_ok=True)  # what it says is no longer of this folder
+            # what it says is no longer of this folder
+            (folder / KEPT_FILES).unlink(missing_ok=True)
             with study_folder(folder, STUDY) as scratch:
                 for name, content in files.items():
                     if name != KEPT_FILES:
@@ -285,7 +354,11 @@ def sent(work: Diagnoses | PooledFits) -> Sent:
 
 def _inputs(flight: SurveyFlight) -> list[Path]:
     model = [Path(flight.model)] if is_model_file(flight.model) else []
-    return [*flight.records, *model, *(path for path in (flight.channels, flight.effects) if path is not None)]
+    return [
+        *flight.records,
+        *model,
+        *(path for path in (flight.channels, flight.effects) if path is not None),
+    ]
 
 
 def _packed(folder: Path) -> str:
@@ -312,8 +385,9 @@ Tell = Callable[[str, float], None]
 class Grown:
     """What a survey has of its flights.
 
-    ``kept``: of each flight by name, in the order of the file. ``computed``, ``failed`` (with the reason), ``removed`` since the last survey,
-    ``before``: names of the flights that the last survey had.
+    ``kept``: of each flight by name, in the order of the file. ``computed``, ``failed`` (with the
+    reason), ``removed`` since the last survey, ``before``: names of the flights that the last
+    survey had.
     """
 
     kept: Mapping[str, Mapping[str, Any]]
@@ -330,13 +404,20 @@ class Grown:
 
 
 def grown(
-    asked: Flights, folder: Path, jobs: int = 1, figures: Formats = (), tell: Tell = lambda stage, share: None, cluster: str | None = None
+    asked: Flights,
+    folder: Path,
+    jobs: int = 1,
+    figures: Formats = (),
+    tell: Tell = lambda stage, share: None,
+    cluster: str | None = None,
 ) -> Grown:
-    """Diagnose the flights whose results the folder lacks, by processes or by the ``cluster`` at an address, and give all.
+    """Diagnose the flights whose results the folder lacks, by processes or by the ``cluster`` at an
+    address, and give all.
 
     Raises
     ------
-    KeyboardInterrupt : Ctrl-C, with how many flights are kept. FlightidError : ``folder`` cannot be written.
+    KeyboardInterrupt : Ctrl-C, with how many flights are kept. FlightidError : ``folder`` cannot be
+    written.
     """
     before = last_survey(folder)
     missing = tuple(flight for flight in asked.flights if kept_of(flight, folder) is None)
@@ -349,8 +430,15 @@ def grown(
         except KeyboardInterrupt:
             ended, table = 0, None
         if table is None or not table.whole:
-            raise KeyboardInterrupt(f"{len(asked.flights) - len(missing) + ended} of {len(asked.flights)} flights are kept in {folder}")
-        failed = {missing[int(n)].name: str(error) for n, error in zip(table.columns["number"], table.columns["error"], strict=True) if error}
+            raise KeyboardInterrupt(
+                f"{len(asked.flights) - len(missing) + ended} of {len(asked.flights)} flights are "
+                f"kept in {folder}"
+            )
+        failed = {
+            missing[int(n)].name: str(error)
+            for n, error in zip(table.columns["number"], table.columns["error"], strict=True)
+            if error
+        }
     found = {flight.name: kept_of(flight, folder) for flight in asked.flights}
     kept = {name: content for name, content in found.items() if content is not None}
     for name in found:
@@ -362,9 +450,20 @@ def grown(
     return Grown(kept, {f.name: replace(f) for f in asked.flights}, computed, failed, removed, had)
 
 
-def flown(work: Diagnoses | PooledFits, count: int, jobs: int, folder: Path, tell: Tell, cluster: str | None) -> RowTable:
-    """The rows of a survey's work of ``count`` flights, whose files are in ``folder`` then. Raises as ``run_study``."""
-    asked = TaskRequest(count, 0, max(1, min(jobs, count)), cluster=cluster, unit="flights", elsewhere=folder)
+def flown(
+    work: Diagnoses | PooledFits,
+    count: int,
+    jobs: int,
+    folder: Path,
+    tell: Tell,
+    cluster: str | None,
+) -> RowTable:
+    """The rows of a survey's work of ``count`` flights, whose files are in ``folder`` then. Raises
+    as ``run_study``.
+    """
+    asked = TaskRequest(
+        count, 0, max(1, min(jobs, count)), cluster=cluster, unit="flights", elsewhere=folder
+    )
     if cluster is None:
         return run_study(work, asked, tell)
 
@@ -374,4 +473,10 @@ def flown(work: Diagnoses | PooledFits, count: int, jobs: int, folder: Path, tel
 def last_survey(folder: Path) -> Mapping[str, Any]:
     """The document of the last survey in a folder; empty where there is none."""
     content = found_json(folder / MAIN)
-    return content if isinstance(content, dict) and content.get("schema") == GROWING_SCHEMA and isinstance(content.get("flights"), dict) else {}
+    return (
+        content
+        if isinstance(content, dict)
+        and content.get("schema") == GROWING_SCHEMA
+        and isinstance(content.get("flights"), dict)
+        else {}
+    )

@@ -9,26 +9,55 @@ from typing import Any
 
 import numpy as np
 
-from ident.pooling import Evidence, Pooled, Recurrence, Trend, adjusted, conditioned, outlying_flights, pooled, recurrence, trend, without_one
+from ident.pooling import (
+    Evidence,
+    Pooled,
+    Recurrence,
+    Trend,
+    adjusted,
+    conditioned,
+    outlying_flights,
+    pooled,
+    recurrence,
+    trend,
+    without_one,
+)
 
 # ---- Which effects may recur
 
-FEWEST_NAMED = 2  # flights that claim an effect or name it as an alternative, from which it may recur
+# flights that claim an effect or name it as an alternative, from which it may recur
+FEWEST_NAMED = 2
 MOST = 5  # effects that are tried together: 32 sets a flight
 
 Kept = Mapping[str, Mapping[str, Any]]
 
 
 def candidates(kept: Kept) -> tuple[str, ...]:
-    """Effects that may recur, the most often named first: claimed somewhere, and named in two flights at least."""
+    """Effects that may recur, the most often named first: claimed somewhere, and named in two
+    flights at least.
+    """
     claimed: Counter[str] = Counter()
     named: Counter[str] = Counter()
     for flight in kept.values():
-        names = {name for each in flight["effects"] for name in (each["name"], *each["alternatives"])}
+        names = {
+            name for each in flight["effects"] for name in (each["name"], *each["alternatives"])
+        }
         named.update(names)
-        claimed.update({name for each in flight["effects"] if each["claimed"] for name in (each["name"], *each["alternatives"])})
-    # Two flights that name different things may mean one: what is named anywhere beside a recurring name is tried as its rival.
-    wanted = [name for name in named if named[name] >= FEWEST_NAMED and claimed[name] and not is_of_flight(name)]
+        claimed.update(
+            {
+                name
+                for each in flight["effects"]
+                if each["claimed"]
+                for name in (each["name"], *each["alternatives"])
+            }
+        )
+    # Two flights that name different things may mean one: what is named anywhere beside a recurring
+    # name is tried as its rival.
+    wanted = [
+        name
+        for name in named
+        if named[name] >= FEWEST_NAMED and claimed[name] and not is_of_flight(name)
+    ]
     return tuple(sorted(wanted, key=lambda name: (-claimed[name], -named[name], name))[:MOST])
 
 
@@ -38,14 +67,30 @@ def is_of_flight(name: str) -> bool:
 
     traits = {effect.name: effect.traits for effect in library() if hasattr(effect, "traits")}
     mine = traits.get(name)
-    return mine is not None and (mine.per_record or bool(mine.onset) or mine.background or bool(mine.wrong_samples_of))
+    return mine is not None and (
+        mine.per_record or bool(mine.onset) or mine.background or bool(mine.wrong_samples_of)
+    )
 
 
-def effects_of_one_flight(flight: Mapping[str, Any], shared: Sequence[str]) -> dict[str, dict[str, float]]:
+def effects_of_one_flight(
+    flight: Mapping[str, Any], shared: Sequence[str]
+) -> dict[str, dict[str, float]]:
     """Effects that a flight claims and that are its own, with their values by full name."""
-    rivals = {name for each in flight["effects"] if each["name"] in shared for name in each["alternatives"]}
-    mine = [e for e in flight["effects"] if e["claimed"] and e["name"] not in shared and e["name"] not in rivals]
-    return {e["name"]: {f"{e['name']}.{local}": q["value"] for local, q in e["parameters"].items()} for e in mine}
+    rivals = {
+        name
+        for each in flight["effects"]
+        if each["name"] in shared
+        for name in each["alternatives"]
+    }
+    mine = [
+        e
+        for e in flight["effects"]
+        if e["claimed"] and e["name"] not in shared and e["name"] not in rivals
+    ]
+    return {
+        e["name"]: {f"{e['name']}.{local}": q["value"] for local, q in e["parameters"].items()}
+        for e in mine
+    }
 
 
 def starts_of(kept: Kept, names: Sequence[str]) -> dict[str, float]:
@@ -61,7 +106,8 @@ def starts_of(kept: Kept, names: Sequence[str]) -> dict[str, float]:
 
 # ---- Which effects recur: judged over all flights together
 
-LIBRARY = 60  # effects that a search may name, for which the chance of a false recurrence is counted
+# effects that a search may name, for which the chance of a false recurrence is counted
+LIBRARY = 60
 EQUAL = 3.0  # twice the log likelihood, as in a diagnosis: below it two names are equal
 CLEARLY = 10.0  # of that sum. chosen, as what an addition has to bring in a diagnosis
 PRESENT = 0.5  # probability from which an effect belongs to a flight's model
@@ -71,8 +117,9 @@ PRESENT = 0.5  # probability from which an effect belongs to a flight's model
 class Recurring:
     """An effect that recurs.
 
-    ``parameters`` with units, in the order of ``found.value``; ``flights`` in the order of ``found.probability``. ``rivals``: by how much twice the
-    log likelihood of all flights prefers it to each. ``named``: flights that claimed it by themselves.
+    ``parameters`` with units, in the order of ``found.value``; ``flights`` in the order of
+    ``found.probability``. ``rivals``: by how much twice the log likelihood of all flights prefers
+    it to each. ``named``: flights that claimed it by themselves.
     """
 
     name: str
@@ -86,26 +133,42 @@ class Recurring:
 
     @property
     def has(self) -> tuple[str, ...]:
-        return tuple(name for name, there in zip(self.flights, self.found.has, strict=True) if there)
+        return tuple(
+            name for name, there in zip(self.flights, self.found.has, strict=True) if there
+        )
 
     @property
     def has_not(self) -> tuple[str, ...]:
-        return tuple(name for name, there in zip(self.flights, self.found.has_not, strict=True) if there)
+        return tuple(
+            name for name, there in zip(self.flights, self.found.has_not, strict=True) if there
+        )
 
     @property
     def untold(self) -> tuple[str, ...]:
-        return tuple(name for name in self.flights if name not in self.has and name not in self.has_not)
+        return tuple(
+            name for name in self.flights if name not in self.has and name not in self.has_not
+        )
 
 
-def evidence_of(fits: Sequence[Mapping[str, Any]], name: str, beside: Sequence[frozenset[str]]) -> tuple[Evidence, np.ndarray]:
-    """What each flight says of an effect added to the sets ``beside``, and which flights can say anything ``(n,)``."""
+def evidence_of(
+    fits: Sequence[Mapping[str, Any]], name: str, beside: Sequence[frozenset[str]]
+) -> tuple[Evidence, np.ndarray]:
+    """What each flight says of an effect added to the sets ``beside``, and which flights can say
+    anything ``(n,)``.
+    """
     gain: list[float] = []
     value: list[np.ndarray] = []
     covariance: list[np.ndarray] = []
     able: list[bool] = []
-    size = max((len(each["effects"][name]["parameters"]) for each in fits if name in each["effects"]), default=1)
+    size = max(
+        (len(each["effects"][name]["parameters"]) for each in fits if name in each["effects"]),
+        default=1,
+    )
     for each, others in zip(fits, beside, strict=True):
-        without, with_it = (each["sets"].get("+".join(sorted(taken))) for taken in (others - {name}, others | {name}))
+        without, with_it = (
+            each["sets"].get("+".join(sorted(taken)))
+            for taken in (others - {name}, others | {name})
+        )
         sound = without is not None and with_it is not None and name in each["effects"]
         able.append(sound)
         if not sound:
@@ -119,7 +182,9 @@ def evidence_of(fits: Sequence[Mapping[str, Any]], name: str, beside: Sequence[f
         gain.append(max(0.0, with_it["log_likelihood"] - without["log_likelihood"]))
         value.append(np.array(with_it["estimate"])[at])
         covariance.append(np.array(with_it["covariance"])[np.ix_(at, at)])
-    return Evidence(np.array(gain), np.array(value), np.array(covariance)), np.array(able, dtype=bool)
+    return Evidence(np.array(gain), np.array(value), np.array(covariance)), np.array(
+        able, dtype=bool
+    )
 
 
 def recurring(
@@ -127,13 +192,16 @@ def recurring(
 ) -> tuple[list[Recurring], list[frozenset[str]]]:
     """The effects that recur, the strongest first, and of each flight those that it has.
 
-    Forward selection over effects: the one whose recurrence gains most likelihood is added, each flight then has it where that is likelier than not;
-    then each that was taken is asked again beside the others, and gives way to a rival that all flights together prefer in its place.
+    Forward selection over effects: the one whose recurrence gains most likelihood is added, each
+    flight then has it where that is likelier than not; then each that was taken is asked again
+    beside the others, and gives way to a rival that all flights together prefer in its place.
     """
     taken: list[str] = []
     sets = [frozenset[str]() for _ in fits]
     while len(taken) < len(names):
-        asked = {name: recurrence_of_effect(fits, name, sets) for name in names if name not in taken}
+        asked = {
+            name: recurrence_of_effect(fits, name, sets) for name in names if name not in taken
+        }
         tried = {name: each for name, each in asked.items() if each is not None and each.recurs}
         if not tried:
             break
@@ -148,46 +216,73 @@ def recurring(
         if best not in taken:
             break
     for name in list(taken):
-        better = _preferred(name, [rival for rival in names if rival not in taken], fits, sets, kept)
+        better = _preferred(
+            name, [rival for rival in names if rival not in taken], fits, sets, kept
+        )
         if better != name:
             taken[taken.index(name)] = better
             sets = assigned(fits, taken, [each - {name} for each in sets])
     return [_told(name, names, taken, flights, fits, sets, kept) for name in taken], sets
 
 
-def _preferred(name: str, rivals: Sequence[str], fits: Sequence[Mapping[str, Any]], sets: Sequence[frozenset[str]], kept: Kept) -> str:
+def _preferred(
+    name: str,
+    rivals: Sequence[str],
+    fits: Sequence[Mapping[str, Any]],
+    sets: Sequence[frozenset[str]],
+    kept: Kept,
+) -> str:
     """An effect, or the rival that all flights together prefer in its place.
 
-    Names that are equal in likelihood are told apart by what they make of the derivatives: one aircraft has one value, the wrong name scatters
-    it over the conditions; where that says nothing either, by the flights' own diagnoses, which know the declared derivatives.
+    Names that are equal in likelihood are told apart by what they make of the derivatives: one
+    aircraft has one value, the wrong name scatters it over the conditions; where that says nothing
+    either, by the flights' own diagnoses, which know the declared derivatives.
     """
     bare = [each - {name} for each in sets]
     found = {one: recurrence_of_effect(fits, one, bare) for one in (name, *rivals)}
-    likely = {one: 2.0 * each.log_likelihood for one, each in found.items() if each is not None and each.recurs}
+    likely = {
+        one: 2.0 * each.log_likelihood
+        for one, each in found.items()
+        if each is not None and each.recurs
+    }
     if not likely:
         return name
     equal = [one for one, each in likely.items() if each > max(likely.values()) - EQUAL]
     if len(equal) == 1:
         return equal[0]
-    differ = {one: _differences(fits, [each | {one} if name in mine else each for each, mine in zip(bare, sets, strict=True)]) for one in equal}
+    differ = {
+        one: _differences(
+            fits,
+            [each | {one} if name in mine else each for each, mine in zip(bare, sets, strict=True)],
+        )
+        for one in equal
+    }
     steady = [one for one in equal if differ[one] < min(differ.values()) + CLEARLY]
-    claims = Counter(e["name"] for flight in kept.values() for e in flight["effects"] if e["claimed"])
+    claims = Counter(
+        e["name"] for flight in kept.values() for e in flight["effects"] if e["claimed"]
+    )
     return max(steady, key=lambda one: (claims[one], one == name, one))
 
 
 def _differences(fits: Sequence[Mapping[str, Any]], sets: Sequence[frozenset[str]]) -> float:
-    """By how much the derivatives of all flights differ from one value each: Cochran's statistic, summed."""
+    """By how much the derivatives of all flights differ from one value each: Cochran's statistic,
+    summed.
+    """
     seen: dict[str, list[tuple[float, float]]] = {}
     for each, taken in zip(fits, sets, strict=True):
         fitted = each["sets"].get("+".join(sorted(taken)))
         if fitted is not None:
             sigmas = np.sqrt(np.diag(fitted["covariance"]))
-            for name, value, sigma in zip(each["declared"], fitted["estimate"], sigmas, strict=False):
+            for name, value, sigma in zip(
+                each["declared"], fitted["estimate"], sigmas, strict=False
+            ):
                 seen.setdefault(name, []).append((value, float(sigma)))
     return sum(pooled(*np.array(values).T).q for values in seen.values() if len(values) > 1)
 
 
-def recurrence_of_effect(fits: Sequence[Mapping[str, Any]], name: str, sets: Sequence[frozenset[str]]) -> Recurrence | None:
+def recurrence_of_effect(
+    fits: Sequence[Mapping[str, Any]], name: str, sets: Sequence[frozenset[str]]
+) -> Recurrence | None:
     """An effect over the flights that can tell it; None with fewer than two."""
     evidence, able = evidence_of(fits, name, sets)
     if able.sum() < 2:
@@ -202,15 +297,22 @@ def recurrence_of_effect(fits: Sequence[Mapping[str, Any]], name: str, sets: Seq
     return Recurrence(**{**vars(found), "probability": probability, "at_common": at_common})
 
 
-def assigned(fits: Sequence[Mapping[str, Any]], taken: Sequence[str], sets: Sequence[frozenset[str]]) -> list[frozenset[str]]:
-    """Of each flight the effects that it is likelier to have than not, asked in turn until none changes."""
+def assigned(
+    fits: Sequence[Mapping[str, Any]], taken: Sequence[str], sets: Sequence[frozenset[str]]
+) -> list[frozenset[str]]:
+    """Of each flight the effects that it is likelier to have than not, asked in turn until none
+    changes.
+    """
     now = list(sets)
     for _ in range(4):
         before = list(now)
         for name in taken:
             found = recurrence_of_effect(fits, name, now)
             if found is not None:
-                now = [each | {name} if p > PRESENT else each - {name} for each, p in zip(now, found.probability, strict=True)]
+                now = [
+                    each | {name} if p > PRESENT else each - {name}
+                    for each, p in zip(now, found.probability, strict=True)
+                ]
         if now == before:
             break
     return now
@@ -233,31 +335,51 @@ def _told(
     for rival in names:
         if rival not in taken:
             other = recurrence_of_effect(fits, rival, [each - {name} for each in sets])
-            margins[rival] = 2.0 * (found.log_likelihood - (other.log_likelihood if other is not None else 0.0))
-    by_itself = tuple(one for one in flights if any(e["claimed"] and e["name"] == name for e in kept[one]["effects"]))
+            margins[rival] = 2.0 * (
+                found.log_likelihood - (other.log_likelihood if other is not None else 0.0)
+            )
+    by_itself = tuple(
+        one
+        for one in flights
+        if any(e["claimed"] and e["name"] == name for e in kept[one]["effects"])
+    )
     sigmas = np.sqrt(np.einsum("nii->ni", evidence.covariance))
     return Recurring(
-        name, {local: told["units"][local] for local in told["parameters"]}, tuple(flights), found, evidence.value, sigmas, margins, by_itself
+        name,
+        {local: told["units"][local] for local in told["parameters"]},
+        tuple(flights),
+        found,
+        evidence.value,
+        sigmas,
+        margins,
+        by_itself,
     )
 
 
 # ---- Which effects recur beside those that single flights claim
 
-NEEDED = 10.0  # twice the log likelihood, of a flight's own effect beside those that recur. chosen, as in a diagnosis
+# twice the log likelihood, of a flight's own effect beside those that recur. chosen, as in a
+# diagnosis
+NEEDED = 10.0
 ROUNDS = 4  # of asking flights for their own effects again; far more than it takes
 
 
 def recurring_with_other_effects(
     names: Sequence[str], flights: Sequence[str], fits: Sequence[Mapping[str, Any]], kept: Kept
 ) -> tuple[list[Recurring], list[frozenset[str]], list[Mapping[str, Any]]]:
-    """As ``recurring``, where a flight's own effects have to be needed beside what recurs; with the fits that were taken of each flight.
+    """As ``recurring``, where a flight's own effects have to be needed beside what recurs; with the
+    fits that were taken of each flight.
 
-    A flight alone may name one effect for two that recur, and would then say wrong values of both. Its own effects go where without them, with
-    whatever it has of what recurs, it is not clearly less likely; then all flights are asked again.
+    A flight alone may name one effect for two that recur, and would then say wrong values of both.
+    Its own effects go where without them, with whatever it has of what recurs, it is not clearly
+    less likely; then all flights are asked again.
     """
     left = (False,) * len(fits)
     for _ in range(ROUNDS):
-        now = [{**each, "sets": each["sets_without"]} if without else each for each, without in zip(fits, left, strict=True)]
+        now = [
+            {**each, "sets": each["sets_without"]} if without else each
+            for each, without in zip(fits, left, strict=True)
+        ]
         found, sets = recurring(names, flights, now, kept)
         taken = frozenset(each.name for each in found)
         before, left = left, tuple(_needless(each, taken) for each in fits)
@@ -267,17 +389,30 @@ def recurring_with_other_effects(
 
 
 def _needless(fitted: Mapping[str, Any], taken: frozenset[str]) -> bool:
-    """Whether a flight's own effects are not needed beside the effects ``taken``, of which it may have any."""
+    """Whether a flight's own effects are not needed beside the effects ``taken``, of which it may
+    have any.
+    """
 
     def most(sets: Mapping[str, Any]) -> float:
-        return max((each["log_likelihood"] for key, each in sets.items() if frozenset(filter(None, key.split("+"))) <= taken), default=-np.inf)
+        return max(
+            (
+                each["log_likelihood"]
+                for key, each in sets.items()
+                if frozenset(filter(None, key.split("+"))) <= taken
+            ),
+            default=-np.inf,
+        )
 
-    return "sets_without" in fitted and 2.0 * (most(fitted["sets"]) - most(fitted["sets_without"])) < NEEDED
+    return (
+        "sets_without" in fitted
+        and 2.0 * (most(fitted["sets"]) - most(fitted["sets_without"])) < NEEDED
+    )
 
 
 # ---- Derivatives of all flights
 
-FALSE_DISCOVERY_RATE = 0.05  # rate of false discoveries among the trends, and among the derivatives said to differ
+# rate of false discoveries among the trends, and among the derivatives said to differ
+FALSE_DISCOVERY_RATE = 0.05
 UNDETERMINED = 1e6  # sigma over the value, from which a flight says nothing of it
 
 
@@ -285,8 +420,9 @@ UNDETERMINED = 1e6  # sigma over the value, from which a flight says nothing of 
 class Derivative:
     """One derivative over the flights.
 
-    ``values``, ``sigmas (n,)`` of ``flights``. ``differs``: rate of false discoveries at which it has not one value. ``trends`` by condition with the
-    rate at which each is told. ``off (n,)``: standard deviations from the line or the common value, ``out`` those that stand out.
+    ``values``, ``sigmas (n,)`` of ``flights``. ``differs``: rate of false discoveries at which it
+    has not one value. ``trends`` by condition with the rate at which each is told. ``off (n,)``:
+    standard deviations from the line or the common value, ``out`` those that stand out.
     """
 
     name: str
@@ -303,7 +439,9 @@ class Derivative:
     @property
     def drifts(self) -> tuple[str, Trend] | None:
         """The condition with which it changes most surely, where one does."""
-        told = {name: (line, q) for name, (line, q) in self.trends.items() if q < FALSE_DISCOVERY_RATE}
+        told = {
+            name: (line, q) for name, (line, q) in self.trends.items() if q < FALSE_DISCOVERY_RATE
+        }
         if not told:
             return None
         best = min(told, key=lambda name: (told[name][0].p_value, name))
@@ -311,9 +449,14 @@ class Derivative:
 
 
 def estimates(
-    flights: Sequence[str], fits: Sequence[Mapping[str, Any]], found: Sequence[Recurring], sets: Sequence[frozenset[str]]
+    flights: Sequence[str],
+    fits: Sequence[Mapping[str, Any]],
+    found: Sequence[Recurring],
+    sets: Sequence[frozenset[str]],
 ) -> list[dict[str, tuple[float, float]]]:
-    """Derivatives of each flight with sigmas, once the other flights have told the values that are shared."""
+    """Derivatives of each flight with sigmas, once the other flights have told the values that are
+    shared.
+    """
     out: list[dict[str, tuple[float, float]]] = []
     shared = {each.name: each for each in found if each.found.agrees}
     for number, (each, taken) in enumerate(zip(fits, sets, strict=True)):
@@ -326,25 +469,38 @@ def estimates(
         for name in sorted(taken & set(shared)):
             one = shared[name]
             at = np.array([fitted["names"].index(full) for full in each["effects"][name]["full"]])
-            own = covariance_own[np.ix_(at, at)] / one.found.probability[number]  # as it weighs in the common value
+            # as it weighs in the common value
+            own = covariance_own[np.ix_(at, at)] / one.found.probability[number]
             others = without_one(one.found.value, one.found.covariance, one.values[number], own)
             if others is not None:
                 value, covariance = conditioned(value, covariance, at, *others)
         sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         out.append(
-            {n: (float(v), float(s)) for n, v, s in zip(each["declared"], value, sigma, strict=False) if 0 < s < UNDETERMINED * max(abs(v), 1e-12)}
+            {
+                n: (float(v), float(s))
+                for n, v, s in zip(each["declared"], value, sigma, strict=False)
+                if 0 < s < UNDETERMINED * max(abs(v), 1e-12)
+            }
         )
     return out
 
 
-def effects_over(found: Sequence[Recurring], conditions: Mapping[str, Mapping[str, float]]) -> dict[tuple[str, str], tuple[str, Trend]]:
-    """Parameters of effects whose values differ between flights, by effect and name, with the condition with which each changes most surely."""
+def effects_over(
+    found: Sequence[Recurring], conditions: Mapping[str, Mapping[str, float]]
+) -> dict[tuple[str, str], tuple[str, Trend]]:
+    """Parameters of effects whose values differ between flights, by effect and name, with the
+    condition with which each changes most surely.
+    """
     asked: list[tuple[tuple[str, str], str, Trend]] = []
     for each in found:
         if each.found.agrees:
             continue
         for condition, by_flight in conditions.items():
-            at = [number for number, name in enumerate(each.flights) if name in each.has and name in by_flight]
+            at = [
+                number
+                for number, name in enumerate(each.flights)
+                if name in each.has and name in by_flight
+            ]
             where = np.array([by_flight[each.flights[number]] for number in at])
             for place, local in enumerate(each.parameters):
                 line = trend(each.values[at, place], each.sigmas[at, place], where)
@@ -359,33 +515,65 @@ def effects_over(found: Sequence[Recurring], conditions: Mapping[str, Mapping[st
 
 
 def over_flights(
-    flights: Sequence[str], told: Sequence[Mapping[str, tuple[float, float]]], conditions: Mapping[str, Mapping[str, float]], units: Mapping[str, str]
+    flights: Sequence[str],
+    told: Sequence[Mapping[str, tuple[float, float]]],
+    conditions: Mapping[str, Mapping[str, float]],
+    units: Mapping[str, str],
 ) -> list[Derivative]:
     """Each derivative over all flights; ``conditions`` by name and flight."""
     names = list(dict.fromkeys(name for each in told for name in each))
     made = []
     for name in names:
         has = [number for number, each in enumerate(told) if name in each]
-        values, sigmas = (np.array([told[number][name][which] for number in has]) for which in (0, 1))
+        values, sigmas = (
+            np.array([told[number][name][which] for number in has]) for which in (0, 1)
+        )
         lines: dict[str, Trend] = {}
         for condition, by_flight in conditions.items():
             at = [place for place, number in enumerate(has) if flights[number] in by_flight]
-            line = trend(values[at], sigmas[at], np.array([by_flight[flights[has[place]]] for place in at]))
+            line = trend(
+                values[at], sigmas[at], np.array([by_flight[flights[has[place]]] for place in at])
+            )
             if line is not None:
                 lines[condition] = line
-        made.append((name, tuple(flights[number] for number in has), values, sigmas, pooled(values, sigmas), lines))
-    rates = iter(adjusted(np.array([line.p_value for *_, lines in made for line in lines.values()])))
+        made.append(
+            (
+                name,
+                tuple(flights[number] for number in has),
+                values,
+                sigmas,
+                pooled(values, sigmas),
+                lines,
+            )
+        )
+    rates = iter(
+        adjusted(np.array([line.p_value for *_, lines in made for line in lines.values()]))
+    )
     differ = adjusted(np.array([common.p_same for *_, common, _ in made]))
     out = []
     for (name, here, values, sigmas, common, lines), rate in zip(made, differ, strict=True):
         trends = {condition: (line, float(next(rates))) for condition, line in lines.items()}
         plain = Derivative(
-            name, units.get(name, ""), here, values, sigmas, common, float(rate), trends, np.zeros(len(here)), np.zeros(len(here), dtype=bool)
+            name,
+            units.get(name, ""),
+            here,
+            values,
+            sigmas,
+            common,
+            float(rate),
+            trends,
+            np.zeros(len(here)),
+            np.zeros(len(here), dtype=bool),
         )
         drift = plain.drifts
         left = values - common.value
         if drift is not None:
-            left = values - drift[1].band(np.array([conditions[drift[0]].get(one, drift[1].middle) for one in here]))[0]
+            left = (
+                values
+                - drift[1].band(
+                    np.array([conditions[drift[0]].get(one, drift[1].middle) for one in here])
+                )[0]
+            )
         off, stands = outlying_flights(left, sigmas)
         out.append(Derivative(**{**vars(plain), "off": off, "out": stands}))
     return out

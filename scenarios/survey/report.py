@@ -21,7 +21,8 @@ from scenarios.terminal.tables import WIDTH, columns_of, table_lines, wrapped
 
 # ---- What a survey found, in sentences and rows that terminal, page and JSON share
 
-# Linear effects between the recorded input and the aircraft: exchanged with it, they act on all outputs alike.
+# Linear effects between the recorded input and the aircraft: exchanged with it, they act on all
+# outputs alike.
 AT_THE_INPUT = ("actuator-lag", "actuator-second-order", "input-delay", "input-recorded-late")
 FORCES = ("CL_", "CD_", "CX_", "CY_", "CZ_")
 FAR = 1e-99  # a chance below it is told as one
@@ -36,8 +37,13 @@ def verdict_of(survey: SurveyResult) -> tuple[str, str]:
     if survey.recurs:
         return "RECURS", "; ".join(effect_phrase(each) for each in survey.recurs)
     open_ones = survey.verdicts.get(Verdict.UNEXPLAINED.value, 0)
-    besides = f"; {open_ones} of them {'are' if open_ones > 1 else 'is'} unexplained" if open_ones else ""
-    return "NOTHING RECURS", f"no effect acts in two or more of {len(kept)} flights beyond chance{besides}"
+    besides = (
+        f"; {open_ones} of them {'are' if open_ones > 1 else 'is'} unexplained" if open_ones else ""
+    )
+    return (
+        "NOTHING RECURS",
+        f"no effect acts in two or more of {len(kept)} flights beyond chance{besides}",
+    )
 
 
 def verdicts_phrase(survey: SurveyResult) -> str:
@@ -49,7 +55,13 @@ def verdicts_phrase(survey: SurveyResult) -> str:
 def effect_phrase(each: Recurring) -> str:
     """``"vane-offset 3.00 +- 0.02 m in 40 of 40 flights"``."""
     values = values_of(each)
-    told = f" {values[0].partition(' ')[2]}" if len(values) == 1 else f" ({', '.join(values)})" if len(values) == 2 else ""
+    told = (
+        f" {values[0].partition(' ')[2]}"
+        if len(values) == 1
+        else f" ({', '.join(values)})"
+        if len(values) == 2
+        else ""
+    )
     return f"{each.name}{told} in {len(each.has)} of {len(each.flights)} flights"
 
 
@@ -57,24 +69,37 @@ def values_of(each: Recurring) -> list[str]:
     """The common values with sigmas, in the units in which they are shown."""
     out = []
     sigmas = np.sqrt(np.diag(each.found.covariance))
-    for (local, unit), value, sigma in zip(each.parameters.items(), each.found.value, sigmas, strict=True):
+    for (local, unit), value, sigma in zip(
+        each.parameters.items(), each.found.value, sigmas, strict=True
+    ):
         factor, text = shown_in(unit, local)
-        out.append(f"{local} {number_text(factor * value, factor * sigma)} +- {number_text(factor * sigma, factor * sigma)}{spaced(text)}")
+        out.append(
+            f"{local} {number_text(factor * value, factor * sigma)} +- "
+            f"{number_text(factor * sigma, factor * sigma)}{spaced(text)}"
+        )
     return out
 
 
 def belongs_phrase(each: Recurring, survey: SurveyResult) -> str:
     """Whose it is, and whether its value is one, or changes with a condition."""
-    told = f"{len(each.has)} have it, {len(each.has_not)} have it not, {len(each.untold)} do not tell"
+    told = (
+        f"{len(each.has)} have it, {len(each.has_not)} have it not, {len(each.untold)} do not tell"
+    )
     whose = (
-        f"it belongs to the aircraft: no flight excludes it ({told})" if each.found.belongs == "aircraft" else f"it acts in some flights only: {told}"
+        f"it belongs to the aircraft: no flight excludes it ({told})"
+        if each.found.belongs == "aircraft"
+        else f"it acts in some flights only: {told}"
     )
     same = (
         "the values of all flights agree"
         if each.found.agrees
         else f"its values differ by {100 * each.found.scatter:.0f} % (one sigma) between flights"
     )
-    changes = [f"{local} {change}" for local in each.parameters if (change := _effect_change(survey, each, local))]
+    changes = [
+        f"{local} {change}"
+        for local in each.parameters
+        if (change := _effect_change(survey, each, local))
+    ]
     return "; ".join([whose, same, *changes])
 
 
@@ -93,18 +118,31 @@ def rivals_phrase(each: Recurring) -> str:
     out = []
     if equal:
         out.append(
-            f"likelihood does not tell it from {' or '.join(equal)}: named by the derivatives, which it scatters less, or by the flights' diagnoses"
+            f"likelihood does not tell it from {' or '.join(equal)}: named by the derivatives, "
+            "which it scatters less, or by the flights' diagnoses"
         )
     if told:
-        least = f"by {min(told.values()):.3g} of twice the log likelihood{' at least' if len(told) > 1 else ''}"
-        out.append(f"preferred to {' and '.join((', '.join(list(told)[:-1]), list(told)[-1])) if len(told) > 1 else next(iter(told))} {least}")
+        least = (
+            f"by {min(told.values()):.3g} of twice the log "
+            f"likelihood{' at least' if len(told) > 1 else ''}"
+        )
+        out.append(
+            "preferred to "
+            f"{' and '.join((', '.join(list(told)[:-1]), list(told)[-1])) if len(told) > 1 else next(iter(told))} "  # noqa: E501
+            f"{least}"
+        )
     if each.name in AT_THE_INPUT:
-        out.append("the same filter or delay before all recorded outputs alike would do as well: a linear aircraft cannot tell the two apart")
+        out.append(
+            "the same filter or delay before all recorded outputs alike would do as well: a linear "
+            "aircraft cannot tell the two apart"
+        )
     return "; ".join(out)
 
 
 def drift_phrase(survey: SurveyResult, each: Derivative) -> str:
-    """``"Cm_alpha changes with mass by -3.0e-05 +- 1e-06 1/rad per kg"``; empty where it does not change."""
+    """``"Cm_alpha changes with mass by -3.0e-05 +- 1e-06 1/rad per kg"``; empty where it does not
+    change.
+    """
     drift = each.drifts
     if drift is None:
         return ""
@@ -115,7 +153,10 @@ def _change(condition: str, line: Trend, per: str, unit: str, factor: float = 1.
     """``"changes with mass by -3.0e-05 +- 1e-06 1/rad per kg"``."""
     own = "" if unit in ("", "1") else f" {unit}"
     slope, sigma = factor * line.slope, factor * line.slope_sigma
-    return f"changes with {condition} by {slope:.3g} +- {sigma:.2g}{own} per {per if per != '1' else 'unit'}"
+    return (
+        f"changes with {condition} by {slope:.3g} +- {sigma:.2g}{own} per "
+        f"{per if per != '1' else 'unit'}"
+    )
 
 
 def drifts(survey: SurveyResult) -> list[str]:
@@ -125,11 +166,18 @@ def drifts(survey: SurveyResult) -> list[str]:
 
 def hints(survey: SurveyResult) -> list[str]:
     """What a change with a condition may mean other than what it says."""
-    forces = [each.name for each in survey.derivatives if each.drifts is not None and each.drifts[0] == "mass" and each.name.startswith(FORCES)]
+    forces = [
+        each.name
+        for each in survey.derivatives
+        if each.drifts is not None and each.drifts[0] == "mass" and each.name.startswith(FORCES)
+    ]
     if not forces:
         return []
     change = "change" if len(forces) > 1 else "changes"
-    return [f"{' and '.join(forces)} {change} with mass, which no force coefficient does by itself: check the masses that the flights were given"]
+    return [
+        f"{' and '.join(forces)} {change} with mass, which no force coefficient does by itself: "
+        "check the masses that the flights were given"
+    ]
 
 
 def outlying(survey: SurveyResult) -> list[tuple[str, str, float]]:
@@ -145,7 +193,10 @@ def outlying(survey: SurveyResult) -> list[tuple[str, str, float]]:
 def news(survey: SurveyResult) -> str:
     """What this survey computed, and what is new, failed or removed since the last one."""
     grown = survey.grown
-    parts = [f"{len(grown.kept)} flights", f"{len(grown.computed)} computed now, {len(grown.kept) - len(grown.computed)} kept"]
+    parts = [
+        f"{len(grown.kept)} flights",
+        f"{len(grown.computed)} computed now, {len(grown.kept) - len(grown.computed)} kept",
+    ]
     parts += [f"new: {listed(grown.new)}"] if grown.new else []
     parts += [f"{len(grown.failed)} failed: {listed(list(grown.failed))}"] if grown.failed else []
     parts += [f"removed since the last survey: {listed(grown.removed)}"] if grown.removed else []
@@ -154,8 +205,14 @@ def news(survey: SurveyResult) -> str:
 
 def single_phrases(survey: SurveyResult) -> list[str]:
     """Effects that flights claim and that do not recur."""
-    out = [f"{effect} is claimed in {listed(flights)} and does not recur" for effect, flights in survey.alone.items()]
-    return out + [f"{effect} is claimed in {listed(flights)}, where what recurs explains as much" for effect, flights in survey.needless.items()]
+    out = [
+        f"{effect} is claimed in {listed(flights)} and does not recur"
+        for effect, flights in survey.alone.items()
+    ]
+    return out + [
+        f"{effect} is claimed in {listed(flights)}, where what recurs explains as much"
+        for effect, flights in survey.needless.items()
+    ]
 
 
 def fresh(survey: SurveyResult) -> list[str]:
@@ -164,7 +221,13 @@ def fresh(survey: SurveyResult) -> list[str]:
     for name in survey.grown.new:
         kept = survey.grown.kept[name]
         has = [each.name for each in survey.recurs if name in each.has]
-        besides = f"; of what recurs it has {' and '.join(has)}" if has else "; it has nothing of what recurs" if survey.recurs else ""
+        besides = (
+            f"; of what recurs it has {' and '.join(has)}"
+            if has
+            else "; it has nothing of what recurs"
+            if survey.recurs
+            else ""
+        )
         out.append(f"{kept['verdict']}, {name}: {kept['headline']}{besides}")
     return out
 
@@ -182,10 +245,16 @@ def state(each: Recurring, flight: str) -> str:
 
 
 def newest_first(survey: SurveyResult) -> list[str]:
-    """Names of the flights: new ones first, then by date, the last first, then in the order of the file from its end."""
+    """Names of the flights: new ones first, then by date, the last first, then in the order of the
+    file from its end.
+    """
     order = list(survey.grown.kept)
     fresh = set(survey.grown.new)
-    return sorted(order, key=lambda name: (name in fresh, survey.grown.flights[name].date, order.index(name)), reverse=True)
+    return sorted(
+        order,
+        key=lambda name: (name in fresh, survey.grown.flights[name].date, order.index(name)),
+        reverse=True,
+    )
 
 
 def effect_rows(survey: SurveyResult) -> tuple[list[str], list[list[str]]]:
@@ -194,9 +263,33 @@ def effect_rows(survey: SurveyResult) -> tuple[list[str], list[list[str]]]:
     for each in survey.recurs:
         whose = "the aircraft" if each.found.belongs == "aircraft" else "some flights"
         chance = f"{each.found.p_value:.1g}" if each.found.p_value > FAR else f"<{FAR:.0e}"
-        counts = [str(len(each.has)), str(len(each.has_not)), str(len(each.untold)), str(len(each.named))]
-        rows.append([each.name, "; ".join(values_of(each)), whose, *counts, "yes" if each.found.agrees else "no", chance])
-    return ["effect", "common value", "belongs to", "have it", "have it not", "not told", "named alone", "one value", "chance"], rows
+        counts = [
+            str(len(each.has)),
+            str(len(each.has_not)),
+            str(len(each.untold)),
+            str(len(each.named)),
+        ]
+        rows.append(
+            [
+                each.name,
+                "; ".join(values_of(each)),
+                whose,
+                *counts,
+                "yes" if each.found.agrees else "no",
+                chance,
+            ]
+        )
+    return [
+        "effect",
+        "common value",
+        "belongs to",
+        "have it",
+        "have it not",
+        "not told",
+        "named alone",
+        "one value",
+        "chance",
+    ], rows
 
 
 def derivative_rows(survey: SurveyResult) -> tuple[list[str], list[list[str]]]:
@@ -207,8 +300,26 @@ def derivative_rows(survey: SurveyResult) -> tuple[list[str], list[list[str]]]:
         drift = drift_phrase(survey, each).partition(" changes ")[2] or "–"
         differs = "yes" if each.differs < FALSE_DISCOVERY_RATE else "no"
         sigma = number_text(common.sigma, common.sigma)
-        rows.append([each.name, each.unit or "1", number_text(common.value, common.sigma), sigma, f"{common.scatter:.2g}", differs, drift])
-    return ["derivative", "unit", "common value", "+- sigma", "scatter between flights", "differs", "changes"], rows
+        rows.append(
+            [
+                each.name,
+                each.unit or "1",
+                number_text(common.value, common.sigma),
+                sigma,
+                f"{common.scatter:.2g}",
+                differs,
+                drift,
+            ]
+        )
+    return [
+        "derivative",
+        "unit",
+        "common value",
+        "+- sigma",
+        "scatter between flights",
+        "differs",
+        "changes",
+    ], rows
 
 
 def flight_rows(survey: SurveyResult) -> tuple[list[str], list[list[str]]]:
@@ -219,14 +330,41 @@ def flight_rows(survey: SurveyResult) -> tuple[list[str], list[list[str]]]:
         effects = [state(each, name) for each in survey.recurs]
         alone = [effect for effect, flights in survey.alone.items() if name in flights]
         since = "new" if name in survey.grown.new else ""
-        rows.append([name, since, flight.date or "–", flight.tail or "–", kept["verdict"], *effects, ", ".join(alone) or "–", kinematics(kept)])
-    names = ["flight", "since", "date", "tail", "verdict", *(each.name for each in survey.recurs), "alone", "kinematics"]
-    told = [at for at, name in enumerate(names) if name in ("flight", "verdict", "kinematics") or any(row[at] not in ("", "–") for row in rows)]
+        rows.append(
+            [
+                name,
+                since,
+                flight.date or "–",
+                flight.tail or "–",
+                kept["verdict"],
+                *effects,
+                ", ".join(alone) or "–",
+                kinematics(kept),
+            ]
+        )
+    names = [
+        "flight",
+        "since",
+        "date",
+        "tail",
+        "verdict",
+        *(each.name for each in survey.recurs),
+        "alone",
+        "kinematics",
+    ]
+    told = [
+        at
+        for at, name in enumerate(names)
+        if name in ("flight", "verdict", "kinematics")
+        or any(row[at] not in ("", "–") for row in rows)
+    ]
     return [names[at] for at in told], [[row[at] for at in told] for row in rows]
 
 
 def kinematics(kept: Mapping[str, Any]) -> str:
-    """What stands of a flight's sensors by kinematics alone: the first, and how many would do as well or stand beside it."""
+    """What stands of a flight's sensors by kinematics alone: the first, and how many would do as
+    well or stand beside it.
+    """
     if not kept["check"]["done"]:
         return "not possible"
     first, *others = kept["check"]["findings"] or ["nothing stands"]
@@ -253,7 +391,10 @@ def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
         "needless": {name: list(flights) for name, flights in survey.needless.items()},
         "unfitted": dict(survey.unfitted),
         "derivatives": {each.name: derivative_content(each, survey) for each in survey.derivatives},
-        "stand_out": [{"flight": flight, "derivative": name, "sigmas": off} for flight, name, off in outlying(survey)],
+        "stand_out": [
+            {"flight": flight, "derivative": name, "sigmas": off}
+            for flight, name, off in outlying(survey)
+        ],
         "flights": {name: _flight(survey, name) for name in grown.kept},
         "failed": dict(grown.failed),
         "removed": list(grown.removed),
@@ -278,11 +419,20 @@ def effect_content(each: Recurring, survey: SurveyResult) -> dict[str, Any]:
         "belongs_to": found.belongs,
         "sentence": belongs_phrase(each, survey),
         "rivals_sentence": rivals_phrase(each),
-        "parameters": {local: {"value": float(value), "std": float(sigma), "unit": unit} for (local, unit), value, sigma in common},
+        "parameters": {
+            local: {"value": float(value), "std": float(sigma), "unit": unit}
+            for (local, unit), value, sigma in common
+        },
         "one_value": found.agrees,
         "scatter": found.scatter,
         "changes": {
-            local: {"with": condition, "slope": line.slope, "std": line.slope_sigma, "per": survey.condition_units[condition], "p": line.p_value}
+            local: {
+                "with": condition,
+                "slope": line.slope,
+                "std": line.slope_sigma,
+                "per": survey.condition_units[condition],
+                "p": line.p_value,
+            }
             for (name, local), (condition, line) in survey.effect_trends.items()
             if name == each.name
         },
@@ -298,7 +448,9 @@ def effect_content(each: Recurring, survey: SurveyResult) -> dict[str, Any]:
                 "values": dict(zip(each.parameters, map(float, v), strict=True)),
                 "stds": list(s),
             }
-            for name, p, v, s in zip(each.flights, found.probability, each.values, each.sigmas, strict=True)
+            for name, p, v, s in zip(
+                each.flights, found.probability, each.values, each.sigmas, strict=True
+            )
         },
     }
 
@@ -327,7 +479,10 @@ def derivative_content(each: Derivative, survey: SurveyResult) -> dict[str, Any]
             }
             for name, (line, rate) in each.trends.items()
         },
-        "flights": {name: {"value": float(v), "std": float(s)} for name, v, s in zip(each.flights, each.values, each.sigmas, strict=True)},
+        "flights": {
+            name: {"value": float(v), "std": float(s)}
+            for name, v, s in zip(each.flights, each.values, each.sigmas, strict=True)
+        },
     }
 
 
@@ -339,7 +494,9 @@ def _flight(survey: SurveyResult, name: str) -> dict[str, Any]:
         "headline": kept["headline"],
         "date": flight.date,
         "tail": flight.tail,
-        "condition": {key: {"value": value, "unit": unit} for key, (value, unit) in flight.condition.items()},
+        "condition": {
+            key: {"value": value, "unit": unit} for key, (value, unit) in flight.condition.items()
+        },
         "claimed": [each["name"] for each in kept["effects"] if each["claimed"]],
         "check": kept["check"],
         "report": f"flights/{name}/report.html",
@@ -350,11 +507,38 @@ def derivatives_text(survey: SurveyResult) -> str:
     """``derivatives.csv``: a row a flight and derivative, with the flight's conditions; SI."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["flight", "derivative", "unit", "value", "std", "sigmas_off", "stands_out", *survey.conditions])
+    writer.writerow(
+        [
+            "flight",
+            "derivative",
+            "unit",
+            "value",
+            "std",
+            "sigmas_off",
+            "stands_out",
+            *survey.conditions,
+        ]
+    )
     for each in survey.derivatives:
-        for name, value, sigma, off, out in zip(each.flights, each.values, each.sigmas, each.off, each.out, strict=True):
-            at = [repr(by_flight[name]) if name in by_flight else "" for by_flight in survey.conditions.values()]
-            writer.writerow([name, each.name, each.unit, repr(float(value)), repr(float(sigma)), f"{off:.4g}", int(out), *at])
+        for name, value, sigma, off, out in zip(
+            each.flights, each.values, each.sigmas, each.off, each.out, strict=True
+        ):
+            at = [
+                repr(by_flight[name]) if name in by_flight else ""
+                for by_flight in survey.conditions.values()
+            ]
+            writer.writerow(
+                [
+                    name,
+                    each.name,
+                    each.unit,
+                    repr(float(value)),
+                    repr(float(sigma)),
+                    f"{off:.4g}",
+                    int(out),
+                    *at,
+                ]
+            )
     return text.getvalue()
 
 
@@ -366,18 +550,44 @@ def survey_text(survey: SurveyResult, width: int = WIDTH, details: str = BELOW) 
     lines = [*summary_lines(summary_of(survey, details), width), ""]
     lines += table_lines(columns_of(*effect_rows(survey), left=3), title="what recurs", width=width)
     for each in survey.recurs:
-        told = "; ".join(part for part in (belongs_phrase(each, survey), rivals_phrase(each)) if part)
+        told = "; ".join(
+            part for part in (belongs_phrase(each, survey), rivals_phrase(each)) if part
+        )
         lines += wrapped(f"{each.name}: {told}", width)
-    lines += ["", *table_lines(columns_of(*derivative_rows(survey), left=2, words=("changes",)), title="derivatives over the flights", width=width)]
+    lines += [
+        "",
+        *table_lines(
+            columns_of(*derivative_rows(survey), left=2, words=("changes",)),
+            title="derivatives over the flights",
+            width=width,
+        ),
+    ]
     far = [[flight, name, f"{off:+.1f}"] for flight, name, off in outlying(survey)]
     lines += (
-        ["", *table_lines(columns_of(["flight", "derivative", "off, sigmas"], far, left=2), title="flights that stand out", width=width)]
+        [
+            "",
+            *table_lines(
+                columns_of(["flight", "derivative", "off, sigmas"], far, left=2),
+                title="flights that stand out",
+                width=width,
+            ),
+        ]
         if far
         else []
     )
     names, rows = flight_rows(survey)
-    lines += ["", *table_lines(columns_of(names, rows, left=len(names)), title="flights, the newest first", width=width)]
-    for told in (*survey.warnings, *(f"note: {note}" for note in survey.notes), *hints(survey), *single_phrases(survey)):
+    lines += [
+        "",
+        *table_lines(
+            columns_of(names, rows, left=len(names)), title="flights, the newest first", width=width
+        ),
+    ]
+    for told in (
+        *survey.warnings,
+        *(f"note: {note}" for note in survey.notes),
+        *hints(survey),
+        *single_phrases(survey),
+    ):
         lines += wrapped(told, width)
     return "\n".join(lines) + "\n"
 
@@ -387,6 +597,12 @@ def summary_of(survey: SurveyResult, details: str = BELOW) -> Summary:
     word, rest = verdict_of(survey)
     changes = "; ".join(drifts(survey)) or "no derivative changes with a condition beyond chance"
     far = outlying(survey)
-    stands = f"stand out: {listed(list(dict.fromkeys(flight for flight, _, _ in far)))}" if far else "no flight stands out"
+    stands = (
+        f"stand out: {listed(list(dict.fromkeys(flight for flight, _, _ in far)))}"
+        if far
+        else "no flight stands out"
+    )
     stands = "; ".join(filter(None, (stands, verdicts_phrase(survey))))
-    return Summary(f"{survey.flights.title}: {news(survey)}", f"{word}: {rest}", changes, stands, details)
+    return Summary(
+        f"{survey.flights.title}: {news(survey)}", f"{word}: {rest}", changes, stands, details
+    )

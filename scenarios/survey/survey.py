@@ -31,10 +31,12 @@ FITTING = 0.75  # share of the work that is the diagnoses
 class SurveyResult:
     """The result of a survey.
 
-    ``flights``: what was asked. ``grown``: each flight's own result. ``recurs``: effects that recur. ``tried``: those that were asked of all flights.
-    ``alone``: effects that flights claim and that do not recur, with these flights; ``needless``: those that what recurs explains as well.
-    ``derivatives`` over the flights. ``effect_trends``: values of effects that change with a condition. ``refitted``: flights that were fitted with
-    what recurs in this run. ``unfitted``: those that could not be, with the reason.
+    ``flights``: what was asked. ``grown``: each flight's own result. ``recurs``: effects that
+    recur. ``tried``: those that were asked of all flights. ``alone``: effects that flights claim
+    and that do not recur, with these flights; ``needless``: those that what recurs explains as
+    well. ``derivatives`` over the flights. ``effect_trends``: values of effects that change with a
+    condition. ``refitted``: flights that were fitted with what recurs in this run. ``unfitted``:
+    those that could not be, with the reason.
     """
 
     flights: Flights
@@ -54,13 +56,29 @@ class SurveyResult:
     def warnings(self) -> tuple[str, ...]:
         """Flights that say nothing, or nothing of what recurs, each with the reason."""
         failed = [f"{name} failed: {reason}" for name, reason in self.grown.failed.items()]
-        return (*failed, *(f"{name} could not be fitted with what recurs: {reason}" for name, reason in self.unfitted.items()))
+        return (
+            *failed,
+            *(
+                f"{name} could not be fitted with what recurs: {reason}"
+                for name, reason in self.unfitted.items()
+            ),
+        )
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The vehicle files that were read without being named, in one sentence; empty without one."""
-        found = dict.fromkeys(str(flight.vehicle_beside) for flight in self.flights.flights if flight.vehicle_beside is not None)
-        return (f"read without being named, because found beside the records: {', '.join(found)}",) if found else ()
+        """The vehicle files that were read without being named, in one sentence; empty without
+        one.
+        """
+        found = dict.fromkeys(
+            str(flight.vehicle_beside)
+            for flight in self.flights.flights
+            if flight.vehicle_beside is not None
+        )
+        return (
+            (f"read without being named, because found beside the records: {', '.join(found)}",)
+            if found
+            else ()
+        )
 
     def __repr__(self) -> str:
         named = ", ".join(each.name for each in self.recurs) or "nothing recurs"
@@ -69,7 +87,9 @@ class SurveyResult:
     @property
     def verdicts(self) -> Mapping[str, int]:
         """How often each verdict stands over single flights."""
-        return dict(Counter(str(each["verdict"]) for each in self.grown.kept.values()).most_common())
+        return dict(
+            Counter(str(each["verdict"]) for each in self.grown.kept.values()).most_common()
+        )
 
 
 def survey_flights(
@@ -82,25 +102,42 @@ def survey_flights(
 ) -> SurveyResult:
     """Survey the flights of a file into a folder, in which each flight's own results are kept.
 
-    ``jobs`` : processes of this machine. ``cluster`` : the address of a Dask scheduler, whose workers take their place.
+    ``jobs`` : processes of this machine. ``cluster`` : the address of a Dask scheduler, whose
+    workers take their place.
 
     Raises
     ------
-    FlightidError : anything in the file that keeps it from being used. KeyboardInterrupt : Ctrl-C, with what is kept.
+    FlightidError : anything in the file that keeps it from being used. KeyboardInterrupt : Ctrl-C,
+    with what is kept.
     """
     asked = read_flights(path)
     tell("reading", 0.0)
-    had = grown(asked, folder, jobs, figures, lambda stage, share: tell(stage, FITTING * share), cluster)
+    had = grown(
+        asked, folder, jobs, figures, lambda stage, share: tell(stage, FITTING * share), cluster
+    )
     names = candidates(had.kept)
     begun = FITTING if had.computed else 0.0  # so that the time that is left follows from the share
-    fits, refitted, unfitted = _fits(had, names, folder, jobs, lambda stage, share: tell(stage, begun + (0.95 - begun) * share), cluster)
+    fits, refitted, unfitted = _fits(
+        had,
+        names,
+        folder,
+        jobs,
+        lambda stage, share: tell(stage, begun + (0.95 - begun) * share),
+        cluster,
+    )
     fitted = tuple(fits)
-    found, sets, taken_of = recurring_with_other_effects(names, fitted, list(fits.values()), had.kept)
+    found, sets, taken_of = recurring_with_other_effects(
+        names, fitted, list(fits.values()), had.kept
+    )
     conditions, condition_units = conditions_of(had)
     told = estimates(fitted, taken_of, found, sets)
     units = {name: unit for each in fits.values() for name, unit in each["units"].items()}
     taken = {each.name for each in found} | {rival for each in found for rival in each.rivals}
-    left = {name for name, each in zip(fitted, taken_of, strict=True) if each["sets"] is each.get("sets_without")}
+    left = {
+        name
+        for name, each in zip(fitted, taken_of, strict=True)
+        if each["sets"] is each.get("sets_without")
+    }
     alone: dict[str, list[str]] = {}
     needless: dict[str, list[str]] = {}
     for name, flight in had.kept.items():
@@ -111,24 +148,49 @@ def survey_flights(
     derivatives = over_flights(fitted, told, conditions, units)
     changes = effects_over(found, conditions)
     tell("pooled", 0.96)
-    single, gone_of = ({name: tuple(here) for name, here in sorted(each.items())} for each in (alone, needless))
+    single, gone_of = (
+        {name: tuple(here) for name, here in sorted(each.items())} for each in (alone, needless)
+    )
     return SurveyResult(
-        asked, had, tuple(found), names, single, gone_of, tuple(derivatives), conditions, condition_units, changes, refitted, unfitted
+        asked,
+        had,
+        tuple(found),
+        names,
+        single,
+        gone_of,
+        tuple(derivatives),
+        conditions,
+        condition_units,
+        changes,
+        refitted,
+        unfitted,
     )
 
 
 def _fits(
     had: Grown, names: tuple[str, ...], folder: Path, jobs: int, tell: Tell, cluster: str | None
 ) -> tuple[dict[str, Mapping[str, Any]], int, dict[str, str]]:
-    """The fits of each flight with every set of what may recur, how many flights were fitted for that now, and which could not be."""
+    """The fits of each flight with every set of what may recur, how many flights were fitted for
+    that now, and which could not be.
+    """
     flights = [had.flights[name] for name in had.kept]
     whole = PooledFits(
-        tuple(flights), names, starts_of(had.kept, names), tuple(effects_of_one_flight(each, names) for each in had.kept.values()), folder
+        tuple(flights),
+        names,
+        starts_of(had.kept, names),
+        tuple(effects_of_one_flight(each, names) for each in had.kept.values()),
+        folder,
     )
     missing = [number for number in range(len(flights)) if whole.kept(number) is None]
     failed: dict[str, str] = {}
     if missing:
-        work = PooledFits(tuple(flights[n] for n in missing), names, whole.starts, tuple(whole.own[n] for n in missing), folder)
+        work = PooledFits(
+            tuple(flights[n] for n in missing),
+            names,
+            whole.starts,
+            tuple(whole.own[n] for n in missing),
+            folder,
+        )
         try:
             table = flown(work, len(missing), jobs, folder, tell, cluster)
         except KeyboardInterrupt:
@@ -136,7 +198,9 @@ def _fits(
         if table is None or not table.whole:
             raise KeyboardInterrupt(f"all {len(flights)} flights are kept in {folder}")
         errors = zip(table.columns["number"], table.columns["error"], strict=True)
-        failed = {flights[missing[int(number)]].name: str(error) for number, error in errors if error}
+        failed = {
+            flights[missing[int(number)]].name: str(error) for number, error in errors if error
+        }
     found = {flight.name: whole.kept(number) for number, flight in enumerate(flights)}
     return {name: each for name, each in found.items() if each is not None}, len(missing), failed
 

@@ -1,4 +1,5 @@
-"""Repeated work: numbered tasks with seeds of their own, run by one process, by many, or by a cluster, and kept as they end.
+"""Repeated work: numbered tasks with seeds of their own, run by one process, by many, or by a
+cluster, and kept as they end.
 
 A study of N independent tasks (runs of a campaign, surrogate flights, random cases, flights of a
 fleet): each has a number, a seed of its own and gives one row. Nothing in a row depends on how many

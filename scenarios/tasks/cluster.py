@@ -1,4 +1,6 @@
-"""Blocks of tasks on the workers of a Dask cluster that is there already; results come back as they are ready."""
+"""Blocks of tasks on the workers of a Dask cluster that is there already; results come back as they
+are ready.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,8 @@ REACHED = 6.0  # s in which a scheduler has to answer
 SILENT = 20.0  # s of a busy scheduler's silence, after which it counts as lost
 LOOK = 2.0  # s between looks whether the scheduler lives and how many workers it has
 POLL = 0.01  # s between looks for what has ended
-AHEAD = 3  # blocks on their way for each thread of a worker: none waits for work, and memory is bounded
+# blocks on their way for each thread of a worker: none waits for work, and memory is bounded
+AHEAD = 3
 FEWEST = 4  # blocks on their way while there are no workers yet
 PARTING = 1.0  # s that taking leave may take
 
@@ -41,13 +44,16 @@ def run_on_cluster(
     longest: float | None = None,
     say: Callable[[str], None] = lambda words: None,
 ) -> Generator[list[Ended], None, None]:
-    """As ``run_blocks``, by the workers of the Dask scheduler at ``address``; ``say`` is told what it waits for.
+    """As ``run_blocks``, by the workers of the Dask scheduler at ``address``; ``say`` is told what
+    it waits for.
 
-    The work is sent once to each worker. A block whose worker dies is run by another, until Dask gives it up; then that is recorded.
+    The work is sent once to each worker. A block whose worker dies is run by another, until Dask
+    gives it up; then that is recorded.
 
     Raises
     ------
-    FlightidError : Dask is not installed, no scheduler answers, it is lost, or a worker has not the flightid that is here.
+    FlightidError : Dask is not installed, no scheduler answers, it is lost, or a worker has not the
+    flightid that is here.
     """
     if not len(blocks):
         return
@@ -65,8 +71,8 @@ class _SentBlock(NamedTuple):
 class _Sending:
     """How a block is handed to the cluster.
 
-    What is sent is made of plain values and functions that are sent by value, so that the scheduler needs no flightid, and a worker that
-    has none can say so.
+    What is sent is made of plain values and functions that are sent by value, so that the scheduler
+    needs no flightid, and a worker that has none can say so.
     """
 
     def __init__(self, client: Client, work: Work, longest: float | None) -> None:
@@ -76,13 +82,22 @@ class _Sending:
         def loaded(content: bytes) -> bytes:
             return content
 
-        def run(content: bytes, token: str, block: list[tuple[int, int]], longest: float | None, here: dict[str, str]) -> Any:
+        def run(
+            content: bytes,
+            token: str,
+            block: list[tuple[int, int]],
+            longest: float | None,
+            here: dict[str, str],
+        ) -> Any:
             import socket
 
             try:
                 from scenarios.tasks.cluster_worker import run_sent
             except ImportError as error:
-                return f"the worker on {socket.gethostname()} has no flightid, or an older one ({error})"
+                return (
+                    f"the worker on {socket.gethostname()} has no flightid, or an older one "
+                    f"({error})"
+                )
             return run_sent(content, token, block, longest, here)
 
         # A task, not scattered data: if the workers that hold it die, the scheduler makes it again.
@@ -91,11 +106,24 @@ class _Sending:
 
     def __call__(self, at: int, block: Sequence[Task]) -> Future:
         plain = [(task.number, task.seed) for task in block]
-        return self.client.submit(self._run, self._work, self.token, plain, self.longest, versions(), key=f"{self.token}-{at}", pure=False)
+        return self.client.submit(
+            self._run,
+            self._work,
+            self.token,
+            plain,
+            self.longest,
+            versions(),
+            key=f"{self.token}-{at}",
+            pure=False,
+        )
 
 
 def _streamed(
-    client: Client, send: _Sending, blocks: Sequence[Sequence[Task]], address: str, say: Callable[[str], None]
+    client: Client,
+    send: _Sending,
+    blocks: Sequence[Sequence[Task]],
+    address: str,
+    say: Callable[[str], None],
 ) -> Generator[list[Ended], None, None]:
     from distributed import as_completed
 
@@ -107,7 +135,11 @@ def _streamed(
             threads = _threads(client, address)
             window, looked = max(FEWEST, AHEAD * threads), time.monotonic()
             if not threads:
-                say("the cluster has no workers yet" if not given else "the cluster has no workers, waiting for some")
+                say(
+                    "the cluster has no workers yet"
+                    if not given
+                    else "the cluster has no workers, waiting for some"
+                )
         while given < len(blocks) and len(waiting) < window:
             future = send(given, blocks[given])
             waiting[str(future.key)] = _SentBlock(given, future)
@@ -130,14 +162,20 @@ def _ended(block: Sequence[Task], future: Future, result: Any, address: str) -> 
         raise FlightidError(what, where=address, remedy=remedy)
     if isinstance(result, str):
         there = ", ".join(f"{name} {number}" for name, number in versions().items())
-        raise FlightidError(result, where=address, remedy=f"have the same on every worker as here: {there}")
+        raise FlightidError(
+            result, where=address, remedy=f"have the same on every worker as here: {there}"
+        )
     if future.status == "finished":
         return list(result)
     if future.status != "error":
         raise _lost(address)
     error = future.exception(timeout=REACHED)
     if type(error).__name__ == "KilledWorker":
-        return failed_by_circumstance(block, f"{error.allowed_failures + 1} workers died over it, the last {error.last_worker.address}")
+        return failed_by_circumstance(
+            block,
+            f"{error.allowed_failures + 1} workers died over it, the last "
+            f"{error.last_worker.address}",
+        )
     return failed_by_circumstance(block, " ".join(f"{type(error).__name__}: {error}".split()))
 
 
@@ -158,21 +196,34 @@ def _lost(address: str) -> FlightidError:
 
 @contextlib.contextmanager
 def _connected(address: str) -> Iterator[Client]:
-    """A client of the scheduler, quiet: what goes wrong is told in one line of ours. What it sent is given up when it leaves."""
+    """A client of the scheduler, quiet: what goes wrong is told in one line of ours. What it sent
+    is given up when it leaves.
+    """
     try:
         import dask
         from distributed import Client
     except ImportError:
         raise FlightidError("Dask is not installed", where=FLAG, remedy=INSTALL) from None
-    settings = {"distributed.comm.timeouts.connect": REACHED, "distributed.admin.large-graph-warning-threshold": "1GiB"}
+    settings = {
+        "distributed.comm.timeouts.connect": REACHED,
+        "distributed.admin.large-graph-warning-threshold": "1GiB",
+    }
     with _quiet(), dask.config.set(settings):
         try:
             kind = _kind(address)
-            client = Client(address, timeout=REACHED, set_as_default=False, name="flightid") if kind == "Scheduler" else None
+            client = (
+                Client(address, timeout=REACHED, set_as_default=False, name="flightid")
+                if kind == "Scheduler"
+                else None
+            )
         except Exception as error:
-            raise FlightidError(f"no Dask scheduler answers ({_short(error)})", where=address, remedy=START) from None
+            raise FlightidError(
+                f"no Dask scheduler answers ({_short(error)})", where=address, remedy=START
+            ) from None
         if client is None:
-            raise FlightidError(f"this is a Dask {kind.lower()} and no scheduler", where=address, remedy=START)
+            raise FlightidError(
+                f"this is a Dask {kind.lower()} and no scheduler", where=address, remedy=START
+            )
         try:
             yield client
         finally:
@@ -181,7 +232,9 @@ def _connected(address: str) -> Iterator[Client]:
 
 
 def _kind(address: str) -> str:
-    """What answers at an address: ``"Scheduler"``, ``"Worker"``, ... A client would wait for ever where something else listens there."""
+    """What answers at an address: ``"Scheduler"``, ``"Worker"``, ... A client would wait for ever
+    where something else listens there.
+    """
     from distributed.core import rpc
 
     async def asked() -> str:
@@ -199,7 +252,8 @@ def _kind(address: str) -> str:
         except Exception as error:
             answer.put(error)
 
-    # In a thread, since in a notebook this one has a loop of its own; not waited for, so that Ctrl-C ends it.
+    # In a thread, since in a notebook this one has a loop of its own; not waited for, so that
+    # Ctrl-C ends it.
     threading.Thread(target=run, daemon=True).start()
     found = answer.get()
     if isinstance(found, Exception):
@@ -209,7 +263,11 @@ def _kind(address: str) -> str:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in ("distributed", "tornado")]
+    names = [
+        name
+        for name in logging.root.manager.loggerDict
+        if name.split(".")[0] in ("distributed", "tornado")
+    ]
     loggers = [logger for logger in map(logging.getLogger, names) if not logger.disabled]
     for logger in loggers:
         logger.disabled = True

@@ -1,4 +1,6 @@
-"""What a worker of a Dask cluster does with a block: it gives it to a process of its own, as ``processes`` does on one machine."""
+"""What a worker of a Dask cluster does with a block: it gives it to a process of its own, as
+``processes`` does on one machine.
+"""
 
 from __future__ import annotations
 
@@ -24,19 +26,27 @@ _works: dict[str, Work] = {}  # the one that was sent last, by its token
 
 
 def run_sent(
-    content: bytes, token: str, block: Sequence[tuple[int, int]], longest: float | None, asked: Mapping[str, str]
+    content: bytes,
+    token: str,
+    block: Sequence[tuple[int, int]],
+    longest: float | None,
+    asked: Mapping[str, str],
 ) -> list[Ended] | str | tuple[str, str]:
-    """A block ``(number, seed)`` of the pickled work ``content``; or, in words, why this worker cannot run it, with the remedy if it is known.
+    """A block ``(number, seed)`` of the pickled work ``content``; or, in words, why this worker
+    cannot run it, with the remedy if it is known.
 
-    A block that ends its process, or takes longer than ``longest`` s, leaves the worker alive, and threads of one worker do not share
-    an interpreter: in a worker with four, four processes work.
+    A block that ends its process, or takes longer than ``longest`` s, leaves the worker alive, and
+    threads of one worker do not share an interpreter: in a worker with four, four processes work.
     """
     if differing := _differing(asked, versions()):
         return f"the worker on {socket.gethostname()} has {differing}"
     try:
         lane = _lane(content, token, longest)
     except Exception as error:
-        return f"the worker on {socket.gethostname()} cannot load what is to be done ({' '.join(f'{type(error).__name__}: {error}'.split())})"
+        return (
+            f"the worker on {socket.gethostname()} cannot load what is to be done "
+            f"({' '.join(f'{type(error).__name__}: {error}'.split())})"
+        )
     if isinstance(lane, tuple):
         return lane
     ended = lane.run([Task(number, seed) for number, seed in block])
@@ -124,7 +134,9 @@ def _end_idle(longest: float) -> None:
 
 
 def _differing(here: Mapping[str, str], there: Mapping[str, str]) -> str:
-    """The first difference on which the last digits hang, in words; of Python, the second number of its version."""
+    """The first difference on which the last digits hang, in words; of Python, the second number of
+    its version.
+    """
     for name in (*DECIDING, "python"):
         one, other = here.get(name), there.get(name)
         if name == "python":

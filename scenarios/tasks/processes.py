@@ -41,7 +41,10 @@ def run_block(work: Work, block: Sequence[Task]) -> list[Ended]:
         line = " ".join(f"{type(error).__name__}: {error}".split())
         rows = [line] * len(block)
     seconds = (time.perf_counter() - started) / len(block)
-    return [Ended(task, None, row, seconds) if isinstance(row, str) else Ended(task, row, "", seconds) for task, row in zip(block, rows, strict=True)]
+    return [
+        Ended(task, None, row, seconds) if isinstance(row, str) else Ended(task, row, "", seconds)
+        for task, row in zip(block, rows, strict=True)
+    ]
 
 
 def failed_by_circumstance(block: Sequence[Task], why: str, seconds: float = 0.0) -> list[Ended]:
@@ -57,13 +60,22 @@ if sys.platform != "win32":
 
 LOOK = 0.5  # s between looks whether all processes live
 LIVES = 2  # processes that may die over one block, before it is given up
-THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+THREADS = (
+    "OPENBLAS_NUM_THREADS",
+    "OMP_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "BLIS_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+)
 _PARENT_DIES = 1  # PR_SET_PDEATHSIG of Linux
-_STARTING = threading.Lock()  # a pool starts the successor of a dead process from a thread of its own
+# a pool starts the successor of a dead process from a thread of its own
+_STARTING = threading.Lock()
 
 
 class _Spawned(SpawnProcess):
-    """A process started afresh, which imports the work's module by itself; the way where nothing can fork."""
+    """A process started afresh, which imports the work's module by itself; the way where nothing
+    can fork.
+    """
 
     @staticmethod
     def _Popen(process_obj: BaseProcess) -> Any:
@@ -89,10 +101,14 @@ if sys.platform != "win32":
 
 
 def _started(start: Callable[[BaseProcess], Any], process_obj: BaseProcess) -> Any:
-    """Start a process that does not import the caller's own script again, which need not be guarded against that."""
+    """Start a process that does not import the caller's own script again, which need not be guarded
+    against that.
+    """
     with _STARTING:
         main = sys.modules["__main__"]
-        hidden = {name: getattr(main, name) for name in ("__spec__", "__file__") if hasattr(main, name)}
+        hidden = {
+            name: getattr(main, name) for name in ("__spec__", "__file__") if hasattr(main, name)
+        }
         try:
             main.__spec__ = None
             with contextlib.suppress(AttributeError):
@@ -103,8 +119,11 @@ def _started(start: Callable[[BaseProcess], Any], process_obj: BaseProcess) -> A
                 setattr(main, name, value)
 
 
-def run_in_processes(work: Work, blocks: Sequence[Sequence[Task]], jobs: int, longest: float | None = None) -> Generator[list[Ended], None, None]:
-    """As ``run_blocks``, by ``jobs`` processes, which are ended at once where the caller stops, fails or is interrupted.
+def run_in_processes(
+    work: Work, blocks: Sequence[Sequence[Task]], jobs: int, longest: float | None = None
+) -> Generator[list[Ended], None, None]:
+    """As ``run_blocks``, by ``jobs`` processes, which are ended at once where the caller stops,
+    fails or is interrupted.
 
     A process that dies takes no study with it: its block is given to another, once.
     """
@@ -114,22 +133,33 @@ def run_in_processes(work: Work, blocks: Sequence[Sequence[Task]], jobs: int, lo
     waiting: dict[Future[list[Ended]], _GivenBlock] = {}
 
     def another() -> ProcessPool:
-        # One process each: those of one pool share a pipe and its locks, and one that dies at the wrong moment stops the others.
-        pools.append(ProcessPool(max_workers=1, initializer=_begin, initargs=(work,), context=context))
+        # One process each: those of one pool share a pipe and its locks, and one that dies at the
+        # wrong moment stops the others.
+        pools.append(
+            ProcessPool(max_workers=1, initializer=_begin, initargs=(work,), context=context)
+        )
         return pools[-1]
 
     def give(at: int, life: int) -> None:
         while idle:
             pool = idle.pop()
             with contextlib.suppress(RuntimeError):  # it died while it had nothing to do
-                waiting[pool.schedule(_run, args=(list(blocks[at]),), timeout=longest)] = _GivenBlock(at, life, pool)
+                waiting[pool.schedule(_run, args=(list(blocks[at]),), timeout=longest)] = (
+                    _GivenBlock(at, life, pool)
+                )
                 return
             _end(pools, pool)
         pool = another()
         try:
-            waiting[pool.schedule(_run, args=(list(blocks[at]),), timeout=longest)] = _GivenBlock(at, life, pool)
+            waiting[pool.schedule(_run, args=(list(blocks[at]),), timeout=longest)] = _GivenBlock(
+                at, life, pool
+            )
         except BrokenProcessPool:
-            raise FlightidError("no process can be started", where="--jobs", remedy="ask for fewer, or close what takes memory") from None
+            raise FlightidError(
+                "no process can be started",
+                where="--jobs",
+                remedy="ask for fewer, or close what takes memory",
+            ) from None
 
     given = 0
     try:
@@ -145,13 +175,19 @@ def run_in_processes(work: Work, blocks: Sequence[Sequence[Task]], jobs: int, lo
                     idle.append(to.pool)
                 except TimeoutError:
                     _end(pools, to.pool)
-                    ended = failed_by_circumstance(blocks[to.at], f"ended after {longest:g} s, the time that it was given", float(longest or 0.0))
+                    ended = failed_by_circumstance(
+                        blocks[to.at],
+                        f"ended after {longest:g} s, the time that it was given",
+                        float(longest or 0.0),
+                    )
                 except BrokenProcessPool as error:
                     _end(pools, to.pool)
                     if to.life < LIVES:
                         give(to.at, to.life + 1)
                         continue
-                    ended = failed_by_circumstance(blocks[to.at], f"{to.life} processes died over it{error}")
+                    ended = failed_by_circumstance(
+                        blocks[to.at], f"{to.life} processes died over it{error}"
+                    )
                 yield ended
     finally:
         _end(pools, *pools)
@@ -187,9 +223,11 @@ def _end(pools: list[ProcessPool], *ending: ProcessPool) -> None:
 
 
 def _context(module: str) -> BaseContext:
-    """How processes are started: forked from a server that has loaded ``module``, or afresh where nothing can fork.
+    """How processes are started: forked from a server that has loaded ``module``, or afresh where
+    nothing can fork.
 
-    The server runs no threads, and is deaf to Ctrl-C as they are: a terminal sends it to all processes, and the first alone answers it.
+    The server runs no threads, and is deaf to Ctrl-C as they are: a terminal sends it to all
+    processes, and the first alone answers it.
     """
     if sys.platform == "win32" or not can_fork():
         return _Spawning()
@@ -203,7 +241,9 @@ def _context(module: str) -> BaseContext:
 
 @contextlib.contextmanager
 def _held_back() -> Iterator[None]:
-    """Ctrl-C waits until the body is left, and what is started there never gets it. Windows has no such mask."""
+    """Ctrl-C waits until the body is left, and what is started there never gets it. Windows has no
+    such mask.
+    """
     if sys.platform == "win32":
         yield
         return
@@ -240,25 +280,33 @@ WORTH = 2.0  # s of work left in one process, from which starting others pays
 
 
 def available_cores() -> int:
-    """Processors that this process may use, which a batch system may have made fewer than the machine has."""
+    """Processors that this process may use, which a batch system may have made fewer than the
+    machine has.
+    """
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
-def run_blocks(work: Work, blocks: Sequence[Sequence[Task]], jobs: int = 1, longest: float | None = None) -> Iterator[list[Ended]]:
+def run_blocks(
+    work: Work, blocks: Sequence[Sequence[Task]], jobs: int = 1, longest: float | None = None
+) -> Iterator[list[Ended]]:
     """Each block's tasks as they end, in whatever order. Nothing in a row depends on ``jobs``.
 
-    ``longest`` : s of wall time that a block may take; then it is ended, and its tasks have that as their error. What is ``quick``
-    begins here, and goes to processes if enough is left for them.
+    ``longest`` : s of wall time that a block may take; then it is ended, and its tasks have that as
+    their error. What is ``quick`` begins here, and goes to processes if enough is left for them.
     """
     at = 0
     if longest is None:
-        while at < len(blocks) and (jobs < 2 or len(blocks) - at < 2 or getattr(work, "quick", False)):
+        while at < len(blocks) and (
+            jobs < 2 or len(blocks) - at < 2 or getattr(work, "quick", False)
+        ):
             started = time.perf_counter()
             yield run_block(work, blocks[at])
             at += 1
-            if jobs > 1 and (time.perf_counter() - started) * (len(blocks) - at) > WORTH * jobs / (jobs - 1.0):
+            if jobs > 1 and (time.perf_counter() - started) * (len(blocks) - at) > WORTH * jobs / (
+                jobs - 1.0
+            ):
                 break
     if at < len(blocks):
         yield from run_in_processes(work, blocks[at:], jobs, longest)

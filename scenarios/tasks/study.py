@@ -12,7 +12,20 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from scenarios.tasks.processes import available_cores, run_blocks
-from scenarios.tasks.work import Columns, Ended, Row, RowTable, Task, Work, all_columns, columns_of, in_order, joined, seed_of, table_of
+from scenarios.tasks.work import (
+    Columns,
+    Ended,
+    Row,
+    RowTable,
+    Task,
+    Work,
+    all_columns,
+    columns_of,
+    in_order,
+    joined,
+    seed_of,
+    table_of,
+)
 from sim.errors import FlightidError
 
 if TYPE_CHECKING:
@@ -28,9 +41,10 @@ Tell = Callable[[str, float], None]
 class TaskRequest:
     """How many tasks, from which root of seeds, and how they are run.
 
-    ``jobs`` : processes. ``folder`` : where rows are kept as they come (None: in memory alone). ``resume`` : go on with what that
-    folder holds. ``cluster`` : the address of a Dask scheduler. ``longest`` : s that a block of tasks may take. ``unit`` : what a task is
-    called, in the plural. ``elsewhere`` : where the work itself keeps what has ended, so that nothing of it is lost.
+    ``jobs`` : processes. ``folder`` : where rows are kept as they come (None: in memory alone).
+    ``resume`` : go on with what that folder holds. ``cluster`` : the address of a Dask scheduler.
+    ``longest`` : s that a block of tasks may take. ``unit`` : what a task is called, in the plural.
+    ``elsewhere`` : where the work itself keeps what has ended, so that nothing of it is lost.
     """
 
     count: int
@@ -45,7 +59,9 @@ class TaskRequest:
 
 
 class Blocks(Sequence[Sequence[Task]]):
-    """Blocks of the tasks that are missing, made when they are asked for: a study of a million takes no room for its tasks."""
+    """Blocks of the tasks that are missing, made when they are asked for: a study of a million
+    takes no room for its tasks.
+    """
 
     def __init__(self, root: int, numbers: Sequence[np.ndarray]) -> None:
         self._root, self._numbers = root, numbers
@@ -68,15 +84,25 @@ def run_study(work: Work, asked: TaskRequest, tell: Tell = lambda stage, share: 
 
     Raises
     ------
-    FlightidError : the folder holds another study, or none to resume, cannot be written, or another process writes there.
-    KeyboardInterrupt : Ctrl-C, where no task had ended.
+    FlightidError : the folder holds another study, or none to resume, cannot be written, or another
+    process writes there. KeyboardInterrupt : Ctrl-C, where no task had ended.
     """
     if asked.folder is None:
         if asked.resume:
-            raise FlightidError("there is no folder to go on with", where="--resume", remedy="name the folder with --out")
+            raise FlightidError(
+                "there is no folder to go on with",
+                where="--resume",
+                remedy="name the folder with --out",
+            )
         pieces: list[Columns] = []
         try:
-            _run(work, asked, np.arange(asked.count), lambda ended: pieces.append(columns_of(work, ended)), tell)
+            _run(
+                work,
+                asked,
+                np.arange(asked.count),
+                lambda ended: pieces.append(columns_of(work, ended)),
+                tell,
+            )
         except FlightidError as error:
             raise _cut_short(error, sum(len(piece["number"]) for piece in pieces), asked) from None
         return table_of(work, in_order(joined(all_columns(work), pieces), asked.count), asked.count)
@@ -100,19 +126,38 @@ def run_study(work: Work, asked: TaskRequest, tell: Tell = lambda stage, share: 
                 if not kept and not asked.resume:
                     stack.close()  # the lock's file is closed first: Windows removes no open file
                     _take_away(folder, made)
-                raise _cut_short(error, kept, asked) if isinstance(error, FlightidError) else error from None
+                raise (
+                    _cut_short(error, kept, asked) if isinstance(error, FlightidError) else error
+                ) from None
             columns = shards.read(asked.count)
             shards.compact()
     except OSError as error:
         kept = 0 if shards is None else len(shards.read(asked.count)["number"])
-        what = f"cannot be written ({error.strerror or error}); {kept} of {asked.count} {asked.unit} are kept"
-        raise FlightidError(what, where=str(folder), remedy="make room or mend it, then go on with --resume") from None
+        what = (
+            f"cannot be written ({error.strerror or error}); {kept} of {asked.count} {asked.unit} "
+            "are kept"
+        )
+        raise FlightidError(
+            what, where=str(folder), remedy="make room or mend it, then go on with --resume"
+        ) from None
     return table_of(work, columns, asked.count)
 
 
-def _run(work: Work, asked: TaskRequest, numbers: np.ndarray, keep: Callable[[list[Ended]], None], tell: Tell) -> None:
-    """Run the tasks of ``numbers``; Ctrl-C ends it. The share that is told is that of them, so that the time that is left follows from it."""
-    grouped = np.split(numbers, np.flatnonzero(np.diff(numbers // work.block)) + 1) if len(numbers) else []
+def _run(
+    work: Work,
+    asked: TaskRequest,
+    numbers: np.ndarray,
+    keep: Callable[[list[Ended]], None],
+    tell: Tell,
+) -> None:
+    """Run the tasks of ``numbers``; Ctrl-C ends it. The share that is told is that of them, so that
+    the time that is left follows from it.
+    """
+    grouped = (
+        np.split(numbers, np.flatnonzero(np.diff(numbers // work.block)) + 1)
+        if len(numbers)
+        else []
+    )
     before = asked.count - len(numbers)
     done, since = 0, time.monotonic()
     tell(_stage(before, asked, 0.0), 0.0)
@@ -126,7 +171,10 @@ def _run(work: Work, asked: TaskRequest, numbers: np.ndarray, keep: Callable[[li
         for ended in found:
             keep([_taken(work, each) for each in ended])
             done += len(ended)
-            tell(_stage(before + done, asked, done / max(time.monotonic() - since, 1e-9)), done / len(numbers))
+            tell(
+                _stage(before + done, asked, done / max(time.monotonic() - since, 1e-9)),
+                done / len(numbers),
+            )
     except KeyboardInterrupt:
         if before + done == 0:
             raise KeyboardInterrupt(f"none of {asked.count} {asked.unit} had ended") from None
@@ -144,7 +192,9 @@ def _here(work: Work, blocks: Blocks, asked: TaskRequest) -> Generator[list[Ende
     yield from run_blocks(work, blocks, asked.jobs, asked.longest)
 
 
-def _by_cluster(work: Work, blocks: Blocks, asked: TaskRequest, say: Callable[[str], None]) -> Generator[list[Ended], None, None]:
+def _by_cluster(
+    work: Work, blocks: Blocks, asked: TaskRequest, say: Callable[[str], None]
+) -> Generator[list[Ended], None, None]:
     from scenarios.tasks.cluster import run_on_cluster
 
     assert asked.cluster is not None
@@ -156,18 +206,31 @@ def _cut_short(error: FlightidError, ended: int, asked: TaskRequest) -> Flightid
     if not ended:
         return error
     if asked.elsewhere is not None:
-        remedy = f"{error.remedy}, then give the same command again" if error.remedy else "give the same command again"
+        remedy = (
+            f"{error.remedy}, then give the same command again"
+            if error.remedy
+            else "give the same command again"
+        )
         what = f"{error.what}; {ended} of {asked.count} {asked.unit} are kept in {asked.elsewhere}"
         return FlightidError(what, where=error.where, remedy=remedy)
     if asked.folder is None:
-        what = f"{error.what}; the {ended} of {asked.count} {asked.unit} that had ended are lost, since no --out was given"
+        what = (
+            f"{error.what}; the {ended} of {asked.count} {asked.unit} that had ended are lost, "
+            "since no --out was given"
+        )
         return FlightidError(what, where=error.where, remedy=error.remedy)
     remedy = f"{error.remedy}, then go on with --resume" if error.remedy else "go on with --resume"
-    return FlightidError(f"{error.what}; {ended} of {asked.count} {asked.unit} are kept in {asked.folder}", where=error.where, remedy=remedy)
+    return FlightidError(
+        f"{error.what}; {ended} of {asked.count} {asked.unit} are kept in {asked.folder}",
+        where=error.where,
+        remedy=remedy,
+    )
 
 
 def _take_away(folder: Path, made: Sequence[Path]) -> None:
-    """Leave no trace of a study that could not begin: its manifest and lock, and the folders ``made`` for it, innermost first."""
+    """Leave no trace of a study that could not begin: its manifest and lock, and the folders
+    ``made`` for it, innermost first.
+    """
     from scenarios.tasks.work import LOCK, MANIFEST
 
     with suppress(OSError):
@@ -178,17 +241,27 @@ def _take_away(folder: Path, made: Sequence[Path]) -> None:
 
 
 def _agree(wanted: Mapping[str, Any], asked: TaskRequest, folder: Path) -> None:
-    """The manifest of what is asked, written where there is none, compared with the one that is there."""
+    """The manifest of what is asked, written where there is none, compared with the one that is
+    there.
+    """
     from scenarios.tasks.work import read_manifest, refuse_another, write_manifest
 
     kept = read_manifest(folder)
     if kept is None:
         if asked.resume:
-            raise FlightidError("there is no study to go on with", where=str(folder), remedy="leave --resume out, or name the folder of one")
+            raise FlightidError(
+                "there is no study to go on with",
+                where=str(folder),
+                remedy="leave --resume out, or name the folder of one",
+            )
         write_manifest(folder, wanted)
         return
     if not asked.resume:
-        raise FlightidError("a study is kept here", where=str(folder), remedy="go on with it by --resume, or name another folder")
+        raise FlightidError(
+            "a study is kept here",
+            where=str(folder),
+            remedy="go on with it by --resume, or name another folder",
+        )
     refuse_another(kept, wanted, folder)
     if asked.count > kept["count"]:
         write_manifest(folder, wanted)
@@ -214,8 +287,9 @@ MOST_TASKS = 10_000_000  # of one study, whose numbers alone then take some 100 
 
 @dataclass(frozen=True)
 class Execution:
-    """``jobs`` : processes, None for one a core. ``out`` : the folder of the study, in which rows are kept as they come. ``resume`` : go on with
-    them. ``cluster`` : the address of a Dask scheduler. ``limit`` : s that one task may take."""
+    """``jobs`` : processes, None for one a core. ``out`` : the folder of the study, in which rows
+    are kept as they come. ``resume`` : go on with them. ``cluster`` : the address of a Dask
+    scheduler. ``limit`` : s that one task may take."""
 
     jobs: int | None = 1
     out: Path | None = None
@@ -224,24 +298,60 @@ class Execution:
     limit: float | None = None
 
     def asked(self, count: int, root: int, block: int, unit: str) -> TaskRequest:
-        """A study of ``count`` tasks in blocks of ``block``. Raises FlightidError for what cannot be."""
+        """A study of ``count`` tasks in blocks of ``block``. Raises FlightidError for what cannot
+        be.
+        """
         if self.jobs is not None and self.jobs < 1:
-            raise FlightidError(f"{self.jobs} processes", where="--jobs", remedy="give one or more, or leave it out for one a core")
+            raise FlightidError(
+                f"{self.jobs} processes",
+                where="--jobs",
+                remedy="give one or more, or leave it out for one a core",
+            )
         if self.jobs is not None and self.jobs > MOST_JOBS:
-            raise FlightidError(f"{self.jobs} processes", where="--jobs", remedy=f"give {MOST_JOBS} or fewer, or leave it out for one a core")
+            raise FlightidError(
+                f"{self.jobs} processes",
+                where="--jobs",
+                remedy=f"give {MOST_JOBS} or fewer, or leave it out for one a core",
+            )
         if self.limit is not None and not 0.0 < self.limit < float("inf"):
-            raise FlightidError(f"{self.limit:g} s", where="--time-limit", remedy="give the seconds that one of them may take")
+            raise FlightidError(
+                f"{self.limit:g} s",
+                where="--time-limit",
+                remedy="give the seconds that one of them may take",
+            )
         if self.resume and self.out is None:
-            raise FlightidError("there is no folder to go on with", where="--resume", remedy="name the folder with --out")
+            raise FlightidError(
+                "there is no folder to go on with",
+                where="--resume",
+                remedy="name the folder with --out",
+            )
         folder = None if self.out is None else self.out / FOLDER
         longest = None if self.limit is None else self.limit * min(block, count)
         if count > MOST_TASKS:
-            raise FlightidError(f"{count} {unit} are more than can be kept", where="--runs", remedy=f"give {MOST_TASKS} or fewer")
-        return TaskRequest(count, root, self.jobs or available_cores(), folder, self.resume, self.cluster, longest, unit)
+            raise FlightidError(
+                f"{count} {unit} are more than can be kept",
+                where="--runs",
+                remedy=f"give {MOST_TASKS} or fewer",
+            )
+        return TaskRequest(
+            count,
+            root,
+            self.jobs or available_cores(),
+            folder,
+            self.resume,
+            self.cluster,
+            longest,
+            unit,
+        )
 
 
 def stopped(ended: int, asked: int, unit: str, out: Path | None) -> KeyboardInterrupt:
     """What Ctrl-C ends a study with: what is kept of it, and how to go on."""
     if out is None:
-        return KeyboardInterrupt(f"the table of the {ended} of {asked} {unit} that had ended is printed above")
-    return KeyboardInterrupt(f"the table of the {ended} of {asked} {unit} that had ended is in {out}; the same command with --resume goes on")
+        return KeyboardInterrupt(
+            f"the table of the {ended} of {asked} {unit} that had ended is printed above"
+        )
+    return KeyboardInterrupt(
+        f"the table of the {ended} of {asked} {unit} that had ended is in {out}; the same command "
+        "with --resume goes on"
+    )

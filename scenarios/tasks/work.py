@@ -40,9 +40,11 @@ class Task:
 
 @dataclass(frozen=True)
 class Ended:
-    """A task that has ended: its row, or in its place what went wrong, in one line; ``seconds`` of wall time, with its block's shared alike.
+    """A task that has ended: its row, or in its place what went wrong, in one line; ``seconds`` of
+    wall time, with its block's shared alike.
 
-    ``passing`` : a circumstance is to blame, as a process that died or too short a time; where the study is resumed, it is computed again.
+    ``passing`` : a circumstance is to blame, as a process that died or too short a time; where the
+    study is resumed, it is computed again.
     """
 
     task: Task
@@ -53,14 +55,17 @@ class Ended:
 
 
 class Work(Protocol):
-    """A study of independent tasks. It is pickled once and sent to each worker, so it holds data and names, no open files and no functions.
+    """A study of independent tasks. It is pickled once and sent to each worker, so it holds data
+    and names, no open files and no functions.
 
-    ``columns`` : each column of a row and its type, one of ``"float" "int" "bool" "text"``, or ``"time"`` for seconds that something took and
-    that no other run has to equal; a cell may be None.
-    ``block`` : how many neighbouring tasks are computed at once, as one batch; blocks begin at multiples of it, so that no task's row
-    depends on how many are asked for, or on who works. Work may have ``quick`` True: a block takes less time than starting a process.
-    It may have ``taken(row)``, which the process that asked calls with each row as it comes: it gives the row that is kept; and
-    ``unready()``, which a worker of a cluster calls first: why it cannot do the work and the remedy, or None.
+    ``columns`` : each column of a row and its type, one of ``"float" "int" "bool" "text"``, or
+    ``"time"`` for seconds that something took and that no other run has to equal; a cell may be
+    None. ``block`` : how many neighbouring tasks are computed at once, as one batch; blocks begin
+    at multiples of it, so that no task's row depends on how many are asked for, or on who works.
+    Work may have ``quick`` True: a block takes less time than starting a process. It may have
+    ``taken(row)``, which the process that asked calls with each row as it comes: it gives the row
+    that is kept; and ``unready()``, which a worker of a cluster calls first: why it cannot do the
+    work and the remedy, or None.
     """
 
     @property
@@ -75,11 +80,14 @@ class Work(Protocol):
     def block(self) -> int: ...
 
     def identity(self) -> Mapping[str, Any]:
-        """Everything on which the rows depend but number and seed, as JSON: work is resumed only where it is equal."""
+        """Everything on which the rows depend but number and seed, as JSON: work is resumed only
+        where it is equal.
+        """
         ...
 
     def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
-        """The rows of a block of neighbouring tasks, in their order; text in place of a row says in one line why there is none.
+        """The rows of a block of neighbouring tasks, in their order; text in place of a row says in
+        one line why there is none.
 
         What it raises is recorded as the error of all of them; KeyboardInterrupt alone passes.
         """
@@ -87,7 +95,8 @@ class Work(Protocol):
 
 
 def seed_of(root: int, number: int) -> int:
-    """The seed of a task: that of child ``number`` of ``numpy.random.SeedSequence(root)``, as `SeedSequence.spawn` gives it.
+    """The seed of a task: that of child ``number`` of ``numpy.random.SeedSequence(root)``, as
+    `SeedSequence.spawn` gives it.
 
     Studies of different roots share no task, and a study with more tasks has the same first ones.
     """
@@ -106,7 +115,14 @@ Columns = dict[str, np.ndarray]
 
 KINDS: Mapping[str, type] = {"float": float, "time": float, "int": int, "bool": bool, "text": str}
 FLOATS = ("float", "time")
-OWN: Mapping[str, str] = {"number": "int", "seed": "int", "error": "text", "passing": "bool", "seconds": "time"}  # of every work
+# of every work
+OWN: Mapping[str, str] = {
+    "number": "int",
+    "seed": "int",
+    "error": "text",
+    "passing": "bool",
+    "seconds": "time",
+}
 SHOWN = ("number", "seed", "error")  # of them, what a table begins with
 
 
@@ -114,9 +130,10 @@ SHOWN = ("number", "seed", "error")  # of them, what a table begins with
 class RowTable:
     """Rows of the tasks that have ended, in the order of their numbers.
 
-    ``columns`` : each ``(N,)``, beginning with ``number``, ``seed`` and ``error`` (empty where there is a row); cells of tasks without a row
-    are None, NaN in columns of floats. ``asked`` : how many tasks there were to be. ``times`` ``(N,)`` each, s : ``seconds`` of wall time, and
-    the work's columns of type ``time``, which no two runs have in common.
+    ``columns`` : each ``(N,)``, beginning with ``number``, ``seed`` and ``error`` (empty where
+    there is a row); cells of tasks without a row are None, NaN in columns of floats. ``asked`` :
+    how many tasks there were to be. ``times`` ``(N,)`` each, s : ``seconds`` of wall time, and the
+    work's columns of type ``time``, which no two runs have in common.
     """
 
     columns: Mapping[str, np.ndarray]
@@ -184,7 +201,9 @@ def joined(kinds: Mapping[str, str], pieces: Sequence[Columns]) -> Columns:
 
 
 def in_order(columns: Columns, count: int) -> Columns:
-    """Rows of the first ``count`` tasks by their numbers, each once: what a circumstance ended gives way to what was computed later."""
+    """Rows of the first ``count`` tasks by their numbers, each once: what a circumstance ended
+    gives way to what was computed later.
+    """
     numbers = columns["number"].astype(np.int64)
     order = np.lexsort((columns["passing"].astype(bool), numbers))
     first = np.ones(len(order), dtype=bool)
@@ -197,7 +216,14 @@ def table_of(work: Work, columns: Columns, asked: int) -> RowTable:
     """The table of rows that are in order."""
     times = {name: columns[name] for name, kind in all_columns(work).items() if kind == "time"}
     shown = [name for name in (*SHOWN, *work.columns) if name not in times]
-    return RowTable({name: columns[name].astype(np.int64) if name in ("number", "seed") else columns[name] for name in shown}, asked, times)
+    return RowTable(
+        {
+            name: columns[name].astype(np.int64) if name in ("number", "seed") else columns[name]
+            for name in shown
+        },
+        asked,
+        times,
+    )
 
 
 def _wrong(work: Work, each: Ended) -> str:
@@ -207,9 +233,20 @@ def _wrong(work: Work, each: Ended) -> str:
         return f"its row has the columns {', '.join(sorted(each.row))} and not those declared"
     for name, kind in work.columns.items():
         cell = each.row[name]
-        if cell is None or (kind in FLOATS and isinstance(cell, int | float | np.floating | np.integer)):
+        if cell is None or (
+            kind in FLOATS and isinstance(cell, int | float | np.floating | np.integer)
+        ):
             continue
-        if not isinstance(cell, {"int": int | np.integer, "bool": bool | np.bool_, "text": str, "float": float, "time": float}[kind]):
+        if not isinstance(
+            cell,
+            {
+                "int": int | np.integer,
+                "bool": bool | np.bool_,
+                "text": str,
+                "float": float,
+                "time": float,
+            }[kind],
+        ):
             return f"column {name} has {cell!r} and no {kind}"
     return ""
 
@@ -218,11 +255,14 @@ def _wrong(work: Work, each: Ended) -> str:
 
 MANIFEST = "manifest.json"
 SCHEMA = "flightid/tasks/1"
-DECIDING = ("flightid", "numpy", "scipy", "filterpy", "control")  # versions on which the last digits hang
+# versions on which the last digits hang
+DECIDING = ("flightid", "numpy", "scipy", "filterpy", "control")
 
 
 def manifest_of(work: Work, root: int, count: int) -> dict[str, Any]:
-    """What stands in the manifest of a study: what its rows depend on, and how many there are to be."""
+    """What stands in the manifest of a study: what its rows depend on, and how many there are to
+    be.
+    """
     identity = json.loads(json_text(dict(work.identity()), "the identity of the work"))
     return {
         "schema": SCHEMA,
@@ -237,13 +277,19 @@ def manifest_of(work: Work, root: int, count: int) -> dict[str, Any]:
 
 
 def read_manifest(folder: Path) -> dict[str, Any] | None:
-    """The manifest of a folder; None where there is none. Raises FlightidError where it cannot be read."""
+    """The manifest of a folder; None where there is none. Raises FlightidError where it cannot be
+    read.
+    """
     path = folder / MANIFEST
     if not os.path.lexists(path):
         return None
     content: Any = read_json(path, FlightidError, "another folder")
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        raise FlightidError(f"this is no manifest of schema {SCHEMA}", where=str(path), remedy="begin in another folder")
+        raise FlightidError(
+            f"this is no manifest of schema {SCHEMA}",
+            where=str(path),
+            remedy="begin in another folder",
+        )
     return content
 
 
@@ -254,7 +300,9 @@ def write_manifest(folder: Path, content: Mapping[str, Any]) -> None:
 
 
 def flush_folder(folder: Path) -> None:
-    """Names of files down to the disk, which a power cut else may take. Windows opens no folder, and keeps a journal of names."""
+    """Names of files down to the disk, which a power cut else may take. Windows opens no folder,
+    and keeps a journal of names.
+    """
     if not hasattr(os, "O_DIRECTORY"):
         return
     handle = os.open(folder, os.O_RDONLY)
@@ -265,27 +313,51 @@ def flush_folder(folder: Path) -> None:
 
 
 def refuse_another(kept: Mapping[str, Any], asked: Mapping[str, Any], folder: Path) -> None:
-    """Raise FlightidError, which tells the first difference, where rows that are kept are not those of what is asked."""
+    """Raise FlightidError, which tells the first difference, where rows that are kept are not those
+    of what is asked.
+    """
     versions_kept, versions_asked = kept.get("versions", {}), asked["versions"]
-    pairs = [(key, kept.get(key), asked[key]) for key in ("name", "root", "identity", "columns", "block")]
-    pairs += [(f"version of {name}", versions_kept.get(name), versions_asked.get(name)) for name in DECIDING]
+    pairs = [
+        (key, kept.get(key), asked[key]) for key in ("name", "root", "identity", "columns", "block")
+    ]
+    pairs += [
+        (f"version of {name}", versions_kept.get(name), versions_asked.get(name))
+        for name in DECIDING
+    ]
     for key, old, new in pairs:
         found = _difference("seed" if key == "root" else key, old, new)
         if found:
-            raise FlightidError(f"what is kept here is another study: {found}", where=str(folder), remedy="ask for the same, or name another folder")
+            raise FlightidError(
+                f"what is kept here is another study: {found}",
+                where=str(folder),
+                remedy="ask for the same, or name another folder",
+            )
 
 
 def _difference(place: str, old: Any, new: Any) -> str:
     """The first difference of two JSON values in words; empty where they are equal."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in sorted({*old, *new}):
-            found = _difference(f"{place}.{key}".removeprefix("identity."), old.get(key), new.get(key))
+            found = _difference(
+                f"{place}.{key}".removeprefix("identity."), old.get(key), new.get(key)
+            )
             if found:
                 return found
         return ""
     if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        return next((found for at, (a, b) in enumerate(zip(old, new, strict=True)) if (found := _difference(f"{place}[{at}]", a, b))), "")
-    return "" if type(old) is type(new) and old == new else f"{place} was {_shown(old)} and now is {_shown(new)}"
+        return next(
+            (
+                found
+                for at, (a, b) in enumerate(zip(old, new, strict=True))
+                if (found := _difference(f"{place}[{at}]", a, b))
+            ),
+            "",
+        )
+    return (
+        ""
+        if type(old) is type(new) and old == new
+        else f"{place} was {_shown(old)} and now is {_shown(new)}"
+    )
 
 
 def _shown(value: Any) -> str:
@@ -303,18 +375,24 @@ LOCK = ".lock"
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """One process a folder; the lock ends with its process, however that ends. Raises FlightidError where another has it."""
+    """One process a folder; the lock ends with its process, however that ends. Raises FlightidError
+    where another has it.
+    """
     with open(folder / LOCK, "ab") as handle:
         try:
             _lock(handle.fileno())
         except OSError:
             remedy = "wait for it, or name another folder"
-            raise FlightidError("another process is writing here", where=str(folder), remedy=remedy) from None
+            raise FlightidError(
+                "another process is writing here", where=str(folder), remedy=remedy
+            ) from None
         yield
 
 
 def _lock(descriptor: int) -> None:
-    """Lock an open file for this process until it is closed. Raises OSError where another process has locked it."""
+    """Lock an open file for this process until it is closed. Raises OSError where another process
+    has locked it.
+    """
     try:
         import fcntl
     except ImportError:  # Windows, whose lock is of a range of bytes, here the first
@@ -328,7 +406,8 @@ def _lock(descriptor: int) -> None:
 class Shards:
     """The rows of one study in its folder, which is this process's alone.
 
-    What was half written when a process ended is taken away, and what cannot be read is told in ``damaged`` and computed again.
+    What was half written when a process ended is taken away, and what cannot be read is told in
+    ``damaged`` and computed again.
     """
 
     def __init__(self, folder: Path, work: Work) -> None:
@@ -361,7 +440,9 @@ class Shards:
 
     def read(self, count: int) -> Columns:
         """All rows of the first ``count`` tasks, in order and each once."""
-        return in_order(joined(all_columns(self.work), [columns for _, columns in self._readable()]), count)
+        return in_order(
+            joined(all_columns(self.work), [columns for _, columns in self._readable()]), count
+        )
 
     def compact(self) -> None:
         """Make many shards one; wherever it is cut short, no row is lost and none counts twice."""
@@ -383,14 +464,24 @@ class Shards:
         found = []
         for path in self._paths():
             try:
-                table = pq.read_table(io.BytesIO(path.read_bytes()), page_checksum_verification=True)
+                table = pq.read_table(
+                    io.BytesIO(path.read_bytes()), page_checksum_verification=True
+                )
                 if table.schema != self._schema():
                     raise ValueError("it has other columns")
             except (OSError, ValueError, pa.ArrowException) as error:
                 path.replace(path.with_suffix(".damaged"))
                 self.damaged.append(f"{path.name} ({' '.join(str(error).split())[:120]})")
                 continue
-            found.append((path, {name: _read(table.column(name), kind) for name, kind in all_columns(self.work).items()}))
+            found.append(
+                (
+                    path,
+                    {
+                        name: _read(table.column(name), kind)
+                        for name, kind in all_columns(self.work).items()
+                    },
+                )
+            )
         return found
 
     def _write(self, columns: Columns) -> None:
@@ -398,10 +489,20 @@ class Shards:
         import pyarrow.parquet as pq
 
         kinds = all_columns(self.work)
-        cells = {name: columns[name] if kind in FLOATS else columns[name].tolist() for name, kind in kinds.items()}
+        cells = {
+            name: columns[name] if kind in FLOATS else columns[name].tolist()
+            for name, kind in kinds.items()
+        }
         text = io.BytesIO()
-        pq.write_table(pa.table(cells, schema=self._schema()), text, compression="zstd", write_page_checksum=True)
-        last = max((int(path.stem.split("-")[1]) for path in self.folder.glob("rows-*")), default=-1)
+        pq.write_table(
+            pa.table(cells, schema=self._schema()),
+            text,
+            compression="zstd",
+            write_page_checksum=True,
+        )
+        last = max(
+            (int(path.stem.split("-")[1]) for path in self.folder.glob("rows-*")), default=-1
+        )
         path = self.folder / f"rows-{last + 1:06d}.parquet"
         part = path.with_name(f".{path.name}.part")
         try:
@@ -417,12 +518,24 @@ class Shards:
     def _schema(self) -> pa.Schema:
         import pyarrow as pa
 
-        types = {"float": pa.float64(), "time": pa.float64(), "int": pa.int64(), "bool": pa.bool_(), "text": pa.string()}
-        return pa.schema([pa.field(name, types[kind]) for name, kind in all_columns(self.work).items()])
+        types = {
+            "float": pa.float64(),
+            "time": pa.float64(),
+            "int": pa.int64(),
+            "bool": pa.bool_(),
+            "text": pa.string(),
+        }
+        return pa.schema(
+            [pa.field(name, types[kind]) for name, kind in all_columns(self.work).items()]
+        )
 
 
 def _read(column: pa.ChunkedArray, kind: str) -> np.ndarray:
-    return np.array(column.to_numpy(), dtype=float) if kind in FLOATS else array_of(column.to_pylist(), kind)
+    return (
+        np.array(column.to_numpy(), dtype=float)
+        if kind in FLOATS
+        else array_of(column.to_pylist(), kind)
+    )
 
 
 def missing(columns: Columns, count: int) -> np.ndarray:

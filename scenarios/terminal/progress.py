@@ -1,4 +1,6 @@
-"""How far long work is, on stderr: a bar where that is a terminal, else plain lines, rarely. Short work shows nothing and loads nothing for it."""
+"""How far long work is, on stderr: a bar where that is a terminal, else plain lines, rarely. Short
+work shows nothing and loads nothing for it.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ EARLY = 0.02  # of the work, before which nothing is known of the time that is l
 
 @dataclass
 class LastProgress:
-    """What was told last: what is done, and which share of all (0 to 1); since when work goes on."""
+    """What was told last: what is done, and which share of all (0 to 1); since when work goes
+    on.
+    """
 
     stage: str = ""
     share: float = 0.0
@@ -30,15 +34,24 @@ class LastProgress:
         """``"37 of 100 flights, 24 s, about 41 s left"``."""
         passed = now - self.since
         left = passed * (1.0 - self.share) / self.share if EARLY < self.share < 1.0 else 0.0
-        return ", ".join([*([self.stage] if self.stage else []), time_text(passed), *([f"about {time_text(left)} left"] if round(left) else [])])
+        return ", ".join(
+            [
+                *([self.stage] if self.stage else []),
+                time_text(passed),
+                *([f"about {time_text(left)} left"] if round(left) else []),
+            ]
+        )
 
 
 @contextmanager
-def progress_bar(shown: bool = True, *, counted: bool = True, before: tuple[int, int, float] | None = None) -> Iterator[Advance]:
+def progress_bar(
+    shown: bool = True, *, counted: bool = True, before: tuple[int, int, float] | None = None
+) -> Iterator[Advance]:
     """Gives a function of stage and share done (0 to 1), which is shown while the body runs.
 
-    ``counted`` False: the share is no measure of time, as in a search; what is being done is told with the time that has passed.
-    ``before``: how many like this are done already, of how many, since when; the share is then that of all.
+    ``counted`` False: the share is no measure of time, as in a search; what is being done is told
+    with the time that has passed. ``before``: how many like this are done already, of how many,
+    since when; the share is then that of all.
     """
     done, of, since = before or (0, 1, time.monotonic())
     number = f"{done + 1} of {of}: " if of > 1 else ""
@@ -82,7 +95,9 @@ def _lines(told: LastProgress, ended: threading.Event) -> None:
 
 
 def _bar(told: LastProgress, ended: threading.Event) -> None:
-    """A bar that is taken away when the work has ended; one that only moves where no share is known."""
+    """A bar that is taken away when the work has ended; one that only moves where no share is
+    known.
+    """
     if ended.wait(SHORT):
         return
     from rich.progress import BarColumn, Progress, TextColumn
@@ -92,9 +107,16 @@ def _bar(told: LastProgress, ended: threading.Event) -> None:
 
     columns = (BarColumn(bar_width=24), TextColumn("{task.description}", markup=False))
     console = EscapingConsole(file=styled_stream(sys.stderr))
-    with Progress(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as bar:
+    with Progress(
+        *columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False
+    ) as bar:
         task = bar.add_task("", total=None)
         while True:
-            bar.update(task, description=told.line(time.monotonic()), total=1.0 if told.share else None, completed=told.share)
+            bar.update(
+                task,
+                description=told.line(time.monotonic()),
+                total=1.0 if told.share else None,
+                completed=told.share,
+            )
             if ended.wait(LOOK):
                 return

@@ -7,7 +7,7 @@
 | derivatives, trims of the equations (L_0, M_0) and everything else | the unit that it has: 1/rad, rad/s, s, g, m/s |
 
 Inside and in JSON and CSV files everything is SI, load factors in g.
-"""
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ class Shown(NamedTuple):
 
 
 def shown_in(unit: str, name: str = "") -> Shown:
-    """How a quantity of ``unit`` is shown; its ``name`` tells a frequency, which nobody reads in deg/s, from a rate."""
+    """How a quantity of ``unit`` is shown; its ``name`` tells a frequency, which nobody reads in
+    deg/s, from a rate.
+    """
     if unit in DEGREES and name not in LOADS and not is_frequency(name, unit):
         return Shown(180.0 / math.pi, DEGREES[unit])
     return Shown(1.0, unit)
@@ -52,8 +54,12 @@ def quantity_text(value: float, unit: str, name: str = "") -> str:
 
 
 def is_frequency(name: str, unit: str) -> bool:
-    """Whether a quantity of ``unit`` is a frequency by its name: ``frequency``, ``natural_frequency``, ``omega1``."""
-    return unit == "rad/s" and ("frequency" in name or name.rpartition(".")[2].rstrip("0123456789") == "omega")
+    """Whether a quantity of ``unit`` is a frequency by its name: ``frequency``,
+    ``natural_frequency``, ``omega1``.
+    """
+    return unit == "rad/s" and (
+        "frequency" in name or name.rpartition(".")[2].rstrip("0123456789") == "omega"
+    )
 
 
 def in_hertz(value: float, name: str, unit: str) -> str:
@@ -75,14 +81,33 @@ def spaced(unit: str) -> str:
 
 # Channels in words; one that is its own word, such as the airspeed or the rudder, is not here.
 CHANNELS = {
-    **{"alpha": "angle of attack", "q": "pitch rate", "nz": "load factor", "theta": "pitch attitude", "nx": "axial load factor"},
-    **{"beta": "angle of sideslip", "p": "roll rate", "r": "yaw rate", "phi": "bank angle", "ny": "lateral load factor"},
+    **{
+        "alpha": "angle of attack",
+        "q": "pitch rate",
+        "nz": "load factor",
+        "theta": "pitch attitude",
+        "nx": "axial load factor",
+    },
+    **{
+        "beta": "angle of sideslip",
+        "p": "roll rate",
+        "r": "yaw rate",
+        "phi": "bank angle",
+        "ny": "lateral load factor",
+    },
 }
 
 
 # Which equation of motion a channel is measured along.
 AXES = {
-    **{"airspeed": "speed", "nx": "speed", "alpha": "lift", "nz": "lift", "q": "pitch", "theta": "pitch"},
+    **{
+        "airspeed": "speed",
+        "nx": "speed",
+        "alpha": "lift",
+        "nz": "lift",
+        "q": "pitch",
+        "theta": "pitch",
+    },
     **{"beta": "side force", "ny": "side force", "p": "roll", "phi": "roll", "r": "yaw"},
 }
 
@@ -90,27 +115,41 @@ UNDETERMINED = "not determined by these data"
 
 
 def with_sigma(quantity: Quantity, unit: str | None = None, name: str = "") -> str:
-    """``"0.061 +- 0.001 s"``, angles in degrees, frequencies in rad/s and Hz, digits by the sigma; ``unit`` replaces the quantity's own."""
+    """``"0.061 +- 0.001 s"``, angles in degrees, frequencies in rad/s and Hz, digits by the sigma;
+    ``unit`` replaces the quantity's own.
+    """
     value, std, text = displayed(quantity, name)
     if name == "count":  # of events: a whole number
         return f"{value:.0f}"
-    told = value_text(value, std, text if unit is None else unit) if determined(value, std) else UNDETERMINED
+    told = (
+        value_text(value, std, text if unit is None else unit)
+        if determined(value, std)
+        else UNDETERMINED
+    )
     return told + in_hertz(value, name, text) if determined(value, std) else told
 
 
 def value_text(value: float, std: float, unit: str = "") -> str:
-    """``"0.061 +- 0.001 s"``; a sigma that says nothing is told as such, one of zero is that of a value at its bound."""
+    """``"0.061 +- 0.001 s"``; a sigma that says nothing is told as such, one of zero is that of a
+    value at its bound.
+    """
     shown = spaced(unit)
     if std == 0.0 and value != 0.0:
         return f"{value:.5g}{shown} (bound)"
     if not determined(value, std):
         return "not determined"
     digits = _digits(std)
-    return f"{value:.{digits}f} +- {std:.{digits}f}{shown}" if digits < 7 else f"{value:.3g} +- {std:.2g}{shown}"
+    return (
+        f"{value:.{digits}f} +- {std:.{digits}f}{shown}"
+        if digits < 7
+        else f"{value:.3g} +- {std:.2g}{shown}"
+    )
 
 
 def displayed(quantity: Quantity, name: str = "") -> tuple[float, float, str]:
-    """Value, standard deviation and unit as people read them: plain angles and their rates in degrees, frequencies in rad/s."""
+    """Value, standard deviation and unit as people read them: plain angles and their rates in
+    degrees, frequencies in rad/s.
+    """
     factor, unit = shown_in(quantity.unit, name)
     return factor * quantity.value, factor * quantity.std, unit
 
@@ -120,7 +159,7 @@ def _number(value: float, std: float) -> str:
     if not determined(value, std):
         return f"{value:.2g}"
     digits = max(0, -math.floor(math.log10(std)))
-    return f"{value:.{min(digits, max(0, 2 - math.floor(math.log10(abs(value))))) if value else digits}f}"
+    return f"{value:.{min(digits, max(0, 2 - math.floor(math.log10(abs(value))))) if value else digits}f}"  # noqa: E501
 
 
 def _digits(std: float) -> int:
@@ -130,7 +169,9 @@ def _digits(std: float) -> int:
 
 
 def determined(value: float, std: float) -> bool:
-    """Whether a sigma leaves anything of a value: a hundred times the angle that a limit has is no knowledge of it."""
+    """Whether a sigma leaves anything of a value: a hundred times the angle that a limit has is no
+    knowledge of it.
+    """
     return 0.0 < std < math.inf and (std < 1e3 * abs(value) or (abs(value) < 1e-3 and std < 1.0))
 
 
@@ -140,29 +181,43 @@ GROWING = 2.0  # sigmas of a time constant below zero, from which a mode is said
 
 
 class EscapingConsole(Console):
-    """A console whose own styles reach the terminal, and no control character of a text (rich asks for a class here)."""
+    """A console whose own styles reach the terminal, and no control character of a text (rich asks
+    for a class here).
+    """
 
-    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterable[Segment]:
         """The segments of what is printed, their texts escaped."""
         for segment in super().render(renderable, options):
             yield segment if segment.control else segment._replace(text=escaped(segment.text))
 
 
 def console(width: int | None = None) -> Console:
-    """A console that never folds numbers, 120 columns where the output is not a terminal; brackets in texts stay as they are."""
+    """A console that never folds numbers, 120 columns where the output is not a terminal; brackets
+    in texts stay as they are.
+    """
     plain = EscapingConsole(file=styled_stream(sys.stdout), markup=False)
-    return plain if plain.is_terminal else Console(width=width or 120, no_color=True, highlight=False, markup=False)
+    return (
+        plain
+        if plain.is_terminal
+        else Console(width=width or 120, no_color=True, highlight=False, markup=False)
+    )
 
 
 def as_text(show: Callable[[Console], None]) -> str:
-    """What ``show`` prints, as it stands where the output is not a terminal, without blanks at the ends of lines."""
+    """What ``show`` prints, as it stands where the output is not a terminal, without blanks at the
+    ends of lines.
+    """
     out = Console(file=io.StringIO(), width=120, no_color=True, highlight=False, markup=False)
     show(out)
     return "".join(f"{line.rstrip()}\n" for line in out.file.getvalue().splitlines())  # type: ignore[attr-defined]
 
 
 def number_text(value: float, std: float | None = None) -> str:
-    """A number with the digits that its standard deviation makes sensible: two of the deviation, else five."""
+    """A number with the digits that its standard deviation makes sensible: two of the deviation,
+    else five.
+    """
     if not math.isfinite(value):
         return "unknown"
     if std is None or not 0 < std < math.inf:
@@ -181,28 +236,54 @@ def derived_line(derived: Mapping[str, tuple[float, float]]) -> str:
 
 
 def _derived_text(key: str, value: float, std: float) -> str:
-    """``"phugoid frequency 0.0881 +- 0.0012 rad/s (0.014 Hz)"``; a time constant that is negative is that of a mode that grows."""
+    """``"phugoid frequency 0.0881 +- 0.0012 rad/s (0.014 Hz)"``; a time constant that is negative
+    is that of a mode that grows.
+    """
     unit = "" if "damping" in key else " s" if key.endswith(("delay", "constant")) else " rad/s"
-    grows = f" (grows, doubled after {-value * math.log(2.0):.3g} s)" if key.endswith("time_constant") and value < -GROWING * std else ""
+    grows = (
+        f" (grows, doubled after {-value * math.log(2.0):.3g} s)"
+        if key.endswith("time_constant") and value < -GROWING * std
+        else ""
+    )
     words = key.replace("_", " ").replace("dutch", "Dutch")
     if not determined(value, std):
         return f"{words} not determined"
-    return f"{words} {number_text(value, std)} +- {number_text(std, std)}{unit}{in_hertz(value, key, unit.strip())}{grows}"
+    return (
+        f"{words} {number_text(value, std)} +- "
+        f"{number_text(std, std)}{unit}{in_hertz(value, key, unit.strip())}{grows}"
+    )
 
 
 def test_line(tests: Sequence[ResidualTest]) -> str:
-    """What the residual tests say, in one line: which outputs fail, in which axis where there are several, and which axes are sound."""
+    """What the residual tests say, in one line: which outputs fail, in which axis where there are
+    several, and which axes are sound.
+    """
     failed = [test for test in tests if not test.passed]
     if not failed:
-        return "residual: what the noise alone would give (" + "; ".join(f"{t.channel} p = {t.p_value:.2g}" for t in tests) + ")" if tests else ""
+        return (
+            "residual: what the noise alone would give ("
+            + "; ".join(f"{t.channel} p = {t.p_value:.2g}" for t in tests)
+            + ")"
+            if tests
+            else ""
+        )
     axes = dict.fromkeys(AXES[test.channel] for test in tests if test.channel in AXES)
     if len(axes) < 2:
-        return "residual is not the noise alone: " + "; ".join(f"{test.channel}: {test.sentence}" for test in failed)
+        return "residual is not the noise alone: " + "; ".join(
+            f"{test.channel}: {test.sentence}" for test in failed
+        )
     wrong = {axis: [test for test in failed if AXES.get(test.channel) == axis] for axis in axes}
-    told = [f"in {axis} ({', '.join(f'{test.channel} {test.sentence}' for test in some)})" for axis, some in wrong.items() if some]
+    told = [
+        f"in {axis} ({', '.join(f'{test.channel} {test.sentence}' for test in some)})"
+        for axis, some in wrong.items()
+        if some
+    ]
     told += [f"{test.channel}: {test.sentence}" for test in failed if test.channel not in AXES]
     sound = [axis for axis, some in wrong.items() if not some]
-    return f"residual is not the noise alone: {'; '.join(told)}{f'; noise alone in {_listed(sound)}' if sound else ''}"
+    return (
+        "residual is not the noise alone: "
+        f"{'; '.join(told)}{f'; noise alone in {_listed(sound)}' if sound else ''}"
+    )
 
 
 def _listed(words: Sequence[str]) -> str:

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 from ident.flying_qualities.levels import STANDARD, WORST, Flown, ModeLevel
 from ident.statistics.residuals import ResidualTest
-from scenarios.terminal.quantities import derived_line, determined, in_hertz, number_text, shown_in, spaced
+from scenarios.terminal.quantities import (
+    derived_line,
+    determined,
+    in_hertz,
+    number_text,
+    shown_in,
+    spaced,
+)
 from scenarios.terminal.tables import WIDTH, print_lines, shortened
 
 if TYPE_CHECKING:
@@ -44,8 +51,18 @@ def level_text(level: ModeLevel) -> str:
     """``"level 1 (97 %)"``, or what it may be where these data do not tell."""
     if level.determined:
         return f"{_named(level.level)} ({_percent(level.probability)})"
-    shares = sorted(((share, number) for number, share in enumerate(level.probabilities, start=1) if share >= LEAST), reverse=True)
-    return f"not determined ({', '.join(f'{_named(number)} {_percent(share)}' for share, number in shares)})"
+    shares = sorted(
+        (
+            (share, number)
+            for number, share in enumerate(level.probabilities, start=1)
+            if share >= LEAST
+        ),
+        reverse=True,
+    )
+    return (
+        "not determined "
+        f"({', '.join(f'{_named(number)} {_percent(share)}' for share, number in shares)})"
+    )
 
 
 def level_sentence(level: ModeLevel) -> str:
@@ -59,25 +76,37 @@ def limit_text(level: ModeLevel) -> str:
     if not level.decided_by:
         return ""
     words, unit = QUANTITIES[level.decided_by]
-    least, spaced = "at least" if level.value < level.limit else "at most", f" {unit}" if unit else ""
+    least, spaced = (
+        "at least" if level.value < level.limit else "at most",
+        f" {unit}" if unit else "",
+    )
     value = f"{level.value:.3g}{spaced}" if math.isfinite(level.value) else "none"
     return f"{words} {value}, asked {least} {level.limit:.3g}{spaced}"
 
 
 def levels_heading(flown: Flown) -> str:
     """Standard, class and category, and what of them nobody declared."""
-    assumed = f" ({' and '.join(flown.assumed)} assumed: --class, --category, or the vehicle file)" if flown.assumed else ""
+    assumed = (
+        f" ({' and '.join(flown.assumed)} assumed: --class, --category, or the vehicle file)"
+        if flown.assumed
+        else ""
+    )
     return f"levels by {STANDARD}, class {flown.aircraft_class}, category {flown.category}{assumed}"
 
 
 def levels_line(levels: Sequence[ModeLevel], flown: Flown, tests: Sequence[ResidualTest]) -> str:
     """All levels in one line; empty where the model has no mode that the standard speaks of.
 
-    Probabilities are those of the sigmas: where a residual test fails, what the model lacks is not in them, and the line says so.
+    Probabilities are those of the sigmas: where a residual test fails, what the model lacks is not
+    in them, and the line says so.
     """
     if not levels:
         return ""
-    doubted = "" if all(test.passed for test in tests) else ", were the model right, which its residual denies"
+    doubted = (
+        ""
+        if all(test.passed for test in tests)
+        else ", were the model right, which its residual denies"
+    )
     return f"{levels_heading(flown)}{doubted}: {'; '.join(map(level_sentence, levels))}"
 
 
@@ -93,7 +122,9 @@ def levels_content(levels: Sequence[ModeLevel], flown: Flown) -> dict[str, Any]:
 
 
 def changes(before: Sequence[ModeLevel], after: Sequence[ModeLevel]) -> list[str]:
-    """``"the Dutch roll was level 2 (99 %), is level 1 (97 %)"`` for each mode whose level these data tell before and after, and which differs."""
+    """``"the Dutch roll was level 2 (99 %), is level 1 (97 %)"`` for each mode whose level these
+    data tell before and after, and which differs.
+    """
     new = {level.mode: level for level in after}
     pairs = [(old, new[old.mode]) for old in before if old.mode in new]
     return [
@@ -122,7 +153,13 @@ def _content(level: ModeLevel) -> dict[str, Any]:
         "sources": list(level.sources),
     }
     if level.decided_by and math.isfinite(level.value):
-        out |= {"decided_by": {"quantity": level.decided_by, "estimate": level.value, "limit": level.limit}}
+        out |= {
+            "decided_by": {
+                "quantity": level.decided_by,
+                "estimate": level.value,
+                "limit": level.limit,
+            }
+        }
     return out
 
 
@@ -136,7 +173,9 @@ HERE = "below, and the files of this folder"
 
 @dataclass(frozen=True)
 class Summary:
-    """What was done, what came of it, the numbers that matter most, what the fit leaves, and where more is to be read; a line each."""
+    """What was done, what came of it, the numbers that matter most, what the fit leaves, and where
+    more is to be read; a line each.
+    """
 
     study: str
     outcome: str
@@ -146,7 +185,9 @@ class Summary:
 
 
 def summary_lines(summary: Summary, width: int = WIDTH) -> list[str]:
-    """A line for each part that says something; what is too long ends in dots between two words and stands in full below."""
+    """A line for each part that says something; what is too long ends in dots between two words and
+    stands in full below.
+    """
     return [shortened(text, width, f"{label:10}") for label, text in vars(summary).items() if text]
 
 
@@ -171,11 +212,18 @@ def value_phrase(name: str, value: float, std: float, unit: str) -> str:
         return f"{name} not determined"
     factor, text = shown_in(unit, name)
     sigma = f" +- {number_text(factor * std, factor * std)}" if std > 0.0 else ""
-    return f"{name} {number_text(factor * value, factor * std)}{sigma}{spaced(text)}{in_hertz(value, name, unit)}"
+    return (
+        f"{name} "
+        f"{number_text(factor * value, factor * std)}{sigma}{spaced(text)}{in_hertz(value, name, unit)}"  # noqa: E501
+    )
 
 
-def result_phrase(values: Sequence[tuple[str, float, float, str]], derived: Mapping[str, tuple[float, float]]) -> str:
-    """What follows from the parameters where anything does, and the first of them (name, value, sigma, unit), ``SHOWN`` in all."""
+def result_phrase(
+    values: Sequence[tuple[str, float, float, str]], derived: Mapping[str, tuple[float, float]]
+) -> str:
+    """What follows from the parameters where anything does, and the first of them (name, value,
+    sigma, unit), ``SHOWN`` in all.
+    """
     follows = derived_line(dict(list(derived.items())[:SHOWN]))
     room = SHOWN - min(len(derived), SHOWN)
     named = [value_phrase(*each) for each in values[:room]]
@@ -186,12 +234,18 @@ def result_phrase(values: Sequence[tuple[str, float, float, str]], derived: Mapp
 def residual_phrase(tests: Sequence[ResidualTest]) -> str:
     """``"the noise alone in alpha and nz; not in q"``; empty where nothing was tested."""
     channels = list(dict.fromkeys(test.channel.partition(",")[0] for test in tests))
-    failed = [name for name in channels if any(not test.passed and test.channel.partition(",")[0] == name for test in tests)]
+    failed = [
+        name
+        for name in channels
+        if any(not test.passed and test.channel.partition(",")[0] == name for test in tests)
+    ]
     sound = [name for name in channels if name not in failed and name != "all"]
     if not failed:
         return f"the noise alone in {_listed(sound)}" if sound else ""
     named = [name for name in failed if name != "all"]
-    told = f"more than noise in {_listed(named)}" if named else "not what the noise alone would give"
+    told = (
+        f"more than noise in {_listed(named)}" if named else "not what the noise alone would give"
+    )
     return f"{told}; the noise alone in {_listed(sound)}" if sound and named else told
 
 

@@ -1,1 +1,3 @@
-"""A stream of rows identified as it arrives: lines, rows, the bank, what is shown and what is written."""
+"""A stream of rows identified as it arrives: lines, rows, the bank, what is shown and what is
+written.
+"""

@@ -32,8 +32,9 @@ SCHEMA = "flightid/comparison/1"
 
 @dataclass(frozen=True)
 class Reference:
-    """``values``: name -> (estimate, standard deviation) of parameters and derived quantities; ``fixed``: name -> value held there;
-    ``plain``: what one pass of the bank found, where the study says so: the paper's own result."""
+    """``values``: name -> (estimate, standard deviation) of parameters and derived quantities;
+    ``fixed``: name -> value held there; ``plain``: what one pass of the bank found, where the study
+    says so: the paper's own result."""
 
     name: str
     values: Mapping[str, tuple[float, float]]
@@ -42,8 +43,8 @@ class Reference:
 
 
 def read_reference(path: Path, needed: Sequence[str] = tuple(PAPER_START)) -> Reference:
-    """A study that has the ``needed`` parameters: its folder, or the comparison.json in it. Those of
-    the low-order equivalent system are what a watch of it starts from.
+    """A study that has the ``needed`` parameters: its folder, or the comparison.json in it. Those
+    of the low-order equivalent system are what a watch of it starts from.
 
     Raises
     ------
@@ -52,47 +53,88 @@ def read_reference(path: Path, needed: Sequence[str] = tuple(PAPER_START)) -> Re
     file = path / "comparison.json" if path.is_dir() else path
     content = read_json(file, wanted="the folder of a study, or its comparison.json")
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        raise DeclarationError(f"it is no {SCHEMA}", where=str(file), remedy="name the folder of a study that run, identify or watch wrote")
-    values = {**_pairs(content, "parameters", file), **{name: pair for name, pair in _pairs(content, "derived", file).items() if name in DERIVED}}
+        raise DeclarationError(
+            f"it is no {SCHEMA}",
+            where=str(file),
+            remedy="name the folder of a study that run, identify or watch wrote",
+        )
+    values = {
+        **_pairs(content, "parameters", file),
+        **{
+            name: pair for name, pair in _pairs(content, "derived", file).items() if name in DERIVED
+        },
+    }
     fixed = _numbers(content.get("fixed"), "value")
-    plain = _numbers(content["plain"].get("parameters"), "estimate") if isinstance(content.get("plain"), dict) else {}
+    plain = (
+        _numbers(content["plain"].get("parameters"), "estimate")
+        if isinstance(content.get("plain"), dict)
+        else {}
+    )
     missing = [name for name in needed if name not in values and name not in fixed]
     if missing:
         if missing[0] in content.get("start_dependent", ()):
-            raise DeclarationError(f"{missing[0]} hangs on the start in it", where=str(file), remedy="name a study that was refined")
+            raise DeclarationError(
+                f"{missing[0]} hangs on the start in it",
+                where=str(file),
+                remedy="name a study that was refined",
+            )
         remedy = "name a study of the same model"
         raise DeclarationError(f"there is no {missing[0]} in it", where=str(file), remedy=remedy)
     return Reference(str(path), values, fixed, plain)
 
 
 def vehicle_to_watch(vehicle: Path | None, reference: Reference | None) -> VehicleFile:
-    """Constants and starting values: the vehicle file's, else the reference's, else those of the paper and its aircraft.
+    """Constants and starting values: the vehicle file's, else the reference's, else those of the
+    paper and its aircraft.
 
-    A reference gives what its plain bank found, as the paper started its flight filter, where it says that; else its estimate.
+    A reference gives what its plain bank found, as the paper started its flight filter, where it
+    says that; else its estimate.
     """
     if vehicle is not None:
         found = read_vehicle(vehicle, "loes")
         if found.constraints:
-            what, remedy = "a filter that runs along estimates every derivative", "leave [fixed], [bounds] and [tied] out, or use identify"
+            what, remedy = (
+                "a filter that runs along estimates every derivative",
+                "leave [fixed], [bounds] and [tied] out, or use identify",
+            )
             raise DeclarationError(what, where=str(vehicle), remedy=remedy)
         return found
     x29 = load_x29("F")
-    constants = {"airspeed": x29.airframe.airspeed, "gravity": x29.airframe.gravity, "vane_arm": x29.telemetry.vane_arm}
+    constants = {
+        "airspeed": x29.airframe.airspeed,
+        "gravity": x29.airframe.gravity,
+        "vane_arm": x29.telemetry.vane_arm,
+    }
     if reference is None:
         return VehicleFile("x29", "loes", constants, dict(PAPER_START))
-    known = {**reference.fixed, **{name: value for name, (value, _) in reference.values.items()}, **reference.plain}
+    known = {
+        **reference.fixed,
+        **{name: value for name, (value, _) in reference.values.items()},
+        **reference.plain,
+    }
     held = {name: reference.fixed.get(name, constants[name]) for name in LOES_CONSTANTS}
-    return VehicleFile(resolved(Path(reference.name)).name, "loes", held, {name: known[name] for name in PAPER_START})
+    return VehicleFile(
+        resolved(Path(reference.name)).name,
+        "loes",
+        held,
+        {name: known[name] for name in PAPER_START},
+    )
 
 
 def _pairs(content: Mapping[str, Any], key: str, file: Path) -> dict[str, tuple[float, float]]:
     table = content.get(key, {})
     if not isinstance(table, dict):
-        raise DeclarationError("no table", where=f"{file}, key {key}", remedy="name the folder of a study")
+        raise DeclarationError(
+            "no table", where=f"{file}, key {key}", remedy="name the folder of a study"
+        )
     out = {}
     for name, entry in table.items():
         if not isinstance(entry, dict) or not _is_number(entry.get("estimate")):
-            raise DeclarationError("no estimate", where=f"{file}, key {key}.{name}", remedy="name the folder of a study")
+            raise DeclarationError(
+                "no estimate",
+                where=f"{file}, key {key}.{name}",
+                remedy="name the folder of a study",
+            )
         if _is_number(entry.get("std")):
             out[name] = (float(entry["estimate"]), float(entry["std"]))
     return out
@@ -101,7 +143,9 @@ def _pairs(content: Mapping[str, Any], key: str, file: Path) -> dict[str, tuple[
 def _numbers(table: Any, key: str) -> dict[str, float]:
     """Name -> number under ``key`` of each entry that has one; none of what is no table."""
     entries = table.items() if isinstance(table, dict) else ()
-    found: dict[str, Any] = {name: entry.get(key) for name, entry in entries if isinstance(entry, dict)}
+    found: dict[str, Any] = {
+        name: entry.get(key) for name, entry in entries if isinstance(entry, dict)
+    }
     return {name: float(value) for name, value in found.items() if _is_number(value)}
 
 
@@ -112,12 +156,18 @@ def _is_number(value: Any) -> bool:
 # ---- What a watch shows
 
 HANGING = "hangs on start"
-WORDS = {"natural_frequency": "natural frequency", "damping_ratio": "damping ratio", "delay": "delay"}
+WORDS = {
+    "natural_frequency": "natural frequency",
+    "damping_ratio": "damping ratio",
+    "delay": "delay",
+}
 
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """One quantity of the stream, and of the reference where it has it, with standard deviations, in ``unit``; ``hanging`` on the start alone."""
+    """One quantity of the stream, and of the reference where it has it, with standard deviations,
+    in ``unit``; ``hanging`` on the start alone.
+    """
 
     name: str
     unit: str
@@ -128,7 +178,9 @@ class CrossValidation:
 
     @property
     def z(self) -> float | None:
-        """Difference over the root of both variances' sum; None without a reference, a deviation, or a number that does not hang on the start."""
+        """Difference over the root of both variances' sum; None without a reference, a deviation,
+        or a number that does not hang on the start.
+        """
         if self.reference is None or self.hanging:
             return None
         scale = math.hypot(self.std, self.reference[1])
@@ -136,14 +188,16 @@ class CrossValidation:
 
     @property
     def beyond(self) -> bool:
-        """Whether it lies outside the reference's bounds: more than two standard deviations of the difference."""
+        """Whether it lies outside the reference's bounds: more than two standard deviations of the
+        difference.
+        """
         return self.z is not None and abs(self.z) > BEYOND
 
 
 @dataclass(frozen=True)
 class View:
-    """One moment of a watch: ``time`` (s), rows and what was left out so far, quantities, weights by delay (s), which are probabilities
-    where the estimate is ``refined``, else likelihoods."""
+    """One moment of a watch: ``time`` (s), rows and what was left out so far, quantities, weights
+    by delay (s), which are probabilities where the estimate is ``refined``, else likelihoods."""
 
     name: str
     time: float
@@ -159,32 +213,62 @@ class View:
 
 
 def comparisons(
-    estimate: Estimate, derived: Mapping[str, tuple[float, float]], reference: Reference | None, hanging: Collection[str] = ()
+    estimate: Estimate,
+    derived: Mapping[str, tuple[float, float]],
+    reference: Reference | None,
+    hanging: Collection[str] = (),
 ) -> tuple[CrossValidation, ...]:
-    """Derived quantities, then parameters, each against the reference where there is one; ``hanging`` are those that hang on the start."""
+    """Derived quantities, then parameters, each against the reference where there is one;
+    ``hanging`` are those that hang on the start.
+    """
     known = {} if reference is None else reference.values
-    out = [CrossValidation(name, DERIVED_UNITS[name], value, std, known.get(name), name in hanging) for name, (value, std) in derived.items()]
-    for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist(), strict=True):
+    out = [
+        CrossValidation(name, DERIVED_UNITS[name], value, std, known.get(name), name in hanging)
+        for name, (value, std) in derived.items()
+    ]
+    for name, unit, value, std in zip(
+        estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist(), strict=True
+    ):
         if name not in derived:
             out.append(CrossValidation(name, unit, value, std, known.get(name), name in hanging))
     return tuple(out)
 
 
 def live_table(view: View) -> Group:
-    """The table of a terminal, without a frame so that no number is cut in 80 columns, between its heading and the weights of the delays."""
+    """The table of a terminal, without a frame so that no number is cut in 80 columns, between its
+    heading and the weights of the delays.
+    """
     table = Table(box=box.SIMPLE_HEAD, padding=0)
     compared = any(item.reference is not None for item in view.standings)
     hanging = any(item.hanging for item in view.standings)
-    headings = ["quantity", "unit", "estimate", "+- sigma", *(("reference", "+- sigma", "off,\nsigmas") if compared else ())]
+    headings = [
+        "quantity",
+        "unit",
+        "estimate",
+        "+- sigma",
+        *(("reference", "+- sigma", "off,\nsigmas") if compared else ()),
+    ]
     for heading in [*headings, *([""] if compared or hanging else [])]:
-        table.add_column(heading, justify="left" if heading in ("quantity", "unit", "") else "right", no_wrap=True)
+        table.add_column(
+            heading,
+            justify="left" if heading in ("quantity", "unit", "") else "right",
+            no_wrap=True,
+        )
     for item in view.standings:
         cells = [WORDS.get(item.name, item.name), item.unit]
-        cells += ["-", "-"] if item.hanging else [number_text(item.value, item.std), number_text(item.std, item.std)]
+        cells += (
+            ["-", "-"]
+            if item.hanging
+            else [number_text(item.value, item.std), number_text(item.std, item.std)]
+        )
         if item.reference is not None:
             value, std = item.reference
             z = item.z
-            cells += [number_text(value, std), number_text(std, std), "-" if z is None else f"{z:+.1f}"]
+            cells += [
+                number_text(value, std),
+                number_text(std, std),
+                "-" if z is None else f"{z:+.1f}",
+            ]
         elif compared:
             cells += [""] * 3
         if compared or hanging:
@@ -200,12 +284,19 @@ def line(view: View) -> str:
     for name, word in WORDS.items():
         if name in by_name:
             item = by_name[name]
-            told = f"{number_text(item.value, item.std)} +- {number_text(item.std, item.std)} {item.unit}".removesuffix(" 1")
+            told = (
+                f"{number_text(item.value, item.std)} +- {number_text(item.std, item.std)} "
+                f"{item.unit}"
+            ).removesuffix(" 1")
             shown.append(f"{word} {HANGING if item.hanging else told}")
     best = int(np.argmax(view.weights))
     shown.append(f"most likely {view.delays[best]:g} s (weight {view.weights[best]:.2f})")
     outside = outside_of(view.standings)
-    return f"{_heading(view)}: " + ", ".join(shown) + (f"; outside the reference: {', '.join(outside)}" if outside else "")
+    return (
+        f"{_heading(view)}: "
+        + ", ".join(shown)
+        + (f"; outside the reference: {', '.join(outside)}" if outside else "")
+    )
 
 
 def outside_of(items: Sequence[CrossValidation]) -> list[str]:
@@ -215,7 +306,9 @@ def outside_of(items: Sequence[CrossValidation]) -> list[str]:
 
 def _heading(view: View) -> str:
     counts = [f"{view.rows} rows"]
-    counts += [f"{view.left_out} line{'s' * (view.left_out != 1)} left out"] if view.left_out else []
+    counts += (
+        [f"{view.left_out} line{'s' * (view.left_out != 1)} left out"] if view.left_out else []
+    )
     counts += [f"{view.spikes} spike{'s' * (view.spikes != 1)} left out"] if view.spikes else []
     counts += [] if view.sound else ["all filters broke down, the last sound values stand"]
     counts += [f"nothing new for {view.silent:.0f} s"] if view.silent >= 1.0 else []
@@ -223,5 +316,9 @@ def _heading(view: View) -> str:
 
 
 def _weights(view: View) -> str:
-    cells = [f"{1000.0 * delay:g}: {weight:.2f}" for delay, weight in zip(view.delays, view.weights, strict=True) if weight >= 0.005]
+    cells = [
+        f"{1000.0 * delay:g}: {weight:.2f}"
+        for delay, weight in zip(view.delays, view.weights, strict=True)
+        if weight >= 0.005
+    ]
     return f"{'probability' if view.refined else 'likelihood'} by delay, ms: " + ", ".join(cells)

@@ -21,7 +21,14 @@ from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.formats.cells import LARGEST, MISSING, CellTable, header_cell
 from scenarios.files.formats.layout import is_number
-from scenarios.files.measured.columns import Sidecar, SourceColumn, column_place, find_column, missing_column, refuse_unknown_units
+from scenarios.files.measured.columns import (
+    Sidecar,
+    SourceColumn,
+    column_place,
+    find_column,
+    missing_column,
+    refuse_unknown_units,
+)
 from scenarios.files.measured.derived import source_columns, with_derived
 from scenarios.files.measured.expressions import is_plain_name
 from scenarios.files.measured.record_file import RecordFile
@@ -41,7 +48,9 @@ Read = Callable[[], bytes | None]
 
 
 class Lines(NamedTuple):
-    """What came: whole lines without their ends, and at the end of the stream the beginning of a line that never ended."""
+    """What came: whole lines without their ends, and at the end of the stream the beginning of a
+    line that never ended.
+    """
 
     whole: list[bytes]
     unfinished: bytes = b""
@@ -66,7 +75,11 @@ def lines_of(read: Read, idle: float | None, name: str) -> Iterator[Lines]:
             heard = time.monotonic()
             *whole, rest = (rest + piece).split(b"\n")
             if len(rest) > LONGEST_LINE:
-                raise RecordError("a line without end", where=name, remedy="stream comma-separated text, one row a line")
+                raise RecordError(
+                    "a line without end",
+                    where=name,
+                    remedy="stream comma-separated text, one row a line",
+                )
             yield Lines([line.removesuffix(b"\r") for line in whole])
         elif idle is not None and time.monotonic() - heard >= idle:
             break
@@ -77,7 +90,8 @@ def lines_of(read: Read, idle: float | None, name: str) -> Iterator[Lines]:
 
 @contextmanager
 def growing_file(path: Path, until_end: bool) -> Iterator[Read]:
-    """A source that reads a file from its beginning and goes on as it grows; with ``until_end`` it ends where the file does.
+    """A source that reads a file from its beginning and goes on as it grows; with ``until_end`` it
+    ends where the file does.
 
     A file that is cut short while it is read ends too.
 
@@ -90,11 +104,19 @@ def growing_file(path: Path, until_end: bool) -> Iterator[Read]:
     if path.is_dir():
         raise RecordError("this is a folder", where=str(path), remedy="name the record file in it")
     if path.suffix.lower() in _NOT_LINES:
-        raise RecordError("only comma-separated text arrives line by line", where=str(path), remedy="give a CSV file, or use flightid identify")
+        raise RecordError(
+            "only comma-separated text arrives line by line",
+            where=str(path),
+            remedy="give a CSV file, or use flightid identify",
+        )
     try:
         file = path.open("rb", buffering=0)
     except OSError as error:
-        raise RecordError(f"cannot be read ({error.strerror})", where=str(path), remedy="check the file and its permissions") from None
+        raise RecordError(
+            f"cannot be read ({error.strerror})",
+            where=str(path),
+            remedy="check the file and its permissions",
+        ) from None
     with file:
 
         def read() -> bytes | None:
@@ -112,7 +134,8 @@ def growing_file(path: Path, until_end: bool) -> Iterator[Read]:
 def standard_input(descriptor: int = 0) -> Read:
     """A source that reads what is piped in; it ends where the pipe does.
 
-    A thread waits for the pipe, since Windows waits for sockets alone. It reads a few pieces ahead, no more.
+    A thread waits for the pipe, since Windows waits for sockets alone. It reads a few pieces ahead,
+    no more.
     """
     pieces: queue.Queue[bytes | OSError] = queue.Queue(AHEAD)
     ended = False
@@ -137,7 +160,11 @@ def standard_input(descriptor: int = 0) -> Read:
         except queue.Empty:
             return b""
         if isinstance(piece, OSError):
-            raise RecordError(f"cannot be read ({piece.strerror})", where="standard input", remedy="check what is piped in")
+            raise RecordError(
+                f"cannot be read ({piece.strerror})",
+                where="standard input",
+                remedy="check what is piped in",
+            )
         ended = not piece
         return piece or None
 
@@ -154,7 +181,9 @@ LOST = 600.0  # s: after a gap this long nothing of the motion before is known
 
 @dataclass(frozen=True)
 class StreamSignals:
-    """Inputs and outputs that a stream is read for; ``known``: all channels and their units inside."""
+    """Inputs and outputs that a stream is read for; ``known``: all channels and their units
+    inside.
+    """
 
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
@@ -203,7 +232,9 @@ class Header:
 
 
 class Fault(NamedTuple):
-    """A line that was left out, or a cell that was mended: the row as the user counts it (the header is row 1), and what is wrong."""
+    """A line that was left out, or a cell that was mended: the row as the user counts it (the
+    header is row 1), and what is wrong.
+    """
 
     row: int
     what: str
@@ -211,9 +242,11 @@ class Fault(NamedTuple):
 
 
 class Order(NamedTuple):
-    """How far the stream has come: time (s) and inputs of the last row, and a row that waits to be borne out by the next.
+    """How far the stream has come: time (s) and inputs of the last row, and a row that waits to be
+    borne out by the next.
 
-    ``lost`` is the time at which the stream jumped by more than ``LOST``; nothing is taken after it.
+    ``lost`` is the time at which the stream jumped by more than ``LOST``; nothing is taken after
+    it.
     """
 
     time: float = -math.inf
@@ -242,7 +275,8 @@ def read_header(
         stream.
     choices : channel map. units : the sidecar's. names : of the columns, in their order, instead of
         the header's.
-    rate : Hz, of a stream without a clock. first : line of the first row. signals : channels to read.
+    rate : Hz, of a stream without a clock. first : line of the first row. signals : channels to
+    read.
 
     Raises
     ------
@@ -254,26 +288,39 @@ def read_header(
     width, computed = len(cells), None
     sources: tuple[int, ...] = ()
     inputs, outputs = signals.inputs, signals.outputs
-    refuse_unknown_units(Sidecar(units=units or {}), cells, Path(name), {*signals.known, *(choices or {})})
+    refuse_unknown_units(
+        Sidecar(units=units or {}), cells, Path(name), {*signals.known, *(choices or {})}
+    )
     if choices is not None:
         choices = {channel: _by_name(choice, cells) for channel, choice in choices.items()}
         _refuse_other_rows(choices, name)
-        file = RecordFile(Path(name), _table(name, cells, {}, 0), Sidecar(units=units or {}), InputFile(name, ""))
+        file = RecordFile(
+            Path(name), _table(name, cells, {}, 0), Sidecar(units=units or {}), InputFile(name, "")
+        )
         found = source_columns(file, choices, inputs, outputs)
         if found:
             computed, sources = (file, choices), found
             wider, choices = with_derived(file, choices, inputs, outputs)
             cells = list(wider.table.header)
-    columns = tuple(find_column(channel, cells, name, choices, units, signals.known) for channel in signals.names)
+    columns = tuple(
+        find_column(channel, cells, name, choices, units, signals.known)
+        for channel in signals.names
+    )
     if rate is not None and columns[0] is not None:
-        raise RecordError("the stream has a clock of its own", where=f"{name}, --rate", remedy="leave --rate out: a stream is not resampled")
+        raise RecordError(
+            "the stream has a clock of its own",
+            where=f"{name}, --rate",
+            remedy="leave --rate out: a stream is not resampled",
+        )
     for channel, column in zip((TIME, *inputs), columns, strict=False):
         if column is None and (channel != TIME or rate is None):
             raise _missing(channel, cells, name)
     if not any(columns[1 + len(inputs) :]):
         raise _missing(outputs[0], cells, name)
     direct = {column.index for column in columns if column is not None and column.index < width}
-    return Header(columns, width, name, rate, first, computed, tuple(sorted({*direct, *sources})), signals)
+    return Header(
+        columns, width, name, rate, first, computed, tuple(sorted({*direct, *sources})), signals
+    )
 
 
 def is_row(line: bytes, name: str) -> bool:
@@ -286,13 +333,25 @@ def header_cells(line: bytes, name: str) -> list[str]:
     """The cells of a stream's first line. Raises RecordError where it is no comma-separated text in
     UTF-8."""
     try:
-        cells = [header_cell(cell, name) for cell in next(csv.reader([line.decode("utf-8-sig")]), [])]
+        cells = [
+            header_cell(cell, name) for cell in next(csv.reader([line.decode("utf-8-sig")]), [])
+        ]
     except UnicodeDecodeError:
-        raise RecordError("not UTF-8 text", where=f"{name}, row 1", remedy="stream comma-separated text in UTF-8") from None
+        raise RecordError(
+            "not UTF-8 text", where=f"{name}, row 1", remedy="stream comma-separated text in UTF-8"
+        ) from None
     except csv.Error as error:
-        raise RecordError(f"not comma-separated text ({error})", where=f"{name}, row 1", remedy="stream comma-separated text in UTF-8") from None
+        raise RecordError(
+            f"not comma-separated text ({error})",
+            where=f"{name}, row 1",
+            remedy="stream comma-separated text in UTF-8",
+        ) from None
     if len(cells) == 1 and any(mark in cells[0] for mark in ";\t"):
-        raise RecordError("the columns are not separated by commas", where=f"{name}, row 1", remedy="put commas between the columns")
+        raise RecordError(
+            "the columns are not separated by commas",
+            where=f"{name}, row 1",
+            remedy="put commas between the columns",
+        )
     return cells
 
 
@@ -300,7 +359,9 @@ def _named(cells: list[str], name: str, names: Sequence[str]) -> list[str]:
     """The header with the names that are given. Raises RecordError where they are not as many."""
     if names and len(names) != len(cells):
         what = f"{len(names)} names for {len(cells)} columns of {name}"
-        raise RecordError(what, where="--columns", remedy="give one name a column, separated by commas")
+        raise RecordError(
+            what, where="--columns", remedy="give one name a column, separated by commas"
+        )
     return list(names) if names else cells
 
 
@@ -308,7 +369,11 @@ def _missing(channel: str, cells: Sequence[str], name: str) -> RecordError:
     """The error for a stream without a channel."""
     error = missing_column(channel, cells, name)
     if all(is_number(cell) for cell in cells):
-        return RecordError("there is no header, the first row holds numbers", where=f"{name}, row 1", remedy="name the columns with --columns")
+        return RecordError(
+            "there is no header, the first row holds numbers",
+            where=f"{name}, row 1",
+            remedy="name the columns with --columns",
+        )
     clock = "; of a stream without a clock give --rate HZ" if channel == TIME else ""
     return RecordError(error.what, where=error.where, remedy=f"{error.remedy}{clock}")
 
@@ -326,21 +391,37 @@ def _refuse_other_rows(choices: Mapping[str, ColumnChoice], name: str) -> None:
     for channel, choice in choices.items():
         where = f"{name}, channel {channel}"
         if choice.delay:
-            raise RecordError("a delay needs rows that have not come yet", where=where, remedy=remedy)
+            raise RecordError(
+                "a delay needs rows that have not come yet", where=where, remedy=remedy
+            )
         if UNWRAP.search(str(choice.column)):
             raise RecordError("unwrap needs the rows before", where=where, remedy=remedy)
         if channel == TIME and (choice.computed or not is_plain_name(str(choice.column))):
-            raise RecordError("the clock of a stream is one column", where=where, remedy='write time = {column = "HEADER", unit = "ms"}')
+            raise RecordError(
+                "the clock of a stream is one column",
+                where=where,
+                remedy='write time = {column = "HEADER", unit = "ms"}',
+            )
 
 
-def _table(name: str, cells: Sequence[str], columns: Mapping[int, np.ndarray], rows: int) -> CellTable:
+def _table(
+    name: str, cells: Sequence[str], columns: Mapping[int, np.ndarray], rows: int
+) -> CellTable:
     """Rows of a stream as a table, NaN where a column is not read."""
     blank = np.full(rows, np.nan)
-    return CellTable(name, tuple(cells), tuple(columns.get(index, blank) for index in range(len(cells))), np.arange(1, rows + 1))
+    return CellTable(
+        name,
+        tuple(cells),
+        tuple(columns.get(index, blank) for index in range(len(cells))),
+        np.arange(1, rows + 1),
+    )
 
 
-def read_lines(header: Header, lines: Sequence[bytes], first: int) -> tuple[np.ndarray, list[int], list[Fault]]:
-    """Numbers ``(signals, N)`` in SI, NaN where a cell is empty, the row number of each, and the lines that are no rows.
+def read_lines(
+    header: Header, lines: Sequence[bytes], first: int
+) -> tuple[np.ndarray, list[int], list[Fault]]:
+    """Numbers ``(signals, N)`` in SI, NaN where a cell is empty, the row number of each, and the
+    lines that are no rows.
 
     ``first`` is the number of the first line. Empty lines are no fault.
     """
@@ -352,7 +433,9 @@ def read_lines(header: Header, lines: Sequence[bytes], first: int) -> tuple[np.n
         try:
             found = _plain(line, places, header.width) or _careful(line, places, header.width)
         except (ValueError, csv.Error) as error:
-            faults.append(Fault(number, "not plain text" if isinstance(error, UnicodeError) else str(error)))
+            faults.append(
+                Fault(number, "not plain text" if isinstance(error, UnicodeError) else str(error))
+            )
             continue
         if found:
             values.append(found)
@@ -363,7 +446,14 @@ def read_lines(header: Header, lines: Sequence[bytes], first: int) -> tuple[np.n
     if header.computed is not None:
         file, choices = header.computed
         file = replace(file, table=_table(header.name, file.table.header, read, len(values)))
-        read = dict(enumerate(np.asarray(each) for each in with_derived(file, choices, signals.inputs, signals.outputs)[0].table.columns))
+        read = dict(
+            enumerate(
+                np.asarray(each)
+                for each in with_derived(file, choices, signals.inputs, signals.outputs)[
+                    0
+                ].table.columns
+            )
+        )
     for row, column in enumerate(header.columns):
         if column is not None:
             table[row] = read[column.index]
@@ -371,18 +461,29 @@ def read_lines(header: Header, lines: Sequence[bytes], first: int) -> tuple[np.n
         table[0] = (np.array(numbers, dtype=float) - header.first) / header.rate
     for row, (column, channel) in enumerate(zip(header.columns, signals.names, strict=True)):
         if column is not None and channel != STICK:
-            table[row] = to_si(table[row], column.unit, signals.known[channel], column_place(header.name, column))
+            table[row] = to_si(
+                table[row], column.unit, signals.known[channel], column_place(header.name, column)
+            )
     return table, numbers, faults
 
 
-def in_order(table: np.ndarray, numbers: Sequence[int], order: Order) -> tuple[np.ndarray, list[Fault], Order]:
+def in_order(
+    table: np.ndarray, numbers: Sequence[int], order: Order
+) -> tuple[np.ndarray, list[Fault], Order]:
     """The rows that go on from ``order``, ``(signals, N)``, with their faults.
 
-    A row whose time is missing, repeated or goes back is left out. One that is more than ``AHEAD`` later than the last waits until
-    the next is later still, else it is left out. A missing input holds its last value; before there is one, the row is left out.
+    A row whose time is missing, repeated or goes back is left out. One that is more than ``AHEAD``
+    later than the last waits until the next is later still, else it is left out. A missing input
+    holds its last value; before there is one, the row is left out.
     """
     if _goes_on(table, order):
-        return table, [], order._replace(time=float(table[0, -1]), held=tuple(table[1 : 1 + len(order.inputs), -1].tolist()))
+        return (
+            table,
+            [],
+            order._replace(
+                time=float(table[0, -1]), held=tuple(table[1 : 1 + len(order.inputs), -1].tolist())
+            ),
+        )
     kept: list[np.ndarray] = []
     faults: list[Fault] = []
     for row, number in zip(table.T, numbers, strict=True):
@@ -394,7 +495,13 @@ def in_order(table: np.ndarray, numbers: Sequence[int], order: Order) -> tuple[n
             faults.append(Fault(number, "time is missing"))
             continue
         if time <= order.time:
-            faults.append(Fault(number, f"time {'is repeated' if time == order.time else 'goes back'} ({order.time:.9g} s, then {time:.9g} s)"))
+            faults.append(
+                Fault(
+                    number,
+                    f"time {'is repeated' if time == order.time else 'goes back'} "
+                    f"({order.time:.9g} s, then {time:.9g} s)",
+                )
+            )
             continue
         if order.waiting is not None:
             ahead, ahead_row = order.waiting, order.waiting_row
@@ -402,19 +509,30 @@ def in_order(table: np.ndarray, numbers: Sequence[int], order: Order) -> tuple[n
             if time > ahead[0]:
                 if ahead[0] - order.time > LOST and order.time > -math.inf:
                     order = order._replace(lost=order.time)
-                    faults += [Fault(each, f"the time jumps from {order.time:g} s to {ahead[0]:g} s") for each in (ahead_row, number)]
+                    faults += [
+                        Fault(each, f"the time jumps from {order.time:g} s to {ahead[0]:g} s")
+                        for each in (ahead_row, number)
+                    ]
                     continue
                 order = _accept(ahead, ahead_row, order, kept, faults)
             else:
                 begun = f"{order.time:.9g} s, then " if order.time > -math.inf else "first "
-                faults.append(Fault(ahead_row, f"time jumps ahead ({begun}{ahead[0]:.9g} s) and comes back"))
+                faults.append(
+                    Fault(ahead_row, f"time jumps ahead ({begun}{ahead[0]:.9g} s) and comes back")
+                )
         ahead_of_all = time - order.time > ROWS_AHEAD
-        order = order._replace(waiting=row, waiting_row=number) if ahead_of_all else _accept(row, number, order, kept, faults)
+        order = (
+            order._replace(waiting=row, waiting_row=number)
+            if ahead_of_all
+            else _accept(row, number, order, kept, faults)
+        )
     return np.array(kept, dtype=float).reshape(-1, table.shape[0]).T, faults, order
 
 
 def at_end(order: Order, height: int = 2 + len(OUTPUTS)) -> tuple[np.ndarray, list[Fault], Order]:
-    """As ``in_order`` for a row that still waits when the stream ends: nothing speaks against it, but a jump that loses the motion."""
+    """As ``in_order`` for a row that still waits when the stream ends: nothing speaks against it,
+    but a jump that loses the motion.
+    """
     kept: list[np.ndarray] = []
     faults: list[Fault] = []
     if order.waiting is not None:
@@ -427,14 +545,21 @@ def at_end(order: Order, height: int = 2 + len(OUTPUTS)) -> tuple[np.ndarray, li
 
 
 def _goes_on(table: np.ndarray, order: Order) -> bool:
-    """Whether all rows simply go on from ``order``, nothing to wait for or to mend; a NaN in time or an input says no."""
+    """Whether all rows simply go on from ``order``, nothing to wait for or to mend; a NaN in time
+    or an input says no.
+    """
     if table.shape[1] == 0 or order.waiting is not None or order.lost is not None:
         return False
     steps = np.diff(table[0], prepend=order.time)
-    return bool(np.all((steps > 0.0) & (steps <= ROWS_AHEAD)) and not np.isnan(table[1 : 1 + len(order.inputs)]).any())
+    return bool(
+        np.all((steps > 0.0) & (steps <= ROWS_AHEAD))
+        and not np.isnan(table[1 : 1 + len(order.inputs)]).any()
+    )
 
 
-def _accept(row: np.ndarray, number: int, order: Order, kept: list[np.ndarray], faults: list[Fault]) -> Order:
+def _accept(
+    row: np.ndarray, number: int, order: Order, kept: list[np.ndarray], faults: list[Fault]
+) -> Order:
     for place, name in enumerate(order.inputs, start=1):
         if math.isnan(row[place]):
             if not order.held:
@@ -442,13 +567,17 @@ def _accept(row: np.ndarray, number: int, order: Order, kept: list[np.ndarray], 
                 return order
             row = row.copy()
             row[place] = order.held[place - 1]
-            faults.append(Fault(number, f"the {name} is missing, the last one holds", left_out=False))
+            faults.append(
+                Fault(number, f"the {name} is missing, the last one holds", left_out=False)
+            )
     kept.append(row)
     return order._replace(time=float(row[0]), held=tuple(row[1 : 1 + len(order.inputs)].tolist()))
 
 
 def _plain(line: bytes, places: Sequence[int], width: int) -> list[float] | None:
-    """The numbers of a line that holds nothing else, None for any other: nearly all lines are of this sort, and it is three times as fast."""
+    """The numbers of a line that holds nothing else, None for any other: nearly all lines are of
+    this sort, and it is three times as fast.
+    """
     cells = line.split(b",")
     if len(cells) != width or b'"' in line or b"_" in line or not line.isascii():
         return None
@@ -460,7 +589,9 @@ def _plain(line: bytes, places: Sequence[int], width: int) -> list[float] | None
 
 
 def _careful(line: bytes, places: Sequence[int], width: int) -> list[float]:
-    """The numbers of a line, NaN where a cell is empty, none of an empty line; ValueError or csv.Error says what else it is."""
+    """The numbers of a line, NaN where a cell is empty, none of an empty line; ValueError or
+    csv.Error says what else it is.
+    """
     if not line.strip():
         return []
     text = line.decode("ascii")

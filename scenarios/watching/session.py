@@ -1,7 +1,8 @@
 """A watch in progress: rows go in, the banks move on.
 
-The first rows are only collected: the noise levels, the trim and the start of two states are read off them, then they are filtered
-like all others. What the filter is given, spikes left out, is the record that a batch run would get.
+The first rows are only collected: the noise levels, the trim and the start of two states are read
+off them, then they are filtered like all others. What the filter is given, spikes left out, is the
+record that a batch run would get.
 """
 
 from __future__ import annotations
@@ -16,13 +17,45 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.banks.online import BankState, Ends, OnlineBank, Rows, advance, bank_of_starts, begin, ends_of, moved_starts, online_bank, spread_of
-from ident.banks.relinearised import Relinearised, along, due, informative_enough, linearise, on_a_grid_that_fits, sharper_of
+from ident.banks.online import (
+    BankState,
+    Ends,
+    OnlineBank,
+    Rows,
+    advance,
+    bank_of_starts,
+    begin,
+    ends_of,
+    moved_starts,
+    online_bank,
+    spread_of,
+)
+from ident.banks.relinearised import (
+    Relinearised,
+    along,
+    due,
+    informative_enough,
+    linearise,
+    on_a_grid_that_fits,
+    sharper_of,
+)
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.low_order import filter_system, less, noise_levels, trim_of
 from scenarios.watching.reference import Reference, vehicle_to_watch
-from scenarios.watching.rows import LOES, OUTPUTS, Fault, Header, Lines, Order, StreamSignals, in_order, is_row, read_header, read_lines
+from scenarios.watching.rows import (
+    LOES,
+    OUTPUTS,
+    Fault,
+    Header,
+    Lines,
+    Order,
+    StreamSignals,
+    in_order,
+    is_row,
+    read_header,
+    read_lines,
+)
 from scenarios.watching.spectral import SpectralSession, spectral_session
 from scenarios.watching.spectral import take as take_in_frequency
 from sim.declaration.model import System
@@ -34,16 +67,21 @@ from sim.record import Channel, Record
 BEGINNING = 2.0  # s that are collected before the filter starts
 FEWEST = 40  # rows of it
 SPIKE = 30.0  # standard deviations of the innovation
-STARTED = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau")  # what a vehicle file gives a start of
+# what a vehicle file gives a start of
+STARTED = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau")
 RELINEARISED_ROWS = 1600  # 40 s at 40 Hz: two seconds of computing
-GROWN = 1.25  # of the rows at the last attempt: all of them together then cost five times the last one
-STEADY = 20  # rows over which the stick should not have moved before a part of a record begins: the longest delay and the lag
+# of the rows at the last attempt: all of them together then cost five times the last one
+GROWN = 1.25
+# rows over which the stick should not have moved before a part of a record begins: the longest
+# delay and the lag
+STEADY = 20
 UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g"}
 
 
 class Step(NamedTuple):
-    """A row of the stream, the bank's state after it, how many spikes were left out by then, what other starts add to its deviations
-    ``spread (n,)`` and to the delay's (s), their differences ``(K, n)``, and the bank that was linearised anew, where there is one."""
+    """A row of the stream, the bank's state after it, how many spikes were left out by then, what
+    other starts add to its deviations ``spread (n,)`` and to the delay's (s), their differences
+    ``(K, n)``, and the bank that was linearised anew, where there is one."""
 
     row: np.ndarray
     state: BankState
@@ -58,10 +96,12 @@ class Step(NamedTuple):
 class Session:
     """What a watch knows so far; ``take`` and ``start`` change it.
 
-    ``taken`` are blocks of rows ``(5, n)`` in the order time, stick, alpha, q, nz as they came, spikes NaN once the filter left them out.
-    ``system``, ``bank``, ``state`` and ``offsets`` are there once the filter has started; ``others`` is the bank of other starts with its
-    state, ``last`` the last step. ``refine``: whether the bank is linearised anew on its way; ``tried``: the rows at the last attempt,
-    which began with the row ``first``. ``spectral``: the regression in the frequency domain of the same rows, spikes left out.
+    ``taken`` are blocks of rows ``(5, n)`` in the order time, stick, alpha, q, nz as they came,
+    spikes NaN once the filter left them out. ``system``, ``bank``, ``state`` and ``offsets`` are
+    there once the filter has started; ``others`` is the bank of other starts with its state,
+    ``last`` the last step. ``refine``: whether the bank is linearised anew on its way; ``tried``:
+    the rows at the last attempt, which began with the row ``first``. ``spectral``: the regression
+    in the frequency domain of the same rows, spikes left out.
     """
 
     vehicle: VehicleFile
@@ -95,7 +135,10 @@ def take(session: Session, rows: np.ndarray) -> list[Step]:
         return []
     session.taken.append(np.array(rows))
     if session.bank is None:
-        times = [float(block[0, column]) for block, column in ((session.taken[0], 0), (session.taken[-1], -1))]
+        times = [
+            float(block[0, column])
+            for block, column in ((session.taken[0], 0), (session.taken[-1], -1))
+        ]
         return start(session) if times[1] - times[0] >= BEGINNING and session.rows >= FEWEST else []
     return _filter(session, session.taken[-1])
 
@@ -126,17 +169,35 @@ def record_of(session: Session) -> Record:
     ------
     RecordError : fewer than two rows, or no number in any output.
     """
-    table = np.concatenate(session.taken, axis=1) if session.taken else np.zeros((2 + len(OUTPUTS), 0))
+    table = (
+        np.concatenate(session.taken, axis=1) if session.taken else np.zeros((2 + len(OUTPUTS), 0))
+    )
     if table.shape[1] < 2:
-        raise RecordError(f"{table.shape[1]} row(s) that can be used", where=session.name, remedy="a stream needs at least two")
-    outputs = tuple(Channel.of(name, UNITS[name], row) for name, row in zip(OUTPUTS, table[2:], strict=True) if np.isfinite(row).any())
+        raise RecordError(
+            f"{table.shape[1]} row(s) that can be used",
+            where=session.name,
+            remedy="a stream needs at least two",
+        )
+    outputs = tuple(
+        Channel.of(name, UNITS[name], row)
+        for name, row in zip(OUTPUTS, table[2:], strict=True)
+        if np.isfinite(row).any()
+    )
     if not outputs:
-        raise RecordError("no number in any output", where=session.name, remedy=f"stream one of {', '.join(OUTPUTS)}")
-    return Record(table[0], (Channel.of("stick", session.stick_unit, table[1]),), outputs, name=session.name)
+        raise RecordError(
+            "no number in any output",
+            where=session.name,
+            remedy=f"stream one of {', '.join(OUTPUTS)}",
+        )
+    return Record(
+        table[0], (Channel.of("stick", session.stick_unit, table[1]),), outputs, name=session.name
+    )
 
 
 def _filter(session: Session, block: np.ndarray) -> list[Step]:
-    """Move the banks over the block's rows; spikes that the first leaves out become NaN in the block, and the others do not see them."""
+    """Move the banks over the block's rows; spikes that the first leaves out become NaN in the
+    block, and the others do not see them.
+    """
     bank, others = session.bank, session.others
     assert bank is not None and others is not None
     states = _on(bank, session.state, _rows_of(session, block))
@@ -155,14 +216,27 @@ def _filter(session: Session, block: np.ndarray) -> list[Step]:
     ends = ends_of(others, beside, len(bank.delays))
     spread = spread_of(bank, states, ends)
     refined = _refined(session, states, ends, given) if session.refine else [None] * len(states)
-    columns = zip(block.T, states, spikes, spread.std, spread.delay.tolist(), spread.differences, refined, strict=True)
+    columns = zip(
+        block.T,
+        states,
+        spikes,
+        spread.std,
+        spread.delay.tolist(),
+        spread.differences,
+        refined,
+        strict=True,
+    )
     steps = [Step(*each) for each in columns]
     session.last = steps[-1]
     return steps
 
 
-def _refined(session: Session, states: list[BankState], ends: Ends, given: Rows) -> list[Relinearised | None]:
-    """The bank linearised anew after each row. Whether it is time for that is asked at the first row of each second, however rows come."""
+def _refined(
+    session: Session, states: list[BankState], ends: Ends, given: Rows
+) -> list[Relinearised | None]:
+    """The bank linearised anew after each row. Whether it is time for that is asked at the first
+    row of each second, however rows come.
+    """
     seconds = np.floor(given.time)
     asked = np.flatnonzero(np.diff(seconds, prepend=session.second) > 0).tolist()
     session.second = float(seconds[-1])
@@ -171,7 +245,11 @@ def _refined(session: Session, states: list[BankState], ends: Ends, given: Rows)
         if row < len(out):
             continue
         stretch = slice(len(out), row + 1)
-        passed = [None] * (row + 1 - len(out)) if session.refined is None else along(session.refined, Rows(*(part[..., stretch] for part in given)))
+        passed = (
+            [None] * (row + 1 - len(out))
+            if session.refined is None
+            else along(session.refined, Rows(*(part[..., stretch] for part in given)))
+        )
         session.refined = passed[-1]
         if row in asked:
             if session.refined is not None:
@@ -180,7 +258,11 @@ def _refined(session: Session, states: list[BankState], ends: Ends, given: Rows)
                 session.tried, before = states[row].rows_seen, session.first
                 found = _linearised(session, states[row], ends.mean[row].T)
                 same = session.refined is None or session.first == before
-                session.refined = found if same and found is not None else sharper_of(session.refined, found, STARTED)
+                session.refined = (
+                    found
+                    if same and found is not None
+                    else sharper_of(session.refined, found, STARTED)
+                )
         out += [*passed[:-1], session.refined]
     return out
 
@@ -200,38 +282,53 @@ def _linearised(session: Session, state: BankState, elsewhere: np.ndarray) -> Re
     record, last = record_of(session), state.rows_seen
     if last - session.first > RELINEARISED_ROWS:
         earliest = last - RELINEARISED_ROWS
-        session.first = onset(record, earliest) if session.refined is None else steadiest(record, earliest, last - RELINEARISED_ROWS // 2)
+        session.first = (
+            onset(record, earliest)
+            if session.refined is None
+            else steadiest(record, earliest, last - RELINEARISED_ROWS // 2)
+        )
     first = session.first
     record = less(record.window(float(record.time[first]), state.time), session.offsets)
     system = filter_system(record, session.vehicle, noise_levels(record))
     if first:
         levels: dict[str, float] = {
-            name: float(record[name].values[0]) for name in ("alpha", "q") if name in record.output_names and record[name].valid[0]
+            name: float(record[name].values[0])
+            for name in ("alpha", "q")
+            if name in record.output_names and record[name].valid[0]
         }
         system = replace(system, initial=system.initial.with_values(levels))
     return linearise(record, system, session.bank, state, elsewhere)
 
 
 def onset(record: Record, first: int) -> int:
-    """The row a second's worth before the stick first moves from ``first`` on by a twentieth of what it ever does."""
+    """The row a second's worth before the stick first moves from ``first`` on by a twentieth of
+    what it ever does.
+    """
     stick = record["stick"].values[first:]
     away = np.abs(stick - np.median(stick))
     return max(first, first + int(np.argmax(away > 0.05 * away.max())) - FEWEST)
 
 
 def steadiest(record: Record, first: int, last: int) -> int:
-    """The row from ``first`` to before ``last`` at which the stick has moved and the aircraft pitches least, in shares of their largest."""
+    """The row from ``first`` to before ``last`` at which the stick has moved and the aircraft
+    pitches least, in shares of their largest.
+    """
     stick, pitching = record["stick"].values, np.zeros(len(record))
     if "q" in record.output_names:
         pitching = np.abs(np.where(record["q"].valid, record["q"].values, np.inf))
     moved = np.ptp(np.lib.stride_tricks.sliding_window_view(stick, STEADY), axis=1)
     rows = np.arange(max(first, STEADY - 1), last)
-    largest = [max(float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0)), 1e-12) for values in (stick, pitching)]
+    largest = [
+        max(float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0)), 1e-12)
+        for values in (stick, pitching)
+    ]
     return int(rows[np.argmin(moved[rows - STEADY + 1] / largest[0] + pitching[rows] / largest[1])])
 
 
 def _on(bank: OnlineBank, state: BankState | None, rows: Rows) -> list[BankState]:
-    """The states after each of the rows, from the first row of all on where there is no state yet."""
+    """The states after each of the rows, from the first row of all on where there is no state
+    yet.
+    """
     if state is not None:
         return advance(bank, state, rows)
     first = begin(bank, Rows(*(part[..., :1] for part in rows)))
@@ -240,7 +337,9 @@ def _on(bank: OnlineBank, state: BankState | None, rows: Rows) -> list[BankState
 
 def _rows_of(session: Session, block: np.ndarray) -> Rows:
     """A block about its trim."""
-    levels = np.array([0.0, *(session.offsets.get(name, 0.0) for name in ("stick", *OUTPUTS))])[:, None]
+    levels = np.array([0.0, *(session.offsets.get(name, 0.0) for name in ("stick", *OUTPUTS))])[
+        :, None
+    ]
     given = block - levels
     return Rows(given[0], given[1:2], given[2:])
 
@@ -248,7 +347,8 @@ def _rows_of(session: Session, block: np.ndarray) -> Rows:
 # ---- A stream on its way through the filter: its header, its session, and what was left out
 
 STOPPED = "stopped by the user"
-TOGETHER = 200  # rows that are filtered before they are written and shown: a few hundredths of a second
+# rows that are filtered before they are written and shown: a few hundredths of a second
+TOGETHER = 200
 
 
 @dataclass
@@ -300,7 +400,16 @@ def rows_in(watch: Watch, came: Lines) -> np.ndarray:
             watch.line += 1
             lines = lines[1:]
         if first.strip():
-            watch.header = read_header(first, watch.name, watch.choices, watch.units, watch.columns, watch.rate, watch.line + 1, watch.signals)
+            watch.header = read_header(
+                first,
+                watch.name,
+                watch.choices,
+                watch.units,
+                watch.columns,
+                watch.rate,
+                watch.line + 1,
+                watch.signals,
+            )
             watch.order = watch.order._replace(inputs=watch.signals.inputs)
             if watch.signals is LOES:
                 watch.session = _session(watch, watch.header)
@@ -318,22 +427,28 @@ def _session(watch: Watch, header: Header) -> Session:
     vehicle = vehicle_to_watch(watch.vehicle_path, watch.reference)
     session = Session(vehicle, watch.name, header.stick_unit, refine=watch.refine)
     if watch.omega is not None:
-        outputs = [name for name, column in zip(LOES.outputs, header.columns[2:], strict=True) if column is not None]
+        outputs = [
+            name
+            for name, column in zip(LOES.outputs, header.columns[2:], strict=True)
+            if column is not None
+        ]
         if {"alpha", "q"} <= set(outputs):
             session.spectral = spectral_session(vehicle, watch.name, outputs, watch.omega)
     return session
 
 
 def pieces(session: Session | None, rows: np.ndarray) -> Iterator[np.ndarray]:
-    """Rows cut where a second of the stream begins, so that what is shown does not hang on how they came: one second at a time until
-    the filter has started, later as many as ``TOGETHER`` holds."""
+    """Rows cut where a second of the stream begins, so that what is shown does not hang on how they
+    came: one second at a time until the filter has started, later as many as ``TOGETHER`` holds."""
     if session is None or not rows.size:
         return
     cuts = [*(np.flatnonzero(np.diff(np.floor(rows[0]))) + 1).tolist(), rows.shape[1]]
     first = 0
     while first < rows.shape[1]:
         ahead = [cut for cut in cuts if cut > first]
-        fitting = [cut for cut in ahead if cut <= first + TOGETHER] if session.bank is not None else []
+        fitting = (
+            [cut for cut in ahead if cut <= first + TOGETHER] if session.bank is not None else []
+        )
         last = max(fitting, default=ahead[0])
         yield rows[:, first:last]
         first = last
@@ -342,7 +457,9 @@ def pieces(session: Session | None, rows: np.ndarray) -> Iterator[np.ndarray]:
 def session_of(watch: Watch) -> Session:
     """The session, which begins with the header. Raises RecordError where none came."""
     if watch.session is None:
-        raise RecordError("the stream is empty", where=watch.name, remedy="give a header row and one row a sample")
+        raise RecordError(
+            "the stream is empty", where=watch.name, remedy="give a header row and one row a sample"
+        )
     return watch.session
 
 
@@ -351,9 +468,17 @@ def report(watch: Watch, faults: list[Fault]) -> None:
     for fault in faults:
         if fault.left_out:
             if not watch.left_out:
-                print(f"flightid: {watch.name}, row {fault.row}: {fault.what}; left out, others like it are counted", file=sys.stderr)
+                print(
+                    f"flightid: {watch.name}, row {fault.row}: {fault.what}; left out, others like "
+                    "it are counted",
+                    file=sys.stderr,
+                )
             watch.left_out += 1
         else:
             if not watch.mended:
-                print(f"flightid: {watch.name}, row {fault.row}: {fault.what}; others like it are counted", file=sys.stderr)
+                print(
+                    f"flightid: {watch.name}, row {fault.row}: {fault.what}; others like it are "
+                    "counted",
+                    file=sys.stderr,
+                )
             watch.mended += 1

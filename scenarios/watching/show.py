@@ -27,7 +27,19 @@ def view_of(watch: Watch, session: Session, step: Step | None = None) -> View:
     found, state = so_far(session, step), step.state
     items = comparisons(found.estimate, found.derived, watch.reference, found.hanging)
     sound = bool(state.sound.any())
-    return View(watch.name, state.time, state.rows_seen, watch.left_out, step.spikes, items, bank.delays, found.weights, silent, sound, found.refined)
+    return View(
+        watch.name,
+        state.time,
+        state.rows_seen,
+        watch.left_out,
+        step.spikes,
+        items,
+        bank.delays,
+        found.weights,
+        silent,
+        sound,
+        found.refined,
+    )
 
 
 class Show:
@@ -64,7 +76,9 @@ class Show:
 
 @contextmanager
 def display(watch: Watch) -> Iterator[Show]:
-    """Gives what shows the stream's states; on a terminal its live table stands while the body runs."""
+    """Gives what shows the stream's states; on a terminal its live table stands while the body
+    runs.
+    """
     show = Show(watch)
     with show.live if show.live is not None else nullcontext():
         yield show
@@ -75,20 +89,48 @@ def print_end(watch: Watch, session: Session, end: Outcome) -> None:
     from scenarios.terminal.quantities import console
 
     terminal = console()
-    view = replace(view_of(watch, session), standings=end.standings, weights=end.weights, silent=0.0, refined=end.refined)
-    kind = "refined over all rows" if end.found is not None else "refined on line" if end.refined else "on line, the most likely filter"
+    view = replace(
+        view_of(watch, session),
+        standings=end.standings,
+        weights=end.weights,
+        silent=0.0,
+        refined=end.refined,
+    )
+    kind = (
+        "refined over all rows"
+        if end.found is not None
+        else "refined on line"
+        if end.refined
+        else "on line, the most likely filter"
+    )
     terminal.print(f"{watch.reason}; {kind}:", highlight=False)
     terminal.print(live_table(view))
     for words in beside_lines(session.spectral, (end.found or end.online).estimate):
         terminal.print(words, highlight=False)
     hanging = [WORDS.get(item.name, item.name) for item in end.standings if item.hanging]
     if hanging:
-        what = f"another start within its prior would have led elsewhere: {', '.join(hanging)}; name a nearer start with --vehicle"
-        terminal.print(f"{what}, or leave out --no-refine" if not watch.refine else what, highlight=False)
+        what = (
+            f"another start within its prior would have led elsewhere: {', '.join(hanging)}; name "
+            "a nearer start with --vehicle"
+        )
+        terminal.print(
+            f"{what}, or leave out --no-refine" if not watch.refine else what, highlight=False
+        )
     outside = outside_of(end.standings)
     if watch.reference is not None:
-        inside = "inside the bounds of" if any(item.z is not None for item in end.standings) else "nothing to hold against"
-        said = f"outside the bounds of {watch.reference.name}: {', '.join(outside)}" if outside else f"{inside} {watch.reference.name}"
+        inside = (
+            "inside the bounds of"
+            if any(item.z is not None for item in end.standings)
+            else "nothing to hold against"
+        )
+        said = (
+            f"outside the bounds of {watch.reference.name}: {', '.join(outside)}"
+            if outside
+            else f"{inside} {watch.reference.name}"
+        )
         terminal.print(said, highlight=False)
     if watch.beside:
-        terminal.print(f"note: {watch.beside} was found beside the record and read for its units", highlight=False)
+        terminal.print(
+            f"note: {watch.beside} was found beside the record and read for its units",
+            highlight=False,
+        )

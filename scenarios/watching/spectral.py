@@ -1,5 +1,5 @@
-"""A stream identified in the frequency domain: an estimate for every second, for models whose states
-are measured, and beside the bank of the low-order equivalent system."""
+"""A stream identified in the frequency domain: an estimate for every second, for models whose
+states are measured, and beside the bank of the low-order equivalent system."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ BEFORE = 1e-9  # s, by which a row may lie before a second and still begin it
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """The estimate after a second of the stream: ``time`` s, values and standard deviations ``(q,)``,
-    infinite where nothing is determined."""
+    """The estimate after a second of the stream: ``time`` s, values and standard deviations
+    ``(q,)``, infinite where nothing is determined."""
 
     time: float
     values: np.ndarray
@@ -53,9 +53,10 @@ class Point:
 class SpectralSession:
     """A stream on its way through the regression; ``take`` changes it.
 
-    ``signals`` : inputs and outputs, the rows of a block behind the time. ``system`` : of the outputs
-    that the stream has. Either ``equations`` with ``sums``, or ``lag`` of the low-order equivalent.
-    ``waiting`` : rows of a second that is not over. ``points`` : estimates, one a second.
+    ``signals`` : inputs and outputs, the rows of a block behind the time. ``system`` : of the
+    outputs that the stream has. Either ``equations`` with ``sums``, or ``lag`` of the low-order
+    equivalent. ``waiting`` : rows of a second that is not over. ``points`` : estimates, one a
+    second.
     """
 
     vehicle: VehicleFile
@@ -93,11 +94,16 @@ class SpectralSession:
 def signals_of(vehicle: VehicleFile) -> StreamSignals:
     """Inputs and outputs that a stream may have for the model of a vehicle file."""
     model = model_of_file(vehicle)
-    inputs, outputs = ([signal.name for signal in each] for each in (model.equations.inputs, model.equations.outputs))
+    inputs, outputs = (
+        [signal.name for signal in each]
+        for each in (model.equations.inputs, model.equations.outputs)
+    )
     return StreamSignals(tuple(inputs), tuple(outputs), channel_units(model))
 
 
-def spectral_session(vehicle: VehicleFile, name: str, outputs: Sequence[str], omega: np.ndarray) -> SpectralSession:
+def spectral_session(
+    vehicle: VehicleFile, name: str, outputs: Sequence[str], omega: np.ndarray
+) -> SpectralSession:
     """A session for the outputs that a stream has, frequencies ``omega`` rad/s.
 
     Raises
@@ -107,14 +113,18 @@ def spectral_session(vehicle: VehicleFile, name: str, outputs: Sequence[str], om
     if vehicle.model == "loes":
         declared = model_from_constants("loes", vehicle.constants, vehicle.derivatives)
         system = compile_model(declared)
-        return SpectralSession(vehicle, name, LOES, system, declared, lag=lag_stream(system, omega, outputs))
+        return SpectralSession(
+            vehicle, name, LOES, system, declared, lag=lag_stream(system, omega, outputs)
+        )
     declared = model_of_file(vehicle)
     if declared.ties:
         what, remedy = "a regression on line knows no ties", "leave [tied] out, or use identify"
         raise DeclarationError(what, where=vehicle.name, remedy=remedy)
     system = compile_model(declared)
     equations = online_equations(system, omega, outputs)
-    return SpectralSession(vehicle, name, signals_of(vehicle), system, declared, equations, begin(equations))
+    return SpectralSession(
+        vehicle, name, signals_of(vehicle), system, declared, equations, begin(equations)
+    )
 
 
 def take(session: SpectralSession, rows: np.ndarray) -> list[Point]:
@@ -171,9 +181,21 @@ def record_of(session: SpectralSession) -> Record:
         what = f"{table.shape[1]} row(s) that can be used"
         raise RecordError(what, where=session.name, remedy="a stream needs at least two")
     r, units = len(session.signals.inputs), session.signals.known
-    inputs = tuple(Channel.of(name, units[name], row) for name, row in zip(session.signals.inputs, table[1 : 1 + r], strict=True))
-    outputs = [(name, row) for name, row in zip(session.signals.outputs, table[1 + r :], strict=True) if np.isfinite(row).any()]
-    return Record(table[0], inputs, tuple(Channel.of(name, units[name], row) for name, row in outputs), name=session.name)
+    inputs = tuple(
+        Channel.of(name, units[name], row)
+        for name, row in zip(session.signals.inputs, table[1 : 1 + r], strict=True)
+    )
+    outputs = [
+        (name, row)
+        for name, row in zip(session.signals.outputs, table[1 + r :], strict=True)
+        if np.isfinite(row).any()
+    ]
+    return Record(
+        table[0],
+        inputs,
+        tuple(Channel.of(name, units[name], row) for name, row in outputs),
+        name=session.name,
+    )
 
 
 def last_estimate(session: SpectralSession) -> Estimate | None:
@@ -217,9 +239,11 @@ def derived_quantities(session: SpectralSession, found: Estimate) -> dict[str, t
 
 
 def history_csv(session: SpectralSession) -> str:
-    """A line for each second: ``time``, and ``NAME``, ``NAME_std`` of each parameter, empty where it
-    is not determined."""
-    lines = [",".join(["time", *(cell for name in session.names for cell in (name, f"{name}_std"))])]
+    """A line for each second: ``time``, and ``NAME``, ``NAME_std`` of each parameter, empty where
+    it is not determined."""
+    lines = [
+        ",".join(["time", *(cell for name in session.names for cell in (name, f"{name}_std"))])
+    ]
     for point in session.points:
         cells = [f"{point.time:.10g}"]
         for value, std in zip(point.values.tolist(), point.std.tolist(), strict=True):
@@ -229,9 +253,13 @@ def history_csv(session: SpectralSession) -> str:
 
 
 def estimate_of(point: Point, session: SpectralSession) -> list[dict[str, Any]]:
-    """Parameters of a point, best known first: name, value, std, unit; those that are determined."""
+    """Parameters of a point, best known first: name, value, std, unit; those that are
+    determined.
+    """
     rows = []
-    for name, value, std in zip(session.names, point.values.tolist(), point.std.tolist(), strict=True):
+    for name, value, std in zip(
+        session.names, point.values.tolist(), point.std.tolist(), strict=True
+    ):
         if np.isfinite(std) and std > 0.0:
             unit = session.system.parameters[name].unit
             rows.append({"name": name, "value": value, "std": std, "unit": unit})
@@ -255,7 +283,11 @@ def spectral_content(session: SpectralSession) -> dict[str, Any]:
         }
     each = zip(found.names, found.units, found.values.tolist(), found.std.tolist(), strict=True)
     rows = tuple(Row(*one) for one in each)
-    held = [item for item in session.system.parameters if not item.free and not item.name.startswith("bias_")]
+    held = [
+        item
+        for item in session.system.parameters
+        if not item.free and not item.name.startswith("bias_")
+    ]
     fixed = {item.name: (item.value, item.unit) for item in held if item.name not in found.names}
     content = estimate_content(found, rows, derived_quantities(session, found), fixed, ())
     unknown = undetermined(session)

@@ -1,4 +1,6 @@
-"""What a watch in the frequency domain shows and leaves behind: lines, the end, the study folder."""
+"""What a watch in the frequency domain shows and leaves behind: lines, the end, the study
+folder.
+"""
 
 from __future__ import annotations
 
@@ -39,31 +41,54 @@ SHOWN = 4  # parameters in a line, the best known ones
 def line(session: SpectralSession, point: Point, left_out: int) -> str:
     """A second of the stream in one line."""
     rows = estimate_of(point, session)[:SHOWN]
-    told = [f"{each['name']} {number_text(each['value'], each['std'])} +- {number_text(each['std'], each['std'])}" for each in rows]
+    told = [
+        f"{each['name']} {number_text(each['value'], each['std'])} +- "
+        f"{number_text(each['std'], each['std'])}"
+        for each in rows
+    ]
     lost = f", {left_out} line{'s' * (left_out != 1)} left out" if left_out else ""
     return f"{session.name}, {point.time:.2f} s{lost}: {', '.join(told) or UNKNOWN}"
 
 
-def items_of(session: SpectralSession, found: Estimate | None, reference: Reference | None) -> tuple[CrossValidation, ...]:
+def items_of(
+    session: SpectralSession, found: Estimate | None, reference: Reference | None
+) -> tuple[CrossValidation, ...]:
     """The last estimate against the reference where there is one."""
-    return () if found is None else comparisons(found, derived_quantities(session, found), reference)
+    return (
+        () if found is None else comparisons(found, derived_quantities(session, found), reference)
+    )
 
 
 def print_spectral_end(watch: Watch, session: SpectralSession) -> None:
     """The last estimate in a table, what is not determined, and the reference."""
     out, found = console(), last_estimate(session)
     items = items_of(session, found, watch.reference)
-    out.print(f"{watch.reason}; equation error in the frequency domain over {session.rows} rows:", highlight=False)
+    out.print(
+        f"{watch.reason}; equation error in the frequency domain over {session.rows} rows:",
+        highlight=False,
+    )
     columns = [
-        TableColumn("quantity", [item.name.replace("_", " ") if item.name == item.name.lower() else item.name for item in items], left=True),
+        TableColumn(
+            "quantity",
+            [
+                item.name.replace("_", " ") if item.name == item.name.lower() else item.name
+                for item in items
+            ],
+            left=True,
+        ),
         TableColumn("unit", [item.unit for item in items], left=True),
         TableColumn("estimate", [number_text(item.value, item.std) for item in items]),
         TableColumn("+- sigma", [number_text(item.std, item.std) for item in items]),
     ]
     if any(item.reference is not None for item in items):
         columns += [
-            TableColumn("reference", [number_text(*item.reference) if item.reference else "" for item in items]),
-            TableColumn("off, sigmas", ["-" if item.z is None else f"{item.z:+.1f}" for item in items]),
+            TableColumn(
+                "reference",
+                [number_text(*item.reference) if item.reference else "" for item in items],
+            ),
+            TableColumn(
+                "off, sigmas", ["-" if item.z is None else f"{item.z:+.1f}" for item in items]
+            ),
         ]
     print_table(out, "", columns)
     if unknown := undetermined(session):
@@ -71,7 +96,9 @@ def print_spectral_end(watch: Watch, session: SpectralSession) -> None:
     if watch.reference is not None:
         outside = outside_of(items)
         words = f"outside the bounds of {watch.reference.name}: {', '.join(outside)}"
-        out.print(words if outside else f"inside the bounds of {watch.reference.name}", highlight=False)
+        out.print(
+            words if outside else f"inside the bounds of {watch.reference.name}", highlight=False
+        )
 
 
 def beside_lines(session: SpectralSession | None, bank: Estimate) -> list[str]:
@@ -80,12 +107,18 @@ def beside_lines(session: SpectralSession | None, bank: Estimate) -> list[str]:
     if found is None:
         return []
     parts = []
-    for name, value, std in zip(found.names, found.values.tolist(), found.std.tolist(), strict=True):
+    for name, value, std in zip(
+        found.names, found.values.tolist(), found.std.tolist(), strict=True
+    ):
         if name in bank.names:
             # Of two estimates from the same data the larger deviation is the measure.
             off = (value - bank.value(name)) / max(std, bank.sigma(name), 1e-300)
-            parts.append(f"{name} {number_text(value, std)} +- {number_text(std, std)} ({off:+.1f})")
-    return [f"in the frequency domain (difference from these, in the larger sigma): {', '.join(parts)}"]
+            parts.append(
+                f"{name} {number_text(value, std)} +- {number_text(std, std)} ({off:+.1f})"
+            )
+    return [
+        f"in the frequency domain (difference from these, in the larger sigma): {', '.join(parts)}"
+    ]
 
 
 def write_spectral(out: Path, watch: Watch, session: SpectralSession, name: str) -> None:
@@ -102,7 +135,11 @@ def write_spectral(out: Path, watch: Watch, session: SpectralSession, name: str)
             "model": session.vehicle.model,
             "vehicle": session.vehicle.name,
             **spectral_content(session),
-            **({} if watch.reference is None else {"reference": reference_content(watch.reference, items)}),
+            **(
+                {}
+                if watch.reference is None
+                else {"reference": reference_content(watch.reference, items)}
+            ),
             "stream": {
                 "rows": session.rows,
                 "left_out": watch.left_out,
@@ -112,15 +149,22 @@ def write_spectral(out: Path, watch: Watch, session: SpectralSession, name: str)
             "versions": versions(),
         }
         write_page(scratch, spectral_page(content, name, digest))
-        write_json(scratch / "comparison.json", {**content, "inputs": {"records": [name], "sha256": [digest]}})
+        write_json(
+            scratch / "comparison.json",
+            {**content, "inputs": {"records": [name], "sha256": [digest]}},
+        )
 
 
 def spectral_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
     """The page of a stream that was identified in the frequency domain."""
     stream = content["stream"]
-    told = f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} mended"
+    told = (
+        f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} mended"
+    )
     outside: Sequence[str] = content.get("reference", {}).get("outside", ())
-    verdict = "outside the reference" if outside else "identified" if content["parameters"] else UNKNOWN
+    verdict = (
+        "outside the reference" if outside else "identified" if content["parameters"] else UNKNOWN
+    )
     fixed = {key: (each["value"], each["unit"]) for key, each in content.get("fixed", {}).items()}
     return Page(
         title=f"{capital(content['vehicle'])}: a stream identified while it arrived",
@@ -147,6 +191,14 @@ def found_blocks(content: Mapping[str, Any]) -> list[Block]:
     """Tables of the parameters and of what follows from them."""
     if not content["parameters"]:
         return []
-    rows = [Row(name, each["unit"], each["estimate"], each["std"]) for name, each in content["parameters"].items()]
-    derived = {name: (each["estimate"], each["std"]) for name, each in content.get("derived", {}).items()}
-    return [estimates_table("Parameters", rows), *([derived_table("What follows from them", derived)] if derived else [])]
+    rows = [
+        Row(name, each["unit"], each["estimate"], each["std"])
+        for name, each in content["parameters"].items()
+    ]
+    derived = {
+        name: (each["estimate"], each["std"]) for name, each in content.get("derived", {}).items()
+    }
+    return [
+        estimates_table("Parameters", rows),
+        *([derived_table("What follows from them", derived)] if derived else []),
+    ]

@@ -22,7 +22,22 @@ from scenarios.files.writing import study_folder, write_json, write_record
 from scenarios.identification.assessment import IdentificationResult
 from scenarios.identification.low_order import derived_of, mean_delay
 from scenarios.pages.folder import CONTENT, write_page
-from scenarios.pages.model import BY_ROW, PURE, Block, Cell, Column, Number, Page, Table, as_sentence, capital, estimate, now, reproduction, section
+from scenarios.pages.model import (
+    BY_ROW,
+    PURE,
+    Block,
+    Cell,
+    Column,
+    Number,
+    Page,
+    Table,
+    as_sentence,
+    capital,
+    estimate,
+    now,
+    reproduction,
+    section,
+)
 from scenarios.pages.tables import derived_table, estimates_table, fixed_table
 from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content
 from scenarios.studies.rows import Row
@@ -39,11 +54,13 @@ from sim.record import Record
 
 @dataclass(frozen=True, eq=False)
 class SoFar:
-    """``estimate`` of the parameters, ``derived`` quantities with deviations, ``weights (B,)`` of the declared delays: likelihoods of the plain
-    filters, or where it is refined the probability that the delay is nearest to each.
+    """``estimate`` of the parameters, ``derived`` quantities with deviations, ``weights (B,)`` of
+    the declared delays: likelihoods of the plain filters, or where it is refined the probability
+    that the delay is nearest to each.
 
-    ``refined``: linearised anew on its way, with the delay between the grid points. Else the most likely filter's, and ``hanging`` are the
-    quantities that hang on the start: other starts end as far apart as they began.
+    ``refined``: linearised anew on its way, with the delay between the grid points. Else the most
+    likely filter's, and ``hanging`` are the quantities that hang on the start: other starts end as
+    far apart as they began.
     """
 
     estimate: Estimate
@@ -54,7 +71,9 @@ class SoFar:
 
 
 def so_far(session: Session, step: Step | None = None) -> SoFar:
-    """The estimate after a step, the last when None: the one that was linearised anew where there is one."""
+    """The estimate after a step, the last when None: the one that was linearised anew where there
+    is one.
+    """
     step = session.last if step is None else step
     assert session.bank is not None and step is not None
     if step.refined is None:
@@ -65,14 +84,18 @@ def so_far(session: Session, step: Step | None = None) -> SoFar:
 
 
 def nearest(delays: np.ndarray, value: float, std: float) -> np.ndarray:
-    """The probability ``(B,)`` of a normal delay (s) to be nearer to each of the increasing ``delays`` than to any other."""
+    """The probability ``(B,)`` of a normal delay (s) to be nearer to each of the increasing
+    ``delays`` than to any other.
+    """
     between = 0.5 * (delays[1:] + delays[:-1])
     below = ndtr((between - value) / max(std, 1e-9))
     return np.diff(np.concatenate([[0.0], below, [1.0]]))
 
 
 def plain_so_far(session: Session, step: Step | None = None) -> SoFar:
-    """The most likely plain filter's estimate; its deviations hold what other starts end apart by."""
+    """The most likely plain filter's estimate; its deviations hold what other starts end apart
+    by.
+    """
     bank, step = session.bank, session.last if step is None else step
     assert bank is not None and step is not None
     estimate, weights, (delay, std) = likely_estimate(bank, step.state)
@@ -82,19 +105,30 @@ def plain_so_far(session: Session, step: Step | None = None) -> SoFar:
     ended = _derived_spread(session, estimate, derived, apart)
     began = _derived_spread(session, *_at_start(session, estimate))
     prior = np.sqrt(np.diagonal(bank.covariance))[n_x:]
-    hanging = {name for name, far, wide in zip(estimate.names, spread.tolist(), prior.tolist(), strict=True) if far >= wide}
+    hanging = {
+        name
+        for name, far, wide in zip(estimate.names, spread.tolist(), prior.tolist(), strict=True)
+        if far >= wide
+    }
     hanging |= {name for name, far in ended.items() if far >= began.get(name, np.inf)}
     spans = {**ended, "delay": step.delay_spread}
     # Between the first and the last delay of the grid, any of which might have been.
     hanging |= {"delay"} if step.delay_spread >= float(np.ptp(bank.delays)) / 12.0**0.5 else set()
-    wide = {name: (value, float(np.hypot(sigma, spans.get(name, 0.0)))) for name, (value, sigma) in derived.items()}
+    wide = {
+        name: (value, float(np.hypot(sigma, spans.get(name, 0.0))))
+        for name, (value, sigma) in derived.items()
+    }
     held = np.isfinite(spread)
     covariance = estimate.covariance + spread_covariance(np.where(held, spread, prior), apart)
     return SoFar(replace(estimate, covariance=covariance), wide, weights, False, frozenset(hanging))
 
 
-def likely_estimate(bank: OnlineBank, state: BankState) -> tuple[Estimate, np.ndarray, tuple[float, float]]:
-    """The most likely filter's parameters with its own covariance, the likelihood weights ``(B,)``, and the weighted delay with its deviation (s)."""
+def likely_estimate(
+    bank: OnlineBank, state: BankState
+) -> tuple[Estimate, np.ndarray, tuple[float, float]]:
+    """The most likely filter's parameters with its own covariance, the likelihood weights ``(B,)``,
+    and the weighted delay with its deviation (s).
+    """
     best, n_x = state.best, len(bank.system.states)
     names = bank.names[n_x:]
     P = state.covariance[best, n_x:, n_x:]
@@ -104,13 +138,26 @@ def likely_estimate(bank: OnlineBank, state: BankState) -> tuple[Estimate, np.nd
     std = np.sqrt(np.diag(bank.R))
     likely = float(state.log_likelihood[best])
     estimate = Estimate(
-        "online", names, bank.units, state.mean[n_x:, best].copy(), 0.5 * (P + P.T), outcome, likely, bank.system.output_names, std, ()
+        "online",
+        names,
+        bank.units,
+        state.mean[n_x:, best].copy(),
+        0.5 * (P + P.T),
+        outcome,
+        likely,
+        bank.system.output_names,
+        std,
+        (),
     )
     return estimate, weights, mean_delay(bank.delays, weights)
 
 
-def _at_start(session: Session, estimate: Estimate) -> tuple[Estimate, Mapping[str, tuple[float, float]], np.ndarray]:
-    """The declared start as an estimate, what is derived of it, and how far the other starts began from it ``(K, n)``."""
+def _at_start(
+    session: Session, estimate: Estimate
+) -> tuple[Estimate, Mapping[str, tuple[float, float]], np.ndarray]:
+    """The declared start as an estimate, what is derived of it, and how far the other starts began
+    from it ``(K, n)``.
+    """
     bank = session.bank
     assert bank is not None
     n_x = len(bank.system.states)
@@ -119,9 +166,16 @@ def _at_start(session: Session, estimate: Estimate) -> tuple[Estimate, Mapping[s
     return begun, derived_of(begun, session.vehicle, (0.0, 0.0)), moved
 
 
-def _derived_spread(session: Session, about: Estimate, derived: Mapping[str, tuple[float, float]], apart: np.ndarray) -> dict[str, float]:
-    """Typical differences of natural frequency and damping between estimates that differ by ``apart (K, n)``; infinite where half have none."""
-    each = [derived_of(replace(about, values=about.values + away), session.vehicle, (0.0, 0.0)) for away in apart]
+def _derived_spread(
+    session: Session, about: Estimate, derived: Mapping[str, tuple[float, float]], apart: np.ndarray
+) -> dict[str, float]:
+    """Typical differences of natural frequency and damping between estimates that differ by ``apart
+    (K, n)``; infinite where half have none.
+    """
+    each = [
+        derived_of(replace(about, values=about.values + away), session.vehicle, (0.0, 0.0))
+        for away in apart
+    ]
     out = {}
     for name, (value, _) in derived.items():
         if name != "delay":
@@ -137,14 +191,16 @@ PART = "history.csv.part"
 
 
 class History:
-    """A file ``history.csv.part`` in the study's folder that grows; ``finish`` hands it over as a whole.
+    """A file ``history.csv.part`` in the study's folder that grows; ``finish`` hands it over as a
+    whole.
 
-    Columns: ``time``; ``most_likely_delay``, ``weighted_delay`` (s); ``log_likelihood`` of the most likely filter, empty
-    once all filters have broken down; ``weight_25ms`` and so on;
-    states and parameters of the most likely filter, each ``NAME``, ``NAME_std`` as that filter has it, and ``NAME_spread``, the deviation that
-    other starts and the grid of delays add; where the bank is linearised anew ``refined_NAME`` and ``refined_NAME_std`` of the parameters and
-    the delay, empty until it first is; ``innovation_CHANNEL`` in standard deviations, an empty cell where nothing was measured; ``spikes``,
-    how many samples of the row were left out.
+    Columns: ``time``; ``most_likely_delay``, ``weighted_delay`` (s); ``log_likelihood`` of the most
+    likely filter, empty once all filters have broken down; ``weight_25ms`` and so on; states and
+    parameters of the most likely filter, each ``NAME``, ``NAME_std`` as that filter has it, and
+    ``NAME_spread``, the deviation that other starts and the grid of delays add; where the bank is
+    linearised anew ``refined_NAME`` and ``refined_NAME_std`` of the parameters and the delay, empty
+    until it first is; ``innovation_CHANNEL`` in standard deviations, an empty cell where nothing
+    was measured; ``spikes``, how many samples of the row were left out.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -156,16 +212,27 @@ class History:
     def __enter__(self) -> History:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         """Leave nothing behind that is not whole."""
         if self._file is not None:
             self._file.close()
             self.path.unlink(missing_ok=True)
-        if kind is not None and self._made and self._folder.is_dir() and not any(self._folder.iterdir()):
+        if (
+            kind is not None
+            and self._made
+            and self._folder.is_dir()
+            and not any(self._folder.iterdir())
+        ):
             self._folder.rmdir()
 
     def write(self, bank: OnlineBank, steps: Sequence[Step], refine: bool = False) -> None:
-        """Append a line for each step, all of them on disk when this returns; ``refine``: the bank is linearised anew on its way.
+        """Append a line for each step, all of them on disk when this returns; ``refine``: the bank
+        is linearised anew on its way.
 
         Raises
         ------
@@ -182,7 +249,9 @@ class History:
             self._file.flush()
         except OSError as error:
             what = f"cannot be written ({error.strerror})"
-            raise FlightidError(what, where=str(self._folder), remedy="name a folder that you may write in") from None
+            raise FlightidError(
+                what, where=str(self._folder), remedy="name a folder that you may write in"
+            ) from None
 
     def finish(self) -> str:
         """The whole text."""
@@ -200,7 +269,11 @@ def columns(bank: OnlineBank, refine: bool = False) -> list[str]:
     weights = [f"weight_{1000.0 * delay:g}ms" for delay in bank.delays]
     values = [name for each in bank.names for name in (each, f"{each}_std", f"{each}_spread")]
     if refine:
-        values += [name for each in (*bank.names[len(bank.system.states) :], "delay") for name in (f"refined_{each}", f"refined_{each}_std")]
+        values += [
+            name
+            for each in (*bank.names[len(bank.system.states) :], "delay")
+            for name in (f"refined_{each}", f"refined_{each}_std")
+        ]
     head = ["time", "most_likely_delay", "weighted_delay", "log_likelihood"]
     return [*head, *weights, *values, *(f"innovation_{name}" for name in OUTPUTS), "spikes"]
 
@@ -210,17 +283,26 @@ def lines(bank: OnlineBank, steps: Sequence[Step], refine: bool = False) -> str:
     B, n, count = len(bank.delays), len(bank.names), len(steps)
     states = [step.state for step in steps]
     each = np.arange(count)
-    log_likelihood = np.array([np.where(state.sound, state.log_likelihood, -np.inf) for state in states])
+    log_likelihood = np.array(
+        [np.where(state.sound, state.log_likelihood, -np.inf) for state in states]
+    )
     best = log_likelihood.argmax(axis=1)
     weights = likelihood_weights(log_likelihood)
-    variance = np.array([state.covariance[run].reshape(-1)[:: n + 1] for state, run in zip(states, best.tolist(), strict=True)])
+    variance = np.array(
+        [
+            state.covariance[run].reshape(-1)[:: n + 1]
+            for state, run in zip(states, best.tolist(), strict=True)
+        ]
+    )
     n_x = len(bank.system.states)
     table = np.full((count, 4 + B + 3 * n + (2 * (n - n_x + 1) if refine else 0)), np.nan)
     table[:, 0], table[:, 1] = [step.row[0] for step in steps], bank.delays[best]
     table[:, 2], table[:, 3] = weights @ bank.delays, log_likelihood[each, best]
     table[:, 4 : 4 + B] = weights
     last = 4 + B + 3 * n
-    table[:, 4 + B : last : 3] = [state.mean[:, run] for state, run in zip(states, best.tolist(), strict=True)]
+    table[:, 4 + B : last : 3] = [
+        state.mean[:, run] for state, run in zip(states, best.tolist(), strict=True)
+    ]
     table[:, 5 + B : last : 3] = np.sqrt(np.maximum(variance, 0.0))
     spread = np.array([step.spread for step in steps])
     table[:, 6 + B : last : 3] = np.where(np.isfinite(spread), spread, np.nan)
@@ -231,72 +313,142 @@ def lines(bank: OnlineBank, steps: Sequence[Step], refine: bool = False) -> str:
     innovations = np.array([state.innovation for state in states])
     spikes = [int(np.count_nonzero(state.skipped)) for state in states]
     form = ",".join(["%.10g"] * table.shape[1] + ["%.4g"] * innovations.shape[1]) + ",%d\n"
-    text = "".join(form % (*numbers, *sizes, more) for numbers, sizes, more in zip(table.tolist(), innovations.tolist(), spikes, strict=True))
-    return text.replace(",-inf,", ",,").replace(",nan,", ",,").replace(",nan,", ",,")  # a match takes the comma of the next
+    text = "".join(
+        form % (*numbers, *sizes, more)
+        for numbers, sizes, more in zip(table.tolist(), innovations.tolist(), spikes, strict=True)
+    )
+    # a match takes the comma of the next
+    return text.replace(",-inf,", ",,").replace(",nan,", ",,").replace(",nan,", ",,")
 
 
 # ---- The page of a watch that has ended
 
 
 def watch_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
-    """The page of ``content``, what stands in ``comparison.json``; ``digest`` is that of the rows that were taken."""
-    stream, reference, methods = content["stream"], content.get("reference"), content.get("methods", {})
+    """The page of ``content``, what stands in ``comparison.json``; ``digest`` is that of the rows
+    that were taken.
+    """
+    stream, reference, methods = (
+        content["stream"],
+        content.get("reference"),
+        content.get("methods", {}),
+    )
     outside = list(reference["outside"]) if reference else []
-    told = f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} mended, {stream['spikes']} spikes"
-    words = against(outside, content.get("start_dependent", ()), len(reference["differences"])) if reference else ""
-    refined = {"online": "as the stream left it", "online-refined": "refined on line"}.get(content["method"], "refined over all rows")
+    told = (
+        f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} "
+        f"mended, {stream['spikes']} spikes"
+    )
+    words = (
+        against(outside, content.get("start_dependent", ()), len(reference["differences"]))
+        if reference
+        else ""
+    )
+    refined = {"online": "as the stream left it", "online-refined": "refined on line"}.get(
+        content["method"], "refined over all rows"
+    )
     return Page(
         title=f"{capital(content['vehicle'])}: a stream identified while it arrived",
         kind=f"Watch of {name}, low-order equivalent system, {refined}",
-        verdict="outside the reference" if outside else content["outcome_sentence"].partition(":")[0].partition(",")[0],
+        verdict="outside the reference"
+        if outside
+        else content["outcome_sentence"].partition(":")[0].partition(",")[0],
         tone="fair" if outside else "good" if content["outcome"] == "converged" else "open",
         sentence=as_sentence(words) if reference else as_sentence(told),
         summary=(as_sentence(told),) if reference else (),
         warnings=tuple(content.get("warnings", ())),
         sections=(
             *section("What was found", *_found(content)),
-            *section("As the stream left it", *(_found(methods["online"]) if "online" in methods else ())),
-            *section("In the frequency domain", *(_found(methods["frequency-domain"]) if "frequency-domain" in methods else ())),
+            *section(
+                "As the stream left it", *(_found(methods["online"]) if "online" in methods else ())
+            ),
+            *section(
+                "In the frequency domain",
+                *(_found(methods["frequency-domain"]) if "frequency-domain" in methods else ()),
+            ),
             *section("Against the reference", _differences(reference) if reference else None),
             *section("The bank of delays", _bank(content["bank"])),
-            *section("How it was made", fixed_table("What was held", {key: (each["value"], each["unit"]) for key, each in content["fixed"].items()})),
+            *section(
+                "How it was made",
+                fixed_table(
+                    "What was held",
+                    {key: (each["value"], each["unit"]) for key, each in content["fixed"].items()},
+                ),
+            ),
         ),
         reproduction=reproduction(
-            ["flightid", "watch", name, "--model", "loes"], as_sentence(f"the stream ended: {stream['ended']}"), [("rows", name, digest)]
+            ["flightid", "watch", name, "--model", "loes"],
+            as_sentence(f"the stream ended: {stream['ended']}"),
+            [("rows", name, digest)],
         ),
         created=now(),
     )
 
 
 def against(outside: Sequence[str], hanging: Sequence[str], compared: int) -> str:
-    """How a stream stands against its reference: quantities ``outside`` it, how many were ``compared``, and which hang on the start instead."""
+    """How a stream stands against its reference: quantities ``outside`` it, how many were
+    ``compared``, and which hang on the start instead.
+    """
     if outside:
-        return f"outside the reference, {len(outside)} of {compared} quantities: {', '.join(outside)}"
+        return (
+            f"outside the reference, {len(outside)} of {compared} quantities: {', '.join(outside)}"
+        )
     left = f"; {', '.join(hanging)} not compared, for the start decides" if hanging else ""
-    return (f"every quantity that was compared agrees with its reference, {compared} of them" if compared else "nothing was compared") + left
+    return (
+        f"every quantity that was compared agrees with its reference, {compared} of them"
+        if compared
+        else "nothing was compared"
+    ) + left
 
 
 def _found(content: Mapping[str, Any]) -> list[Block]:
-    rows = [Row(name, each["unit"], each["estimate"], each["std"]) for name, each in content["parameters"].items()]
+    rows = [
+        Row(name, each["unit"], each["estimate"], each["std"])
+        for name, each in content["parameters"].items()
+    ]
     derived = {name: (each["estimate"], each["std"]) for name, each in content["derived"].items()}
-    return [estimates_table("Parameters", rows), *([derived_table("What follows from them", derived)] if derived else [])]
+    return [
+        estimates_table("Parameters", rows),
+        *([derived_table("What follows from them", derived)] if derived else []),
+    ]
 
 
 def _differences(reference: Mapping[str, Any]) -> Table:
-    columns = Column("quantity"), Column("reference ± σ", BY_ROW), Column("apart", "σ"), Column("remark")
+    columns = (
+        Column("quantity"),
+        Column("reference ± σ", BY_ROW),
+        Column("apart", "σ"),
+        Column("remark"),
+    )
     rows: list[tuple[Cell, ...]] = []
     for each in reference["differences"]:
         known = estimate(each["reference"], each["reference_std"])
-        rows.append((each["name"], known, Number(each["sigmas"], digits=1, signed=True), "outside" if each["outside"] else ""))
+        rows.append(
+            (
+                each["name"],
+                known,
+                Number(each["sigmas"], digits=1, signed=True),
+                "outside" if each["outside"] else "",
+            )
+        )
     caption = f"The last estimate against {reference['study']}"
-    return Table(caption, columns, tuple(rows), tuple(each["unit"] or PURE for each in reference["differences"]))
+    return Table(
+        caption,
+        columns,
+        tuple(rows),
+        tuple(each["unit"] or PURE for each in reference["differences"]),
+    )
 
 
 def _bank(bank: Mapping[str, Any]) -> Table:
     rows = tuple(
-        (Number(float(delay)), Number(float(weight), shown=f"{weight:.3g}")) for delay, weight in zip(bank["delays"], bank["weights"], strict=True)
+        (Number(float(delay)), Number(float(weight), shown=f"{weight:.3g}"))
+        for delay, weight in zip(bank["delays"], bank["weights"], strict=True)
     )
-    return Table("Likelihood of each delay by the plain filters", (Column("delay", "s"), Column("likelihood", PURE)), rows)
+    return Table(
+        "Likelihood of each delay by the plain filters",
+        (Column("delay", "s"), Column("likelihood", PURE)),
+        rows,
+    )
 
 
 # ---- What a watch leaves behind
@@ -307,8 +459,9 @@ FILES = ("comparison.json", NAME, FREQUENCY, "record.csv", "record.json", CONTEN
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """The end of a watch: ``record`` the rows taken, ``found`` the whole-record refinement, None where it was not made; ``online`` the last
-    estimate on line, ``delays`` those of its bank (s); ``standings`` of what counts."""
+    """The end of a watch: ``record`` the rows taken, ``found`` the whole-record refinement, None
+    where it was not made; ``online`` the last estimate on line, ``delays`` those of its bank (s);
+    ``standings`` of what counts."""
 
     record: Record
     found: IdentificationResult | None
@@ -325,7 +478,9 @@ class Outcome:
         """Of the declared delays, as in ``SoFar``, by what counts."""
         if self.found is None or "delay" not in self.found.estimate.names:
             return self.online.weights
-        return nearest(self.delays, self.found.estimate.value("delay"), self.found.estimate.sigma("delay"))
+        return nearest(
+            self.delays, self.found.estimate.value("delay"), self.found.estimate.sigma("delay")
+        )
 
     @property
     def refined(self) -> bool:
@@ -343,30 +498,49 @@ def refuse_overwriting(stream: Path, out: Path) -> None:
         raise DeclarationError(what, where=str(stream), remedy="name another folder with --out")
 
 
-def write_watch(out: Path, session: Session, reference: Reference | None, end: Outcome, history: History, name: str) -> None:
+def write_watch(
+    out: Path,
+    session: Session,
+    reference: Reference | None,
+    end: Outcome,
+    history: History,
+    name: str,
+) -> None:
     """Write the study; the history that grew until now becomes one of its files."""
     with study_folder(out, "comparison.json") as scratch:
         record_file, _ = write_record(scratch, end.record)
         (scratch / NAME).write_text(history.finish(), encoding="ascii", newline="\n")
         if session.spectral is not None and session.spectral.points:
-            (scratch / FREQUENCY).write_text(history_csv(session.spectral), encoding="ascii", newline="\n")
+            (scratch / FREQUENCY).write_text(
+                history_csv(session.spectral), encoding="ascii", newline="\n"
+            )
         digest = hashlib.sha256(record_file.read_bytes()).hexdigest()
         content = watch_content(session, reference, end)
         write_page(scratch, watch_page(content, name, digest))
-        write_json(scratch / "comparison.json", {**content, "inputs": {"records": [name], "sha256": [digest]}})
+        write_json(
+            scratch / "comparison.json",
+            {**content, "inputs": {"records": [name], "sha256": [digest]}},
+        )
 
 
 def watch_content(session: Session, reference: Reference | None, end: Outcome) -> dict[str, Any]:
-    """Content of ``comparison.json``: the refined estimate as the main one where it was made, the on-line bank's under ``methods``."""
+    """Content of ``comparison.json``: the refined estimate as the main one where it was made, the
+    on-line bank's under ``methods``.
+    """
     bank, state = session.bank, session.state
     assert bank is not None and state is not None
     alone = plain_so_far(session)
     plain: dict[str, Any] = {**_content(session, alone), "method": "online"}
     if end.found is not None:
         found = end.found
-        main: dict[str, Any] = {**estimate_content(found.estimate, found.rows, found.derived, found.fixed, found.tests), "method": "ekf"}
+        main: dict[str, Any] = {
+            **estimate_content(found.estimate, found.rows, found.derived, found.fixed, found.tests),
+            "method": "ekf",
+        }
     else:
-        main = {**_content(session, end.online), "method": "online-refined"} if end.refined else plain
+        main = (
+            {**_content(session, end.online), "method": "online-refined"} if end.refined else plain
+        )
     methods: dict[str, Any] = {"online": plain} if end.refined else {}
     if session.spectral is not None and last_estimate(session.spectral) is not None:
         methods[METHOD] = spectral_content(session.spectral)
@@ -377,7 +551,11 @@ def watch_content(session: Session, reference: Reference | None, end: Outcome) -
         "vehicle": session.vehicle.name,
         **main,
         **({"methods": methods} if methods else {}),
-        "bank": {"delays": bank.delays, "weights": alone.weights, "most_likely": float(bank.delays[state.best])},
+        "bank": {
+            "delays": bank.delays,
+            "weights": alone.weights,
+            "most_likely": float(bank.delays[state.best]),
+        },
         **({} if reference is None else {"reference": reference_content(reference, end.standings)}),
         "stream": {
             "rows": len(end.record),
@@ -396,19 +574,30 @@ def _content(session: Session, online: SoFar) -> dict[str, Any]:
     assert session.bank is not None and session.state is not None and session.system is not None
     estimate = online.estimate
     rows = rows_of(estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist())
-    fixed = {item.name: (item.value, item.unit) for item in session.system.parameters if not item.free and item.name not in estimate.names}
+    fixed = {
+        item.name: (item.value, item.unit)
+        for item in session.system.parameters
+        if not item.free and item.name not in estimate.names
+    }
     if "delay" not in estimate.names:
         fixed["delay"] = (float(session.bank.delays[session.state.best]), DERIVED_UNITS["delay"])
     derived = {name: pair for name, pair in online.derived.items() if name not in online.hanging}
-    content = estimate_content(estimate, tuple(row for row in rows if row.name not in online.hanging), derived, fixed, ())
+    content = estimate_content(
+        estimate, tuple(row for row in rows if row.name not in online.hanging), derived, fixed, ()
+    )
     if not online.hanging:
         return content
     names = sorted(online.hanging)
-    warning = f"another start within its prior would have led elsewhere: {', '.join(names)} hang on the start, and no number is told"
+    warning = (
+        f"another start within its prior would have led elsewhere: {', '.join(names)} hang on the "
+        "start, and no number is told"
+    )
     return {**content, "start_dependent": names, "warnings": [warning]}
 
 
-def rows_of(names: Sequence[str], units: Sequence[str], values: Sequence[float], std: Sequence[float]) -> tuple[Row, ...]:
+def rows_of(
+    names: Sequence[str], units: Sequence[str], values: Sequence[float], std: Sequence[float]
+) -> tuple[Row, ...]:
     """Rows of the estimated quantities; one without a deviation is not estimated."""
     return tuple(Row(*each) for each in zip(names, units, values, std, strict=True) if each[3] > 0)
 

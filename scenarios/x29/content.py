@@ -32,27 +32,36 @@ from sim.vehicles.factory import LOES_DERIVATIVES
 
 # ---- What the paper prints beside what was found here
 
-_BY_OUTPUT = {"alpha": "alpha", "q": "q", "nz": "nz_0"}  # in whose row R stands, as in the paper's tables by column
+# in whose row R stands, as in the paper's tables by column
+_BY_OUTPUT = {"alpha": "alpha", "q": "q", "nz": "nz_0"}
 
 
 def paper_content(study: LoopStudy) -> dict[str, Any]:
-    """Entries of ``comparison.json``: the paper's tables beside its procedure, its checks, the methods and the restarts."""
+    """Entries of ``comparison.json``: the paper's tables beside its procedure, its checks, the
+    methods and the restarts.
+    """
     column = study.scenario.published[0] if study.scenario.published else ""
     out: dict[str, Any] = {}
     if column:
         printed = printed_column(column)
         out["published"] = {
             "column": column,
-            "values": {name: {"value": cell.value, **({} if cell.std is None else {"std": cell.std})} for name, cell in printed.items()},
+            "values": {
+                name: {"value": cell.value, **({} if cell.std is None else {"std": cell.std})}
+                for name, cell in printed.items()
+            },
             "turned": list(TURNED),
             "checks": {name: vars(told) for name, told in printed_checks(column).items()},
         }
     if study.scenario.methods and has_table(column):
         names, C = printed_correlation(column)
-        out["published"]["states"] = {name: _known(row) for name, row in procedure_and_printed(study, column).items()}
+        out["published"]["states"] = {
+            name: _known(row) for name, row in procedure_and_printed(study, column).items()
+        }
         out["published"]["correlation"] = {"names": list(names), "matrix": C.tolist()}
         out["published"]["correlation_pairs"] = [
-            {"pair": [a, b], "published": p, "paper_procedure": q, "refined": r} for a, b, p, q, r in noted_pairs(study, column)
+            {"pair": [a, b], "published": p, "paper_procedure": q, "refined": r}
+            for a, b, p, q, r in noted_pairs(study, column)
         ]
         out["published"]["between_grid_points"] = between_grid_points(study.plain)
     if study.scenario.methods:
@@ -60,18 +69,32 @@ def paper_content(study: LoopStudy) -> dict[str, Any]:
         out["methods"] = [_method(m, units) for m in (*study.methods, own_method(study))]
     if study.restarts:
         out["plain_restarts"] = {
-            label: {"delays": list(found.delays), "parameters": {name: value.tolist() for name, value in found.values.items()}}
+            label: {
+                "delays": list(found.delays),
+                "parameters": {name: value.tolist() for name, value in found.values.items()},
+            }
             for label, found in study.restarts.items()
         }
     return out
 
 
-def procedure_and_printed(study: LoopStudy, column: str) -> dict[str, dict[str, dict[str, float | None]]]:
-    """By state and parameter: initial and final value and variance, R and Q of the paper's procedure here and as printed, SI."""
+def procedure_and_printed(
+    study: LoopStudy, column: str
+) -> dict[str, dict[str, dict[str, float | None]]]:
+    """By state and parameter: initial and final value and variance, R and Q of the paper's
+    procedure here and as printed, SI.
+    """
     system, bank = study.paper.system, study.plain.bank
     best = int(np.argmax(bank.log_likelihood))
-    start, final, noise, density = printed_start(column), printed_column(column), printed_noise(column), printed_density(column)
-    R = {_BY_OUTPUT[name]: (study.paper.noise_std[name] ** 2, std**2) for name, std in noise.items()}
+    start, final, noise, density = (
+        printed_start(column),
+        printed_column(column),
+        printed_noise(column),
+        printed_density(column),
+    )
+    R = {
+        _BY_OUTPUT[name]: (study.paper.noise_std[name] ** 2, std**2) for name, std in noise.items()
+    }
     rows = {}
     for i, name in enumerate(bank.names):
         item = system.initial[name] if name in system.state_names else system.parameters[name]
@@ -97,7 +120,9 @@ def procedure_and_printed(study: LoopStudy, column: str) -> dict[str, dict[str, 
 
 
 def noted_pairs(study: LoopStudy, column: str) -> list[tuple[str, str, float, float, float]]:
-    """Pairs whose published correlation is above ``LARGE``: published, of the paper's procedure here, of the refined filter."""
+    """Pairs whose published correlation is above ``LARGE``: published, of the paper's procedure
+    here, of the refined filter.
+    """
     names, C = printed_correlation(column)
     bank, history = study.plain.bank, study.result.estimate.history
     assert history is not None
@@ -106,7 +131,15 @@ def noted_pairs(study: LoopStudy, column: str) -> list[tuple[str, str, float, fl
     for i, a in enumerate(names):
         for j, b in enumerate(names[:i]):
             if abs(C[i, j]) > LARGE:
-                out.append((b, a, float(C[i, j]), _correlation(plain, bank.names, a, b), _correlation(history.covariance[-1], history.names, a, b)))
+                out.append(
+                    (
+                        b,
+                        a,
+                        float(C[i, j]),
+                        _correlation(plain, bank.names, a, b),
+                        _correlation(history.covariance[-1], history.names, a, b),
+                    )
+                )
     return out
 
 
@@ -117,7 +150,10 @@ def _correlation(P: np.ndarray, names: tuple[str, ...], a: str, b: str) -> float
 
 def _known(row: dict[str, dict[str, float | None]]) -> dict[str, dict[str, float]]:
     """A row without what there is not."""
-    kept = {key: {side: value for side, value in pair.items() if value is not None} for key, pair in row.items()}
+    kept = {
+        key: {side: value for side, value in pair.items() if value is not None}
+        for key, pair in row.items()
+    }
     return {key: pair for key, pair in kept.items() if pair}
 
 
@@ -131,8 +167,15 @@ def _method(found: LoopMethodResult, units: Mapping[str, str]) -> dict[str, Any]
         "label": found.label,
         "delay": found.delay,
         "log_likelihood": found.log_likelihood,
-        "parameters": {name: {"estimate": value, "std": found.std[name], "unit": units.get(name, "s")} for name, value in found.values.items()},
-        **({} if np.isnan(found.frequency) else {"natural_frequency": found.frequency, "damping_ratio": found.damping}),
+        "parameters": {
+            name: {"estimate": value, "std": found.std[name], "unit": units.get(name, "s")}
+            for name, value in found.values.items()
+        },
+        **(
+            {}
+            if np.isnan(found.frequency)
+            else {"natural_frequency": found.frequency, "damping_ratio": found.damping}
+        ),
     }
 
 
@@ -140,9 +183,10 @@ def _method(found: LoopMethodResult, units: Mapping[str, str]) -> dict[str, Any]
 
 
 def loop_comparison(study: LoopStudy) -> dict[str, Any]:
-    """Content of ``comparison.json``. There is no ``true``: the loop is of higher order than the model; ``loop_equivalent`` is the
-    low-order fit to the linear loop's own frequency response with the paper's L_q; what differs beyond sigma from the one with the
-    flown L_q is the model's bias."""
+    """Content of ``comparison.json``. There is no ``true``: the loop is of higher order than the
+    model; ``loop_equivalent`` is the low-order fit to the linear loop's own frequency response with
+    the paper's L_q; what differs beyond sigma from the one with the flown L_q is the model's
+    bias."""
     result, scenario = study.result, study.scenario
     estimate, bank = result.estimate, result.bank
     content: dict[str, Any] = {
@@ -154,7 +198,10 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
         "own": choices_content(scenario.choices),
         "parameters": _parameters(study),
         "fixed": _fixed(result),
-        "derived": {q.name: {"estimate": q.value, **({"std": q.std} if q.std > 0 else {}), "unit": q.unit} for q in result.qualities},
+        "derived": {
+            q.name: {"estimate": q.value, **({"std": q.std} if q.std > 0 else {}), "unit": q.unit}
+            for q in result.qualities
+        },
         "outcome": estimate.outcome.code,
         "outcome_sentence": estimate.outcome.value,
         "log_likelihood": estimate.log_likelihood,
@@ -168,13 +215,30 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
         "frequency_response": _check(study),
         "margins": {name: _margins(margins) for name, margins in study.margins.items()},
         "model_order_bias": [
-            {"name": row.name, "estimate": row.estimate, "loop_equivalent": row.equivalent, "sigmas": row.sigmas} for row in bias_rows(study)
+            {
+                "name": row.name,
+                "estimate": row.estimate,
+                "loop_equivalent": row.equivalent,
+                "sigmas": row.sigmas,
+            }
+            for row in bias_rows(study)
         ],
-        "not_identifiable": [{"name": a, "with": b, "correlation": r} for a, b, r in not_identifiable(estimate)],
-        "contradicted_priors": [{"name": name, "sigmas": sigmas} for name, sigmas in bank.contradicted],
+        "not_identifiable": [
+            {"name": a, "with": b, "correlation": r} for a, b, r in not_identifiable(estimate)
+        ],
+        "contradicted_priors": [
+            {"name": name, "sigmas": sigmas} for name, sigmas in bank.contradicted
+        ],
         "misfit": _misfit(study.misfit),
         "residual_tests": [
-            {"name": t.name, "channel": t.channel, "statistic": t.statistic, "p_value": t.p_value, "passed": t.passed, "sentence": t.sentence}
+            {
+                "name": t.name,
+                "channel": t.channel,
+                "statistic": t.statistic,
+                "p_value": t.p_value,
+                "passed": t.passed,
+                "sentence": t.sentence,
+            }
             for t in study.tests
         ],
         "iterations": estimate.iterations,
@@ -183,19 +247,28 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
         "versions": versions(),
     }
     content |= {} if study.linear is None else {"linear": linear_content(study.linear)}
-    content |= {} if study.open_margins is None else {"open_margins": margins_content(study.open_margins)}
+    content |= (
+        {} if study.open_margins is None else {"open_margins": margins_content(study.open_margins)}
+    )
     return content | _against(study) | _further(study) | _engine(study) | paper_content(study)
 
 
 def correlation_content(estimate: Estimate) -> dict[str, Any]:
-    """Correlation matrix of states and parameters after the last sample, and the pairs above ``LARGE``."""
+    """Correlation matrix of states and parameters after the last sample, and the pairs above
+    ``LARGE``.
+    """
     history = estimate.history
     assert history is not None
     P = history.covariance[-1]
     std = np.sqrt(np.maximum(np.diag(P), 1e-300))
     C = np.clip(P / np.outer(std, std), -1.0, 1.0)
     names = history.names
-    large = [[names[i], names[j], float(C[i, j])] for i in range(len(names)) for j in range(i) if abs(C[i, j]) > LARGE]
+    large = [
+        [names[i], names[j], float(C[i, j])]
+        for i in range(len(names))
+        for j in range(i)
+        if abs(C[i, j]) > LARGE
+    ]
     return {"names": list(names), "matrix": C.tolist(), "large": large}
 
 
@@ -233,11 +306,21 @@ def _against(study: LoopStudy) -> dict[str, Any]:
             "changes": list(against.changes),
             "seed": study.other.scenario.seed,
             "differences": [
-                {"name": d.name, "unit": d.unit, "other": d.first, "other_std": d.first_std, "z": d.z, "beyond": d.beyond}
+                {
+                    "name": d.name,
+                    "unit": d.unit,
+                    "other": d.first,
+                    "other_std": d.first_std,
+                    "z": d.z,
+                    "beyond": d.beyond,
+                }
                 for d in study.differences.differences
             ],
             "p_value": study.differences.p_value,
-            "derived": {item.name: {"other": item.value, "sigmas": derived.get(item.name, 0.0)} for item in study.other.qualities},
+            "derived": {
+                item.name: {"other": item.value, "sigmas": derived.get(item.name, 0.0)}
+                for item in study.other.qualities
+            },
         }
     }
 
@@ -246,31 +329,49 @@ def _further(study: LoopStudy) -> dict[str, Any]:
     """Estimates besides the main one, where the scenario asks for them."""
     out: dict[str, Any] = {}
     if study.together:
-        out["together"] = {name: {**_values(found.estimate), "delay": found.delay} for name, found in study.together.items()}
+        out["together"] = {
+            name: {**_values(found.estimate), "delay": found.delay}
+            for name, found in study.together.items()
+        }
     if len(study.passes) > 1:
         out["passes"] = [_values(each) for each in study.passes]
     if study.over_seeds is not None:
         out["over_seeds"] = _over_seeds(study.over_seeds)
     if study.variants:
         out["variants"] = [
-            {"name": v.name, "label": v.label, "delay": v.delay, **_values(v.estimate), "misfit": _misfit(v.misfit)} for v in study.variants
+            {
+                "name": v.name,
+                "label": v.label,
+                "delay": v.delay,
+                **_values(v.estimate),
+                "misfit": _misfit(v.misfit),
+            }
+            for v in study.variants
         ]
     return out
 
 
 def _over_seeds(found: OverSeeds) -> dict[str, Any]:
-    """How often each delay is chosen, and means and standard deviations of the parameters over the seeds."""
+    """How often each delay is chosen, and means and standard deviations of the parameters over the
+    seeds.
+    """
 
     def means(rows: np.ndarray) -> dict[str, Any]:
         spread = rows.std(axis=0, ddof=1) if len(rows) > 1 else np.zeros(rows.shape[1])
-        return {name: {"mean": float(m), "std": float(s)} for name, m, s in zip(found.names, rows.mean(axis=0), spread, strict=True)}
+        return {
+            name: {"mean": float(m), "std": float(s)}
+            for name, m, s in zip(found.names, rows.mean(axis=0), spread, strict=True)
+        }
 
     return {
         "seeds": list(found.seeds),
         "delays": found.delays.tolist(),
         "count": len(found.seeds),
         "parameters": means(found.values),
-        "by_delay": [{"milliseconds": f"{1000.0 * delay:g}", "count": len(rows), "parameters": means(rows)} for delay, rows in found.by_delay()],
+        "by_delay": [
+            {"milliseconds": f"{1000.0 * delay:g}", "count": len(rows), "parameters": means(rows)}
+            for delay, rows in found.by_delay()
+        ],
     }
 
 
@@ -279,7 +380,12 @@ def _engine(study: LoopStudy) -> dict[str, Any]:
     content, found = bank_content(study.scenario.estimation.engine, study.second), study.engines
     if found is None:
         return {"engine": content}
-    apart = {"mean_sigmas": found.mean, "std_share": found.std, "log_likelihood_share": found.log_likelihood, "same_sound": found.sound}
+    apart = {
+        "mean_sigmas": found.mean,
+        "std_share": found.std,
+        "log_likelihood_share": found.log_likelihood,
+        "same_sound": found.sound,
+    }
     return {"engine": {**content, "against_batched": apart}}
 
 
@@ -287,25 +393,36 @@ def _parameters(study: LoopStudy) -> dict[str, Any]:
     estimate = study.result.estimate
     printed = printed_column(study.scenario.published[0]) if study.scenario.published else {}
     rows = {}
-    for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist(), strict=True):
+    for name, unit, value, std in zip(
+        estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist(), strict=True
+    ):
         row: dict[str, Any] = {"estimate": value, "std": std, "unit": unit}
         if name in LOES_DERIVATIVES:
             row["loop_equivalent"] = float(getattr(study.check.loop, name))
         if name in printed:
-            row["published"] = {"value": printed[name].value, **({"std": s} if (s := printed[name].std) is not None else {})}
+            row["published"] = {
+                "value": printed[name].value,
+                **({"std": s} if (s := printed[name].std) is not None else {}),
+            }
         rows[name] = row
     return rows
 
 
 def _fixed(result: LoopResult) -> dict[str, Any]:
-    fixed = {p.name: {"value": p.value, "unit": p.unit} for p in result.setting.system.parameters if not p.free and p.name != "delay"}
+    fixed = {
+        p.name: {"value": p.value, "unit": p.unit}
+        for p in result.setting.system.parameters
+        if not p.free and p.name != "delay"
+    }
     if "delay" not in result.estimate.names:
         fixed["delay"] = {"value": result.bank.refined, "unit": "s"}
     return fixed
 
 
 def _states(study: LoopStudy) -> dict[str, Any]:
-    """Per state and parameter of eq. 11: initial and final value and variance, R and Q: what Tables 1 and 2 print."""
+    """Per state and parameter of eq. 11: initial and final value and variance, R and Q: what Tables
+    1 and 2 print.
+    """
     history, system = study.result.estimate.history, study.result.setting.system
     assert history is not None
     noise, density = study.result.setting.noise_std, study.scenario.estimation.process_noise
@@ -319,7 +436,10 @@ def _states(study: LoopStudy) -> dict[str, Any]:
             "final_variance": float(history.std[i, -1] ** 2),
             "process_noise": float(density.get(name, 0.0)),
         }
-        rows[name] = {**row, **({"measurement_variance": noise[name] ** 2} if name in noise else {})}
+        rows[name] = {
+            **row,
+            **({"measurement_variance": noise[name] ** 2} if name in noise else {}),
+        }
     return rows
 
 
@@ -327,13 +447,24 @@ def _check(study: LoopStudy) -> dict[str, Any]:
     check, record = study.check, study.check.record
     names = (*LOES_DERIVATIVES, "natural_frequency", "damping_ratio")
     loops = {"loop": check.loop, "loop_with_flown_L_q": check.flown}
-    out: dict[str, Any] = {key: {name: float(getattr(loop, name)) for name in names} for key, loop in loops.items()}
+    out: dict[str, Any] = {
+        key: {name: float(getattr(loop, name)) for name in names} for key, loop in loops.items()
+    }
     out["mean_coherence"] = check.coherence
-    return {**out, "record": {name: float(value) for name, value in record.items()}} if record is not None else out
+    return (
+        {**out, "record": {name: float(value) for name, value in record.items()}}
+        if record is not None
+        else out
+    )
 
 
 def _values(estimate: Estimate) -> dict[str, Any]:
-    return {"parameters": {n: {"estimate": float(v), "std": float(s)} for n, v, s in zip(estimate.names, estimate.values, estimate.std, strict=True)}}
+    return {
+        "parameters": {
+            n: {"estimate": float(v), "std": float(s)}
+            for n, v, s in zip(estimate.names, estimate.values, estimate.std, strict=True)
+        }
+    }
 
 
 def _level(level: Level) -> dict[str, Any]:
@@ -359,6 +490,10 @@ def _misfit(found: Misfit) -> Mapping[str, Any]:
         "peak_measured": found.peak_measured,
         "peak_simulated": found.peak_simulated,
         "peak_percent": found.peak_percent,
-        "q_innovations": {"lag_one": found.lag_one, "ljung_box": found.q_box, "share_below_fifth_of_nyquist": found.low_share},
+        "q_innovations": {
+            "lag_one": found.lag_one,
+            "ljung_box": found.q_box,
+            "share_below_fifth_of_nyquist": found.low_share,
+        },
         "innovation_ratio": found.ratio,
     }

@@ -1,6 +1,8 @@
-"""Declaration of a closed-loop scenario, published low-order equivalents, and its flight to a record.
+"""Declaration of a closed-loop scenario, published low-order equivalents, and its flight to a
+record.
 
-Estimates are only shown beside ours, never used to form them; start, P0 and R are what a scenario may run with as the paper did.
+Estimates are only shown beside ours, never used to form them; start, P0 and R are what a scenario
+may run with as the paper did.
 """
 
 from __future__ import annotations
@@ -20,7 +22,15 @@ from scenarios.studies.declaration import Choice
 from scenarios.studies.schema import standard_deviations
 from sim.closed_loop.airframe import X29, load_x29
 from sim.closed_loop.linear import EquivalentSystem, equivalent_system
-from sim.closed_loop.nonlinear import ClosedLoopTruth, FlightOutcome, SmoothStick, doublet, fly_closed_loop, hand_flown, three_two_one_one
+from sim.closed_loop.nonlinear import (
+    ClosedLoopTruth,
+    FlightOutcome,
+    SmoothStick,
+    doublet,
+    fly_closed_loop,
+    hand_flown,
+    three_two_one_one,
+)
 from sim.declaration.model import Model, Noise
 from sim.errors import DeclarationError
 from sim.maneuvers import MultiStep
@@ -31,7 +41,8 @@ from sim.vehicles.factory import model_from_constants
 # ---- What a scenario of the closed loop declares
 
 _NONE: Mapping[str, float] = MappingProxyType({})
-# Ways to estimate one record that a scenario may have beside its own: what each is called in a table.
+# Ways to estimate one record that a scenario may have beside its own: what each is called in a
+# table.
 METHODS: Mapping[str, str] = MappingProxyType(
     {
         "paper": "the paper's: plain bank, printed P0",
@@ -48,9 +59,11 @@ METHODS: Mapping[str, str] = MappingProxyType(
 
 @dataclass(frozen=True)
 class StickPlan:
-    """The pilot's input: ``kind`` 3-2-1-1, doublet, levels or hand-flown, and its numbers (s, in, rad/s).
+    """The pilot's input: ``kind`` 3-2-1-1, doublet, levels or hand-flown, and its numbers (s, in,
+    rad/s).
 
-    ``times`` and ``levels`` are those of ``levels``; ``pilot_seed`` draws the hand-flown history, apart from the noise.
+    ``times`` and ``levels`` are those of ``levels``; ``pilot_seed`` draws the hand-flown history,
+    apart from the noise.
     """
 
     kind: str
@@ -65,7 +78,9 @@ class StickPlan:
 
 @dataclass(frozen=True)
 class Spike:
-    """One sample of the recorded stick that is wrong: its time (s) and what the record says there (in)."""
+    """One sample of the recorded stick that is wrong: its time (s) and what the record says there
+    (in).
+    """
 
     time: float
     size: float
@@ -81,10 +96,10 @@ class LoopFlight:
     noise : whether the telemetry is noisy.
     dead_band, curvature : of the stick, in and 1/in; None keeps the aircraft's.
     rate_limits : whether the rams have their rate limits.
-    low_order : fly the loop's own low-order equivalent instead of the loop, to see what the model's order does.
-    gust : spectral density of white vertical-gust forcing of the low-order truth's pitch rate, (rad/s2)^2 s; 0 without.
-    spike : in the recorded stick; the control computer did not see it.
-    noise_std : of the telemetry by output, rad, rad/s and g; empty keeps the aircraft's.
+    low_order : fly the loop's own low-order equivalent instead of the loop, to see what the model's
+    order does. gust : spectral density of white vertical-gust forcing of the low-order truth's
+    pitch rate, (rad/s2)^2 s; 0 without. spike : in the recorded stick; the control computer did not
+    see it. noise_std : of the telemetry by output, rad, rad/s and g; empty keeps the aircraft's.
     """
 
     airframe: str
@@ -106,14 +121,15 @@ class LoopEstimation:
 
     Attributes
     ----------
-    start : starting values by name; of ``start_from`` where that names another scenario, whose plain bank then runs first.
-    noise_from : ``"sensors"`` takes the sensors' sigma, ``"envelope"`` reads it off the record; times ``noise_share``.
-    process_noise : spectral densities by state, (unit/s)^2 s.
-    initial_std : of alpha, q and delta at the window's begin; of alpha and q the noise's where not given, as in the paper.
-    window_start, window_stop : part of the record that is used, s.
-    prior : P0 of the parameters: ``"quarter"`` of the start, or ``"printed"`` as in the paper's Tables 1 and 2.
-    restarts : start the refined filter again from its own result until it settles, at most so often.
-    engine : who runs the filters, a key of ``ident.banks.delays.ENGINES``; the result is the same.
+    start : starting values by name; of ``start_from`` where that names another scenario, whose
+    plain bank then runs first. noise_from : ``"sensors"`` takes the sensors' sigma, ``"envelope"``
+    reads it off the record; times ``noise_share``. process_noise : spectral densities by state,
+    (unit/s)^2 s. initial_std : of alpha, q and delta at the window's begin; of alpha and q the
+    noise's where not given, as in the paper. window_start, window_stop : part of the record that is
+    used, s. prior : P0 of the parameters: ``"quarter"`` of the start, or ``"printed"`` as in the
+    paper's Tables 1 and 2. restarts : start the refined filter again from its own result until it
+    settles, at most so often. engine : who runs the filters, a key of
+    ``ident.banks.delays.ENGINES``; the result is the same.
     """
 
     start: Mapping[str, float]
@@ -131,7 +147,9 @@ class LoopEstimation:
 
 @dataclass(frozen=True)
 class Against:
-    """Another scenario, with changes as ``--set`` makes them, whose result this one is compared with."""
+    """Another scenario, with changes as ``--set`` makes them, whose result this one is compared
+    with.
+    """
 
     scenario: str
     label: str
@@ -140,8 +158,9 @@ class Against:
 
 @dataclass(frozen=True)
 class MarginPlan:
-    """How much is varied of what the paper leaves open of the margins: ``samples`` points of a Latin hypercube (none: the study is left
-    out), their ``seed``, and an airframe to show ``beside`` the two."""
+    """How much is varied of what the paper leaves open of the margins: ``samples`` points of a
+    Latin hypercube (none: the study is left out), their ``seed``, and an airframe to show
+    ``beside`` the two."""
 
     samples: int
     seed: int = 1
@@ -165,11 +184,13 @@ class LoopScenario:
     Attributes
     ----------
     published : columns of the paper's tables to print, the scenario's own first.
-    against : what the result is compared with. together : scenarios printed side by side as the paper's Table 3.
-    methods : names of ``METHODS`` whose results stand beside the scenario's own. margins : what is varied of the loop's margins.
-    variants : see ``Variant``. stretch : an interval (s) whose misfit is told apart from the rest. peak : an interval with a final peak.
-    choices : values that no source gives. seeds : flights with the seeds 1 to this one that the paper's bank estimates, too; 0 for none.
-    findings : what holds or stays open whatever the numbers are, in words, to be read with what is computed from them.
+    against : what the result is compared with. together : scenarios printed side by side as the
+    paper's Table 3. methods : names of ``METHODS`` whose results stand beside the scenario's own.
+    margins : what is varied of the loop's margins. variants : see ``Variant``. stretch : an
+    interval (s) whose misfit is told apart from the rest. peak : an interval with a final peak.
+    choices : values that no source gives. seeds : flights with the seeds 1 to this one that the
+    paper's bank estimates, too; 0 for none. findings : what holds or stays open whatever the
+    numbers are, in words, to be read with what is computed from them.
     """
 
     name: str
@@ -200,7 +221,9 @@ TURNED = ("delta", "L_delta", "M_delta", "delta_0")  # the paper's pseudo-contro
 
 @dataclass(frozen=True)
 class Printed:
-    """A printed value and the standard deviation from its printed variance, None where none is printed."""
+    """A printed value and the standard deviation from its printed variance, None where none is
+    printed.
+    """
 
     value: float
     std: float | None
@@ -208,7 +231,9 @@ class Printed:
 
 @dataclass(frozen=True)
 class Range:
-    """What the text tells of the flight: between which values the EKF had it, and what the frequency response gave."""
+    """What the text tells of the flight: between which values the EKF had it, and what the
+    frequency response gave.
+    """
 
     low: float
     high: float
@@ -221,19 +246,27 @@ def printed_columns() -> tuple[str, ...]:
 
 
 def printed_column(name: str) -> dict[str, Printed]:
-    """A column of the paper's tables: final estimates, SI. Raises DeclarationError when there is none."""
+    """A column of the paper's tables: final estimates, SI. Raises DeclarationError when there is
+    none.
+    """
     return _column("loes", name)
 
 
 def printed_start(name: str) -> dict[str, Printed]:
-    """Initial state estimate and P0 of Table 1 (``simulation``) or 2 (``flight``), SI. Raises DeclarationError when there is none."""
+    """Initial state estimate and P0 of Table 1 (``simulation``) or 2 (``flight``), SI. Raises
+    DeclarationError when there is none.
+    """
     return _column("initial", name)
 
 
 def printed_noise(name: str) -> dict[str, float]:
-    """R of Table 1 or 2 as standard deviations, rad, rad/s and g. Raises DeclarationError when there is none."""
+    """R of Table 1 or 2 as standard deviations, rad, rad/s and g. Raises DeclarationError when
+    there is none.
+    """
     rows = _table("measurement_noise", name)
-    return standard_deviations({}, {key: f"{row['value']} {row['unit']}" for key, row in rows.items()}, f"published {FILE}")
+    return standard_deviations(
+        {}, {key: f"{row['value']} {row['unit']}" for key, row in rows.items()}, f"published {FILE}"
+    )
 
 
 def printed_density(name: str) -> dict[str, float]:
@@ -247,7 +280,9 @@ def printed_checks(name: str) -> dict[str, Range]:
 
 
 def printed_correlation(name: str) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names and correlation matrix ``(13, 13)`` of Table 1 or 2. Raises DeclarationError when there is none."""
+    """Names and correlation matrix ``(13, 13)`` of Table 1 or 2. Raises DeclarationError when there
+    is none.
+    """
     rows = _table("correlation", name)
     names = ("alpha", *rows)
     C = np.eye(len(names))
@@ -264,19 +299,28 @@ def has_table(name: str) -> bool:
 
 @cache
 def _document() -> Mapping[str, Any]:
-    return tomllib.loads(files("scenarios.studies.published").joinpath(FILE).read_text(encoding="utf-8"))
+    return tomllib.loads(
+        files("scenarios.studies.published").joinpath(FILE).read_text(encoding="utf-8")
+    )
 
 
 def _table(kind: str, name: str) -> Mapping[str, Any]:
     tables = _document()[kind]
     if name not in tables:
-        raise DeclarationError(f"there is no column {name!r}", where=f"published {FILE}", remedy=f"use one of {', '.join(tables)}")
+        raise DeclarationError(
+            f"there is no column {name!r}",
+            where=f"published {FILE}",
+            remedy=f"use one of {', '.join(tables)}",
+        )
     found: Mapping[str, Any] = tables[name]
     return found
 
 
 def _column(kind: str, name: str) -> dict[str, Printed]:
-    return {key: Printed(float(e["value"]), math.sqrt(e["variance"]) if "variance" in e else None) for key, e in _table(kind, name).items()}
+    return {
+        key: Printed(float(e["value"]), math.sqrt(e["variance"]) if "variance" in e else None)
+        for key, e in _table(kind, name).items()
+    }
 
 
 # ---- From a closed-loop scenario's flight to its record
@@ -286,7 +330,9 @@ NO_LIMIT = 1e6  # deg/s, a rate that no ram reaches
 
 @dataclass(frozen=True, eq=False)
 class FlownLoop:
-    """A flight: the aircraft as it flew, its telemetry, and what really happened (None where a low-order truth was flown)."""
+    """A flight: the aircraft as it flew, its telemetry, and what really happened (None where a
+    low-order truth was flown).
+    """
 
     x29: X29
     record: Record
@@ -303,7 +349,11 @@ def aircraft(flight: LoopFlight) -> X29:
         canard, flaperon, strake = (replace(surface, rate=NO_LIMIT) for surface in x29.surfaces)
         x29 = replace(x29, surfaces=(canard, flaperon, strake))
     t, noise = x29.telemetry, flight.noise_std
-    std = (noise.get("alpha", t.alpha_noise), noise.get("q", t.q_noise), noise.get("nz", t.nz_noise))
+    std = (
+        noise.get("alpha", t.alpha_noise),
+        noise.get("q", t.q_noise),
+        noise.get("nz", t.nz_noise),
+    )
     telemetry = replace(t, alpha_noise=std[0], q_noise=std[1], nz_noise=std[2])
     return replace(x29, stick=stick, telemetry=telemetry)
 
@@ -315,8 +365,12 @@ def stick_of(plan: StickPlan, duration: float) -> Callable[[np.ndarray], np.ndar
     if plan.kind == "doublet":
         return doublet(plan.amplitude, plan.unit, plan.start)
     if plan.kind == "levels":
-        return SmoothStick(plan.times, tuple(plan.amplitude * level for level in plan.levels), plan.bandwidth)
-    return hand_flown(np.random.default_rng(plan.pilot_seed), duration, plan.amplitude, plan.bandwidth, plan.start)
+        return SmoothStick(
+            plan.times, tuple(plan.amplitude * level for level in plan.levels), plan.bandwidth
+        )
+    return hand_flown(
+        np.random.default_rng(plan.pilot_seed), duration, plan.amplitude, plan.bandwidth, plan.start
+    )
 
 
 def fly_loop(flight: LoopFlight, seed: int) -> FlownLoop:
@@ -328,9 +382,15 @@ def fly_loop(flight: LoopFlight, seed: int) -> FlownLoop:
     """
     x29, rng = aircraft(flight), np.random.default_rng(seed)
     noise = rng if flight.noise else None
-    record, truth = fly_closed_loop(x29, stick_of(flight.stick, flight.duration), flight.duration, noise)
+    record, truth = fly_closed_loop(
+        x29, stick_of(flight.stick, flight.duration), flight.duration, noise
+    )
     if truth.outcome is FlightOutcome.DEPARTED:
-        raise DeclarationError(f"the aircraft departs at {truth.time[-1]:.3g} s", where="key flight", remedy="ask less of the stick")
+        raise DeclarationError(
+            f"the aircraft departs at {truth.time[-1]:.3g} s",
+            where="key flight",
+            remedy="ask less of the stick",
+        )
     if flight.low_order:
         record = _low_order_record(x29, record, flight, np.random.default_rng(seed))
     if flight.spike is not None:
@@ -342,8 +402,14 @@ def fly_loop(flight: LoopFlight, seed: int) -> FlownLoop:
 
 
 def low_order_model(x29: X29, values: dict[str, float]) -> Model:
-    """The low-order equivalent system at the aircraft's flight condition; ``values`` by the names of a vehicle file."""
-    constants = {"airspeed": x29.airframe.airspeed, "gravity": x29.airframe.gravity, "vane_arm": x29.telemetry.vane_arm}
+    """The low-order equivalent system at the aircraft's flight condition; ``values`` by the names
+    of a vehicle file.
+    """
+    constants = {
+        "airspeed": x29.airframe.airspeed,
+        "gravity": x29.airframe.gravity,
+        "vane_arm": x29.telemetry.vane_arm,
+    }
     return model_from_constants("loes", constants, values)
 
 
@@ -353,13 +419,19 @@ def equivalent_values(found: EquivalentSystem) -> dict[str, float]:
     return {name: float(getattr(found, name)) for name in names}
 
 
-def _low_order_record(x29: X29, record: Record, flight: LoopFlight, rng: np.random.Generator) -> Record:
+def _low_order_record(
+    x29: X29, record: Record, flight: LoopFlight, rng: np.random.Generator
+) -> Record:
     """The same stick flown by the loop's own low-order equivalent, its record's stick held."""
     t = x29.telemetry
     std = {"alpha": t.alpha_noise, "q": t.q_noise, "nz": t.nz_noise} if flight.noise else {}
     model = low_order_model(x29, equivalent_values(equivalent_system(x29)))
-    model = model.with_noise(Noise(std, {"q": flight.gust} if flight.gust else {})).with_values({"nz_0": 1.0})
-    flown, _ = fly(model, {"stick": _as_recorded(record)}, record.time, rng, step=0.005, name=record.name)
+    model = model.with_noise(Noise(std, {"q": flight.gust} if flight.gust else {})).with_values(
+        {"nz_0": 1.0}
+    )
+    flown, _ = fly(
+        model, {"stick": _as_recorded(record)}, record.time, rng, step=0.005, name=record.name
+    )
     return replace(flown, inputs=record.inputs)
 
 

@@ -9,7 +9,16 @@ from typing import Any
 import numpy as np
 
 from ident.banks.bank import BankEstimate, run_bank, run_iterated_bank
-from ident.banks.delays import BATCHED, DELAYS, ENGINES, BankEngine, DelayBank, likelihood_weights, run_delay_bank, vertex
+from ident.banks.delays import (
+    BATCHED,
+    DELAYS,
+    ENGINES,
+    BankEngine,
+    DelayBank,
+    likelihood_weights,
+    run_delay_bank,
+    vertex,
+)
 from ident.estimate import Estimate, Outcome
 from ident.filters.smoother import smooth
 from ident.statistics.noise_levels import noise_envelope
@@ -38,7 +47,9 @@ ROUGH_DELAYS = tuple(0.0875 + 0.0125 * i for i in range(7))  # s, for variants
 
 @dataclass(frozen=True, eq=False)
 class SetUp:
-    """A record cut to the window, the filter's System for it, the noise it assumes, and who runs it."""
+    """A record cut to the window, the filter's System for it, the noise it assumes, and who runs
+    it.
+    """
 
     record: Record
     system: System
@@ -62,10 +73,15 @@ class Plain:
 
 
 def set_up(
-    estimation: LoopEstimation, flown: FlownLoop, start: Mapping[str, float], initial: Mapping[str, float] | None = None, prior: str = ""
+    estimation: LoopEstimation,
+    flown: FlownLoop,
+    start: Mapping[str, float],
+    initial: Mapping[str, float] | None = None,
+    prior: str = "",
 ) -> SetUp:
-    """The fourteen-state filter for a flight's record. ``start`` : by the names of a vehicle file; ``initial`` : further starts of
-    constants; ``prior`` : another rule for P0 than the estimation's."""
+    """The fourteen-state filter for a flight's record. ``start`` : by the names of a vehicle file;
+    ``initial`` : further starts of constants; ``prior`` : another rule for P0 than the
+    estimation's."""
     record = flown.record
     if estimation.window_start is not None or estimation.window_stop is not None:
         record = record.window(estimation.window_start, estimation.window_stop)
@@ -85,15 +101,25 @@ def set_up(
 
 
 def _printed_prior(system: System) -> System:
-    """The System with P0 of the paper's Tables 1 and 2, which are alike: it carries the simulation's over to the flight."""
-    printed = {name: cell.std for name, cell in printed_start("simulation").items() if cell.std is not None}
+    """The System with P0 of the paper's Tables 1 and 2, which are alike: it carries the
+    simulation's over to the flight.
+    """
+    printed = {
+        name: cell.std for name, cell in printed_start("simulation").items() if cell.std is not None
+    }
     states = {name: std for name, std in printed.items() if name in system.state_names}
     others = {name: std for name, std in printed.items() if name not in states}
-    return replace(system, initial=system.initial.with_prior(states), parameters=system.parameters.with_prior(others))
+    return replace(
+        system,
+        initial=system.initial.with_prior(states),
+        parameters=system.parameters.with_prior(others),
+    )
 
 
 def refined(setting: SetUp) -> DelayBank:
-    """The bank with a delay between its grid points; P0 stays as the paper's rule has it, also where the record contradicts it."""
+    """The bank with a delay between its grid points; P0 stays as the paper's rule has it, also
+    where the record contradicts it.
+    """
     return run_delay_bank(setting.record, setting.system, widenings=0, engine=setting.engine)
 
 
@@ -123,26 +149,42 @@ def started_again(estimation: LoopEstimation, flown: FlownLoop, found: Estimate)
     """The filter for the same flight started at a result, with the same rule for P0."""
     values = found.as_dict()
     constants = {name: values[name] for name in ("L_0", "M_0", "delta_0")}
-    start = {name: value for name, value in values.items() if name not in (*constants, "nz_0", "delay")}
+    start = {
+        name: value for name, value in values.items() if name not in (*constants, "nz_0", "delay")
+    }
     return set_up(estimation, flown, start, constants)
 
 
 def rough(setting: SetUp) -> tuple[Estimate, float]:
-    """A quick estimate for variants: seven delays 12.5 ms apart, linearised once anew; the likeliest filter and its delay (s)."""
+    """A quick estimate for variants: seven delays 12.5 ms apart, linearised once anew; the
+    likeliest filter and its delay (s).
+    """
     delays = np.array(ROUGH_DELAYS)
-    bank, trajectories = setting.engine.iterated(setting.record, setting.system, held={"delay": delays}, tolerance=np.inf)
+    bank, trajectories = setting.engine.iterated(
+        setting.record, setting.system, held={"delay": delays}, tolerance=np.inf
+    )
     best = int(np.argmax(bank.log_likelihood))
-    return setting.engine.alone(setting.record, _at(setting.system, float(delays[best])), None, trajectories[:, :, best]), float(delays[best])
+    return setting.engine.alone(
+        setting.record, _at(setting.system, float(delays[best])), None, trajectories[:, :, best]
+    ), float(delays[best])
 
 
 def free_simulation(setting: SetUp, estimate: Estimate, delay: float) -> np.ndarray:
-    """Outputs ``(3, N)`` of the final estimate driven by the stick alone, from the smoothed state at the window's begin."""
+    """Outputs ``(3, N)`` of the final estimate driven by the stick alone, from the smoothed state
+    at the window's begin.
+    """
     record, system = setting.record, setting.system
     values = {name: value for name, value in estimate.as_dict().items() if name != "delay"}
     p = system.parameters.with_values({**values, "delay": delay}).values().tolist()
     grid = make_grid(record.time, float(np.diff(record.time).max()))
-    drive = drive_from_record(system, p, record.input_array(system.input_names), record.time, record.hold, grid)
-    x0 = [0.0, 0.0, 0.0] if estimate.history is None else smooth(estimate.history).mean[:3, 0].tolist()
+    drive = drive_from_record(
+        system, p, record.input_array(system.input_names), record.time, record.hold, grid
+    )
+    x0 = (
+        [0.0, 0.0, 0.0]
+        if estimate.history is None
+        else smooth(estimate.history).mean[:3, 0].tolist()
+    )
     return np.array(simulate(system, p, x0, drive, grid))
 
 
@@ -162,11 +204,12 @@ class Misfit:
     Attributes
     ----------
     rms : measured minus simulated over the noise's sigma, by output.
-    stretch, elsewhere : rms of q (over sigma) inside the scenario's stretch and outside; zero where it has none.
-    peak_measured, peak_simulated : q at the largest |q| of the scenario's peak interval, rad/s; zero where it has none.
-    lag_one : lag-one correlation of the normalised q innovations. q_box : Ljung-Box statistic over 25 lags.
-    low_share : share of the q innovations' power below a fifth of the Nyquist frequency; white noise has a fifth.
-    ratio : root mean square of all normalised innovations.
+    stretch, elsewhere : rms of q (over sigma) inside the scenario's stretch and outside; zero where
+    it has none. peak_measured, peak_simulated : q at the largest |q| of the scenario's peak
+    interval, rad/s; zero where it has none. lag_one : lag-one correlation of the normalised q
+    innovations. q_box : Ljung-Box statistic over 25 lags. low_share : share of the q innovations'
+    power below a fifth of the Nyquist frequency; white noise has a fifth. ratio : root mean square
+    of all normalised innovations.
     """
 
     rms: dict[str, float]
@@ -181,8 +224,14 @@ class Misfit:
 
     @property
     def peak_percent(self) -> float:
-        """How much of the final peak the free simulation lacks (negative) or exaggerates, percent of the measured one."""
-        return 100.0 * (abs(self.peak_simulated) / abs(self.peak_measured) - 1.0) if self.peak_measured else 0.0
+        """How much of the final peak the free simulation lacks (negative) or exaggerates, percent
+        of the measured one.
+        """
+        return (
+            100.0 * (abs(self.peak_simulated) / abs(self.peak_measured) - 1.0)
+            if self.peak_measured
+            else 0.0
+        )
 
 
 def sensor_noise(flown: FlownLoop) -> np.ndarray:
@@ -199,12 +248,18 @@ def misfit(
     stretch: tuple[float, float] | None,
     peak: tuple[float, float] | None,
 ) -> Misfit:
-    """Measure a free simulation ``(3, N)`` and the innovations of its estimate; ``noise_std`` ``(3,)`` is what the misfit is held against."""
+    """Measure a free simulation ``(3, N)`` and the innovations of its estimate; ``noise_std``
+    ``(3,)`` is what the misfit is held against.
+    """
     names = estimate.output_names
     z, valid = record.output_array(names)
     error = np.where(valid, z - simulated, 0.0) / noise_std[:, None]
     row = names.index("q")
-    inside = np.zeros(len(record), dtype=bool) if stretch is None else (record.time >= stretch[0]) & (record.time <= stretch[1])
+    inside = (
+        np.zeros(len(record), dtype=bool)
+        if stretch is None
+        else (record.time >= stretch[0]) & (record.time <= stretch[1])
+    )
     measured = simulated_peak = 0.0
     if peak is not None:
         within = np.flatnonzero((record.time >= peak[0]) & (record.time <= peak[1]))
@@ -212,7 +267,10 @@ def misfit(
             at = within[int(np.argmax(np.abs(z[row, within])))]
             # Over five samples, so that the noise of one does not decide.
             near = slice(max(at - 2, 0), at + 3)
-            measured, simulated_peak = float(z[row, near].mean()), float(simulated[row, near].mean())
+            measured, simulated_peak = (
+                float(z[row, near].mean()),
+                float(simulated[row, near].mean()),
+            )
     history = estimate.history
     assert history is not None
     series = (history.innovation[row] / history.innovation_std[row])[history.valid[row]]
@@ -239,7 +297,9 @@ PASSES = 5  # of plain filters that start again from their own result
 
 @dataclass(frozen=True, eq=False)
 class LoopMethodResult:
-    """What one method found: delay (s), values and sigmas by name of the parameters, its log-likelihood."""
+    """What one method found: delay (s), values and sigmas by name of the parameters, its
+    log-likelihood.
+    """
 
     name: str
     label: str
@@ -250,7 +310,9 @@ class LoopMethodResult:
 
     @property
     def frequency(self) -> float:
-        """Undamped natural frequency of its short period, rad/s; NaN where that does not oscillate."""
+        """Undamped natural frequency of its short period, rad/s; NaN where that does not
+        oscillate.
+        """
         v = self.values
         stiffness = v["L_alpha"] * v["M_q"] - v["L_q"] * v["M_alpha"]
         return float(np.sqrt(stiffness)) if stiffness > 0 else float("nan")
@@ -263,7 +325,8 @@ class LoopMethodResult:
 
 @dataclass(frozen=True, eq=False)
 class Restarts:
-    """Plain filters with the printed P0 held at some delays (s), each started again from its own result.
+    """Plain filters with the printed P0 held at some delays (s), each started again from its own
+    result.
 
     ``values`` : by parameter, ``(passes, delays)``.
     """
@@ -274,7 +337,9 @@ class Restarts:
 
 @dataclass(frozen=True, eq=False)
 class Ways:
-    """What the methods work on: the paper's set-up and its plain bank, ours and its refined bank, and the same record set up anew."""
+    """What the methods work on: the paper's set-up and its plain bank, ours and its refined bank,
+    and the same record set up anew.
+    """
 
     paper: SetUp
     plain: Plain
@@ -289,7 +354,9 @@ def run_methods(names: Sequence[str], ways: Ways) -> tuple[LoopMethodResult, ...
 
 
 def other_side(found: Plain, refined_delay: float) -> int:
-    """Which filter of the plain bank has the grid's delay on the other side of the refined one than its most likely filter."""
+    """Which filter of the plain bank has the grid's delay on the other side of the refined one than
+    its most likely filter.
+    """
     best = int(np.argmax(found.bank.log_likelihood))
     step = 1 if found.delays[best] < refined_delay else -1
     return min(max(best + step, 0), len(found.delays) - 1)
@@ -298,12 +365,18 @@ def other_side(found: Plain, refined_delay: float) -> int:
 def all_restarts(ways: Ways, delays: Sequence[float]) -> dict[str, Restarts]:
     """Plain restarts at some delays (s), with P0 and R as printed and with each of them another."""
     louder = _set_up(ways, prior="printed", noise_share=2.0 * ways.estimation.noise_share)
-    settings = {"R and P0 as printed": ways.paper, "P0 a quarter of the start": _set_up(ways, prior="quarter"), "R four times as large": louder}
+    settings = {
+        "R and P0 as printed": ways.paper,
+        "P0 a quarter of the start": _set_up(ways, prior="quarter"),
+        "R four times as large": louder,
+    }
     return {label: plain_restarts(setting, delays) for label, setting in settings.items()}
 
 
 def plain_restarts(setting: SetUp, delays: Sequence[float], passes: int = PASSES) -> Restarts:
-    """Plain filters at held delays, ``passes`` times each from its last parameters with the same P0."""
+    """Plain filters at held delays, ``passes`` times each from its last parameters with the same
+    P0.
+    """
     system, start = setting.system, None
     n_x, rows, names = len(system.states), [], system.parameters.free_names
     for _ in range(passes):
@@ -316,7 +389,9 @@ def plain_restarts(setting: SetUp, delays: Sequence[float], passes: int = PASSES
 
 
 def between_grid_points(found: Plain) -> float:
-    """Vertex of the parabola through the plain bank's largest log-likelihood and its neighbours, s."""
+    """Vertex of the parabola through the plain bank's largest log-likelihood and its neighbours,
+    s.
+    """
     L, best = found.bank.log_likelihood, int(np.argmax(found.bank.log_likelihood))
     near = slice(min(max(best - 1, 0), len(L) - 3), min(max(best + 2, 3), len(L)))
     return vertex(found.delays[near], L[near])[0]
@@ -327,7 +402,9 @@ def _of_bank(name: str, found: Plain, at: int) -> LoopMethodResult:
     rows = range(len(bank.names) - len(found.estimate.names), len(bank.names))
     values = {bank.names[i]: float(bank.mean[i, at]) for i in rows}
     std = {bank.names[i]: float(np.sqrt(bank.covariance[at, i, i])) for i in rows}
-    return LoopMethodResult(name, METHODS[name], float(found.delays[at]), values, std, float(bank.log_likelihood[at]))
+    return LoopMethodResult(
+        name, METHODS[name], float(found.delays[at]), values, std, float(bank.log_likelihood[at])
+    )
 
 
 def _best(name: str, found: Plain) -> LoopMethodResult:
@@ -341,7 +418,9 @@ def _held(name: str, ways: Ways) -> LoopMethodResult:
 
 
 def _relinearised(name: str, ways: Ways) -> LoopMethodResult:
-    bank, _ = run_iterated_bank(ways.paper.record, ways.paper.system, held={"delay": np.array([ways.plain.delay])})
+    bank, _ = run_iterated_bank(
+        ways.paper.record, ways.paper.system, held={"delay": np.array([ways.plain.delay])}
+    )
     return _of_bank(name, replace(ways.plain, bank=bank, delays=np.array([ways.plain.delay])), 0)
 
 
@@ -357,13 +436,19 @@ def of_refined(name: str, label: str, bank: DelayBank) -> LoopMethodResult:
     """A refined bank's result in the same form."""
     estimate = bank.estimate
     std = dict(zip(estimate.names, estimate.std.tolist(), strict=True))
-    return LoopMethodResult(name, label, bank.refined, estimate.as_dict(), std, estimate.log_likelihood)
+    return LoopMethodResult(
+        name, label, bank.refined, estimate.as_dict(), std, estimate.log_likelihood
+    )
 
 
 _RUN: Mapping[str, Callable[[str, Ways], LoopMethodResult]] = {
     "paper": lambda name, ways: _best(name, ways.plain),
-    "paper-other": lambda name, ways: _of_bank(name, ways.plain, other_side(ways.plain, ways.refined.refined)),
-    "paper-density": lambda name, ways: _best(name, plain(_set_up(ways, prior="printed", process_noise=printed_density("flight")))),
+    "paper-other": lambda name, ways: _of_bank(
+        name, ways.plain, other_side(ways.plain, ways.refined.refined)
+    ),
+    "paper-density": lambda name, ways: _best(
+        name, plain(_set_up(ways, prior="printed", process_noise=printed_density("flight")))
+    ),
     "plain-quarter": lambda name, ways: _best(name, plain(_set_up(ways, prior="quarter"))),
     "held": _held,
     "relinearised": _relinearised,
@@ -386,13 +471,19 @@ class VariantResult:
     misfit: Misfit
 
 
-def run_variant(scenario: LoopScenario, variant: Variant, seed: int, start: Mapping[str, float]) -> VariantResult:
-    """Fly a variant with a seed and estimate it; ``start`` is the scenario's, where the variant declares none."""
+def run_variant(
+    scenario: LoopScenario, variant: Variant, seed: int, start: Mapping[str, float]
+) -> VariantResult:
+    """Fly a variant with a seed and estimate it; ``start`` is the scenario's, where the variant
+    declares none.
+    """
     flown = fly_loop(variant.flight, seed)
     setting = set_up(variant.estimation, flown, variant.estimation.start or start)
     estimate, delay = rough(setting)
     simulated = free_simulation(setting, estimate, delay)
-    measured = misfit(setting.record, simulated, estimate, sensor_noise(flown), scenario.stretch, scenario.peak)
+    measured = misfit(
+        setting.record, simulated, estimate, sensor_noise(flown), scenario.stretch, scenario.peak
+    )
     return VariantResult(variant.name, variant.label, estimate, delay, measured)
 
 
@@ -412,16 +503,29 @@ class OverSeeds:
     values: np.ndarray
 
     def by_delay(self) -> list[tuple[float, np.ndarray]]:
-        """Each delay that was chosen, with the rows ``(j, n)`` of the flights that chose it; the most frequent first."""
-        chosen = [(float(delay), self.values[self.delays == delay]) for delay in np.unique(self.delays)]
+        """Each delay that was chosen, with the rows ``(j, n)`` of the flights that chose it; the
+        most frequent first.
+        """
+        chosen = [
+            (float(delay), self.values[self.delays == delay]) for delay in np.unique(self.delays)
+        ]
         return sorted(chosen, key=lambda each: -len(each[1]))
 
 
-def run_over_seeds(scenario: LoopScenario, start: Mapping[str, float], prior: str) -> OverSeeds | None:
-    """The paper's bank with the seeds 1 to ``scenario.seeds``; ``prior`` is its rule for P0. None where no seeds are asked for."""
+def run_over_seeds(
+    scenario: LoopScenario, start: Mapping[str, float], prior: str
+) -> OverSeeds | None:
+    """The paper's bank with the seeds 1 to ``scenario.seeds``; ``prior`` is its rule for P0. None
+    where no seeds are asked for.
+    """
     if not scenario.seeds:
         return None
     seeds = tuple(range(1, scenario.seeds + 1))
-    found = [plain(set_up(scenario.estimation, fly_loop(scenario.flight, seed), start, prior=prior)) for seed in seeds]
+    found = [
+        plain(set_up(scenario.estimation, fly_loop(scenario.flight, seed), start, prior=prior))
+        for seed in seeds
+    ]
     delays = np.array([round(each.delay, 6) for each in found])
-    return OverSeeds(seeds, delays, found[0].estimate.names, np.array([each.estimate.values for each in found]))
+    return OverSeeds(
+        seeds, delays, found[0].estimate.names, np.array([each.estimate.values for each in found])
+    )

@@ -15,7 +15,17 @@ from ident.estimate import FilterHistory, Outcome
 from ident.flying_qualities.modes import MODAL_UNITS
 from scenarios.files.writing import study_folder, write_json, write_record
 from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import Bullets, Page, Prose, Section, as_sentence, capital, now, reproduction, section
+from scenarios.pages.model import (
+    Bullets,
+    Page,
+    Prose,
+    Section,
+    as_sentence,
+    capital,
+    now,
+    reproduction,
+    section,
+)
 from scenarios.pages.tables import printed_blocks, tests_table
 from scenarios.plots.display import SIMULATED_DATA
 from scenarios.plots.formats import USUAL, Drawn, Formats
@@ -46,8 +56,21 @@ if TYPE_CHECKING:
 # Units of columns whose rows have units of their own.
 SQUARED = "unit²"
 _COLUMNS = {
-    **{"initial variance": SQUARED, "final variance": SQUARED, "R": SQUARED, "Q": f"{SQUARED}/s", "damping": "1", "pass": "1", "rad/s": "rad/s"},
-    **{"P0, here": SQUARED, "variance, here": SQUARED, "R, here": SQUARED, "Q, here": f"{SQUARED}/s"},
+    **{
+        "initial variance": SQUARED,
+        "final variance": SQUARED,
+        "R": SQUARED,
+        "Q": f"{SQUARED}/s",
+        "damping": "1",
+        "pass": "1",
+        "rad/s": "rad/s",
+    },
+    **{
+        "P0, here": SQUARED,
+        "variance, here": SQUARED,
+        "R, here": SQUARED,
+        "Q, here": f"{SQUARED}/s",
+    },
 }
 
 
@@ -55,9 +78,15 @@ def loop_page(study: LoopStudy, drawn: Sequence[Drawn] = ()) -> Page:
     """The page of a study with the figures ``drawn``."""
     scenario, estimate, record = study.scenario, study.result.estimate, study.result.setting.record
     units = _units(study)
-    tables = {title: section(title, *printed_blocks(partial(table, study), units)) for title, table in TABLES.items()}
+    tables = {
+        title: section(title, *printed_blocks(partial(table, study), units))
+        for title, table in TABLES.items()
+    }
     qualities = "; ".join(
-        f"{WORDS[q.name]} {number_text(q.value, q.std)} +- {number_text(q.std, q.std)} {q.unit}".rstrip(" 1") for q in study.result.qualities
+        f"{WORDS[q.name]} {number_text(q.value, q.std)} +- {number_text(q.std, q.std)} {q.unit}".rstrip(  # noqa: E501
+            " 1"
+        )
+        for q in study.result.qualities
     )
     white = all(test.passed for test in study.tests)
     window = f"{record.time[0]:g} to {record.time[-1]:g} s"
@@ -66,29 +95,47 @@ def loop_page(study: LoopStudy, drawn: Sequence[Drawn] = ()) -> Page:
         title=capital(scenario.title),
         kind=f"Closed-loop study {scenario.name}, delay refined over a bank of filters",
         verdict=estimate.outcome.value.partition(":")[0].partition(",")[0],
-        tone="open" if estimate.outcome not in (Outcome.CONVERGED, Outcome.AT_BOUND) else "good" if white else "fair",
+        tone="open"
+        if estimate.outcome not in (Outcome.CONVERGED, Outcome.AT_BOUND)
+        else "good"
+        if white
+        else "fair",
         sentence=as_sentence(test_line(study.tests)) if study.tests else "",
         summary=tuple(as_sentence(line) for line in (qualities, scenario.findings) if line),
         warnings=(),
         sections=(
             *tables["Estimate"],
-            *section("What it says", *(Prose(as_sentence(line)) for line in sentences(study) if line)),
+            *section(
+                "What it says", *(Prose(as_sentence(line)) for line in sentences(study) if line)
+            ),
             *(each for title, parts in tables.items() if title != "Estimate" for each in parts),
             *section("Figures", *figures(drawn)),
             *section("Residuals", tests_table("Residual tests", study.tests)),
             *_made(study, window, choices),
         ),
-        reproduction=reproduction(("flightid", "run", scenario.name, "--seed", str(study.seed)), f"Seed {study.seed}."),
+        reproduction=reproduction(
+            ("flightid", "run", scenario.name, "--seed", str(study.seed)), f"Seed {study.seed}."
+        ),
         created=now(),
     )
 
 
 def _made(study: LoopStudy, window: str, choices: Sequence[str]) -> tuple[Section, ...]:
     scenario = study.scenario
-    told = Prose(f"Truth and model: {scenario.distance}. {len(study.result.setting.record)} samples, {window}.")
+    told = Prose(
+        f"Truth and model: {scenario.distance}. {len(study.result.setting.record)} samples, "
+        f"{window}."
+    )
     engine = Prose(as_sentence(bank_line(scenario.estimation.engine, study.second)))
     heading = Prose(as_sentence(HEADING)) if choices else None
-    return section("How it was made", Prose(as_sentence(scenario.about)) if scenario.about else None, told, engine, heading, Bullets(tuple(choices)))
+    return section(
+        "How it was made",
+        Prose(as_sentence(scenario.about)) if scenario.about else None,
+        told,
+        engine,
+        heading,
+        Bullets(tuple(choices)),
+    )
 
 
 def _units(study: LoopStudy) -> dict[str, str]:
@@ -96,7 +143,9 @@ def _units(study: LoopStudy) -> dict[str, str]:
     estimate, system = study.result.estimate, study.result.setting.system
     units = {item.name: item.unit for item in (*system.initial, *system.parameters)}
     units |= dict(zip(estimate.names, estimate.units, strict=True)) | {"delay": "s", **MODAL_UNITS}
-    words = {WORDS[q.name]: q.unit for q in study.result.qualities} | {WORDS[name]: unit for name, unit in MODAL_UNITS.items() if name in WORDS}
+    words = {WORDS[q.name]: q.unit for q in study.result.qualities} | {
+        WORDS[name]: unit for name, unit in MODAL_UNITS.items() if name in WORDS
+    }
     return {**units, **words, WORDS["delay"]: "s", **_COLUMNS}
 
 
@@ -108,7 +157,14 @@ SHOWN = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "d
 def loop_figures(study: LoopStudy) -> Iterator[Named]:
     """A study's figures: the stem of each file, and what draws it."""
     from scenarios.plots.estimates import figure_correlation, figure_innovations
-    from scenarios.plots.low_order import LikelihoodCurve, figure_delays, figure_linear, figure_peaks, figure_side_by_side, figure_states
+    from scenarios.plots.low_order import (
+        LikelihoodCurve,
+        figure_delays,
+        figure_linear,
+        figure_peaks,
+        figure_side_by_side,
+        figure_states,
+    )
     from scenarios.plots.signals import figure_fit, figure_record, units_of
 
     result, title = study.result, study.scenario.title
@@ -116,42 +172,135 @@ def loop_figures(study: LoopStudy) -> Iterator[Named]:
     history = estimate.history
     assert history is not None
     yield "record", partial(figure_record, result.flown.record, f"{title}\nrecord", SIMULATED_DATA)
-    noise = dict(zip(("alpha", "q", "nz"), (float(v) for v in estimate.noise_std), strict=True)) if study.scenario.flight.noise else None
+    noise = (
+        dict(zip(("alpha", "q", "nz"), (float(v) for v in estimate.noise_std), strict=True))
+        if study.scenario.flight.noise
+        else None
+    )
     simulated = [_response("low-order equivalent, free simulation", study.simulated)]
-    yield "fit", partial(figure_fit, record, simulated, None, f"{title}\nfree simulation", noise, SIMULATED_DATA)
-    if study.other is not None and study.other_simulated is not None and study.scenario.against is not None:
+    yield (
+        "fit",
+        partial(
+            figure_fit, record, simulated, None, f"{title}\nfree simulation", noise, SIMULATED_DATA
+        ),
+    )
+    if (
+        study.other is not None
+        and study.other_simulated is not None
+        and study.scenario.against is not None
+    ):
         label = study.scenario.against.label
         shown = [_response("low-order equivalent, free simulation", study.other_simulated)]
-        yield "fit_other", partial(figure_fit, study.other.setting.record, shown, None, f"{title}\ncompared with: {label}", None, SIMULATED_DATA)
-        yield "compared", partial(figure_side_by_side, _bars(study.other), _bars(result), label, "this study", title, _printed(study))
-    yield "innovations", partial(figure_innovations, history, estimate.output_names, units_of(record, estimate.output_names), title)
+        yield (
+            "fit_other",
+            partial(
+                figure_fit,
+                study.other.setting.record,
+                shown,
+                None,
+                f"{title}\ncompared with: {label}",
+                None,
+                SIMULATED_DATA,
+            ),
+        )
+        yield (
+            "compared",
+            partial(
+                figure_side_by_side,
+                _bars(study.other),
+                _bars(result),
+                label,
+                "this study",
+                title,
+                _printed(study),
+            ),
+        )
+    yield (
+        "innovations",
+        partial(
+            figure_innovations,
+            history,
+            estimate.output_names,
+            units_of(record, estimate.output_names),
+            title,
+        ),
+    )
     system = result.setting.system
-    items = [system.initial[n] if n in system.state_names else system.parameters[n] for n in history.names]
+    items = [
+        system.initial[n] if n in system.state_names else system.parameters[n]
+        for n in history.names
+    ]
     moving, constant = items[: len(system.state_names)], items[len(system.state_names) :]
     names = [item.name for item in moving]
-    yield "states", partial(figure_states, history, names, [item.unit for item in moving], f"{title}\nstates of the filter")
-    yield "parameters", partial(_parameter_histories, history, constant, f"{title}\nparameters as states")
+    yield (
+        "states",
+        partial(
+            figure_states,
+            history,
+            names,
+            [item.unit for item in moving],
+            f"{title}\nstates of the filter",
+        ),
+    )
+    yield (
+        "parameters",
+        partial(_parameter_histories, history, constant, f"{title}\nparameters as states"),
+    )
     yield "correlation", partial(figure_correlation, estimate.names, estimate.correlation, title)
     bank = result.bank
-    curve = LikelihoodCurve(bank.delays, bank.log_likelihood, bank.most_likely, bank.weighted_mean, bank.refined, bank.refined_std)
+    curve = LikelihoodCurve(
+        bank.delays,
+        bank.log_likelihood,
+        bank.most_likely,
+        bank.weighted_mean,
+        bank.refined,
+        bank.refined_std,
+    )
     yield "delays", partial(figure_delays, curve, title)
     if (check := study.linear) is not None:
         units, words = ("rad", "rad/s", "g"), f"{title}\nflown and linear"
-        yield "linear", partial(figure_linear, check.time, check.flown, check.linear, OUTPUTS, units, check.sticks, check.curves, words)
+        yield (
+            "linear",
+            partial(
+                figure_linear,
+                check.time,
+                check.flown,
+                check.linear,
+                OUTPUTS,
+                units,
+                check.sticks,
+                check.curves,
+                words,
+            ),
+        )
     if study.open_margins is not None:
         yield "margins", partial(_margins, study, study.open_margins)
     if study.variants and study.scenario.peak is not None:
-        rows = [("as declared", study.misfit.peak_percent), *((v.label, v.misfit.peak_percent) for v in study.variants)]
-        yield "variants", partial(figure_peaks, rows, "final peak of q, free simulation against the record (%)", title)
+        rows = [
+            ("as declared", study.misfit.peak_percent),
+            *((v.label, v.misfit.peak_percent) for v in study.variants),
+        ]
+        yield (
+            "variants",
+            partial(
+                figure_peaks, rows, "final peak of q, free simulation against the record (%)", title
+            ),
+        )
     elif study.variants:
         stretch = study.scenario.stretch is not None
-        words = "rms of q in the stretch over σ (–)" if stretch else "lag-1 correlation of pitch-rate innovations (–)"
+        words = (
+            "rms of q in the stretch over σ (–)"
+            if stretch
+            else "lag-1 correlation of pitch-rate innovations (–)"
+        )
         found = [("as declared", study.misfit), *((v.label, v.misfit) for v in study.variants)]
         rows = [(label, m.stretch if stretch else m.lag_one) for label, m in found]
         yield "variants", partial(figure_peaks, rows, words, title)
 
 
-def _parameter_histories(history: FilterHistory, constant: Sequence[Parameter], title: str) -> Figure:
+def _parameter_histories(
+    history: FilterHistory, constant: Sequence[Parameter], title: str
+) -> Figure:
     """The histories with fewer numbers at their axes: a flight is long."""
     from matplotlib.ticker import MaxNLocator
 
@@ -168,18 +317,34 @@ def _parameter_histories(history: FilterHistory, constant: Sequence[Parameter], 
 def _printed(study: LoopStudy) -> list[dict[str, float]]:
     """Printed values of the other scenario's column and of this one's, as far as there are any."""
     scenarios = (study.other.scenario if study.other is not None else None, study.scenario)
-    columns = [scenario.published[0] if scenario is not None and scenario.published else "" for scenario in scenarios]
-    return [{name: cell.value for name, cell in printed_column(each).items()} if each else {} for each in columns]
+    columns = [
+        scenario.published[0] if scenario is not None and scenario.published else ""
+        for scenario in scenarios
+    ]
+    return [
+        {name: cell.value for name, cell in printed_column(each).items()} if each else {}
+        for each in columns
+    ]
 
 
 def _margins(study: LoopStudy, found: OpenMargins) -> Figure:
-    """Every point that has the paper's equivalents, the declared airframes, and what each open value does."""
+    """Every point that has the paper's equivalents, the declared airframes, and what each open
+    value does.
+    """
     from scenarios.plots.low_order import figure_open_margins
 
-    clouds = [(each.name, each.simulation[each.plausible], each.flight[each.plausible]) for each in found.designs]
+    clouds = [
+        (each.name, each.simulation[each.plausible], each.flight[each.plausible])
+        for each in found.designs
+    ]
     (own, mine), (against, theirs), *beside = study.margins.items()
-    declared = [(f"{name} and {against}, declared", theirs.phase, each.phase) for name, each in ((own, mine), *beside)]
-    effects = [(item.label, found.effects[item.name]) for item in OPEN if item.name in found.effects]
+    declared = [
+        (f"{name} and {against}, declared", theirs.phase, each.phase)
+        for name, each in ((own, mine), *beside)
+    ]
+    effects = [
+        (item.label, found.effects[item.name]) for item in OPEN if item.name in found.effects
+    ]
     title = f"{study.scenario.title}\nphase margins that the paper's numbers leave open"
     return figure_open_margins(clouds, declared, effects, title)
 
@@ -194,7 +359,11 @@ def _bars(result: LoopResult) -> dict[str, Bar]:
     from scenarios.plots.low_order import Bar
 
     estimate = result.estimate
-    out = {n: Bar(estimate.value(n), estimate.sigma(n), estimate.units[estimate.names.index(n)]) for n in SHOWN if n in estimate.names}
+    out = {
+        n: Bar(estimate.value(n), estimate.sigma(n), estimate.units[estimate.names.index(n)])
+        for n in SHOWN
+        if n in estimate.names
+    }
     for name in ("natural_frequency", "damping_ratio"):
         quality = result.quality(name)
         if quality is not None:
@@ -210,15 +379,19 @@ MAIN = "comparison.json"
 def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL) -> Path:
     """Write a study into ``folder``, whole or not at all; returns the folder.
 
-    Files: ``record.csv`` and ``record.json`` (the flight), ``truth.json``, ``study.txt`` (what the terminal shows), ``history.csv`` of the
-    filter at the refined delay, ``simulation.csv`` (measured and freely simulated outputs in the window), figures, the page, ``comparison.json``
+    Files: ``record.csv`` and ``record.json`` (the flight), ``truth.json``, ``study.txt`` (what the
+    terminal shows), ``history.csv`` of the filter at the refined delay, ``simulation.csv``
+    (measured and freely simulated outputs in the window), figures, the page, ``comparison.json``
     last. Other scenarios that the study used are named in it, not nested.
     """
     with study_folder(folder, MAIN) as scratch:
         write_record(scratch, study.result.flown.record, simulated=True)
         write_json(scratch / "truth.json", truth_content(study))
         (scratch / "study.txt").write_text(
-            as_text(lambda out: print_loop(study, out, HERE)), encoding="utf-8", errors="backslashreplace", newline="\n"
+            as_text(lambda out: print_loop(study, out, HERE)),
+            encoding="utf-8",
+            errors="backslashreplace",
+            newline="\n",
         )
         _write_history(scratch / "history.csv", study)
         _write_simulation(scratch / "simulation.csv", study.result.setting.record, study.simulated)
@@ -233,16 +406,32 @@ def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL
 
 
 def truth_content(study: LoopStudy) -> dict[str, Any]:
-    """What was flown: airframe, stick, noise. No parameter of the low-order model is true for a loop of higher order."""
+    """What was flown: airframe, stick, noise. No parameter of the low-order model is true for a
+    loop of higher order.
+    """
     flown, flight = study.result.flown, study.scenario.flight
     x29: X29 = flown.x29
     a, stick, t = x29.airframe, x29.stick, x29.telemetry
     content: dict[str, Any] = {
         "schema": "flightid/truth/1",
         "parameters": {},
-        "airframe": {"name": x29.name, "title": a.title, "L_alpha": a.L_alpha, "L_q": a.L_q, "M_alpha": a.M_alpha, "M_q": a.M_q},
-        "stick": {"kind": flight.stick.kind, "dead_band": stick.dead_band, "gain": stick.gain, "curvature": stick.curvature},
-        "noise_std": {"alpha": t.alpha_noise, "q": t.q_noise, "nz": t.nz_noise} if flight.noise else {"alpha": 0.0, "q": 0.0, "nz": 0.0},
+        "airframe": {
+            "name": x29.name,
+            "title": a.title,
+            "L_alpha": a.L_alpha,
+            "L_q": a.L_q,
+            "M_alpha": a.M_alpha,
+            "M_q": a.M_q,
+        },
+        "stick": {
+            "kind": flight.stick.kind,
+            "dead_band": stick.dead_band,
+            "gain": stick.gain,
+            "curvature": stick.curvature,
+        },
+        "noise_std": {"alpha": t.alpha_noise, "q": t.q_noise, "nz": t.nz_noise}
+        if flight.noise
+        else {"alpha": 0.0, "q": 0.0, "nz": 0.0},
         "effects": [],
         "distance": study.scenario.distance,
     }
@@ -280,5 +469,7 @@ def _write_columns(path: Path, columns: dict[str, np.ndarray]) -> None:
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows([f"{value:.9g}" for value in row] for row in np.array(list(columns.values())).T.tolist())
+    writer.writerows(
+        [f"{value:.9g}" for value in row] for row in np.array(list(columns.values())).T.tolist()
+    )
     path.write_text(text.getvalue(), encoding="utf-8", newline="\n")

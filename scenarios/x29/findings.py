@@ -1,4 +1,6 @@
-"""Findings of a closed-loop study in sentences: the paper's numbers, parameters that are not identifiable."""
+"""Findings of a closed-loop study in sentences: the paper's numbers, parameters that are not
+identifiable.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,14 @@ import numpy as np
 
 from ident.banks.delays import DELAYS
 from ident.estimate import Estimate
-from scenarios.x29.declaration import has_table, printed_checks, printed_column, printed_density, printed_noise, printed_start
+from scenarios.x29.declaration import (
+    has_table,
+    printed_checks,
+    printed_column,
+    printed_density,
+    printed_noise,
+    printed_start,
+)
 from scenarios.x29.estimating import LoopMethodResult, between_grid_points, of_refined
 from scenarios.x29.loop import FLIGHTS, has_equivalent, linear_sentence, targets
 from scenarios.x29.open_margins import margins_sentence
@@ -20,8 +29,10 @@ from sim.closed_loop.airframe import load_x29
 
 # ---- What NASA TM-101722's own numbers say
 
-QUARTERED = ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau")  # what starts far enough from zero for the paper's rule
-COMPARED = ("M_alpha", "M_delta", "M_q", "inv_tau")  # what lag, delay and short period trade against each other
+# what starts far enough from zero for the paper's rule
+QUARTERED = ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau")
+# what lag, delay and short period trade against each other
+COMPARED = ("M_alpha", "M_delta", "M_q", "inv_tau")
 FAR = 3.0  # combined sigmas from the printed value that count as missed
 SHORT_PERIOD = ("L_alpha", "M_alpha", "L_q", "M_q")
 FREE_SHIFT = ("M_0", "delta_0")
@@ -34,7 +45,12 @@ def paper_sentences(study: LoopStudy) -> tuple[str, ...]:
     out: list[str] = []
     if study.scenario.methods and has_table(column):
         out += [prior_sentence(), noise_sentence(column), density_sentence(study)]
-        out += [*_shift(study, column), *_delay(study, column), *_damping(column), *_methods(study, column)]
+        out += [
+            *_shift(study, column),
+            *_delay(study, column),
+            *_damping(column),
+            *_methods(study, column),
+        ]
     return (*out, *_restarts(study))
 
 
@@ -49,26 +65,34 @@ def prior_sentence() -> str:
             told.append(f"{name} {cell.std:.3g} for {quarter:.3g}")
             others.append(f"{name} {4.0 * cell.std:.3g}")
     return (
-        "the printed P0, the same in Tables 1 and 2, does not follow its own rule, a quarter of the start, as sigmas: "
+        "the printed P0, the same in Tables 1 and 2, does not follow its own rule, a quarter of "
+        "the start, as sigmas: "
         f"{', '.join(told)}; it is a quarter of another start: {', '.join(others)} in size"
     )
 
 
 def noise_sentence(column: str) -> str:
     """Units of the printed R, and by how much the simulation's is smaller."""
-    flight, start, simulation = printed_noise("flight"), printed_start("flight"), printed_noise("simulation")
+    flight, start, simulation = (
+        printed_noise("flight"),
+        printed_start("flight"),
+        printed_noise("simulation"),
+    )
     P0 = {name: (start[name].std or 0.0) ** 2 for name in ("alpha", "q")}
     share = (simulation["q"] / flight["q"]) ** 2
     final = (printed_column("simulation")["q"].std or 0.0) ** 2
     out = (
-        f"the printed R of alpha and q are degrees squared: in radians they are {flight['alpha'] ** 2:.3g} and {flight['q'] ** 2:.3g}, the printed "
-        f"P0 is {P0['alpha']:.3g} and {P0['q']:.3g}; noise of {1e3 * flight['alpha']:.2f} mrad, {1e3 * flight['q']:.2f} mrad/s, {flight['nz']:.4f} g"
+        "the printed R of alpha and q are degrees squared: in radians they are "
+        f"{flight['alpha'] ** 2:.3g} and {flight['q'] ** 2:.3g}, the printed "
+        f"P0 is {P0['alpha']:.3g} and {P0['q']:.3g}; noise of {1e3 * flight['alpha']:.2f} mrad, "
+        f"{1e3 * flight['q']:.2f} mrad/s, {flight['nz']:.4f} g"
     )
     if column == "simulation":
         hundredth = flight["q"] ** 2 / 100.0
         word = "no filter leaves that" if final > hundredth else "which would be possible"
         out += (
-            f"; Table 1 has {share:.2g} of it, the text a hundredth: the printed final variance of q, {final:.3g}, stands against {hundredth:.3g} "
+            f"; Table 1 has {share:.2g} of it, the text a hundredth: the printed final variance of "
+            f"q, {final:.3g}, stands against {hundredth:.3g} "
             f"by the text, {word}"
         )
     return out
@@ -77,22 +101,33 @@ def noise_sentence(column: str) -> str:
 def density_sentence(study: LoopStudy) -> str:
     """What the printed process noise may mean."""
     q = printed_density("flight")["q"]
-    out = f"the printed Q of q, {q:.1e}, times the sampling interval, {q / 40.0:.3g} (rad/s2)^2 s, is what is used here"
+    out = (
+        f"the printed Q of q, {q:.1e}, times the sampling interval, {q / 40.0:.3g} (rad/s2)^2 s, "
+        "is what is used here"
+    )
     density = next((m for m in study.methods if m.name == "paper-density"), None)
     paper = next((m for m in study.methods if m.name == "paper"), None)
     if density is None or paper is None:
         return out
     printed = printed_column(study.scenario.published[0])["M_q"].std
-    return f"{out}: sigma of M_q {paper.std['M_q']:.2f}, printed {printed:.2f}; as a density itself it would make {density.std['M_q']:.2f} of it"
+    return (
+        f"{out}: sigma of M_q {paper.std['M_q']:.2f}, printed {printed:.2f}; as a density itself "
+        f"it would make {density.std['M_q']:.2f} of it"
+    )
 
 
 def _shift(study: LoopStudy, column: str) -> Iterator[str]:
     """The bias of the pseudo-control, which no output tells from M_0 and delta_0."""
     printed, estimate = printed_column(column), study.result.estimate
     plain = study.plain.estimate
-    told = [f"{name} {printed[name].std:.2g} printed, {plain.sigma(name):.2g} plain, {estimate.sigma(name):.2g} refined" for name in FREE_SHIFT]
+    told = [
+        f"{name} {printed[name].std:.2g} printed, {plain.sigma(name):.2g} plain, "
+        f"{estimate.sigma(name):.2g} refined"
+        for name in FREE_SHIFT
+    ]
     yield (
-        "a shift of the pseudo-control is undone by L_0, M_0 and delta_0, so no output tells these apart: what a plain filter believes to know "
+        "a shift of the pseudo-control is undone by L_0, M_0 and delta_0, so no output tells these "
+        "apart: what a plain filter believes to know "
         f"of them comes from its changing points of linearisation; sigmas of {'; of '.join(told)}"
     )
 
@@ -114,12 +149,18 @@ def _delay(study: LoopStudy, column: str) -> Iterator[str]:
     miss = max(abs(low - told.low), abs(high - told.high))
     total = plain.delay + 1.0 / plain.estimate.value("inv_tau")
     yield (
-        f"the paper's delay of {told.low:.3f} to {told.high:.3f} s lies between grid points {1e3 * step:.0f} ms apart, so it is no most likely "
-        f"delay of the bank. A likelihood-weighted sum would need two filters within {needed:.1f} of log-likelihood, the paper saw one much above "
-        f"the others (here {gaps[0] - gaps[1]:.1f}, sum {plain.weighted_mean:.4f} s). A parabola between the grid points gives "
-        f"{between_grid_points(plain):.4f} s here, refinement {bank.refined:.4f} s. Pure delay and lag of its Table 2 together, {pure:.3f} + "
-        f"1/{cell.value:g} s with two sigmas of the printed 1/tau, are {low:.4f} to {high:.4f} s, within {1e3 * miss:.1f} ms of both ends and from "
-        f"printed numbers alone; the text counts the lag as a part of the delay. Its pure delay was then {pure:.3f} s, that of the airframe here is "
+        f"the paper's delay of {told.low:.3f} to {told.high:.3f} s lies between grid points "
+        f"{1e3 * step:.0f} ms apart, so it is no most likely "
+        f"delay of the bank. A likelihood-weighted sum would need two filters within {needed:.1f} "
+        "of log-likelihood, the paper saw one much above "
+        f"the others (here {gaps[0] - gaps[1]:.1f}, sum {plain.weighted_mean:.4f} s). A parabola "
+        "between the grid points gives "
+        f"{between_grid_points(plain):.4f} s here, refinement {bank.refined:.4f} s. Pure delay and "
+        f"lag of its Table 2 together, {pure:.3f} + "
+        f"1/{cell.value:g} s with two sigmas of the printed 1/tau, are {low:.4f} to {high:.4f} s, "
+        f"within {1e3 * miss:.1f} ms of both ends and from "
+        "printed numbers alone; the text counts the lag as a part of the delay. Its pure delay "
+        f"was then {pure:.3f} s, that of the airframe here is "
         f"longer: pure delay and lag make {total:.3f} s"
     )
 
@@ -135,10 +176,15 @@ def _damping(column: str) -> Iterator[str]:
         std = cells[name].std or 0.0
         squares += (damping_of({**values, name: values[name] + std}) - middle) ** 2
     half = 2.0 * math.sqrt(squares)
-    others = {name: damping_of({key: printed_column(name)[key].value for key in SHORT_PERIOD}) for name in ("time_shift", "convergence")}
+    others = {
+        name: damping_of({key: printed_column(name)[key].value for key in SHORT_PERIOD})
+        for name in ("time_shift", "convergence")
+    }
     yield (
-        f"the paper's damping ratio of {told.low:.2f} to {told.high:.2f} is wider than two sigmas of its Table 2, {middle - half:.3f} to "
-        f"{middle + half:.3f}; Table 3 has {others['time_shift']:.3f} with its time shift, {others['convergence']:.3f} on convergence"
+        f"the paper's damping ratio of {told.low:.2f} to {told.high:.2f} is wider than two sigmas "
+        f"of its Table 2, {middle - half:.3f} to "
+        f"{middle + half:.3f}; Table 3 has {others['time_shift']:.3f} with its time shift, "
+        f"{others['convergence']:.3f} on convergence"
     )
 
 
@@ -151,12 +197,20 @@ def damping_of(values: Mapping[str, float]) -> float:
 def off(method: LoopMethodResult, column: str) -> float:
     """Root mean square of the differences from a printed column over ``COMPARED``, as a share."""
     printed = printed_column(column)
-    return float(np.sqrt(np.mean([(method.values[name] / printed[name].value - 1.0) ** 2 for name in COMPARED])))
+    return float(
+        np.sqrt(
+            np.mean([(method.values[name] / printed[name].value - 1.0) ** 2 for name in COMPARED])
+        )
+    )
 
 
 def own_method(study: LoopStudy) -> LoopMethodResult:
     """The scenario's own result as a method."""
-    word = "the printed P0" if study.scenario.estimation.prior == "printed" else "P0 a quarter of the start"
+    word = (
+        "the printed P0"
+        if study.scenario.estimation.prior == "printed"
+        else "P0 a quarter of the start"
+    )
     return of_refined("own", f"ours: refined, {word}", study.first)
 
 
@@ -167,13 +221,31 @@ def _methods(study: LoopStudy, column: str) -> Iterator[str]:
     if paper is None:
         return
     table = {"simulation": "Table 1", "flight": "Table 2"}[column]
-    sigmas = {name: (paper.values[name] - printed[name].value) / math.hypot(paper.std[name], printed[name].std or 0.0) for name in COMPARED}
+    sigmas = {
+        name: (paper.values[name] - printed[name].value)
+        / math.hypot(paper.std[name], printed[name].std or 0.0)
+        for name in COMPARED
+    }
     missed = [name for name in COMPARED if abs(sigmas[name]) > FAR]
-    verdict = f"misses {', '.join(missed)} of its own {table}" if missed else f"comes within {FAR:g} sigmas of its own {table}"
-    told = ", ".join(f"{name} {paper.values[name]:.4g} for {printed[name].value:g} ({sigmas[name]:+.1f} sigmas)" for name in COMPARED)
-    yield f"the paper's own procedure, the plain bank with the printed P0, {verdict} on this record, at {1e3 * paper.delay:.0f} ms: {told}"
-    ranked = sorted((m for m in found.values() if m.name != "paper-density"), key=lambda m: off(m, column))
-    yield f"root mean square of these four against {table}: " + "; ".join(f"{m.label} {100.0 * off(m, column):.0f} %" for m in ranked)
+    verdict = (
+        f"misses {', '.join(missed)} of its own {table}"
+        if missed
+        else f"comes within {FAR:g} sigmas of its own {table}"
+    )
+    told = ", ".join(
+        f"{name} {paper.values[name]:.4g} for {printed[name].value:g} ({sigmas[name]:+.1f} sigmas)"
+        for name in COMPARED
+    )
+    yield (
+        f"the paper's own procedure, the plain bank with the printed P0, {verdict} on this record, "
+        f"at {1e3 * paper.delay:.0f} ms: {told}"
+    )
+    ranked = sorted(
+        (m for m in found.values() if m.name != "paper-density"), key=lambda m: off(m, column)
+    )
+    yield f"root mean square of these four against {table}: " + "; ".join(
+        f"{m.label} {100.0 * off(m, column):.0f} %" for m in ranked
+    )
     if {"held", "relinearised", "paper-other"} <= found.keys():
         yield _reason(found, study)
 
@@ -183,25 +255,37 @@ def _reason(found: dict[str, LoopMethodResult], study: LoopStudy) -> str:
     plain, refined, loop = study.plain, study.result.bank.refined, study.check.flown
 
     def at(name: str) -> str:
-        return ", ".join(f"{each} {found[name].values[each]:.3g}" for each in ("inv_tau", "M_alpha"))
+        return ", ".join(
+            f"{each} {found[name].values[each]:.3g}" for each in ("inv_tau", "M_alpha")
+        )
 
     off_by = 1e3 * (plain.delay - refined)
     steps = [
-        f"the bank's delay, {1e3 * plain.delay:.0f} ms, is {abs(off_by):.0f} ms {'longer' if off_by > 0 else 'shorter'} than the record's, "
-        f"and lag, delay and short period trade: {at('paper')}, from the next grid point {at('paper-other')}",
+        f"the bank's delay, {1e3 * plain.delay:.0f} ms, is {abs(off_by):.0f} ms "
+        f"{'longer' if off_by > 0 else 'shorter'} than the record's, "
+        f"and lag, delay and short period trade: {at('paper')}, from the next grid point "
+        f"{at('paper-other')}",
         f"the delay alone put right: {at('held')}",
         f"linearised anew alone: {at('relinearised')}",
     ]
     if "refined-printed" in found and study.scenario.estimation.prior == "quarter":
-        quarter, printed = study.result.setting.system.parameters["M_q"].prior_std, printed_start("flight")["M_q"].std or 0.0
+        quarter, printed = (
+            study.result.setting.system.parameters["M_q"].prior_std,
+            printed_start("flight")["M_q"].std or 0.0,
+        )
         word = "narrower" if quarter < printed else "wider"
         rule = f"P0 a quarter of the start, {word} on M_q (sigma {quarter:.2f} for {printed:.2f})"
         steps += [f"both: {at('refined-printed')}", f"and {rule}: {at('own')}"]
-    return f"taken apart: {'; '.join(steps)}; the loop's own equivalent with the flown L_q has inv_tau {loop.inv_tau:.3g}, M_alpha {loop.M_alpha:.3g}"
+    return (
+        f"taken apart: {'; '.join(steps)}; the loop's own equivalent with the flown L_q has "
+        f"inv_tau {loop.inv_tau:.3g}, M_alpha {loop.M_alpha:.3g}"
+    )
 
 
 def _restarts(study: LoopStudy) -> Iterator[str]:
-    """Which way plain filters go when they start again from their own result, by the delay that they hold."""
+    """Which way plain filters go when they start again from their own result, by the delay that
+    they hold.
+    """
     if not study.restarts:
         return
     before, after = printed_column("flight"), printed_column("convergence")
@@ -210,21 +294,41 @@ def _restarts(study: LoopStudy) -> Iterator[str]:
     ways: dict[float, list[bool]] = {}
     for found in study.restarts.values():
         for k, delay in enumerate(found.delays):
-            ways.setdefault(delay, []).append(all(_same_way(found.values[name][[0, -1], k], before[name].value, after[name].value) for name in names))
+            ways.setdefault(delay, []).append(
+                all(
+                    _same_way(found.values[name][[0, -1], k], before[name].value, after[name].value)
+                    for name in names
+                )
+            )
     first = next(iter(study.restarts.values()))
     told = []
     for k, delay in enumerate(first.delays):
-        moves = ", ".join(f"{name} {first.values[name][0, k]:.3g} to {first.values[name][-1, k]:.3g}" for name in names)
-        told.append(f"held at {delay:.4f} s {moves} ({'as the paper' if ways[delay][0] else 'the other way'})")
+        moves = ", ".join(
+            f"{name} {first.values[name][0, k]:.3g} to {first.values[name][-1, k]:.3g}"
+            for name in names
+        )
+        told.append(
+            f"held at {delay:.4f} s {moves} "
+            f"({'as the paper' if ways[delay][0] else 'the other way'})"
+        )
     times = len(first.values["M_q"]) - 1
-    yield f"the paper's restarts go {paper}. Plain filters with the printed R and P0, started again {times} times: {'; '.join(told)}"
+    yield (
+        f"the paper's restarts go {paper}. Plain filters with the printed R and P0, started again "
+        f"{times} times: {'; '.join(told)}"
+    )
     grid = {delay: found for delay, found in ways.items() if delay != refined}
     alike = all(len(set(found)) == 1 for found in grid.values())
-    cause = "another P0 or another R turns neither grid point's direction" if alike else "P0 or R turns the direction at a grid point"
+    cause = (
+        "another P0 or another R turns neither grid point's direction"
+        if alike
+        else "P0 or R turns the direction at a grid point"
+    )
     if all(found[0] == (delay > refined) for delay, found in grid.items()):
         cause += (
-            f". The record's delay is {refined:.4f} s: held longer, the lag grows shorter from pass to pass, held shorter it grows longer, and M_q "
-            "and M_alpha follow. The direction is that of the grid point which the bank has taken; the paper's is that of a delay longer than its "
+            f". The record's delay is {refined:.4f} s: held longer, the lag grows shorter from "
+            "pass to pass, held shorter it grows longer, and M_q "
+            "and M_alpha follow. The direction is that of the grid point which the bank has taken; "
+            "the paper's is that of a delay longer than its "
             "aircraft's"
         )
     taken = "as the paper's" if ways[study.plain.delay][0] else "the other way than the paper's"
@@ -244,7 +348,9 @@ PAPER_PHASE = "the paper saw its larger damping in flight as a larger phase marg
 
 @dataclass(frozen=True)
 class BiasRow:
-    """An estimate that differs from the loop's low-order equivalent with the flown L_q by more than its sigma tells."""
+    """An estimate that differs from the loop's low-order equivalent with the flown L_q by more than
+    its sigma tells.
+    """
 
     name: str
     estimate: float
@@ -253,10 +359,13 @@ class BiasRow:
 
 
 def bias_rows(study: LoopStudy) -> tuple[BiasRow, ...]:
-    """Differences beyond two sigmas. Sigmas are those of white innovations: the rest is the bias of a model of low order.
-    The equivalent holds L_q at what flies, which the filter finds: held elsewhere it has another L_alpha. L_q itself is left out."""
+    """Differences beyond two sigmas. Sigmas are those of white innovations: the rest is the bias of
+    a model of low order. The equivalent holds L_q at what flies, which the filter finds: held
+    elsewhere it has another L_alpha. L_q itself is left out."""
     estimate, rows = study.result.estimate, []
-    for name, value, std in zip(estimate.names, estimate.values.tolist(), estimate.std.tolist(), strict=True):
+    for name, value, std in zip(
+        estimate.names, estimate.values.tolist(), estimate.std.tolist(), strict=True
+    ):
         equivalent = getattr(study.check.flown, name, None)
         if equivalent is None or name == "L_q":
             continue
@@ -268,7 +377,9 @@ def bias_rows(study: LoopStudy) -> tuple[BiasRow, ...]:
 
 
 def not_identifiable(estimate: Estimate) -> tuple[tuple[str, str, float], ...]:
-    """Parameters smaller than two of their sigmas, or L_delta, whatever its size, each with its strongest correlation."""
+    """Parameters smaller than two of their sigmas, or L_delta, whatever its size, each with its
+    strongest correlation.
+    """
     out = []
     for i, name in enumerate(estimate.names):
         if name in ("L_0", "M_0", "delta_0", "nz_0"):
@@ -285,29 +396,50 @@ def not_identifiable(estimate: Estimate) -> tuple[tuple[str, str, float], ...]:
 def sentences(study: LoopStudy) -> tuple[str, ...]:
     """What the tables do not say by themselves, each sentence from the study's own numbers."""
     bank, out = study.result.bank, []
-    sure = f" +- {bank.refined_std:.4f}" if bank.refined_std > 0 else " (no maximum inside the grid)"
+    sure = (
+        f" +- {bank.refined_std:.4f}" if bank.refined_std > 0 else " (no maximum inside the grid)"
+    )
     out.append(
-        f"delay: most likely of the bank {bank.most_likely:.3f} s, likelihood-weighted sum {bank.weighted_mean:.4f} s, "
-        f"refined between the grid points {bank.refined:.4f}{sure} s; one delay holds {100 * float(bank.weights.max()):.1f} % of the weight"
+        f"delay: most likely of the bank {bank.most_likely:.3f} s, likelihood-weighted sum "
+        f"{bank.weighted_mean:.4f} s, "
+        f"refined between the grid points {bank.refined:.4f}{sure} s; one delay holds "
+        f"{100 * float(bank.weights.max()):.1f} % of the weight"
     )
     rows = bias_rows(study) if study.result.flown.truth is not None else ()
     if study.result.flown.truth is not None:
-        listed = "; ".join(f"{r.name} {r.estimate:.4g} against {r.equivalent:.4g} ({r.sigmas:+.1f} sigmas)" for r in rows)
+        listed = "; ".join(
+            f"{r.name} {r.estimate:.4g} against {r.equivalent:.4g} ({r.sigmas:+.1f} sigmas)"
+            for r in rows
+        )
         held = f"the loop's own equivalent with the flown L_q, {study.check.flown.L_q:g}"
-        out.append(f"bias of a model of low order against {held}, beyond two sigmas of white innovations: {listed or 'none'}")
+        out.append(
+            f"bias of a model of low order against {held}, beyond two sigmas of white innovations: "
+            f"{listed or 'none'}"
+        )
     held_back = [f"{name} ({sigmas:+.1f})" for name, sigmas in bank.contradicted]
     if held_back:
         out.append(
-            f"P0 contradicts the record, ends in its sigmas from the start: {', '.join(held_back)}; the start holds these back, a restart moves on"
+            "P0 contradicts the record, ends in its sigmas from the start: "
+            f"{', '.join(held_back)}; the start holds these back, a restart moves on"
         )
     for name, other, r in not_identifiable(study.result.estimate):
-        holds = "; it holds the bias of the model's order" if name in {row.name for row in rows} else ""
-        out.append(f"{name} is not identifiable on this record: its correlation with {other} is {r:+.2f}{holds}")
+        holds = (
+            "; it holds the bias of the model's order" if name in {row.name for row in rows} else ""
+        )
+        out.append(
+            f"{name} is not identifiable on this record: its correlation with {other} is "
+            f"{r:+.2f}{holds}"
+        )
     record, own_frequency = study.check.record, study.result.quality("natural_frequency")
-    if record is not None and own_frequency is not None and abs(record["natural_frequency"] / own_frequency.value - 1.0) > DISAGREE:
+    if (
+        record is not None
+        and own_frequency is not None
+        and abs(record["natural_frequency"] / own_frequency.value - 1.0) > DISAGREE
+    ):
         off = 100.0 * (record["natural_frequency"] / own_frequency.value - 1.0)
         out.append(
-            f"the record's spectra give a frequency of {record['natural_frequency']:.3f} rad/s, {off:+.0f} % from the filter's: noise, a spike, "
+            f"the record's spectra give a frequency of {record['natural_frequency']:.3f} rad/s, "
+            f"{off:+.0f} % from the filter's: noise, a spike, "
             "a window that begins in motion or a stick that is not linear may disturb them; "
             f"the loop's own response says {study.check.loop.natural_frequency:.3f} rad/s"
         )
@@ -316,26 +448,43 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
     if study.engines is not None:
         apart = study.engines
         out.append(
-            f"{study.scenario.estimation.engine}, filter by filter, against the batched bank at the same {len(bank.delays)} delays: means differ by "
-            f"{apart.mean:.0e} sigmas at most, sigmas by {apart.std:.0e} and log-likelihoods by {apart.log_likelihood:.0e} of themselves"
+            f"{study.scenario.estimation.engine}, filter by filter, against the batched bank at "
+            f"the same {len(bank.delays)} delays: means differ by "
+            f"{apart.mean:.0e} sigmas at most, sigmas by {apart.std:.0e} and log-likelihoods by "
+            f"{apart.log_likelihood:.0e} of themselves"
         )
     out += _margins(study)
     if study.scenario.published:
-        out.append("published L_delta, M_delta and delta_0 are shown with the sign turned: the paper's pseudo-control is minus ours")
+        out.append(
+            "published L_delta, M_delta and delta_0 are shown with the sign turned: the paper's "
+            "pseudo-control is minus ours"
+        )
     return (*out, *verdicts(study), *paper_sentences(study))
 
 
 def _margins(study: LoopStudy) -> list[str]:
-    """Margins of the two loops and of one beside them, against what the paper saw, and what it leaves open."""
+    """Margins of the two loops and of one beside them, against what the paper saw, and what it
+    leaves open.
+    """
     if len(study.margins) < 2:
         return []
     (own, mine), (against, theirs), *beside = study.margins.items()
-    told = [f"{name} {each.gain_decrease:.1f}/{each.gain_increase:+.1f} dB and {each.phase:.1f} deg" for name, each in study.margins.items()]
+    told = [
+        f"{name} {each.gain_decrease:.1f}/{each.gain_increase:+.1f} dB and {each.phase:.1f} deg"
+        for name, each in study.margins.items()
+    ]
     word = "larger" if mine.phase > theirs.phase else "smaller"
-    out = f"margins of the loop broken at the command: {', '.join(told)}; {PAPER_PHASE}: that of {own} is {word} than that of {against}"
+    out = (
+        f"margins of the loop broken at the command: {', '.join(told)}; {PAPER_PHASE}: that of "
+        f"{own} is {word} than that of {against}"
+    )
     for name, each in beside:
         larger = "larger" if each.phase > theirs.phase else "smaller"
         column = study.scenario.published[0] if study.scenario.published else ""
         same = column in FLIGHTS and has_equivalent(load_x29(name), targets(column))
-        out += f", that of {name}{', whose low-order equivalent is the published one as well,' if same else ''} {larger}"
+        out += (
+            ", that of "
+            f"{name}{', whose low-order equivalent is the published one as well,' if same else ''} "
+            f"{larger}"
+        )
     return [out, *([] if study.open_margins is None else [margins_sentence(study.open_margins)])]

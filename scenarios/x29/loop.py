@@ -1,9 +1,11 @@
 """The closed loop compared with its linear form, and airframes matched to printed equivalents.
 
-The flown loop has a break-out, a gearing that steepens, and surfaces that meet limits; the linear one has a gain and none of these.
+The flown loop has a break-out, a gearing that steepens, and surfaces that meet limits; the linear
+one has a gain and none of these.
 
-Found are L_alpha, M_alpha, the pitching moment of the surfaces (one factor) and the stick's lag. Not held against the paper are L_delta, which the
-model's order decides, and the delay: the stick's path, which is outside the loop, can make it anything, and no margin depends on it.
+Found are L_alpha, M_alpha, the pitching moment of the surfaces (one factor) and the stick's lag.
+Not held against the paper are L_delta, which the model's order decides, and the delay: the stick's
+path, which is outside the loop, can make it anything, and no margin depends on it.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ from sim.closed_loop.nonlinear import ClosedLoopTruth, FlightOutcome, fly_closed
 # ---- The flown loop against its linear one
 
 OUTPUTS = ("alpha", "q", "nz")
-STICKS = (0.1, 0.2, 0.5, 1.0, 2.0, 4.0)  # in, the largest of each scaled stick; the last asks for some 6 g
+# in, the largest of each scaled stick; the last asks for some 6 g
+STICKS = (0.1, 0.2, 0.5, 1.0, 2.0, 4.0)
 ROUNDING = 1e-9  # of the response: what two writings of one loop may differ by
 NO_LIMIT = 1e6  # deg and deg/s
 Change = Callable[[X29], X29]
@@ -36,10 +39,11 @@ class LinearCheck:
     ----------
     time : ``(F,)`` s, frames of the control computer.
     flown, linear : ``(3, F)``: alpha (rad), q (rad/s) and incremental nz (g), without noise.
-    misfit : by output. apart : of q, with one departure from linearity left in at a time, and with none.
-    stick : largest of the flown stick, in. sticks : largest of the same stick at other sizes, in.
-    curves : misfit of q at ``sticks``, whole and with departures taken out; NaN where the aircraft departs.
-    limited : share of the flown frames in which a command, a rate or a travel limit was met.
+    misfit : by output. apart : of q, with one departure from linearity left in at a time, and with
+    none. stick : largest of the flown stick, in. sticks : largest of the same stick at other sizes,
+    in. curves : misfit of q at ``sticks``, whole and with departures taken out; NaN where the
+    aircraft departs. limited : share of the flown frames in which a command, a rate or a travel
+    limit was met.
     """
 
     time: np.ndarray
@@ -59,7 +63,9 @@ class LinearCheck:
 
 
 def linear_check(x29: X29, truth: ClosedLoopTruth) -> LinearCheck:
-    """Hold a flight of ``x29`` against the linear response to the stick that flew. The stick must move the aircraft."""
+    """Hold a flight of ``x29`` against the linear response to the stick that flew. The stick must
+    move the aircraft.
+    """
     stick = truth.stick
     linear = respond(x29, stick)[1][:3]
     largest = float(np.abs(stick).max())
@@ -68,7 +74,11 @@ def linear_check(x29: X29, truth: ClosedLoopTruth) -> LinearCheck:
     def of_q(change: Change, size: float = 1.0) -> float:
         duration = float(truth.time[-1])
         _, flown = fly_closed_loop(change(x29), size * stick, duration)
-        return _share(_motion(flown)[1], size * linear[1]) if flown.outcome is FlightOutcome.COMPLETED else float("nan")
+        return (
+            _share(_motion(flown)[1], size * linear[1])
+            if flown.outcome is FlightOutcome.COMPLETED
+            else float("nan")
+        )
 
     flown = _motion(truth)
     return LinearCheck(
@@ -87,7 +97,9 @@ def linear_check(x29: X29, truth: ClosedLoopTruth) -> LinearCheck:
         {
             "as flown": tuple(of_q(lambda x: x, size / largest) for size in STICKS),
             "no break-out": tuple(of_q(_without_break_out, size / largest) for size in STICKS),
-            "limits alone": tuple(of_q(lambda x: _straight(_without_break_out(x)), size / largest) for size in STICKS),
+            "limits alone": tuple(
+                of_q(lambda x: _straight(_without_break_out(x)), size / largest) for size in STICKS
+            ),
         },
         float(limited.mean()),
     )
@@ -96,10 +108,20 @@ def linear_check(x29: X29, truth: ClosedLoopTruth) -> LinearCheck:
 def linear_content(check: LinearCheck) -> dict[str, object]:
     """The check for ``comparison.json``; a size at which the aircraft departs is left out."""
     curves = {
-        label: [{"stick": size, "misfit": value} for size, value in zip(check.sticks, values, strict=True) if np.isfinite(value)]
+        label: [
+            {"stick": size, "misfit": value}
+            for size, value in zip(check.sticks, values, strict=True)
+            if np.isfinite(value)
+        ]
         for label, values in check.curves.items()
     }
-    return {"misfit": dict(check.misfit), "q_misfit_of": dict(check.apart), "stick": check.stick, "by_stick": curves, "limited": check.limited}
+    return {
+        "misfit": dict(check.misfit),
+        "q_misfit_of": dict(check.apart),
+        "stick": check.stick,
+        "by_stick": curves,
+        "limited": check.limited,
+    }
 
 
 def linear_sentence(check: LinearCheck) -> str:
@@ -109,9 +131,12 @@ def linear_sentence(check: LinearCheck) -> str:
     small, free = check.curves["as flown"][0], check.curves["no break-out"][0]
     verdict = "two writings of one loop" if check.same else "NOT the same loop"
     return (
-        f"flown against the linear loop's forced response (python-control) to the same stick, root mean square over the response's: {told}; "
-        f"with one departure from linearity at a time q differs by: {apart} ({verdict}); a limit is met in {100.0 * check.limited:.2g} % of "
-        f"the frames; at a stick of {check.sticks[0]:g} in at most q differs by {_percent(small)}, without the break-out by {_percent(free)}"
+        "flown against the linear loop's forced response (python-control) to the same stick, root "
+        f"mean square over the response's: {told}; "
+        f"with one departure from linearity at a time q differs by: {apart} ({verdict}); a limit "
+        f"is met in {100.0 * check.limited:.2g} % of "
+        f"the frames; at a stick of {check.sticks[0]:g} in at most q differs by {_percent(small)}, "
+        f"without the break-out by {_percent(free)}"
     )
 
 
@@ -126,7 +151,13 @@ def _share(flown: np.ndarray, linear: np.ndarray) -> float:
 def _percent(share: float) -> str:
     if not np.isfinite(share):
         return "unknown (it departs)"
-    return f"{100.0 * share:.0e} %" if share < ROUNDING else f"{100.0 * share:.2g} %" if share < 0.99 else f"{100.0 * share:.0f} %"
+    return (
+        f"{100.0 * share:.0e} %"
+        if share < ROUNDING
+        else f"{100.0 * share:.2g} %"
+        if share < 0.99
+        else f"{100.0 * share:.0f} %"
+    )
 
 
 def _without_break_out(x29: X29) -> X29:
@@ -138,7 +169,9 @@ def _straight(x29: X29) -> X29:
 
 
 def _unlimited(x29: X29) -> X29:
-    canard, flaperon, strake = (replace(surface, rate=NO_LIMIT, lower=-NO_LIMIT, upper=NO_LIMIT) for surface in x29.surfaces)
+    canard, flaperon, strake = (
+        replace(surface, rate=NO_LIMIT, lower=-NO_LIMIT, upper=NO_LIMIT) for surface in x29.surfaces
+    )
     return replace(x29, surfaces=(canard, flaperon, strake))
 
 
@@ -149,9 +182,11 @@ PLAUSIBLE = 11.07  # sum of squared deviations that five values exceed once in t
 FLIGHTS = ("flight", "time_shift", "convergence")  # the paper's three estimates of one flight
 OMEGA = np.geomspace(0.35, 14.0, 40)  # rad/s, as ``equivalent_system``
 SWEEP = np.geomspace(0.5, 120.0, 240)  # rad/s, around every crossing
-_LOW, _HIGH = np.array([-10.0, -60.0, 0.2, 1e-3]), np.array([-0.1, 120.0, 4.0, 0.2])  # 1/s, 1/s2, 1, s
+# 1/s, 1/s2, 1, s
+_LOW, _HIGH = np.array([-10.0, -60.0, 0.2, 1e-3]), np.array([-0.1, 120.0, 4.0, 0.2])
 _SIZE = np.array([0.1, 3.0, 0.1, 0.01])
-_CLOSE, _STEPS = 0.01, 12  # of the sum of squares: a step that gains less changes nothing; steps at most
+# of the sum of squares: a step that gains less changes nothing; steps at most
+_CLOSE, _STEPS = 0.01, 12
 
 
 @dataclass(frozen=True)
@@ -164,8 +199,8 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Matched:
-    """A fitted aircraft, its computing delay (s), what was found ``(4,)``, its equivalent, the sum of squared deviations from the targets, its
-    margins, and whether its loop is stable."""
+    """A fitted aircraft, its computing delay (s), what was found ``(4,)``, its equivalent, the sum
+    of squared deviations from the targets, its margins, and whether its loop is stable."""
 
     x29: X29
     late: float
@@ -177,13 +212,17 @@ class Matched:
 
     @property
     def plausible(self) -> bool:
-        """Whether it is stable and has the paper's equivalent within what the paper's own estimates scatter by."""
+        """Whether it is stable and has the paper's equivalent within what the paper's own estimates
+        scatter by.
+        """
         return self.stable and self.misfit <= PLAUSIBLE
 
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
-    """Where a search begins: what is looked for ``(4,)``, its deviations' slopes ``(5, 4)``, and the equivalent there."""
+    """Where a search begins: what is looked for ``(4,)``, its deviations' slopes ``(5, 4)``, and
+    the equivalent there.
+    """
 
     found: np.ndarray
     slopes: np.ndarray
@@ -191,7 +230,9 @@ class Beginning:
 
 
 def targets(column: str) -> dict[str, Target]:
-    """A printed column with sigmas: the printed ones, or the relative scatter of the paper's three estimates of its flight where that is larger."""
+    """A printed column with sigmas: the printed ones, or the relative scatter of the paper's three
+    estimates of its flight where that is larger.
+    """
     flights = [printed_column(name) for name in FLIGHTS]
     printed, out = printed_column(column), {}
     for name in MATCHED:
@@ -211,11 +252,17 @@ def beginning(x29: X29, wanted: Mapping[str, Target]) -> Beginning:
 
 def beginning_at(matched: Matched, wanted: Mapping[str, Target], x29: X29) -> Beginning:
     """Where a search for a loop nearby begins: at what was found; ``x29`` as it was before."""
-    return Beginning(matched.found, _slopes(x29, matched.late, wanted, matched.found, matched.equivalent), matched.equivalent)
+    return Beginning(
+        matched.found,
+        _slopes(x29, matched.late, wanted, matched.found, matched.equivalent),
+        matched.equivalent,
+    )
 
 
 def match(x29: X29, late: float, wanted: Mapping[str, Target], begin: Beginning) -> Matched:
-    """Fit an aircraft's loop to an equivalent by Gauss-Newton steps; Broyden's updates keep the slopes, which are formed anew where they fail."""
+    """Fit an aircraft's loop to an equivalent by Gauss-Newton steps; Broyden's updates keep the
+    slopes, which are formed anew where they fail.
+    """
     from scipy.optimize import lsq_linear
 
     p, J = begin.found, begin.slopes
@@ -227,7 +274,9 @@ def match(x29: X29, late: float, wanted: Mapping[str, Target], begin: Beginning)
             s = share * step
             there = equivalent_of(changed(x29, p + s), late, near)
             moved = _deviations(there, wanted)
-            J = J + np.outer(moved - r - J @ s, s / _SIZE**2) / max(float(np.sum((s / _SIZE) ** 2)), 1e-12)
+            J = J + np.outer(moved - r - J @ s, s / _SIZE**2) / max(
+                float(np.sum((s / _SIZE) ** 2)), 1e-12
+            )
             if better := bool(moved @ moved < r @ r):
                 break
         gained = float(r @ r - moved @ moved)
@@ -243,10 +292,16 @@ def match(x29: X29, late: float, wanted: Mapping[str, Target], begin: Beginning)
     return Matched(found, late, p, near, float(r @ r), loop_margins(loop, SWEEP), stable)
 
 
-def _slopes(x29: X29, late: float, wanted: Mapping[str, Target], p: np.ndarray, near: EquivalentSystem) -> np.ndarray:
+def _slopes(
+    x29: X29, late: float, wanted: Mapping[str, Target], p: np.ndarray, near: EquivalentSystem
+) -> np.ndarray:
     """How the deviations change with what is looked for, ``(5, 4)``, by small steps."""
     first, steps = _deviations(near, wanted), 0.05 * np.diag(_SIZE)
-    each = [(_deviations(equivalent_of(changed(x29, p + step), late, near), wanted) - first) / step.sum() for step in steps]
+    each = [
+        (_deviations(equivalent_of(changed(x29, p + step), late, near), wanted) - first)
+        / step.sum()
+        for step in steps
+    ]
     return np.array(each).T
 
 
@@ -257,7 +312,9 @@ def has_equivalent(x29: X29, wanted: Mapping[str, Target]) -> bool:
 
 
 def changed(x29: X29, p: np.ndarray) -> X29:
-    """The aircraft with what is looked for in place: L_alpha, M_alpha, a factor on the surfaces' moments, the time constant of the stick's lag."""
+    """The aircraft with what is looked for in place: L_alpha, M_alpha, a factor on the surfaces'
+    moments, the time constant of the stick's lag.
+    """
     a, (L_alpha, M_alpha, factor, time) = x29.airframe, p.tolist()
     canard, flaperon, strake = (factor * each for each in a.M_surface)
     airframe = replace(a, L_alpha=L_alpha, M_alpha=M_alpha, M_surface=(canard, flaperon, strake))
@@ -265,10 +322,14 @@ def changed(x29: X29, p: np.ndarray) -> X29:
 
 
 def equivalent_of(x29: X29, late: float, near: EquivalentSystem | None = None) -> EquivalentSystem:
-    """The low-order equivalent of a loop with a computing delay of ``late`` s, begun at that of a loop nearby."""
+    """The low-order equivalent of a loop with a computing delay of ``late`` s, begun at that of a
+    loop nearby.
+    """
     response = late_loop(x29, late).response(OMEGA)
     return fit_equivalent(OMEGA, response, x29.airframe.airspeed, x29.airframe.gravity, near=near)
 
 
 def _deviations(found: EquivalentSystem, wanted: Mapping[str, Target]) -> np.ndarray:
-    return np.array([(getattr(found, name) - target.value) / target.std for name, target in wanted.items()])
+    return np.array(
+        [(getattr(found, name) - target.value) / target.std for name, target in wanted.items()]
+    )

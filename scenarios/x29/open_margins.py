@@ -1,10 +1,12 @@
 """Phase margins of flight and simulation over values that the paper leaves open.
 
-Everything here is [own]: no number of NASA TM-101722 says any of it. The simulation's loop is airframe S, the flight's is F, both under one
-law; what the paper does say, their low-order equivalents, is met anew at every point (`matching.py`).
+Everything here is [own]: no number of NASA TM-101722 says any of it. The simulation's loop is
+airframe S, the flight's is F, both under one law; what the paper does say, their low-order
+equivalents, is met anew at every point (`matching.py`).
 
-At each point two aircraft are fitted, the simulation's and the flight's, so that their low-order equivalents are the paper's; what the margins
-then do is what the paper's numbers leave open. python-control's margins throughout.
+At each point two aircraft are fitted, the simulation's and the flight's, so that their low-order
+equivalents are the paper's; what the margins then do is what the paper's numbers leave open.
+python-control's margins throughout.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ from sim.closed_loop.linear import Margins, margins
 
 @dataclass(frozen=True)
 class OpenValue:
-    """One open value: a factor (``ratio``, varied evenly in its logarithm) or a difference, from ``low`` to ``high``.
+    """One open value: a factor (``ratio``, varied evenly in its logarithm) or a difference, from
+    ``low`` to ``high``.
 
     ``between`` : it tells flight from simulation in what is not the airframe.
     """
@@ -41,12 +44,15 @@ class OpenValue:
     def at(self, place: float) -> float:
         """The value at a place from -1 (``low``) to 1 (``high``)."""
         if self.ratio:
-            return math.exp(0.5 * ((1.0 + place) * math.log(self.high) + (1.0 - place) * math.log(self.low)))
+            return math.exp(
+                0.5 * ((1.0 + place) * math.log(self.high) + (1.0 - place) * math.log(self.low))
+            )
         return 0.5 * ((1.0 + place) * self.high + (1.0 - place) * self.low)
 
 
-# Ranges: a quarter up or down is what a specification leaves of a servo or sensor; half a frame what unsynchronised computers add or take;
-# half to double what wind tunnels and estimates of pitch damping differ by.
+# Ranges: a quarter up or down is what a specification leaves of a servo or sensor; half a frame
+# what unsynchronised computers add or take; half to double what wind tunnels and estimates of pitch
+# damping differ by.
 OPEN = (
     OpenValue("surfaces", "surfaces' bandwidth, both", 0.8, 1.25),
     OpenValue("sensors", "sensors' bandwidth, both", 0.8, 1.25),
@@ -54,16 +60,29 @@ OPEN = (
     OpenValue("damping_simulation", "pitch damping, simulation, times", 0.5, 2.0),
     OpenValue("damping_flight", "pitch damping, flight, times", 0.5, 2.0),
     OpenValue("lift_flight", "lift of the surfaces, flight, times", 0.5, 2.0),
-    OpenValue("surfaces_flight", "surfaces' bandwidth, flight over simulation", 0.8, 1.25, between=True),
-    OpenValue("computing_flight", "computing delay, flight less simulation, frames", -0.5, 0.5, ratio=False, between=True),
+    OpenValue(
+        "surfaces_flight", "surfaces' bandwidth, flight over simulation", 0.8, 1.25, between=True
+    ),
+    OpenValue(
+        "computing_flight",
+        "computing delay, flight less simulation, frames",
+        -0.5,
+        0.5,
+        ratio=False,
+        between=True,
+    ),
 )
 
 
 def hypercube(samples: int, seed: int) -> np.ndarray:
-    """Places ``(samples, len(OPEN))`` from -1 to 1 of a Latin hypercube: each value's range is met evenly."""
+    """Places ``(samples, len(OPEN))`` from -1 to 1 of a Latin hypercube: each value's range is met
+    evenly.
+    """
     from scipy.stats import qmc
 
-    return np.asarray(2.0 * qmc.LatinHypercube(len(OPEN), rng=np.random.default_rng(seed)).random(samples) - 1.0)
+    return np.asarray(
+        2.0 * qmc.LatinHypercube(len(OPEN), rng=np.random.default_rng(seed)).random(samples) - 1.0
+    )
 
 
 def values_at(places: np.ndarray) -> dict[str, float]:
@@ -74,25 +93,41 @@ def values_at(places: np.ndarray) -> dict[str, float]:
 def simulated_loop(x29: X29, values: Mapping[str, float]) -> tuple[X29, float]:
     """The simulation's aircraft at some open values, and its computing delay (s)."""
     airframe = replace(x29.airframe, M_q=values["damping_simulation"] * x29.airframe.M_q)
-    return _systems(replace(x29, airframe=airframe), values["surfaces"], values["sensors"]), values["computing"] * x29.frame
+    return _systems(replace(x29, airframe=airframe), values["surfaces"], values["sensors"]), values[
+        "computing"
+    ] * x29.frame
 
 
 def flown_loop(x29: X29, values: Mapping[str, float]) -> tuple[X29, float]:
     """The flight's aircraft at some open values, and its computing delay (s)."""
     a = x29.airframe
     canard, flaperon, strake = (values["lift_flight"] * each for each in a.L_surface)
-    airframe = replace(a, M_q=values["damping_flight"] * a.M_q, L_surface=(canard, flaperon, strake))
-    changed = _systems(replace(x29, airframe=airframe), values["surfaces"] * values["surfaces_flight"], values["sensors"])
+    airframe = replace(
+        a, M_q=values["damping_flight"] * a.M_q, L_surface=(canard, flaperon, strake)
+    )
+    changed = _systems(
+        replace(x29, airframe=airframe),
+        values["surfaces"] * values["surfaces_flight"],
+        values["sensors"],
+    )
     return changed, (values["computing"] + values["computing_flight"]) * x29.frame
 
 
 def _systems(x29: X29, surfaces: float, sensors: float) -> X29:
     """The aircraft with servos and rams so many times as fast, and sensors."""
     canard, flaperon, strake = (
-        replace(each, ram=surfaces * each.ram, servo_frequency=None if each.servo_frequency is None else surfaces * each.servo_frequency)
+        replace(
+            each,
+            ram=surfaces * each.ram,
+            servo_frequency=None
+            if each.servo_frequency is None
+            else surfaces * each.servo_frequency,
+        )
         for each in x29.surfaces
     )
-    gyro, accelerometer = (Sensor(sensors * each.frequency, each.damping) for each in (x29.gyro, x29.accelerometer))
+    gyro, accelerometer = (
+        Sensor(sensors * each.frequency, each.damping) for each in (x29.gyro, x29.accelerometer)
+    )
     return replace(x29, surfaces=(canard, flaperon, strake), gyro=gyro, accelerometer=accelerometer)
 
 
@@ -105,7 +140,8 @@ LoopOf = Callable[[np.ndarray], tuple[X29, float]]
 
 @dataclass(frozen=True, eq=False)
 class MarginDesign:
-    """One of two readings of the points: ``AIRFRAMES`` leaves surfaces and computing of the flight as the simulation's.
+    """One of two readings of the points: ``AIRFRAMES`` leaves surfaces and computing of the flight
+    as the simulation's.
 
     Attributes
     ----------
@@ -136,8 +172,10 @@ class OpenMargins:
 
     Attributes
     ----------
-    effects : by open value, deg that the difference gains from the middle of its range to the high end; of a straight line through all
-        plausible points, empty where there are too few. middle : deg at the middle of all ranges. explained : share of the variance.
+    effects : by open value, deg that the difference gains from the middle of its range to the high
+    end; of a straight line through all
+        plausible points, empty where there are too few. middle : deg at the middle of all ranges.
+        explained : share of the variance.
     declared : flight less simulation of the airframes as they are declared, deg.
     """
 
@@ -149,10 +187,16 @@ class OpenMargins:
     explained: float
 
     def turning(self, name: str) -> float | None:
-        """By the straight line, the value that would turn the declared sign by itself; None where it lies outside its range."""
+        """By the straight line, the value that would turn the declared sign by itself; None where
+        it lies outside its range.
+        """
         effect = self.effects.get(name, 0.0)
         place = -self.declared / effect if effect else np.inf
-        return next(item for item in OPEN if item.name == name).at(place) if abs(place) <= 1.0 else None
+        return (
+            next(item for item in OPEN if item.name == name).at(place)
+            if abs(place) <= 1.0
+            else None
+        )
 
 
 def margins_of(airframes: Sequence[str], plan: MarginPlan | None) -> dict[str, Margins]:
@@ -162,7 +206,9 @@ def margins_of(airframes: Sequence[str], plan: MarginPlan | None) -> dict[str, M
 
 
 def planned_margins(plan: MarginPlan | None, found: Mapping[str, Margins]) -> OpenMargins | None:
-    """The study of the first two airframes of ``found``, flight and simulation; None where there is no plan, no sample or no second airframe."""
+    """The study of the first two airframes of ``found``, flight and simulation; None where there is
+    no plan, no sample or no second airframe.
+    """
     if plan is None or not plan.samples or len(found) < 2:
         return None
     flight, simulation = list(found)[:2]
@@ -170,17 +216,29 @@ def planned_margins(plan: MarginPlan | None, found: Mapping[str, Margins]) -> Op
     return open_margins(load_x29(simulation), load_x29(flight), plan.samples, plan.seed, declared)
 
 
-def open_margins(simulation: X29, flight: X29, samples: int, seed: int, declared: float) -> OpenMargins:
-    """Run the study for the two declared aircraft; ``declared`` is the difference of their own margins, deg."""
+def open_margins(
+    simulation: X29, flight: X29, samples: int, seed: int, declared: float
+) -> OpenMargins:
+    """Run the study for the two declared aircraft; ``declared`` is the difference of their own
+    margins, deg.
+    """
     places = hypercube(samples, seed)
     alone = np.array([0.0 if item.between else 1.0 for item in OPEN])
     wanted, goal = targets("simulation"), targets("flight")
     begin, start = beginning(simulation, wanted), beginning(flight, goal)
-    simulated = [_matched(lambda place: simulated_loop(simulation, values_at(place)), place, wanted, begin) for place in places]
+    simulated = [
+        _matched(lambda place: simulated_loop(simulation, values_at(place)), place, wanted, begin)
+        for place in places
+    ]
     designs = []
     for name, rows in ((AIRFRAMES, alone * places), (EVERYTHING, places)):
-        flown = [_matched(lambda place: flown_loop(flight, values_at(place)), place, goal, start) for place in rows]
-        both = np.array([a.plausible and b.plausible for a, b in zip(simulated, flown, strict=True)])
+        flown = [
+            _matched(lambda place: flown_loop(flight, values_at(place)), place, goal, start)
+            for place in rows
+        ]
+        both = np.array(
+            [a.plausible and b.plausible for a, b in zip(simulated, flown, strict=True)]
+        )
         designs.append(MarginDesign(name, rows, _phases(simulated), _phases(flown), both))
     middle, effects, explained = _line(designs)
     return OpenMargins(seed, tuple(designs), declared, middle, effects, explained)
@@ -205,47 +263,85 @@ def margins_content(found: OpenMargins) -> dict[str, Any]:
             }
             for each in found.designs
         ],
-        **({"middle_deg": found.middle, "effects_deg": dict(found.effects), "explained": found.explained} if found.effects else {}),
+        **(
+            {
+                "middle_deg": found.middle,
+                "effects_deg": dict(found.effects),
+                "explained": found.explained,
+            }
+            if found.effects
+            else {}
+        ),
     }
 
 
 def margins_sentence(found: OpenMargins) -> str:
-    """In how many of the loops the flight has the larger margin, what decides it, and what follows."""
-    words = {AIRFRAMES: "the airframes alone differ", EVERYTHING: "surfaces and computing differ, too"}
+    """In how many of the loops the flight has the larger margin, what decides it, and what
+    follows.
+    """
+    words = {
+        AIRFRAMES: "the airframes alone differ",
+        EVERYTHING: "surfaces and computing differ, too",
+    }
     told = [
-        f"in {each.larger} of {int(each.plausible.sum())} where {words[each.name]} ({each.difference.min():+.1f} to {each.difference.max():+.1f} deg)"
+        f"in {each.larger} of {int(each.plausible.sum())} where {words[each.name]} "
+        f"({each.difference.min():+.1f} to {each.difference.max():+.1f} deg)"
         for each in found.designs
         if each.plausible.any()
     ]
     points = len(found.designs[0].places)
     out = (
-        f"{points} points of a Latin hypercube over {len(OPEN)} values that the paper leaves open, both airframes fitted to its two columns at each: "
+        f"{points} points of a Latin hypercube over {len(OPEN)} values that the paper leaves open, "
+        "both airframes fitted to its two columns at each: "
     )
-    out += f"the flight's phase margin is the larger {', '.join(told)}" if told else "no point has the paper's equivalents"
+    out += (
+        f"the flight's phase margin is the larger {', '.join(told)}"
+        if told
+        else "no point has the paper's equivalents"
+    )
     if found.effects:
         ordered = sorted(found.effects.items(), key=lambda item: -abs(item[1]))
         labels = {item.name: item.label for item in OPEN}
         listed = "; ".join(f"{labels[name]} {value:+.1f}" for name, value in ordered)
-        out += f"; deg from the middle to the high end of each range (a straight line, {100.0 * found.explained:.0f} % of the variance): {listed}"
-        alone = {item.name: found.turning(item.name) for item in OPEN if item.name.endswith("_flight")}
-        turned = ", ".join(f"{labels[name]} {value:.2f}" for name, value in alone.items() if value is not None)
+        out += (
+            "; deg from the middle to the high end of each range (a straight line, "
+            f"{100.0 * found.explained:.0f} % of the variance): {listed}"
+        )
+        alone = {
+            item.name: found.turning(item.name) for item in OPEN if item.name.endswith("_flight")
+        }
+        turned = ", ".join(
+            f"{labels[name]} {value:.2f}" for name, value in alone.items() if value is not None
+        )
         if turned and found.declared < 0.0:
             out += f"; by itself would turn the sign of the declared airframes: {turned}"
-    larger, plausible = sum(each.larger for each in found.designs), sum(int(each.plausible.sum()) for each in found.designs)
+    larger, plausible = (
+        sum(each.larger for each in found.designs),
+        sum(int(each.plausible.sum()) for each in found.designs),
+    )
     if plausible:
         mixed = "the paper's numbers do not decide the sign"
-        out += f": {mixed if 0 < larger < plausible else 'none of these has its sign' if larger == 0 else 'all of these have its sign'}"
+        out += (
+            ": "
+            f"{mixed if 0 < larger < plausible else 'none of these has its sign' if larger == 0 else 'all of these have its sign'}"  # noqa: E501
+        )
     return out
 
 
-def _matched(loop_of: LoopOf, place: np.ndarray, wanted: Mapping[str, Target], begin: Beginning) -> Matched:
-    """The aircraft fitted at a place; by way of the place half-way to it where the direct search ends badly."""
+def _matched(
+    loop_of: LoopOf, place: np.ndarray, wanted: Mapping[str, Target], begin: Beginning
+) -> Matched:
+    """The aircraft fitted at a place; by way of the place half-way to it where the direct search
+    ends badly.
+    """
     x29, late = loop_of(place)
     found = match(x29, late, wanted, begin)
     if found.plausible:
         return found
     nearer, earlier = loop_of(0.5 * place)
-    again = match(x29, late, wanted, beginning_at(match(nearer, earlier, wanted, begin), wanted, nearer))
+    again = match(
+        x29, late, wanted, beginning_at(match(nearer, earlier, wanted, begin), wanted, nearer)
+    )
     return again if (again.stable, -again.misfit) > (found.stable, -found.misfit) else found
 
 
@@ -254,7 +350,9 @@ def _phases(found: list[Matched]) -> np.ndarray:
 
 
 def _line(designs: list[MarginDesign]) -> tuple[float, dict[str, float], float]:
-    """A straight line through the differences of all plausible points: at the middle, slopes by open value, share of the variance."""
+    """A straight line through the differences of all plausible points: at the middle, slopes by
+    open value, share of the variance.
+    """
     X = np.concatenate([each.places[each.plausible] for each in designs])
     y = np.concatenate([each.difference for each in designs])
     if len(y) < ROWS_A_VALUE * len(OPEN):
@@ -262,4 +360,8 @@ def _line(designs: list[MarginDesign]) -> tuple[float, dict[str, float], float]:
     A = np.column_stack([np.ones(len(y)), X])
     slopes = np.linalg.lstsq(A, y, rcond=None)[0]
     left = float(np.var(y - A @ slopes) / np.var(y))
-    return float(slopes[0]), {item.name: float(value) for item, value in zip(OPEN, slopes[1:], strict=True)}, 1.0 - left
+    return (
+        float(slopes[0]),
+        {item.name: float(value) for item, value in zip(OPEN, slopes[1:], strict=True)},
+        1.0 - left,
+    )

@@ -18,7 +18,13 @@ from scenarios.terminal.quantities import console, is_frequency, number_text, te
 from scenarios.terminal.summary import BELOW, Summary, print_summary, residual_phrase, value_phrase
 from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
 from scenarios.x29.content import correlation_content, noted_pairs, procedure_and_printed
-from scenarios.x29.declaration import Printed, has_table, printed_checks, printed_column, printed_correlation
+from scenarios.x29.declaration import (
+    Printed,
+    has_table,
+    printed_checks,
+    printed_column,
+    printed_correlation,
+)
 from scenarios.x29.estimating import LARGE, LoopMethodResult
 from scenarios.x29.findings import COMPARED, off, own_method, sentences
 from scenarios.x29.study import LoopStudy
@@ -29,13 +35,20 @@ TITLES = {"simulation": "Table 1", "flight": "Table 2"}
 
 
 def print_paper(study: LoopStudy, out: Console) -> None:
-    """Tables 1 or 2 and their correlations beside the paper's procedure here, the methods, and restarts of plain filters."""
+    """Tables 1 or 2 and their correlations beside the paper's procedure here, the methods, and
+    restarts of plain filters.
+    """
     column = study.scenario.published[0] if study.scenario.published else ""
     if study.scenario.methods and has_table(column):
         _states(study, column, out)
         _pairs(study, column, out)
         names, C = printed_correlation(column)
-        print_triangle(out, f"correlations as published in {TITLES[column]}, * above {LARGE:g} in size", names, C)
+        print_triangle(
+            out,
+            f"correlations as published in {TITLES[column]}, * above {LARGE:g} in size",
+            names,
+            C,
+        )
     if study.scenario.methods:
         _methods(study, column, out)
     _restarts(study, out)
@@ -49,7 +62,11 @@ def print_triangle(out: Console, title: str, names: tuple[str, ...], C: np.ndarr
 
     columns = [TableColumn("", names, left=True)]
     columns += [
-        TableColumn(name.replace("alpha", "al").replace("delta", "de"), [cell(i, j) for i in range(len(names))]) for j, name in enumerate(names)
+        TableColumn(
+            name.replace("alpha", "al").replace("delta", "de"),
+            [cell(i, j) for i in range(len(names))],
+        )
+        for j, name in enumerate(names)
     ]
     out.print()
     print_table(out, title, columns)
@@ -60,17 +77,41 @@ def _states(study: LoopStudy, column: str, out: Console) -> None:
 
     def cells(key: str) -> list[list[str]]:
         pairs = [row[key] for row in rows.values()]
-        return [[f"{pair[side]:.2e}" if pair[side] is not None else "" for pair in pairs] for side in ("here", "published")]
+        return [
+            [f"{pair[side]:.2e}" if pair[side] is not None else "" for pair in pairs]
+            for side in ("here", "published")
+        ]
 
     def block(key: str, heading: str) -> list[TableColumn]:
         here, published = cells(key)
-        return [TableColumn(f"{heading}, here", here), TableColumn("published", published, beside=True)]
+        return [
+            TableColumn(f"{heading}, here", here),
+            TableColumn("published", published, beside=True),
+        ]
 
-    columns = [TableColumn("state", list(rows), left=True), *block("initial", "initial"), *block("initial_variance", "P0")]
-    further = [*block("final", "final"), *block("final_variance", "variance"), *block("R", "R"), *block("Q", "Q")]
+    columns = [
+        TableColumn("state", list(rows), left=True),
+        *block("initial", "initial"),
+        *block("initial_variance", "P0"),
+    ]
+    further = [
+        *block("final", "final"),
+        *block("final_variance", "variance"),
+        *block("R", "R"),
+        *block("Q", "Q"),
+    ]
     out.print()
-    print_table(out, f"{TITLES[column]} and the paper's procedure on this record (plain bank, {study.plain.delay:.3f} s)", [*columns, *further])
-    print_paragraph(out, "SI, in the paper's units R of alpha and q are deg2 and (deg/s)2; Q here is a spectral density; R of nz stands with nz_0")
+    print_table(
+        out,
+        f"{TITLES[column]} and the paper's procedure on this record (plain bank, "
+        f"{study.plain.delay:.3f} s)",
+        [*columns, *further],
+    )
+    print_paragraph(
+        out,
+        "SI, in the paper's units R of alpha and q are deg2 and (deg/s)2; Q here is a spectral "
+        "density; R of nz stands with nz_0",
+    )
 
 
 def _pairs(study: LoopStudy, column: str, out: Console) -> None:
@@ -92,18 +133,38 @@ def _methods(study: LoopStudy, column: str, out: Console) -> None:
     columns = [
         TableColumn("method", [*(m.label for m in found), "published"], left=True),
         TableColumn("delay", [*(f"{m.delay:.4f}" for m in found), ""]),
-        *(TableColumn(n, [*(number_text(m.values[n], m.std[n]) for m in found), f"{printed[n].value:g}"]) for n in names),
-        TableColumn("rad/s", [*(f"{m.frequency:.2f}" for m in found), _printed_cell(printed, "natural_frequency", ".2f")]),
-        TableColumn("damping", [*(f"{m.damping:.3f}" for m in found), _printed_cell(printed, "damping_ratio", ".3f")]),
+        *(
+            TableColumn(
+                n, [*(number_text(m.values[n], m.std[n]) for m in found), f"{printed[n].value:g}"]
+            )
+            for n in names
+        ),
+        TableColumn(
+            "rad/s",
+            [
+                *(f"{m.frequency:.2f}" for m in found),
+                _printed_cell(printed, "natural_frequency", ".2f"),
+            ],
+        ),
+        TableColumn(
+            "damping",
+            [*(f"{m.damping:.3f}" for m in found), _printed_cell(printed, "damping_ratio", ".3f")],
+        ),
         TableColumn("off, %", [*(f"{100.0 * off(m, column):.0f}" for m in found), ""]),
     ]
     out.print()
     print_table(out, "methods by name", columns)
-    print_paragraph(out, f"off: root mean square of the relative differences of {', '.join(COMPARED)} from the published ones")
+    print_paragraph(
+        out,
+        f"off: root mean square of the relative differences of {', '.join(COMPARED)} from the "
+        "published ones",
+    )
 
 
 def _printed_cell(printed: Mapping[str, Printed], name: str, form: str) -> str:
-    """A printed number, or a dash: the paper prints no frequency and no damping ratio of its Table 3."""
+    """A printed number, or a dash: the paper prints no frequency and no damping ratio of its Table
+    3.
+    """
     return format(printed[name].value, form) if name in printed else "-"
 
 
@@ -113,7 +174,10 @@ def _restarts(study: LoopStudy, out: Console) -> None:
         columns = [
             TableColumn("delay", [f"{found.delays[k]:.4f}" for k, _ in rows]),
             TableColumn("pass", [str(i + 1) for _, i in rows]),
-            *(TableColumn(n, [f"{found.values[n][i, k]:.4g}" for k, i in rows]) for n in ("L_alpha", *COMPARED)),
+            *(
+                TableColumn(n, [f"{found.values[n][i, k]:.4g}" for k, i in rows])
+                for n in ("L_alpha", *COMPARED)
+            ),
         ]
         out.print()
         print_table(out, f"plain filters started again from their own result: {label}", columns)
@@ -121,7 +185,20 @@ def _restarts(study: LoopStudy, out: Console) -> None:
 
 # ---- Tables of a closed-loop scenario for the terminal
 
-PARAMETERS = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "L_0", "M_0", "delta_0", "nz_0", "delay")
+PARAMETERS = (
+    "L_alpha",
+    "M_alpha",
+    "L_delta",
+    "M_delta",
+    "L_q",
+    "M_q",
+    "inv_tau",
+    "L_0",
+    "M_0",
+    "delta_0",
+    "nz_0",
+    "delay",
+)
 WORDS = {
     "natural_frequency": "undamped natural frequency",
     "damping_ratio": "damping ratio",
@@ -139,7 +216,10 @@ def print_loop(study: LoopStudy, out: Console | None = None, details: str = BELO
     scenario, record = study.scenario, study.result.setting.record
     out.print(Text.assemble((scenario.name, "bold"), f": {scenario.title}"))
     window = f"{record.time[0]:g} to {record.time[-1]:g} s"
-    out.print(f"truth and model: {scenario.distance}; seed {study.seed}; {len(record)} samples, {window}", highlight=False)
+    out.print(
+        f"truth and model: {scenario.distance}; seed {study.seed}; {len(record)} samples, {window}",
+        highlight=False,
+    )
     out.print(bank_line(scenario.estimation.engine, study.second), highlight=False)
     _estimate(study, out)
     print_choices(out, choice_lines(scenario.choices))
@@ -154,9 +234,14 @@ def print_loop(study: LoopStudy, out: Console | None = None, details: str = BELO
 def loop_summary(study: LoopStudy, details: str = BELOW) -> Summary:
     """Scenario; outcome and delay; frequency and damping; what the fit leaves."""
     estimate, shown = study.result.estimate, ("natural_frequency", "damping_ratio", "delay")
-    found = [value_phrase(WORDS[q.name], q.value, q.std, q.unit) for q in study.result.qualities if q.name in shown]
+    found = [
+        value_phrase(WORDS[q.name], q.value, q.std, q.unit)
+        for q in study.result.qualities
+        if q.name in shown
+    ]
     return Summary(
-        f"{study.scenario.name}: {study.scenario.title}; seed {study.seed}; low-order equivalent by nine filters, delay refined",
+        f"{study.scenario.name}: {study.scenario.title}; seed {study.seed}; low-order equivalent "
+        "by nine filters, delay refined",
         estimate.outcome.value,
         "; ".join(found),
         residual_phrase(study.tests),
@@ -170,20 +255,48 @@ def _estimate(study: LoopStudy, out: Console) -> None:
     names = [name for name in PARAMETERS if name in estimate.names]
     columns = [
         TableColumn("parameter", names, left=True),
-        TableColumn("unit", [unit_cell(estimate.units[estimate.names.index(name)]) for name in names], left=True),
-        TableColumn("estimate", [number_text(estimate.value(name), estimate.sigma(name)) for name in names]),
-        TableColumn("+- sigma", [number_text(estimate.sigma(name), estimate.sigma(name)) for name in names], beside=True),
-        TableColumn("loop equivalent", [f"{getattr(loop, name):.5g}" if hasattr(loop, name) else "-" for name in names]),
+        TableColumn(
+            "unit",
+            [unit_cell(estimate.units[estimate.names.index(name)]) for name in names],
+            left=True,
+        ),
+        TableColumn(
+            "estimate", [number_text(estimate.value(name), estimate.sigma(name)) for name in names]
+        ),
+        TableColumn(
+            "+- sigma",
+            [number_text(estimate.sigma(name), estimate.sigma(name)) for name in names],
+            beside=True,
+        ),
+        TableColumn(
+            "loop equivalent",
+            [f"{getattr(loop, name):.5g}" if hasattr(loop, name) else "-" for name in names],
+        ),
         TableColumn(
             "plain bank",
-            [number_text(study.plain.estimate.value(n), estimate.sigma(n)) if n != "delay" else f"{study.plain.delay:.3f}" for n in names],
+            [
+                number_text(study.plain.estimate.value(n), estimate.sigma(n))
+                if n != "delay"
+                else f"{study.plain.delay:.3f}"
+                for n in names
+            ],
         ),
     ]
     further = []
     if printed:
         further = [
-            TableColumn("published", [f"{printed[name].value:.5g}" if name in printed else "" for name in names]),
-            TableColumn("+- sigma", [f"{s:.2g}" if name in printed and (s := printed[name].std) is not None else "" for name in names], beside=True),
+            TableColumn(
+                "published",
+                [f"{printed[name].value:.5g}" if name in printed else "" for name in names],
+            ),
+            TableColumn(
+                "+- sigma",
+                [
+                    f"{s:.2g}" if name in printed and (s := printed[name].std) is not None else ""
+                    for name in names
+                ],
+                beside=True,
+            ),
         ]
     out.print()
     print_table(out, f"estimate, delay refined: {estimate.outcome.value}", [*columns, *further])
@@ -193,7 +306,10 @@ def _printing_states(study: LoopStudy, out: Console) -> None:
     history, system = study.result.estimate.history, study.result.setting.system
     assert history is not None
     noise, density = study.result.setting.noise_std, study.scenario.estimation.process_noise
-    items = [system.initial[n] if n in system.state_names else system.parameters[n] for n in history.names]
+    items = [
+        system.initial[n] if n in system.state_names else system.parameters[n]
+        for n in history.names
+    ]
     columns = [
         TableColumn("state", list(history.names), left=True),
         TableColumn("initial", [f"{item.value:.3e}" for item in items]),
@@ -204,7 +320,11 @@ def _printing_states(study: LoopStudy, out: Console) -> None:
         TableColumn("Q", [f"{density.get(n, 0.0):.1e}" for n in history.names]),
     ]
     out.print()
-    print_table(out, f"states of the filter at the refined delay (R of nz {noise['nz'] ** 2:.3e} g2)", columns)
+    print_table(
+        out,
+        f"states of the filter at the refined delay (R of nz {noise['nz'] ** 2:.3e} g2)",
+        columns,
+    )
 
 
 def _correlation(study: LoopStudy, out: Console) -> None:
@@ -214,7 +334,11 @@ def _correlation(study: LoopStudy, out: Console) -> None:
 
 
 def _qualities(study: LoopStudy, out: Console) -> None:
-    found = [each for q in study.result.qualities for each in ([q, _hertz(q)] if is_frequency(q.name, q.unit) else [q])]
+    found = [
+        each
+        for q in study.result.qualities
+        for each in ([q, _hertz(q)] if is_frequency(q.name, q.unit) else [q])
+    ]
     columns = [
         TableColumn("quantity", [WORDS[q.name] for q in found], left=True),
         TableColumn("unit", [unit_cell(q.unit) for q in found], left=True),
@@ -236,7 +360,9 @@ def _hertz(q: Quality) -> Quality:
 
 def _level(row: Level) -> str:
     words = {1: "1", 2: "2", 3: "3", 4: "outside 3"}
-    return words[row.level] + (f" ({words[row.best]} to {words[row.worst]} within 2 sigma)" if row.uncertain else "")
+    return words[row.level] + (
+        f" ({words[row.best]} to {words[row.worst]} within 2 sigma)" if row.uncertain else ""
+    )
 
 
 def _check(study: LoopStudy, out: Console) -> None:
@@ -246,15 +372,29 @@ def _check(study: LoopStudy, out: Console) -> None:
     columns = [
         TableColumn("quantity", [WORDS[n] for n in names], left=True),
         TableColumn("unit", [unit_cell(QUALITY_UNITS[n]) for n in names], left=True),
-        TableColumn("filter", [number_text(own[n].value, own[n].std) if n in own else "-" for n in names]),
+        TableColumn(
+            "filter", [number_text(own[n].value, own[n].std) if n in own else "-" for n in names]
+        ),
         TableColumn("loop's response", [f"{getattr(loop, n):.4g}" for n in names]),
-        TableColumn("record's spectra", [f"{record[n]:.4g}" if record is not None else "-" for n in names]),
+        TableColumn(
+            "record's spectra", [f"{record[n]:.4g}" if record is not None else "-" for n in names]
+        ),
     ]
     told = printed_checks(study.scenario.published[0]) if study.scenario.published else {}
     if told:
         columns.append(TableColumn("plain bank", _plain_cells(study, names)))
-        columns.append(TableColumn("published EKF", [f"{told[n].low:.4g} to {told[n].high:.4g}" if n in told else "" for n in names]))
-        columns.append(TableColumn("its response", [f"{told[n].frequency_response:.4g}" if n in told else "" for n in names]))
+        columns.append(
+            TableColumn(
+                "published EKF",
+                [f"{told[n].low:.4g} to {told[n].high:.4g}" if n in told else "" for n in names],
+            )
+        )
+        columns.append(
+            TableColumn(
+                "its response",
+                [f"{told[n].frequency_response:.4g}" if n in told else "" for n in names],
+            )
+        )
     out.print()
     print_table(out, "independent check by frequency response (0.35 to 14 rad/s)", columns)
 
@@ -262,7 +402,10 @@ def _check(study: LoopStudy, out: Console) -> None:
 def _plain_cells(study: LoopStudy, names: Sequence[str]) -> list[str]:
     v = study.plain.estimate.as_dict()
     frequency = np.sqrt(max(v["L_alpha"] * v["M_q"] - v["L_q"] * v["M_alpha"], 0.0))
-    found = {"natural_frequency": frequency, "damping_ratio": -(v["L_alpha"] + v["M_q"]) / (2.0 * frequency) if frequency else np.nan}
+    found = {
+        "natural_frequency": frequency,
+        "damping_ratio": -(v["L_alpha"] + v["M_q"]) / (2.0 * frequency) if frequency else np.nan,
+    }
     return [f"{({**found, 'delay': study.plain.delay})[name]:.4g}" for name in names]
 
 
@@ -275,7 +418,9 @@ def _differences(study: LoopStudy, out: Console) -> None:
         TableColumn("other", [number_text(d.first, d.first_std) for d in rows]),
         TableColumn("+- sigma", [number_text(d.first_std, d.first_std) for d in rows], beside=True),
         TableColumn("here", [number_text(d.second, d.second_std) for d in rows]),
-        TableColumn("+- sigma", [number_text(d.second_std, d.second_std) for d in rows], beside=True),
+        TableColumn(
+            "+- sigma", [number_text(d.second_std, d.second_std) for d in rows], beside=True
+        ),
         TableColumn("difference, sigmas", [f"{d.z:+.1f}" for d in rows]),
         TableColumn("", ["beyond" if d.beyond else "" for d in rows], left=True),
     ]
@@ -291,16 +436,35 @@ def _together(study: LoopStudy, out: Console) -> None:
     names = PARAMETERS[:10]
     columns = [TableColumn("parameter", [*names, "delay"], left=True)]
     columns += [
-        TableColumn(key.removeprefix("x29-"), [*(f"{found.estimate.value(n):.4g}" for n in names), f"{found.delay:.3f}"])
+        TableColumn(
+            key.removeprefix("x29-"),
+            [*(f"{found.estimate.value(n):.4g}" for n in names), f"{found.delay:.3f}"],
+        )
         for key, found in study.together.items()
     ]
-    columns.append(TableColumn("here, refined", [*(f"{study.result.estimate.value(n):.4g}" for n in names), f"{study.result.bank.refined:.3f}"]))
+    columns.append(
+        TableColumn(
+            "here, refined",
+            [
+                *(f"{study.result.estimate.value(n):.4g}" for n in names),
+                f"{study.result.bank.refined:.3f}",
+            ],
+        )
+    )
     printed = [(key, printed_column(key)) for key in study.scenario.published]
     further = [
-        TableColumn(f"published {key.replace('_', ' ')}", [f"{c[n].value:.4g}" if n in c else "" for n in (*names, "delay")]) for key, c in printed
+        TableColumn(
+            f"published {key.replace('_', ' ')}",
+            [f"{c[n].value:.4g}" if n in c else "" for n in (*names, "delay")],
+        )
+        for key, c in printed
     ]
     out.print()
-    print_table(out, "robustness: plain bank, most likely delay, side by side as the paper's Table 3", [*columns, *further])
+    print_table(
+        out,
+        "robustness: plain bank, most likely delay, side by side as the paper's Table 3",
+        [*columns, *further],
+    )
 
 
 def _passes(study: LoopStudy, out: Console) -> None:
@@ -308,7 +472,10 @@ def _passes(study: LoopStudy, out: Console) -> None:
         return
     names = ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau")
     columns = [TableColumn("pass", [str(i + 1) for i in range(len(study.passes))])]
-    columns += [TableColumn(n, [number_text(each.value(n), each.sigma(n)) for each in study.passes]) for n in names]
+    columns += [
+        TableColumn(n, [number_text(each.value(n), each.sigma(n)) for each in study.passes])
+        for n in names
+    ]
     out.print()
     print_table(out, "refined filter started again from its own result", columns)
 
@@ -316,10 +483,18 @@ def _passes(study: LoopStudy, out: Console) -> None:
 def _variants(study: LoopStudy, out: Console) -> None:
     if not study.variants:
         return
-    rows = [("as declared, refined", study.result.bank.refined, study.misfit), *((v.label, v.delay, v.misfit) for v in study.variants)]
-    columns = [TableColumn("flown or estimated", [row[0] for row in rows], left=True), TableColumn("delay, s", [f"{row[1]:.4f}" for row in rows])]
+    rows = [
+        ("as declared, refined", study.result.bank.refined, study.misfit),
+        *((v.label, v.delay, v.misfit) for v in study.variants),
+    ]
+    columns = [
+        TableColumn("flown or estimated", [row[0] for row in rows], left=True),
+        TableColumn("delay, s", [f"{row[1]:.4f}" for row in rows]),
+    ]
     if study.scenario.peak is not None:
-        columns.append(TableColumn("final peak, %", [f"{row[2].peak_percent:+.1f}" for row in rows]))
+        columns.append(
+            TableColumn("final peak, %", [f"{row[2].peak_percent:+.1f}" for row in rows])
+        )
     if study.scenario.stretch is not None:
         columns.append(TableColumn("rms q, stretch", [f"{row[2].stretch:.2f}" for row in rows]))
         columns.append(TableColumn("elsewhere", [f"{row[2].elsewhere:.2f}" for row in rows]))
@@ -334,8 +509,10 @@ def _variants(study: LoopStudy, out: Console) -> None:
     print_table(out, "the same with changes", columns)
     print_paragraph(
         out,
-        "rms q: free simulation against the measurement over the sensor's sigma; lag 1, Ljung-Box (25 lags, white: 25 +- 7), low share "
-        "(power below a fifth of the Nyquist frequency, white: 0.20) of the normalised pitch-rate innovations; size of all of them, 1 expected",
+        "rms q: free simulation against the measurement over the sensor's sigma; lag 1, Ljung-Box "
+        "(25 lags, white: 25 +- 7), low share "
+        "(power below a fifth of the Nyquist frequency, white: 0.20) of the normalised pitch-rate "
+        "innovations; size of all of them, 1 expected",
     )
 
 
@@ -345,12 +522,20 @@ def _over_seeds(study: LoopStudy, out: Console) -> None:
         return
     rows = [(f"{delay:.3f}", block) for delay, block in found.by_delay()]
     rows += [("all", found.values)] if len(rows) > 1 else []
-    columns = [TableColumn("delay, s", [label for label, _ in rows], left=True), TableColumn("flights", [str(len(block)) for _, block in rows])]
+    columns = [
+        TableColumn("delay, s", [label for label, _ in rows], left=True),
+        TableColumn("flights", [str(len(block)) for _, block in rows]),
+    ]
     for name in ("L_alpha", "M_alpha", "M_delta", "L_q", "M_q", "inv_tau"):
         at = found.names.index(name)
         columns.append(TableColumn(name, [_mean_cell(block[:, at]) for _, block in rows]))
     out.print()
-    print_table(out, f"the paper's bank on flights with seeds 1 to {len(found.seeds)}: delay chosen, mean +- standard deviation", columns)
+    print_table(
+        out,
+        f"the paper's bank on flights with seeds 1 to {len(found.seeds)}: delay chosen, mean +- "
+        "standard deviation",
+        columns,
+    )
 
 
 def _mean_cell(values: np.ndarray) -> str:

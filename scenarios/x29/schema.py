@@ -1,4 +1,6 @@
-"""The schema of closed-loop scenarios (pydantic), and the way from a checked file to a LoopScenario; imported only when one is read."""
+"""The schema of closed-loop scenarios (pydantic), and the way from a checked file to a
+LoopScenario; imported only when one is read.
+"""
 
 from __future__ import annotations
 
@@ -124,7 +126,8 @@ def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Loop
 
     Raises
     ------
-    DeclarationError : an unknown or missing key, a value or unit that is wrong: one line with file and key.
+    DeclarationError : an unknown or missing key, a value or unit that is wrong: one line with file
+    and key.
     """
     content = checked(_Scenario, document, where)
     against = content.against
@@ -138,7 +141,10 @@ def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Loop
         _known(content.published, printed_columns(), "column", f"{where}, key published"),
         None if against is None else Against(against.scenario, against.label, tuple(against.set)),
         tuple(content.together),
-        tuple(_variant(v, document, where, f"variants[{i}]") for i, v in enumerate(content.variants, start=1)),
+        tuple(
+            _variant(v, document, where, f"variants[{i}]")
+            for i, v in enumerate(content.variants, start=1)
+        ),
         _span(content.stretch, f"{where}, key stretch"),
         _span(content.peak, f"{where}, key peak"),
         " ".join(content.findings.split()),
@@ -156,7 +162,10 @@ def _variant(variant: _Variant, document: Mapping[str, Any], where: str, inside:
     for change in variant.set:
         changed = with_change(changed, change)
     content = checked(_Scenario, changed, place)
-    flight, estimation = _flight(content.flight, f"{place}, key flight"), _estimation(content.estimate, f"{place}, key estimate")
+    flight, estimation = (
+        _flight(content.flight, f"{place}, key flight"),
+        _estimation(content.estimate, f"{place}, key estimate"),
+    )
     return Variant(variant.name, variant.label, flight, estimation)
 
 
@@ -165,7 +174,9 @@ def _flight(flight: _LoopFlight, where: str) -> LoopFlight:
     place = f"{where}.stick"
     if stick.kind == "levels" and (not stick.times or len(stick.times) != len(stick.levels)):
         what = f"{len(stick.times)} times and {len(stick.levels)} levels"
-        raise DeclarationError(what, where=place, remedy="give as many of one as of the other, at least one")
+        raise DeclarationError(
+            what, where=place, remedy="give as many of one as of the other, at least one"
+        )
     plan = StickPlan(
         stick.kind,
         stick.amplitude,
@@ -176,15 +187,31 @@ def _flight(flight: _LoopFlight, where: str) -> LoopFlight:
         tuple(stick.times),
         tuple(stick.levels),
     )
-    spike = None if flight.spike is None else Spike(si(flight.spike.time, "s", f"{where}.spike.time"), flight.spike.size)
+    spike = (
+        None
+        if flight.spike is None
+        else Spike(si(flight.spike.time, "s", f"{where}.spike.time"), flight.spike.size)
+    )
     duration = positive(si(flight.duration, "s", f"{where}.duration"), f"{where}.duration")
     if spike is not None and not 0.0 <= spike.time <= duration:
-        raise DeclarationError(f"{spike.time:g} s is not within the flight", where=f"{where}.spike.time", remedy=f"give 0 to {duration:g} s")
+        raise DeclarationError(
+            f"{spike.time:g} s is not within the flight",
+            where=f"{where}.spike.time",
+            remedy=f"give 0 to {duration:g} s",
+        )
     if flight.gust and not flight.low_order:
-        raise DeclarationError("a gust acts on the low-order truth only", where=f"{where}.gust", remedy="set low_order = true, or gust = 0")
+        raise DeclarationError(
+            "a gust acts on the low-order truth only",
+            where=f"{where}.gust",
+            remedy="set low_order = true, or gust = 0",
+        )
     for name in flight.noise_variance:
         if name not in ("alpha", "q", "nz"):
-            raise DeclarationError(f"there is no output {name!r}", where=f"{where}.noise_variance", remedy="use alpha, q, nz")
+            raise DeclarationError(
+                f"there is no output {name!r}",
+                where=f"{where}.noise_variance",
+                remedy="use alpha, q, nz",
+            )
     return LoopFlight(
         flight.airframe,
         duration,
@@ -202,31 +229,55 @@ def _flight(flight: _LoopFlight, where: str) -> LoopFlight:
 
 def _estimation(estimate: _LoopEstimate, where: str) -> LoopEstimation:
     if bool(estimate.start) == bool(estimate.start_from):
-        raise DeclarationError("one of start and start_from is due", where=where, remedy="give starting values, or the scenario they come from")
+        raise DeclarationError(
+            "one of start and start_from is due",
+            where=where,
+            remedy="give starting values, or the scenario they come from",
+        )
     for name in estimate.start:
         if name not in LOES_DERIVATIVES or name == "delay":
             known = ", ".join(each for each in LOES_DERIVATIVES if each != "delay")
-            raise DeclarationError(f"there is no parameter {name!r}", where=f"{where}.start", remedy=f"use {known}")
-    for table, content in (("process_noise", estimate.process_noise), ("initial_std", estimate.initial_std)):
+            raise DeclarationError(
+                f"there is no parameter {name!r}", where=f"{where}.start", remedy=f"use {known}"
+            )
+    for table, content in (
+        ("process_noise", estimate.process_noise),
+        ("initial_std", estimate.initial_std),
+    ):
         for name in content:
             if name not in _STATES:
-                raise DeclarationError(f"there is no state {name!r}", where=f"{where}.{table}", remedy=f"use {', '.join(_STATES)}")
+                raise DeclarationError(
+                    f"there is no state {name!r}",
+                    where=f"{where}.{table}",
+                    remedy=f"use {', '.join(_STATES)}",
+                )
     missing = [name for name in LOES_DERIVATIVES if name != "delay" and name not in estimate.start]
     if estimate.start and missing:
-        raise DeclarationError(f"no starting value of {', '.join(missing)}", where=f"{where}.start", remedy="give it")
+        raise DeclarationError(
+            f"no starting value of {', '.join(missing)}", where=f"{where}.start", remedy="give it"
+        )
     initial = {
-        name: positive(si(value, _STATES[name], f"{where}.initial_std.{name}"), f"{where}.initial_std.{name}")
+        name: positive(
+            si(value, _STATES[name], f"{where}.initial_std.{name}"), f"{where}.initial_std.{name}"
+        )
         for name, value in estimate.initial_std.items()
     }
     return LoopEstimation(
-        {name: si(value, LOES_DERIVATIVES[name], f"{where}.start.{name}") for name, value in estimate.start.items()},
+        {
+            name: si(value, LOES_DERIVATIVES[name], f"{where}.start.{name}")
+            for name, value in estimate.start.items()
+        },
         estimate.start_from,
         estimate.noise_from,
         estimate.noise_share,
         dict(estimate.process_noise),
         initial,
-        None if estimate.window_start is None else si(estimate.window_start, "s", f"{where}.window_start"),
-        None if estimate.window_stop is None else si(estimate.window_stop, "s", f"{where}.window_stop"),
+        None
+        if estimate.window_start is None
+        else si(estimate.window_start, "s", f"{where}.window_start"),
+        None
+        if estimate.window_stop is None
+        else si(estimate.window_stop, "s", f"{where}.window_stop"),
         estimate.restarts,
         estimate.prior,
         estimate.engine,
@@ -237,14 +288,18 @@ def _margins(content: _Scenario, where: str) -> MarginPlan | None:
     plan = content.margins
     if plan is not None and content.against is None:
         what = "margins are those of two loops, and there is one"
-        raise DeclarationError(what, where=f"{where}, key margins", remedy="declare [against], or leave it out")
+        raise DeclarationError(
+            what, where=f"{where}, key margins", remedy="declare [against], or leave it out"
+        )
     return None if plan is None else MarginPlan(plan.samples, plan.seed, plan.beside or "")
 
 
 def _known(names: list[str], known: Collection[str], what: str, where: str) -> tuple[str, ...]:
     for name in names:
         if name not in known:
-            raise DeclarationError(f"there is no {what} {name!r}", where=where, remedy=f"use {', '.join(known)}")
+            raise DeclarationError(
+                f"there is no {what} {name!r}", where=where, remedy=f"use {', '.join(known)}"
+            )
     return tuple(names)
 
 
@@ -253,5 +308,9 @@ def _span(pair: list[Quantity] | None, where: str) -> tuple[float, float] | None
         return None
     low, high = (si(value, "s", where) for value in pair)
     if not low < high:
-        raise DeclarationError(f"{low:g} s to {high:g} s is no stretch", where=where, remedy="give an earlier and a later time")
+        raise DeclarationError(
+            f"{low:g} s to {high:g} s is no stretch",
+            where=where,
+            remedy="give an earlier and a later time",
+        )
     return low, high

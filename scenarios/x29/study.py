@@ -1,4 +1,6 @@
-"""Runs a closed-loop scenario: fly, bank of filters, refine, flying qualities, frequency-response check, comparison."""
+"""Runs a closed-loop scenario: fly, bank of filters, refine, flying qualities, frequency-response
+check, comparison.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.banks.delays import BATCHED, Agreement, DelayBank, SecondPass, against_filterpy, agreement
+from ident.banks.delays import (
+    BATCHED,
+    Agreement,
+    DelayBank,
+    SecondPass,
+    against_filterpy,
+    agreement,
+)
 from ident.estimate import Estimate
 from ident.flying_qualities.levels import Level, Quality, levels, qualities
 from ident.frequency_response.multitaper import estimate_response, fit_response
@@ -69,8 +78,9 @@ class LoopResult:
 
 @dataclass(frozen=True, eq=False)
 class ResponseCheck:
-    """Without a filter: of the loop's own frequency response, with the paper's L_q (``loop``) and with the ``flown`` one, on which L_alpha
-    hangs; of the record's spectral estimate (None where the record cannot give one)."""
+    """Without a filter: of the loop's own frequency response, with the paper's L_q (``loop``) and
+    with the ``flown`` one, on which L_alpha hangs; of the record's spectral estimate (None where
+    the record cannot give one)."""
 
     loop: EquivalentSystem
     flown: EquivalentSystem
@@ -82,13 +92,15 @@ class ResponseCheck:
 class LoopStudy:
     """A closed-loop scenario that has been run.
 
-    ``paper`` is the filter set up by the paper's rules, ``plain`` the paper's procedure; ``first`` the refined bank before any restart,
-    ``passes`` the estimates from restart to restart, ``restarts`` those of plain filters by label; ``methods`` as the scenario names
-    them; ``other`` the result compared with; ``together`` plain results of several scenarios by name; ``margins`` by airframe;
-    ``engines`` how far another engine's filters are from the batched ones; ``second`` how far filterpy is from the likeliest filter of the
-    batched plain bank, None under another engine; ``linear`` the flown loop against the linear one; ``open_margins``
-    what the paper leaves open of the margins, None where the scenario varies nothing; ``over_seeds`` the paper's bank on flights with
-    other seeds, None where the scenario asks for none.
+    ``paper`` is the filter set up by the paper's rules, ``plain`` the paper's procedure; ``first``
+    the refined bank before any restart, ``passes`` the estimates from restart to restart,
+    ``restarts`` those of plain filters by label; ``methods`` as the scenario names them; ``other``
+    the result compared with; ``together`` plain results of several scenarios by name; ``margins``
+    by airframe; ``engines`` how far another engine's filters are from the batched ones; ``second``
+    how far filterpy is from the likeliest filter of the batched plain bank, None under another
+    engine; ``linear`` the flown loop against the linear one; ``open_margins`` what the paper leaves
+    open of the margins, None where the scenario varies nothing; ``over_seeds`` the paper's bank on
+    flights with other seeds, None where the scenario asks for none.
     """
 
     scenario: LoopScenario
@@ -120,7 +132,8 @@ class LoopStudy:
 
 
 def loop_scenario(name: str, changes: Sequence[str] = ()) -> LoopScenario:
-    """A closed-loop scenario of the catalogue, or a user's by the path of its file, with changes as ``--set`` makes them.
+    """A closed-loop scenario of the catalogue, or a user's by the path of its file, with changes as
+    ``--set`` makes them.
 
     Raises DeclarationError as ``load_document`` does, and for a scenario of another kind.
     """
@@ -128,13 +141,18 @@ def loop_scenario(name: str, changes: Sequence[str] = ()) -> LoopScenario:
 
     document, short, where = load_document(name, changes)
     if document.get("kind") != "x29":
-        raise DeclarationError(f"{short} does not fly the closed loop", where=where, remedy='name a scenario of kind "x29"')
+        raise DeclarationError(
+            f"{short} does not fly the closed loop",
+            where=where,
+            remedy='name a scenario of kind "x29"',
+        )
     return loop_scenario_of(document, short, where)
 
 
 def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
-    """Fly, estimate and compare; the same seed gives the same numbers. What it is compared with flies with the same seed, so
-    that the noise is no difference; scenarios that it starts from, or that stand beside it, with their own.
+    """Fly, estimate and compare; the same seed gives the same numbers. What it is compared with
+    flies with the same seed, so that the noise is no difference; scenarios that it starts from, or
+    that stand beside it, with their own.
 
     Raises
     ------
@@ -143,24 +161,43 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
     chosen = scenario.seed if seed is None else seed
     flown = fly_loop(scenario.flight, chosen)
     start = starting_values(scenario)
-    setting, paper = set_up(scenario.estimation, flown, start), set_up(scenario.estimation, flown, start, prior=_papers_rule(scenario))
+    setting, paper = (
+        set_up(scenario.estimation, flown, start),
+        set_up(scenario.estimation, flown, start, prior=_papers_rule(scenario)),
+    )
     found = plain(paper)
     first = result = _result(scenario, flown, setting)
     passes = [result.estimate]
     for _ in range(scenario.estimation.restarts):
         again = _result(scenario, flown, started_again(scenario.estimation, flown, result.estimate))
-        moved = again.estimate.values[: len(result.estimate.names)] - result.estimate.values[: len(again.estimate.names)]
+        moved = (
+            again.estimate.values[: len(result.estimate.names)]
+            - result.estimate.values[: len(again.estimate.names)]
+        )
         settled = bool(np.max(np.abs(moved / again.estimate.std[: len(moved)])) < SETTLED)
         result = again
         passes.append(result.estimate)
         if settled:
             break
-    held = [found.delay, first.bank.refined, float(found.delays[other_side(found, first.bank.refined)])]
-    ways = Ways(paper, found, scenario.estimation, first.bank, lambda estimation: set_up(estimation, flown, start))
+    held = [
+        found.delay,
+        first.bank.refined,
+        float(found.delays[other_side(found, first.bank.refined)]),
+    ]
+    ways = Ways(
+        paper,
+        found,
+        scenario.estimation,
+        first.bank,
+        lambda estimation: set_up(estimation, flown, start),
+    )
     setting = result.setting
     simulated = free_simulation(setting, result.estimate, result.bank.refined)
     other, other_simulated, differences, derived = _against(scenario, chosen, result, first)
-    found_margins = margins_of([scenario.flight.airframe, *([] if other is None else [other.flown.x29.name])], scenario.margins)
+    found_margins = margins_of(
+        [scenario.flight.airframe, *([] if other is None else [other.flown.x29.name])],
+        scenario.margins,
+    )
     estimate = result.estimate
     z, valid = setting.record.output_array(estimate.output_names)
     return LoopStudy(
@@ -174,7 +211,14 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         first.bank,
         tuple(passes),
         simulated,
-        misfit(setting.record, simulated, estimate, sensor_noise(flown), scenario.stretch, scenario.peak),
+        misfit(
+            setting.record,
+            simulated,
+            estimate,
+            sensor_noise(flown),
+            scenario.stretch,
+            scenario.peak,
+        ),
         response_check(result),
         levels(result.qualities),
         residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid),
@@ -185,10 +229,16 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         {name: _plain_of(loop_scenario(name)) for name in scenario.together},
         tuple(run_variant(scenario, variant, chosen, start) for variant in scenario.variants),
         found_margins,
-        None if setting.engine is BATCHED else agreement(plain(replace(paper, engine=BATCHED)).bank, found.bank),
-        None if flown.truth is None or not flown.truth.stick.any() else linear_check(flown.x29, flown.truth),
+        None
+        if setting.engine is BATCHED
+        else agreement(plain(replace(paper, engine=BATCHED)).bank, found.bank),
+        None
+        if flown.truth is None or not flown.truth.stick.any()
+        else linear_check(flown.x29, flown.truth),
         planned_margins(scenario.margins, found_margins),
-        against_filterpy(paper.record, paper.system, found.bank, found.delays) if paper.engine is BATCHED else None,
+        against_filterpy(paper.record, paper.system, found.bank, found.delays)
+        if paper.engine is BATCHED
+        else None,
         run_over_seeds(scenario, start, _papers_rule(scenario)),
     )
 
@@ -197,45 +247,71 @@ def response_check(result: LoopResult) -> ResponseCheck:
     """The low-order equivalent by frequency response, of the loop and of the record."""
     x29 = result.flown.x29
     loop = equivalent_system(x29)
-    flown = loop if result.flown.truth is None else equivalent_system(x29, x29.airframe.L_q)  # a low-order truth is `loop`
+    # a low-order truth is `loop`
+    flown = loop if result.flown.truth is None else equivalent_system(x29, x29.airframe.L_q)
     std = dict(zip(("alpha", "q", "nz"), sensor_noise(result.flown).tolist(), strict=True))
     try:
         response = estimate_response(result.setting.record)
     except RecordError:
         return ResponseCheck(loop, flown, None, 0.0)
-    start = {name: result.estimate.value(name) for name in ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau")}
-    system = compile_model(low_order_model(x29, {**start, "delay": result.bank.refined}).with_noise(Noise(std)))
+    start = {
+        name: result.estimate.value(name)
+        for name in ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau")
+    }
+    system = compile_model(
+        low_order_model(x29, {**start, "delay": result.bank.refined}).with_noise(Noise(std))
+    )
     fit = fit_response(response, system, FREE_IN_RESPONSE)
     v = {**fit.values, "L_q": start["L_q"]}
     stiffness = v["L_alpha"] * v["M_q"] - v["L_q"] * v["M_alpha"]
     if not (fit.converged and stiffness > 0):
         return ResponseCheck(loop, flown, None, float(response.coherence.mean()))
     frequency = float(np.sqrt(stiffness))
-    v |= {"natural_frequency": frequency, "damping_ratio": -(v["L_alpha"] + v["M_q"]) / (2.0 * frequency)}
+    v |= {
+        "natural_frequency": frequency,
+        "damping_ratio": -(v["L_alpha"] + v["M_q"]) / (2.0 * frequency),
+    }
     return ResponseCheck(loop, flown, v, float(response.coherence.mean()))
 
 
 def starting_values(scenario: LoopScenario, depth: int = 0) -> Mapping[str, float]:
-    """Declared values, or those that the plain bank of another scenario found, as the paper handed them on."""
+    """Declared values, or those that the plain bank of another scenario found, as the paper handed
+    them on.
+    """
     estimation = scenario.estimation
     if estimation.start:
         return estimation.start
     if depth == DEPTH:
         raise DeclarationError(
-            "scenarios start from one another in a circle", where=f"scenario {scenario.name}", remedy="declare start in one of them"
+            "scenarios start from one another in a circle",
+            where=f"scenario {scenario.name}",
+            remedy="declare start in one of them",
         )
     found = _plain_of(loop_scenario(estimation.start_from), depth + 1).estimate.as_dict()
-    return {name: value for name, value in found.items() if name not in ("L_0", "M_0", "delta_0", "nz_0")}
+    return {
+        name: value
+        for name, value in found.items()
+        if name not in ("L_0", "M_0", "delta_0", "nz_0")
+    }
 
 
 def _papers_rule(scenario: LoopScenario) -> str:
-    """The printed P0 belongs to the starts that the paper had: where a scenario is held against it."""
+    """The printed P0 belongs to the starts that the paper had: where a scenario is held against
+    it.
+    """
     return "printed" if scenario.published else scenario.estimation.prior
 
 
 def _plain_of(scenario: LoopScenario, depth: int = 0) -> Plain:
     flown = fly_loop(scenario.flight, scenario.seed)
-    return plain(set_up(scenario.estimation, flown, starting_values(scenario, depth), prior=_papers_rule(scenario)))
+    return plain(
+        set_up(
+            scenario.estimation,
+            flown,
+            starting_values(scenario, depth),
+            prior=_papers_rule(scenario),
+        )
+    )
 
 
 def _result(scenario: LoopScenario, flown: FlownLoop, setting: SetUp) -> LoopResult:
@@ -248,22 +324,33 @@ def _result(scenario: LoopScenario, flown: FlownLoop, setting: SetUp) -> LoopRes
 def _against(
     scenario: LoopScenario, seed: int, result: LoopResult, first: LoopResult
 ) -> tuple[LoopResult | None, np.ndarray | None, Comparison | None, tuple[tuple[str, float], ...]]:
-    """The other scenario's result, its free simulation, what differs, and differences of flying qualities in sigmas of one result."""
+    """The other scenario's result, its free simulation, what differs, and differences of flying
+    qualities in sigmas of one result.
+    """
     against = scenario.against
     if against is None:
         return None, None, None, ()
     other_scenario = loop_scenario(against.scenario, against.changes)
-    if other_scenario.flight == scenario.flight and other_scenario.estimation == replace(scenario.estimation, restarts=0):
+    if other_scenario.flight == scenario.flight and other_scenario.estimation == replace(
+        scenario.estimation, restarts=0
+    ):
         other = first  # the first pass of a restarted study is that scenario's result
     else:
         flown = fly_loop(other_scenario.flight, seed)
-        other = _result(replace(other_scenario, seed=seed), flown, set_up(other_scenario.estimation, flown, starting_values(other_scenario)))
+        other = _result(
+            replace(other_scenario, seed=seed),
+            flown,
+            set_up(other_scenario.estimation, flown, starting_values(other_scenario)),
+        )
     derived = []
     for item in result.qualities:
         before = other.quality(item.name)
         if before is not None:
-            # Results that share data are not independent: the larger sigma is the cautious measure of what a change matters.
-            derived.append((item.name, (item.value - before.value) / max(item.std, before.std, 1e-300)))
+            # Results that share data are not independent: the larger sigma is the cautious measure
+            # of what a change matters.
+            derived.append(
+                (item.name, (item.value - before.value) / max(item.std, before.std, 1e-300))
+            )
     return (
         other,
         free_simulation(other.setting, other.estimate, other.bank.refined),

@@ -1,4 +1,5 @@
-"""The X-29-like closed loop: four airframes under a sampled control law, linear and with limits, and its low-order equivalent.
+"""The X-29-like closed loop: four airframes under a sampled control law, linear and with limits,
+and its low-order equivalent.
 
 May import: `sim.record`, `sim.errors`, `sim.data`, NumPy, SciPy, python-control.
 

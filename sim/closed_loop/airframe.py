@@ -1,8 +1,10 @@
-"""The X-29-like aircraft as frozen data: airframe, surfaces, sensors, control law, telemetry; and its data file.
+"""The X-29-like aircraft as frozen data: airframe, surfaces, sensors, control law, telemetry; and
+its data file.
 
-Convention throughout ``sim.closed_loop``: SI and radians for time, speed, alpha and q. Three things keep the unit in which the
-aircraft is described, because their derivatives are per that unit: surface deflections and the command u_p in degrees, the stick
-in inches (aft +), and normal acceleration in g. alpha, q, the surfaces and u_p are perturbations about trim. A positive u_p is
+Convention throughout ``sim.closed_loop``: SI and radians for time, speed, alpha and q. Three things
+keep the unit in which the aircraft is described, because their derivatives are per that unit:
+surface deflections and the command u_p in degrees, the stick in inches (aft +), and normal
+acceleration in g. alpha, q, the surfaces and u_p are perturbations about trim. A positive u_p is
 nose up. Surfaces stand in the order canard, symmetric flaperon, strake flap.
 """
 
@@ -26,8 +28,9 @@ SURFACE_NAMES = ("canard", "flaperon", "strake")
 class Airframe:
     """Short-period derivatives at one flight condition.
 
-    alpha_dot = L_alpha alpha + L_q q + L_surface . surfaces,  q_dot = M_alpha alpha + M_q q + M_surface . surfaces,
-    incremental nz = -(V/g) [L_alpha alpha + (L_q - 1) q + L_surface . surfaces], at the centre of gravity, positive up.
+    alpha_dot = L_alpha alpha + L_q q + L_surface . surfaces, q_dot = M_alpha alpha + M_q q +
+    M_surface . surfaces, incremental nz = -(V/g) [L_alpha alpha + (L_q - 1) q + L_surface .
+    surfaces], at the centre of gravity, positive up.
 
     Attributes
     ----------
@@ -53,15 +56,15 @@ class Airframe:
 class Actuator:
     """One surface: its share of the command, its servo and its ram.
 
-    The command ``mixing * u_p`` (deg, about trim) is limited to the travel, passes a second-order servo, then a ram of first
-    order whose rate is limited and which stops at the ends of the travel.
+    The command ``mixing * u_p`` (deg, about trim) is limited to the travel, passes a second-order
+    servo, then a ram of first order whose rate is limited and which stops at the ends of the
+    travel.
 
     Attributes
     ----------
     mixing : deg of surface per deg of u_p.
-    trim, lower, upper : deg, absolute; the travel about trim is ``lower - trim`` to ``upper - trim``.
-    rate : largest rate of the ram, deg/s.
-    ram : bandwidth of the ram, rad/s.
+    trim, lower, upper : deg, absolute; the travel about trim is ``lower - trim`` to ``upper -
+    trim``. rate : largest rate of the ram, deg/s. ram : bandwidth of the ram, rad/s.
     servo_frequency, servo_damping : rad/s and 1; both None for a surface that has a ram only.
     """
 
@@ -78,7 +81,9 @@ class Actuator:
 
 @dataclass(frozen=True)
 class Sensor:
-    """A feedback sensor of second order with unit gain: ``frequency`` in rad/s, ``damping`` in 1."""
+    """A feedback sensor of second order with unit gain: ``frequency`` in rad/s, ``damping`` in
+    1.
+    """
 
     frequency: float
     damping: float
@@ -88,7 +93,8 @@ class Sensor:
 class ControlLaw:
     """The sampled law u_p = z^-n { -LL [Kn nz + Kq q] + Ki I [r - nz - Kqi q] }.
 
-    q in deg/s and nz incremental in g, both from the sensors; LL = (1 + s/lead)/(1 + s/lag) and I = 1/s by Tustin's rule.
+    q in deg/s and nz incremental in g, both from the sensors; LL = (1 + s/lead)/(1 + s/lag) and I =
+    1/s by Tustin's rule.
 
     Attributes
     ----------
@@ -110,7 +116,8 @@ class ControlLaw:
 
 @dataclass(frozen=True)
 class StickShaping:
-    """From stick to reference: r = z^-N wp/(s + wp) { K e (1 + curvature |e|) }, e the stick beyond its break-out.
+    """From stick to reference: r = z^-N wp/(s + wp) { K e (1 + curvature |e|) }, e the stick beyond
+    its break-out.
 
     Attributes
     ----------
@@ -118,7 +125,8 @@ class StickShaping:
     gain, curvature : K in g/in, and 1/in.
     delay_frames : N, frames.
     lag : wp, rad/s, by Tustin's rule.
-    recorded_skew : s by which the recorded stick leads the recorded outputs, see ``fly_closed_loop``.
+    recorded_skew : s by which the recorded stick leads the recorded outputs, see
+    ``fly_closed_loop``.
     """
 
     dead_band: float
@@ -131,7 +139,9 @@ class StickShaping:
 
 @dataclass(frozen=True)
 class Telemetry:
-    """What is recorded: ``rate`` in 1/s, ``vane_arm`` in m ahead of the centre of gravity, noise as 1 sigma in rad, rad/s, g."""
+    """What is recorded: ``rate`` in 1/s, ``vane_arm`` in m ahead of the centre of gravity, noise as
+    1 sigma in rad, rad/s, g.
+    """
 
     rate: float
     vane_arm: float
@@ -142,7 +152,9 @@ class Telemetry:
 
 @dataclass(frozen=True)
 class X29:
-    """One complete aircraft: an airframe with its surfaces, sensors, control law, stick and telemetry."""
+    """One complete aircraft: an airframe with its surfaces, sensors, control law, stick and
+    telemetry.
+    """
 
     name: str
     airframe: Airframe
@@ -171,7 +183,8 @@ _ORIGINS = {
 }
 _FOOT, _SLUG = 0.3048, 14.593902937206364
 
-# Unit in the file and the factor to the unit inside; degrees, inches and g stay (see sim.closed_loop.airframe).
+# Unit in the file and the factor to the unit inside; degrees, inches and g stay (see
+# sim.closed_loop.airframe).
 _AIRFRAME = {
     "airspeed": ("ft/s", _FOOT),
     "gravity": ("ft/s2", _FOOT),
@@ -183,8 +196,20 @@ _AIRFRAME = {
     "L_surface": ("1/s/deg", 1.0),
     "M_surface": ("1/s2/deg", 1.0),
 }
-_LAW = {"Kn": ("deg/g", 1.0), "Kq": ("s", 1.0), "Ki": ("deg/g/s", 1.0), "Kqi": ("g s/deg", 1.0), "lead": ("rad/s", 1.0), "lag": ("rad/s", 1.0)}
-_STICK = {"gain": ("g/in", 1.0), "lag": ("rad/s", 1.0), "delay_frames": ("1", 1.0), "recorded_skew": ("s", 1.0)}
+_LAW = {
+    "Kn": ("deg/g", 1.0),
+    "Kq": ("s", 1.0),
+    "Ki": ("deg/g/s", 1.0),
+    "Kqi": ("g s/deg", 1.0),
+    "lead": ("rad/s", 1.0),
+    "lag": ("rad/s", 1.0),
+}
+_STICK = {
+    "gain": ("g/in", 1.0),
+    "lag": ("rad/s", 1.0),
+    "delay_frames": ("1", 1.0),
+    "recorded_skew": ("s", 1.0),
+}
 _ACTUATOR = {
     "mixing": ("1", 1.0),
     "trim": ("deg", 1.0),
@@ -197,34 +222,66 @@ _SERVO = {"servo_frequency": ("rad/s", 1.0), "servo_damping": ("1", 1.0)}
 _SENSOR = {"frequency": ("rad/s", 1.0), "damping": ("1", 1.0)}
 _COMPUTER = {"frame_rate": ("1/s", 1.0), "delay_frames": ("1", 1.0)}
 _SHAPING = {"dead_band": ("in", 1.0), "curvature": ("1/in", 1.0)}
-_TELEMETRY = {"rate": ("1/s", 1.0), "vane_arm": ("ft", _FOOT), "alpha_noise": ("rad", 1.0), "q_noise": ("rad/s", 1.0), "nz_noise": ("g", 1.0)}
+_TELEMETRY = {
+    "rate": ("1/s", 1.0),
+    "vane_arm": ("ft", _FOOT),
+    "alpha_noise": ("rad", 1.0),
+    "q_noise": ("rad/s", 1.0),
+    "nz_noise": ("g", 1.0),
+}
 
 
 def load_x29(name: str, path: Path = DATA_FILE) -> X29:
-    """The aircraft ``"P"`` (published), ``"S"`` (simulation-like), ``"F"``, ``"D"`` or ``"R"`` (flight-like).
+    """The aircraft ``"P"`` (published), ``"S"`` (simulation-like), ``"F"``, ``"D"`` or ``"R"``
+    (flight-like).
 
     Numbers are in the units of ``sim.closed_loop.airframe``.
 
-    Raises DeclarationError for an airframe that the file lacks, a key that is missing or unknown, and a wrong unit, origin or number.
+    Raises DeclarationError for an airframe that the file lacks, a key that is missing or unknown,
+    and a wrong unit, origin or number.
     """
     document = _document(path)
     airframes = _table(document, "airframes", path.name)
     if name not in airframes:
-        raise DeclarationError(f"there is no airframe {name!r}", where=path.name, remedy=f"use one of {', '.join(airframes)}")
+        raise DeclarationError(
+            f"there is no airframe {name!r}",
+            where=path.name,
+            remedy=f"use one of {', '.join(airframes)}",
+        )
     where = f"{path.name}, airframes.{name}"
     own = _table(airframes, name, where)
     title = own.get("title")
     if not isinstance(title, str):
-        raise DeclarationError("title is missing", where=where, remedy="say in a text what this airframe is")
-    numbers = _numbers({k: v for k, v in own.items() if k not in ("title", "law", "stick")}, _AIRFRAME, where, vectors=("L_surface", "M_surface"))
+        raise DeclarationError(
+            "title is missing", where=where, remedy="say in a text what this airframe is"
+        )
+    numbers = _numbers(
+        {k: v for k, v in own.items() if k not in ("title", "law", "stick")},
+        _AIRFRAME,
+        where,
+        vectors=("L_surface", "M_surface"),
+    )
     law = _numbers(_table(own, "law", where), _LAW, f"{where}.law")
     stick = _numbers(_table(own, "stick", where), _STICK, f"{where}.stick")
-    computer = _numbers(_table(document, "computer", path.name), _COMPUTER, f"{path.name}, computer")
+    computer = _numbers(
+        _table(document, "computer", path.name), _COMPUTER, f"{path.name}, computer"
+    )
     shaping = _numbers(_table(document, "stick", path.name), _SHAPING, f"{path.name}, stick")
-    surfaces, sensors = _table(document, "surfaces", path.name), _table(document, "sensors", path.name)
-    canard, flaperon, strake = (_actuator(surface, _table(surfaces, surface, path.name), path.name) for surface in SURFACE_NAMES)
+    surfaces, sensors = (
+        _table(document, "surfaces", path.name),
+        _table(document, "sensors", path.name),
+    )
+    canard, flaperon, strake = (
+        _actuator(surface, _table(surfaces, surface, path.name), path.name)
+        for surface in SURFACE_NAMES
+    )
     gyro, accelerometer = (
-        Sensor(**_numbers(_table(sensors, sensor, path.name), _SENSOR, f"{path.name}, sensors.{sensor}")) for sensor in ("gyro", "accelerometer")
+        Sensor(
+            **_numbers(
+                _table(sensors, sensor, path.name), _SENSOR, f"{path.name}, sensors.{sensor}"
+            )
+        )
+        for sensor in ("gyro", "accelerometer")
     )
     return X29(
         name=name,
@@ -233,10 +290,24 @@ def load_x29(name: str, path: Path = DATA_FILE) -> X29:
         gyro=gyro,
         accelerometer=accelerometer,
         law=ControlLaw(
-            **{**law, "frame_rate": computer["frame_rate"], "delay_frames": _whole(computer["delay_frames"], 1, f"{path.name}, computer")}
+            **{
+                **law,
+                "frame_rate": computer["frame_rate"],
+                "delay_frames": _whole(computer["delay_frames"], 1, f"{path.name}, computer"),
+            }
         ),
-        stick=StickShaping(**{**shaping, **stick, "delay_frames": _whole(stick["delay_frames"], 0, f"{where}.stick")}),
-        telemetry=Telemetry(**_numbers(_table(document, "telemetry", path.name), _TELEMETRY, f"{path.name}, telemetry")),
+        stick=StickShaping(
+            **{
+                **shaping,
+                **stick,
+                "delay_frames": _whole(stick["delay_frames"], 0, f"{where}.stick"),
+            }
+        ),
+        telemetry=Telemetry(
+            **_numbers(
+                _table(document, "telemetry", path.name), _TELEMETRY, f"{path.name}, telemetry"
+            )
+        ),
     )
 
 
@@ -244,9 +315,13 @@ def _document(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise DeclarationError("cannot be read", where=str(path), remedy="give the path of an existing file") from error
+        raise DeclarationError(
+            "cannot be read", where=str(path), remedy="give the path of an existing file"
+        ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise DeclarationError(f"is not TOML ({error})", where=str(path), remedy="mend that place") from error
+        raise DeclarationError(
+            f"is not TOML ({error})", where=str(path), remedy="mend that place"
+        ) from error
 
 
 def _table(parent: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
@@ -259,33 +334,67 @@ def _table(parent: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
 def _actuator(name: str, table: Mapping[str, Any], file: str) -> Actuator:
     has_servo = any(key in table for key in _SERVO)
     where = f"{file}, surfaces.{name}"
-    actuator = Actuator(name=name, **_numbers(table, {**_ACTUATOR, **(_SERVO if has_servo else {})}, where))
+    actuator = Actuator(
+        name=name, **_numbers(table, {**_ACTUATOR, **(_SERVO if has_servo else {})}, where)
+    )
     if not actuator.lower < actuator.trim < actuator.upper:
-        raise DeclarationError(f"trim {actuator.trim:g} deg is not within its travel", where=where, remedy="give lower < trim < upper")
+        raise DeclarationError(
+            f"trim {actuator.trim:g} deg is not within its travel",
+            where=where,
+            remedy="give lower < trim < upper",
+        )
     if not (actuator.rate > 0 and actuator.ram > 0):
-        raise DeclarationError("rate or ram is not positive", where=where, remedy="give positive ones")
+        raise DeclarationError(
+            "rate or ram is not positive", where=where, remedy="give positive ones"
+        )
     return actuator
 
 
-def _numbers(table: Mapping[str, Any], units: Mapping[str, tuple[str, float]], where: str, vectors: tuple[str, ...] = ()) -> dict[str, Any]:
+def _numbers(
+    table: Mapping[str, Any],
+    units: Mapping[str, tuple[str, float]],
+    where: str,
+    vectors: tuple[str, ...] = (),
+) -> dict[str, Any]:
     for key in table:
         if key not in units:
-            raise DeclarationError(f"unknown key {key}", where=where, remedy=f"use {', '.join(units)}")
-    return {key: _number(table, key, unit, factor, where, key in vectors) for key, (unit, factor) in units.items()}
+            raise DeclarationError(
+                f"unknown key {key}", where=where, remedy=f"use {', '.join(units)}"
+            )
+    return {
+        key: _number(table, key, unit, factor, where, key in vectors)
+        for key, (unit, factor) in units.items()
+    }
 
 
-def _number(table: Mapping[str, Any], key: str, unit: str, factor: float, where: str, vector: bool) -> Any:
+def _number(
+    table: Mapping[str, Any], key: str, unit: str, factor: float, where: str, vector: bool
+) -> Any:
     entry = table.get(key)
     where = f"{where}.{key}"
     if not isinstance(entry, dict) or "value" not in entry:
-        raise DeclarationError("is missing", where=where, remedy=f'write {{value = ..., unit = "{unit}", origin = "own"}}')
+        raise DeclarationError(
+            "is missing",
+            where=where,
+            remedy=f'write {{value = ..., unit = "{unit}", origin = "own"}}',
+        )
     if entry.get("unit") != unit:
-        raise DeclarationError(f"unit {entry.get('unit')!r}", where=where, remedy=f"give the value in {unit}")
+        raise DeclarationError(
+            f"unit {entry.get('unit')!r}", where=where, remedy=f"give the value in {unit}"
+        )
     _origin(entry, where)
     value = entry["value"]
-    values = value if vector and isinstance(value, list) and len(value) == len(SURFACE_NAMES) else [value]
+    values = (
+        value
+        if vector and isinstance(value, list) and len(value) == len(SURFACE_NAMES)
+        else [value]
+    )
     if (vector and len(values) != len(SURFACE_NAMES)) or not all(_finite(item) for item in values):
-        raise DeclarationError(f"value {value!r}", where=where, remedy="give three numbers" if vector else "give one finite number")
+        raise DeclarationError(
+            f"value {value!r}",
+            where=where,
+            remedy="give three numbers" if vector else "give one finite number",
+        )
     return tuple(factor * float(item) for item in values) if vector else factor * float(value)
 
 
@@ -296,11 +405,17 @@ def _finite(item: object) -> bool:
 def _origin(entry: Mapping[str, Any], where: str) -> str:
     mark = entry.get("origin")
     if mark not in _ORIGINS:
-        raise DeclarationError(f"origin {mark!r}", where=where, remedy=f"use one of {', '.join(_ORIGINS)}")
+        raise DeclarationError(
+            f"origin {mark!r}", where=where, remedy=f"use one of {', '.join(_ORIGINS)}"
+        )
     return _ORIGINS[mark]
 
 
 def _whole(value: float, least: int, where: str) -> int:
     if value != int(value) or value < least:
-        raise DeclarationError(f"delay_frames {value:g}", where=where, remedy=f"give a whole number of frames, {least} or more")
+        raise DeclarationError(
+            f"delay_frames {value:g}",
+            where=where,
+            remedy=f"give a whole number of frames, {least} or more",
+        )
     return int(value)

@@ -1,17 +1,21 @@
-"""Equations of the closed loop: matrices of its parts, steps with rate and position limits, any computing delay.
+"""Equations of the closed loop: matrices of its parts, steps with rate and position limits, any
+computing delay.
 
-Every block is written here once. ``sim.closed_loop.linear`` gives the blocks signal names and joins them with python-control;
-``sim.closed_loop.nonlinear`` steps them with limits.
+Every block is written here once. ``sim.closed_loop.linear`` gives the blocks signal names and joins
+them with python-control; ``sim.closed_loop.nonlinear`` steps them with limits.
 
-The rams are piecewise linear: free, at their rate limit, or at an end of the travel. Within one of these modes the whole plant
-is linear and is stepped exactly by a matrix exponential. The span is looked at in ``pieces`` equal steps. While no limit is
-met at any of them, one exponential covers the whole span. Where a step ends beyond a limit, the instant of the change is
-found by halving that step ``_HALVINGS`` times. Two errors remain: the instant, to 2^-20 of a piece, where the rate is continuous so
-that the state is wrong in second order only; and a limit met and left again within one piece, which is not seen. On flights
-whose surfaces run at their limits 1 to 64 pieces a frame agree to 1e-9 rad in alpha.
+The rams are piecewise linear: free, at their rate limit, or at an end of the travel. Within one of
+these modes the whole plant is linear and is stepped exactly by a matrix exponential. The span is
+looked at in ``pieces`` equal steps. While no limit is met at any of them, one exponential covers
+the whole span. Where a step ends beyond a limit, the instant of the change is found by halving that
+step ``_HALVINGS`` times. Two errors remain: the instant, to 2^-20 of a piece, where the rate is
+continuous so that the state is wrong in second order only; and a limit met and left again within
+one piece, which is not seen. On flights whose surfaces run at their limits 1 to 64 pieces a frame
+agree to 1e-9 rad in alpha.
 
-The computer reads its sensors at a frame and moves the command ``late`` seconds after it, whatever ``delay_frames`` of its law says. The command
-holds until the next one comes, so sampling is exact: over a frame the old command acts for the rest of ``late``, then the new one.
+The computer reads its sensors at a frame and moves the command ``late`` seconds after it, whatever
+``delay_frames`` of its law says. The command holds until the next one comes, so sampling is exact:
+over a frame the old command acts for the rest of ``late``, then the new one.
 """
 
 from __future__ import annotations
@@ -40,7 +44,9 @@ OUTPUT_NAMES = ("alpha", "q", "nz", "canard", "flaperon", "strake", "gyro", "acc
 
 @dataclass(frozen=True, eq=False)
 class Matrices:
-    """x_dot (or the next x) = A x + B u, y = C x + D u; arrays ``(n, n)``, ``(n, m)``, ``(p, n)``, ``(p, m)``."""
+    """x_dot (or the next x) = A x + B u, y = C x + D u; arrays ``(n, n)``, ``(n, m)``, ``(p, n)``,
+    ``(p, m)``.
+    """
 
     A: np.ndarray
     B: np.ndarray
@@ -49,7 +55,9 @@ class Matrices:
 
 
 def airframe_matrices(airframe: Airframe) -> Matrices:
-    """Short period. States alpha, q (rad, rad/s); inputs the surfaces (deg); outputs alpha, q, incremental nz (g)."""
+    """Short period. States alpha, q (rad, rad/s); inputs the surfaces (deg); outputs alpha, q,
+    incremental nz (g).
+    """
     A = np.array([[airframe.L_alpha, airframe.L_q], [airframe.M_alpha, airframe.M_q]])
     B = np.array([airframe.L_surface, airframe.M_surface])
     per_g = -airframe.airspeed / airframe.gravity
@@ -59,13 +67,17 @@ def airframe_matrices(airframe: Airframe) -> Matrices:
 
 
 def actuator_matrices(actuator: Actuator) -> Matrices:
-    """Servo (where there is one) and ram. Input: command (deg); output and last state: the surface (deg)."""
+    """Servo (where there is one) and ram. Input: command (deg); output and last state: the surface
+    (deg).
+    """
     p = actuator.ram
     if actuator.servo_frequency is None or actuator.servo_damping is None:
         return Matrices(np.array([[-p]]), np.array([[p]]), np.eye(1), np.zeros((1, 1)))
     w, zeta = actuator.servo_frequency, actuator.servo_damping
     A = np.array([[0.0, 1.0, 0.0], [-w * w, -2.0 * zeta * w, 0.0], [p, 0.0, -p]])
-    return Matrices(A, np.array([[0.0], [w * w], [0.0]]), np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 1)))
+    return Matrices(
+        A, np.array([[0.0], [w * w], [0.0]]), np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 1))
+    )
 
 
 def sensor_matrices(sensor: Sensor, gain: float) -> Matrices:
@@ -82,8 +94,8 @@ class Plant:
     Attributes
     ----------
     A, B : ``(n, n)`` and ``(n, 3)``; inputs are the surface commands (deg, about trim).
-    C : ``(8, n)``, outputs in the order of ``OUTPUT_NAMES``; there is no feedthrough, gyro in deg/s, nz incremental.
-    rams : states that are the three surfaces' positions.
+    C : ``(8, n)``, outputs in the order of ``OUTPUT_NAMES``; there is no feedthrough, gyro in
+    deg/s, nz incremental. rams : states that are the three surfaces' positions.
     """
 
     A: np.ndarray
@@ -93,7 +105,9 @@ class Plant:
 
 
 def plant(x29: X29) -> Plant:
-    """The continuous part of the loop in the state order alpha, q, canard, flaperon, strake, gyro, accelerometer."""
+    """The continuous part of the loop in the state order alpha, q, canard, flaperon, strake, gyro,
+    accelerometer.
+    """
     short_period = airframe_matrices(x29.airframe)
     actuators = [actuator_matrices(surface) for surface in x29.surfaces]
     sensors = [sensor_matrices(x29.gyro, 1.0 / DEGREE), sensor_matrices(x29.accelerometer, 1.0)]
@@ -124,16 +138,25 @@ def mixing(x29: X29) -> np.ndarray:
 
 
 def shape_stick(stick: np.ndarray, shaping: StickShaping) -> np.ndarray:
-    """Break-out and gearing: inches to g, any shape; K e (1 + curvature |e|) with e = sign(stick) max(|stick| - dead band, 0)."""
+    """Break-out and gearing: inches to g, any shape; K e (1 + curvature |e|) with e = sign(stick)
+    max(|stick| - dead band, 0).
+    """
     beyond = np.maximum(np.abs(stick) - shaping.dead_band, 0.0)
     return np.asarray(shaping.gain * np.sign(stick) * beyond * (1.0 + shaping.curvature * beyond))
 
 
 def shaping_matrices(shaping: StickShaping, frame: float) -> Matrices:
-    """From the geared stick (g) to the reference r (g): N frames of delay, then the lag by Tustin's rule; sampled."""
+    """From the geared stick (g) to the reference r (g): N frames of delay, then the lag by Tustin's
+    rule; sampled.
+    """
     a, b0, b1 = _tustin(1.0, 0.0, 1.0, 1.0 / shaping.lag, frame)
     n = shaping.delay_frames
-    A, B, C, D = np.zeros((n + 1, n + 1)), np.zeros((n + 1, 1)), np.zeros((1, n + 1)), np.zeros((1, 1))
+    A, B, C, D = (
+        np.zeros((n + 1, n + 1)),
+        np.zeros((n + 1, 1)),
+        np.zeros((1, n + 1)),
+        np.zeros((1, 1)),
+    )
     A[1:n, : n - 1] = np.eye(n - 1) if n > 1 else 0.0
     A[n, n], C[0, n] = a, 1.0
     if n:
@@ -144,9 +167,11 @@ def shaping_matrices(shaping: StickShaping, frame: float) -> Matrices:
 
 
 def law_matrices(law: ControlLaw) -> Matrices:
-    """The sampled law. Inputs r (g), gyro (deg/s), accelerometer (g); output u_p (deg), delayed by whole frames.
+    """The sampled law. Inputs r (g), gyro (deg/s), accelerometer (g); output u_p (deg), delayed by
+    whole frames.
 
-    States: lead-lag, integrator, then the commands on their way out. The delay leaves no direct path from input to u_p.
+    States: lead-lag, integrator, then the commands on their way out. The delay leaves no direct
+    path from input to u_p.
     """
     frame = 1.0 / law.frame_rate
     a, b0, b1 = _tustin(1.0, 1.0 / law.lead, 1.0, 1.0 / law.lag, frame)
@@ -164,7 +189,9 @@ def law_matrices(law: ControlLaw) -> Matrices:
 
 
 def _tustin(n0: float, n1: float, d0: float, d1: float, frame: float) -> tuple[float, float, float]:
-    """(n0 + n1 s)/(d0 + d1 s) as y = a y' + b0 u + b1 u' (primes: the frame before), s = (2/T)(z - 1)/(z + 1); returns a, b0, b1."""
+    """(n0 + n1 s)/(d0 + d1 s) as y = a y' + b0 u + b1 u' (primes: the frame before), s = (2/T)(z -
+    1)/(z + 1); returns a, b0, b1.
+    """
     c = 2.0 / frame
     denominator = d0 + d1 * c
     return (d1 * c - d0) / denominator, (n0 + n1 * c) / denominator, (n0 - n1 * c) / denominator
@@ -173,7 +200,8 @@ def _tustin(n0: float, n1: float, d0: float, d1: float, frame: float) -> tuple[f
 # ---- Steps the continuous part of the loop through a span with constant commands
 
 _HALVINGS = 20
-# Slack before a limit counts as passed, in parts of the limit; it keeps rounding from switching a mode to and fro.
+# Slack before a limit counts as passed, in parts of the limit; it keeps rounding from switching a
+# mode to and fro.
 _SLACK = 1e-10
 
 
@@ -197,11 +225,12 @@ class Stepper:
 
     Attributes
     ----------
-    free : ``(m, m)``, moves the extended state (plant state, three commands, 1) over the span with every ram free.
-    watch : ``(k, m)``, rates and positions of the rams at the ends of the pieces, scaled so that the limits are -1 and 1.
-    ram_rate : ``(3, m)``, rates the rams would have when free, deg/s.
-    rams, rates, lower, upper : positions in the state, and limits about trim, deg/s and deg.
-    powers : for a set of modes the exponentials of a piece halved 0, 1, ... times, ``(21, m, m)``; made once each.
+    free : ``(m, m)``, moves the extended state (plant state, three commands, 1) over the span with
+    every ram free. watch : ``(k, m)``, rates and positions of the rams at the ends of the pieces,
+    scaled so that the limits are -1 and 1. ram_rate : ``(3, m)``, rates the rams would have when
+    free, deg/s. rams, rates, lower, upper : positions in the state, and limits about trim, deg/s
+    and deg. powers : for a set of modes the exponentials of a piece halved 0, 1, ... times, ``(21,
+    m, m)``; made once each.
     """
 
     free: np.ndarray
@@ -241,16 +270,33 @@ def prepare(x29: X29, plant: Plant, span: float, pieces: int) -> Stepper:
         for i, mode in enumerate(modes):
             if mode is not RamMode.FREE:
                 moved[rams[i]] = 0.0
-                moved[rams[i], -1] = {RamMode.RATE_UP: rates[i], RamMode.RATE_DOWN: -rates[i]}.get(mode, 0.0)
-        return np.asarray(expm(moved * (span / pieces * 0.5 ** np.arange(_HALVINGS + 1))[:, None, None]))
+                moved[rams[i], -1] = {RamMode.RATE_UP: rates[i], RamMode.RATE_DOWN: -rates[i]}.get(
+                    mode, 0.0
+                )
+        return np.asarray(
+            expm(moved * (span / pieces * 0.5 ** np.arange(_HALVINGS + 1))[:, None, None])
+        )
 
-    return Stepper(at[-1], np.concatenate([scaled @ matrix for matrix in at]), ram_rate, rams, rates, lower, upper, pieces, powers)
+    return Stepper(
+        at[-1],
+        np.concatenate([scaled @ matrix for matrix in at]),
+        ram_rate,
+        rams,
+        rates,
+        lower,
+        upper,
+        pieces,
+        powers,
+    )
 
 
-def advance(stepper: Stepper, state: np.ndarray, modes: Modes) -> tuple[np.ndarray, Modes, tuple[Modes, ...]]:
+def advance(
+    stepper: Stepper, state: np.ndarray, modes: Modes
+) -> tuple[np.ndarray, Modes, tuple[Modes, ...]]:
     """Moves the extended state ``(m,)`` over the span.
 
-    Returns the state and modes at its end, and the modes that were active on the way in order (empty when all rams were free).
+    Returns the state and modes at its end, and the modes that were active on the way in order
+    (empty when all rams were free).
     """
     if modes == ALL_FREE and np.abs(stepper.watch @ state).max() <= 1.0 + _SLACK:
         return stepper.free @ state, modes, ()
@@ -283,13 +329,21 @@ def _modes_after(stepper: Stepper, state: np.ndarray, modes: Modes) -> Modes:
     rates = (stepper.ram_rate @ state).tolist()
     positions = [float(state[i]) for i in stepper.rams]
     return (
-        _mode_after(modes[0], rates[0], positions[0], stepper.rates[0], stepper.lower[0], stepper.upper[0]),
-        _mode_after(modes[1], rates[1], positions[1], stepper.rates[1], stepper.lower[1], stepper.upper[1]),
-        _mode_after(modes[2], rates[2], positions[2], stepper.rates[2], stepper.lower[2], stepper.upper[2]),
+        _mode_after(
+            modes[0], rates[0], positions[0], stepper.rates[0], stepper.lower[0], stepper.upper[0]
+        ),
+        _mode_after(
+            modes[1], rates[1], positions[1], stepper.rates[1], stepper.lower[1], stepper.upper[1]
+        ),
+        _mode_after(
+            modes[2], rates[2], positions[2], stepper.rates[2], stepper.lower[2], stepper.upper[2]
+        ),
     )
 
 
-def _mode_after(mode: RamMode, wanted: float, position: float, rate: float, lower: float, upper: float) -> RamMode:
+def _mode_after(
+    mode: RamMode, wanted: float, position: float, rate: float, lower: float, upper: float
+) -> RamMode:
     slack = _SLACK * (upper - lower)
     within = lower - slack <= position <= upper + slack
     if mode is RamMode.FREE:
@@ -326,8 +380,9 @@ def _put_on_stops(stepper: Stepper, state: np.ndarray, modes: Modes) -> None:
 
 @dataclass(frozen=True, eq=False)
 class LateLoop:
-    """A loop in its three sampled parts: plant from ``u_p`` to ``OUTPUT_NAMES``, law from r, gyro and accelerometer to ``u_p`` without any
-    delay, stick shaping from stick to r; and the sample time, s."""
+    """A loop in its three sampled parts: plant from ``u_p`` to ``OUTPUT_NAMES``, law from r, gyro
+    and accelerometer to ``u_p`` without any delay, stick shaping from stick to r; and the sample
+    time, s."""
 
     plant: StateSpace
     law: StateSpace
@@ -344,7 +399,9 @@ class LateLoop:
         return back * control.ss(plant.A, plant.B, plant.C[6:8], plant.D[6:8], self.frame)
 
     def response(self, omega: np.ndarray) -> np.ndarray:
-        """Response of alpha, q and incremental nz to the stick from frame to frame, complex ``(3, n)``, per inch; ``omega`` in rad/s."""
+        """Response of alpha, q and incremental nz to the stick from frame to frame, complex ``(3,
+        n)``, per inch; ``omega`` in rad/s.
+        """
         z = np.exp(1j * np.asarray(omega) * self.frame)
         moved, law, shaped = (_at(block, z) for block in (self.plant, self.law, self.shaping))
         returned = -(law[:, 0, 1] * moved[:, 6, 0] + law[:, 0, 2] * moved[:, 7, 0])
@@ -352,14 +409,19 @@ class LateLoop:
 
 
 def late_loop(x29: X29, late: float) -> LateLoop:
-    """The loop of ``x29`` with commands ``late`` s after the frame whose sensors they were computed from. Raises ModelError for a negative one."""
+    """The loop of ``x29`` with commands ``late`` s after the frame whose sensors they were computed
+    from. Raises ModelError for a negative one.
+    """
     import control
 
     if not late >= 0.0:
-        raise ModelError(f"a computing delay of {late:g} s", where="late_loop", remedy="give 0 or more")
+        raise ModelError(
+            f"a computing delay of {late:g} s", where="late_loop", remedy="give 0 or more"
+        )
     law = law_matrices(replace(x29.law, delay_frames=1))
     shaping, gain = shaping_matrices(x29.stick, x29.frame), x29.stick.gain
-    # Of a law with one frame of delay the third state is the command on its way: its row is the law without delay.
+    # Of a law with one frame of delay the third state is the command on its way: its row is the law
+    # without delay.
     return LateLoop(
         _late_plant(x29, late),
         control.ss(law.A[:2, :2], law.B[:2], law.A[2:3, :2], law.B[2:3], x29.frame),
@@ -369,19 +431,28 @@ def late_loop(x29: X29, late: float) -> LateLoop:
 
 
 def _at(block: StateSpace, z: np.ndarray) -> np.ndarray:
-    """Transfer matrices ``(n, outputs, inputs)`` at ``z (n,)``, all in one solution; python-control's own call takes one point after the other."""
+    """Transfer matrices ``(n, outputs, inputs)`` at ``z (n,)``, all in one solution;
+    python-control's own call takes one point after the other.
+    """
     resolvent = z[:, None, None] * np.eye(block.nstates) - block.A
-    return np.asarray(block.C @ np.linalg.solve(resolvent, np.broadcast_to(block.B, (z.size, *block.B.shape))) + block.D)
+    return np.asarray(
+        block.C @ np.linalg.solve(resolvent, np.broadcast_to(block.B, (z.size, *block.B.shape)))
+        + block.D
+    )
 
 
 def _late_plant(x29: X29, late: float) -> StateSpace:
-    """From u_p to ``OUTPUT_NAMES``; states: the plant's, then the commands of the frames before, the latest first."""
+    """From u_p to ``OUTPUT_NAMES``; states: the plant's, then the commands of the frames before,
+    the latest first.
+    """
     import control
 
     system, T = plant(x29), x29.frame
     whole = int(np.floor(late / T + 1e-9))
     rest = max(late - whole * T, 0.0)
-    continuous = control.ss(system.A, system.B @ mixing(x29)[:, None], system.C, np.zeros((len(OUTPUT_NAMES), 1)))
+    continuous = control.ss(
+        system.A, system.B @ mixing(x29)[:, None], system.C, np.zeros((len(OUTPUT_NAMES), 1))
+    )
     after = control.sample_system(continuous, T - rest, "zoh")
     n, m = system.A.shape[0], whole + 1
     A, B = np.zeros((n + m, n + m)), np.zeros((n + m, 1))

@@ -1,14 +1,17 @@
 """The linear closed loop as python-control systems, and its low-order equivalent system.
 
-The reading that reproduces the reference margins of P, S and F: airframe, actuators and both sensors are sampled together by exact
-hold at 80 Hz (the hold is on u_p); lead-lag and integrator by Tustin's rule; one frame of computing delay after them; nz is
-taken at the centre of gravity and includes the surfaces' lift; the loop is broken at u_p, the command of the computer before mixing.
+The reading that reproduces the reference margins of P, S and F: airframe, actuators and both
+sensors are sampled together by exact hold at 80 Hz (the hold is on u_p); lead-lag and integrator by
+Tustin's rule; one frame of computing delay after them; nz is taken at the centre of gravity and
+includes the surfaces' lift; the loop is broken at u_p, the command of the computer before mixing.
 
-Signals: ``stick`` (in), ``r`` (g), ``u_p`` (deg), ``canard flaperon strake`` (deg), ``alpha`` (rad), ``q`` (rad/s), ``nz``
-(incremental, g), ``gyro`` (deg/s), ``accelerometer`` (g). Dead band and curvature of the stick are absent here: gain K alone.
+Signals: ``stick`` (in), ``r`` (g), ``u_p`` (deg), ``canard flaperon strake`` (deg), ``alpha``
+(rad), ``q`` (rad/s), ``nz`` (incremental, g), ``gyro`` (deg/s), ``accelerometer`` (g). Dead band
+and curvature of the stick are absent here: gain K alone.
 
-The low-order system with stick s (in): delta_dot = inv_tau (s(t - delay) - delta), alpha_dot = L_alpha alpha + L_q q + L_delta delta,
-q_dot = M_alpha alpha + M_q q + M_delta delta, nz = -(V/g) [L_alpha alpha + (L_q - 1) q + L_delta delta].
+The low-order system with stick s (in): delta_dot = inv_tau (s(t - delay) - delta), alpha_dot =
+L_alpha alpha + L_q q + L_delta delta, q_dot = M_alpha alpha + M_q q + M_delta delta, nz = -(V/g)
+[L_alpha alpha + (L_q - 1) q + L_delta delta].
 """
 
 from __future__ import annotations
@@ -62,15 +65,37 @@ class Margins:
 
 
 def continuous_plant(x29: X29) -> StateSpace:
-    """Mixer, actuators, airframe and sensors: from ``u_p`` to every signal of ``OUTPUT_NAMES``; continuous, no limits."""
+    """Mixer, actuators, airframe and sensors: from ``u_p`` to every signal of ``OUTPUT_NAMES``;
+    continuous, no limits.
+    """
     import control
 
-    blocks = [_named(Matrices(*_empty(3, 1), mixing(x29)[:, None]), ["u_p"], [f"{name}_command" for name in SURFACE_NAMES], "mixer")]
+    blocks = [
+        _named(
+            Matrices(*_empty(3, 1), mixing(x29)[:, None]),
+            ["u_p"],
+            [f"{name}_command" for name in SURFACE_NAMES],
+            "mixer",
+        )
+    ]
     for surface in x29.surfaces:
-        blocks.append(_named(actuator_matrices(surface), [f"{surface.name}_command"], [surface.name], f"{surface.name}_actuator"))
-    blocks.append(_named(airframe_matrices(x29.airframe), list(SURFACE_NAMES), ["alpha", "q", "nz"], "airframe"))
+        blocks.append(
+            _named(
+                actuator_matrices(surface),
+                [f"{surface.name}_command"],
+                [surface.name],
+                f"{surface.name}_actuator",
+            )
+        )
+    blocks.append(
+        _named(
+            airframe_matrices(x29.airframe), list(SURFACE_NAMES), ["alpha", "q", "nz"], "airframe"
+        )
+    )
     blocks.append(_named(sensor_matrices(x29.gyro, 1.0 / DEGREE), ["q"], ["gyro"], "rate_gyro"))
-    blocks.append(_named(sensor_matrices(x29.accelerometer, 1.0), ["nz"], ["accelerometer"], "nz_sensor"))
+    blocks.append(
+        _named(sensor_matrices(x29.accelerometer, 1.0), ["nz"], ["accelerometer"], "nz_sensor")
+    )
     return control.interconnect(blocks, inputs=["u_p"], outputs=list(OUTPUT_NAMES), name="plant")
 
 
@@ -80,7 +105,9 @@ def sampled_plant(x29: X29) -> StateSpace:
 
 
 def control_law(x29: X29) -> StateSpace:
-    """The sampled law from ``r``, ``gyro``, ``accelerometer`` to ``u_p``, computing delay included."""
+    """The sampled law from ``r``, ``gyro``, ``accelerometer`` to ``u_p``, computing delay
+    included.
+    """
     return _named(law_matrices(x29.law), ["r", "gyro", "accelerometer"], ["u_p"], "law", x29.frame)
 
 
@@ -92,12 +119,26 @@ def stick_shaping(x29: X29) -> StateSpace:
 
 
 def open_loop(x29: X29) -> StateSpace:
-    """The sampled loop broken at u_p: from ``u_p`` to ``returned``, the negated command that comes back; 1 + L = 0 closes it."""
+    """The sampled loop broken at u_p: from ``u_p`` to ``returned``, the negated command that comes
+    back; 1 + L = 0 closes it.
+    """
     import control
 
     law = law_matrices(x29.law)
-    back = _named(Matrices(law.A, law.B[:, 1:], -law.C, -law.D[:, 1:]), ["gyro", "accelerometer"], ["returned"], "law", x29.frame)
-    return control.interconnect([sampled_plant(x29), back], inputs=["u_p"], outputs=["returned"], check_unused=False, name="open_loop")
+    back = _named(
+        Matrices(law.A, law.B[:, 1:], -law.C, -law.D[:, 1:]),
+        ["gyro", "accelerometer"],
+        ["returned"],
+        "law",
+        x29.frame,
+    )
+    return control.interconnect(
+        [sampled_plant(x29), back],
+        inputs=["u_p"],
+        outputs=["returned"],
+        check_unused=False,
+        name="open_loop",
+    )
 
 
 def closed_loop(x29: X29) -> StateSpace:
@@ -105,7 +146,9 @@ def closed_loop(x29: X29) -> StateSpace:
     import control
 
     blocks = [sampled_plant(x29), control_law(x29), stick_shaping(x29)]
-    return control.interconnect(blocks, inputs=["stick"], outputs=list(RESPONSE_NAMES), name="closed_loop")
+    return control.interconnect(
+        blocks, inputs=["stick"], outputs=list(RESPONSE_NAMES), name="closed_loop"
+    )
 
 
 def margins(x29: X29) -> Margins:
@@ -114,10 +157,11 @@ def margins(x29: X29) -> Margins:
 
 
 def loop_margins(loop: StateSpace, omega: np.ndarray) -> Margins:
-    """Margins of a sampled open loop by ``control.stability_margins`` on its frequency response at ``omega`` (rad/s), interpolated.
+    """Margins of a sampled open loop by ``control.stability_margins`` on its frequency response at
+    ``omega`` (rad/s), interpolated.
 
-    The polynomial method of the library is ill conditioned for this order; 4000 points up to the folding frequency are not.
-    A margin that does not exist is infinite (its crossover 0).
+    The polynomial method of the library is ill conditioned for this order; 4000 points up to the
+    folding frequency are not. A margin that does not exist is infinite (its crossover 0).
     """
     import control
 
@@ -135,19 +179,24 @@ def loop_margins(loop: StateSpace, omega: np.ndarray) -> Margins:
 
 
 def respond(x29: X29, stick: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Linear response to a stick given at every frame, shape ``(N,)``: time ``(N,)`` and signals of ``RESPONSE_NAMES``, ``(7, N)``."""
+    """Linear response to a stick given at every frame, shape ``(N,)``: time ``(N,)`` and signals of
+    ``RESPONSE_NAMES``, ``(7, N)``.
+    """
     import control
 
     time = x29.frame * np.arange(len(stick))
-    result = control.forced_response(closed_loop(x29), timepts=time, inputs=np.asarray(stick, dtype=float))
+    result = control.forced_response(
+        closed_loop(x29), timepts=time, inputs=np.asarray(stick, dtype=float)
+    )
     return time, np.asarray(result.outputs).reshape(len(RESPONSE_NAMES), -1)
 
 
 def frequency_response(x29: X29, omega: np.ndarray, recorded: bool = False) -> np.ndarray:
-    """Response of alpha, q and incremental nz to the stick, complex ``(3, len(omega))``, per inch; ``omega`` in rad/s.
+    """Response of alpha, q and incremental nz to the stick, complex ``(3, len(omega))``, per inch;
+    ``omega`` in rad/s.
 
-    Stick and outputs are taken at the same frames, so that the hold of the sampled stick is not part of it.
-    With ``recorded`` the stick is the recorded one, which leads by ``recorded_skew``.
+    Stick and outputs are taken at the same frames, so that the hold of the sampled stick is not
+    part of it. With ``recorded`` the stick is the recorded one, which leads by ``recorded_skew``.
     """
     response = np.asarray(closed_loop(x29)(np.exp(1j * np.asarray(omega) * x29.frame)))[:3, 0]
     skew = x29.stick.recorded_skew if recorded else 0.0
@@ -164,7 +213,8 @@ class LoopNoise:
     Attributes
     ----------
     gyro, accelerometer : deg/s and g, white from frame to frame, of the sensors that the law reads.
-    rough_air : deg of u_p, a disturbance of the surfaces with a time constant of ``rough_air_time`` s.
+    rough_air : deg of u_p, a disturbance of the surfaces with a time constant of ``rough_air_time``
+    s.
     """
 
     gyro: float = 0.05
@@ -173,7 +223,9 @@ class LoopNoise:
     rough_air_time: float = 0.3
 
 
-def loop_test(x29: X29, sweep: np.ndarray, rng: np.random.Generator, noise: LoopNoise = LoopNoise()) -> np.ndarray:
+def loop_test(
+    x29: X29, sweep: np.ndarray, rng: np.random.Generator, noise: LoopNoise = LoopNoise()
+) -> np.ndarray:
     """Fly the linear loop with an excitation that is added to the computer's command.
 
         command = sweep - returned,   returned = L command + what noise and rough air bring back
@@ -184,12 +236,19 @@ def loop_test(x29: X29, sweep: np.ndarray, rng: np.random.Generator, noise: Loop
 
     Returns
     -------
-    ``(5, N)``, the signals of ``LOOP_TEST_NAMES``: deg, deg, deg, rad/s and g (incremental), about trim.
+    ``(5, N)``, the signals of ``LOOP_TEST_NAMES``: deg, deg, deg, rad/s and g (incremental), about
+    trim.
     """
     import control
 
     law, frame = law_matrices(x29.law), x29.frame
-    back = _named(Matrices(law.A, law.B[:, 1:], -law.C, -law.D[:, 1:]), ["read_rate", "read_load"], ["returned"], "law", frame)
+    back = _named(
+        Matrices(law.A, law.B[:, 1:], -law.C, -law.D[:, 1:]),
+        ["read_rate", "read_load"],
+        ["returned"],
+        "law",
+        frame,
+    )
     sums = [
         control.summing_junction(["sweep", "-returned"], "command", name="command_sum"),
         control.summing_junction(["command", "rough_air"], "u_p", name="surface_sum"),
@@ -198,7 +257,13 @@ def loop_test(x29: X29, sweep: np.ndarray, rng: np.random.Generator, noise: Loop
     ]
     driven = ["sweep", "rough_air", "gyro_noise", "load_noise"]
     blocks = [sampled_plant(x29), back, *sums]
-    loop = control.interconnect(blocks, inputs=driven, outputs=list(LOOP_TEST_NAMES[1:]), check_unused=False, name="loop_test")
+    loop = control.interconnect(
+        blocks,
+        inputs=driven,
+        outputs=list(LOOP_TEST_NAMES[1:]),
+        check_unused=False,
+        name="loop_test",
+    )
     white = rng.standard_normal((3, len(sweep)))
     share = np.exp(-frame / noise.rough_air_time)
     air = np.zeros(len(sweep))
@@ -213,23 +278,29 @@ def _empty(outputs: int, inputs: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return np.zeros((0, 0)), np.zeros((0, inputs)), np.zeros((outputs, 0))
 
 
-def _named(block: Matrices, inputs: list[str], outputs: list[str], name: str, frame: float = 0.0) -> Any:
+def _named(
+    block: Matrices, inputs: list[str], outputs: list[str], name: str, frame: float = 0.0
+) -> Any:
     import control
 
     # Without states a block is continuous and sampled alike.
     dt = None if block.A.size == 0 else frame
-    return control.ss(block.A, block.B, block.C, block.D, dt, inputs=inputs, outputs=outputs, name=name)
+    return control.ss(
+        block.A, block.B, block.C, block.D, dt, inputs=inputs, outputs=outputs, name=name
+    )
 
 
 # ---- The low-order equivalent system of the linear loop
 
 FITTED_NAMES = ("L_alpha", "M_alpha", "M_q", "M_delta", "L_delta", "inv_tau", "delay")
-# The usual weights of equivalent-system matching: errors in dB, and sqrt(0.01745) per degree of phase.
+# The usual weights of equivalent-system matching: errors in dB, and sqrt(0.01745) per degree of
+# phase.
 _DECIBEL, _PHASE = 20.0 / math.log(10.0), math.sqrt(0.01745) * 180.0 / math.pi
 # Start of the search, and sizes of the parameters.
 _START = np.array([-2.0, -10.0, -4.0, 0.3, 0.0, 12.0, 0.1])
 _SCALE = np.array([1.0, 10.0, 3.0, 0.3, 0.01, 10.0, 0.1])
-_STEPS, _SETTLED = 12, 1e-6  # Gauss-Newton steps from nearby, and the last of them, in sizes of the parameters
+# Gauss-Newton steps from nearby, and the last of them, in sizes of the parameters
+_STEPS, _SETTLED = 12, 1e-6
 
 
 class FitOutcome(Enum):
@@ -249,7 +320,8 @@ class EquivalentSystem:
     M_delta, L_delta : per inch of stick, 1/s2/in and 1/s/in; M_delta > 0 for a nose-up stick.
     inv_tau, delay : 1/s, s.
     natural_frequency, damping_ratio : undamped short-period frequency w (rad/s) and damping, from
-        w^2 = L_alpha M_q - L_q M_alpha and 2 damping w = -(L_alpha + M_q); both 0 where w^2 is not positive.
+        w^2 = L_alpha M_q - L_q M_alpha and 2 damping w = -(L_alpha + M_q); both 0 where w^2 is not
+        positive.
     mismatch : mean over channels and frequencies of (error in dB)^2 + 0.01745 (error in deg)^2.
     outcome : how the search ended.
     """
@@ -268,12 +340,15 @@ class EquivalentSystem:
     outcome: FitOutcome
 
 
-def equivalent_system(x29: X29, L_q: float = 1.01, low: float = 0.35, high: float = 14.0, points: int = 40) -> EquivalentSystem:
-    """Equivalent of the recorded linear loop: stick as recorded (its skew counts as delay), ``points`` from ``low`` to ``high`` rad/s.
+def equivalent_system(
+    x29: X29, L_q: float = 1.01, low: float = 0.35, high: float = 14.0, points: int = 40
+) -> EquivalentSystem:
+    """Equivalent of the recorded linear loop: stick as recorded (its skew counts as delay),
+    ``points`` from ``low`` to ``high`` rad/s.
 
-    The response is taken from frame to frame, without the hold of the sampled stick; the delay of a record whose stick is held
-    between 40 Hz samples comes out about half a frame (6 ms) shorter. L_delta is poorly determined:
-    mostly what an ``L_q`` leaves that is not the airframe's.
+    The response is taken from frame to frame, without the hold of the sampled stick; the delay of a
+    record whose stick is held between 40 Hz samples comes out about half a frame (6 ms) shorter.
+    L_delta is poorly determined: mostly what an ``L_q`` leaves that is not the airframe's.
     """
     omega = np.geomspace(low, high, points)
     response = frequency_response(x29, omega, recorded=True)
@@ -281,20 +356,25 @@ def equivalent_system(x29: X29, L_q: float = 1.01, low: float = 0.35, high: floa
 
 
 def fit_equivalent(
-    omega: np.ndarray, response: np.ndarray, airspeed: float, gravity: float, L_q: float = 1.01, near: EquivalentSystem | None = None
+    omega: np.ndarray,
+    response: np.ndarray,
+    airspeed: float,
+    gravity: float,
+    L_q: float = 1.01,
+    near: EquivalentSystem | None = None,
 ) -> EquivalentSystem:
     """Fits a low-order equivalent system to responses of alpha, q and nz per inch of stick.
 
     Parameters
     ----------
     omega : ``(n,)``, rad/s, positive.
-    response : complex ``(3, n)``: alpha (rad/in), q (rad/s/in), incremental nz (g/in), nowhere zero.
-    airspeed, gravity : m/s, m/s2.
-    L_q : held at this value.
-    near : the equivalent of a loop nearby: a few Gauss-Newton steps from it, and the whole search only where they do not settle.
+    response : complex ``(3, n)``: alpha (rad/in), q (rad/s/in), incremental nz (g/in), nowhere
+    zero. airspeed, gravity : m/s, m/s2. L_q : held at this value. near : the equivalent of a loop
+    nearby: a few Gauss-Newton steps from it, and the whole search only where they do not settle.
 
-    Returns the least-squares fit of gain in dB and weighted phase over all three channels with equal weight.
-    Raises ModelError when shapes do not agree, a frequency is not positive, or a response is zero or not finite.
+    Returns the least-squares fit of gain in dB and weighted phase over all three channels with
+    equal weight. Raises ModelError when shapes do not agree, a frequency is not positive, or a
+    response is zero or not finite.
     """
     from scipy.optimize import least_squares
 
@@ -306,44 +386,79 @@ def fit_equivalent(
             remedy="give (3, n) at n >= 3 positive frequencies",
         )
     if not (np.all(np.isfinite(response)) and np.all(response != 0)):
-        raise ModelError("a response is zero or not finite", where="fit_equivalent", remedy="leave that frequency out")
+        raise ModelError(
+            "a response is zero or not finite",
+            where="fit_equivalent",
+            remedy="leave that frequency out",
+        )
 
     def errors(p: np.ndarray) -> np.ndarray:
-        ratio = np.log(equivalent_response(dict(zip(FITTED_NAMES, p, strict=True)), omega, airspeed, gravity, L_q) / response)
+        ratio = np.log(
+            equivalent_response(
+                dict(zip(FITTED_NAMES, p, strict=True)), omega, airspeed, gravity, L_q
+            )
+            / response
+        )
         return np.concatenate([_DECIBEL * ratio.real.ravel(), _PHASE * ratio.imag.ravel()])
 
-    if near is not None and (settled := _from_near(near, omega, response, airspeed, gravity, L_q)) is not None:
+    if (
+        near is not None
+        and (settled := _from_near(near, omega, response, airspeed, gravity, L_q)) is not None
+    ):
         return settled
-    found = least_squares(errors, _START, x_scale=_SCALE, xtol=1e-12, ftol=1e-14, gtol=1e-12, max_nfev=2000)
+    found = least_squares(
+        errors, _START, x_scale=_SCALE, xtol=1e-12, ftol=1e-14, gtol=1e-12, max_nfev=2000
+    )
     outcome = FitOutcome.CONVERGED if found.status > 0 else FitOutcome.NOT_CONVERGED
     return _system(found.x, L_q, float(2.0 * found.cost / response.size), outcome)
 
 
 def _from_near(
-    near: EquivalentSystem, omega: np.ndarray, response: np.ndarray, airspeed: float, gravity: float, L_q: float
+    near: EquivalentSystem,
+    omega: np.ndarray,
+    response: np.ndarray,
+    airspeed: float,
+    gravity: float,
+    L_q: float,
 ) -> EquivalentSystem | None:
-    """The same fit by Gauss-Newton steps from an equivalent nearby, all slopes in one call; None where it does not settle."""
+    """The same fit by Gauss-Newton steps from an equivalent nearby, all slopes in one call; None
+    where it does not settle.
+    """
     p, nudge = np.array([getattr(near, name) for name in FITTED_NAMES]), 1e-7 * _SCALE
 
     def errors(columns: np.ndarray) -> np.ndarray:
         values = dict(zip(FITTED_NAMES, columns[:, :, None], strict=True))
-        ratio = np.log(equivalent_response(values, omega, airspeed, gravity, L_q) / response[:, None, :])
-        return np.concatenate([_DECIBEL * ratio.real, _PHASE * ratio.imag]).transpose(0, 2, 1).reshape(-1, columns.shape[1])
+        ratio = np.log(
+            equivalent_response(values, omega, airspeed, gravity, L_q) / response[:, None, :]
+        )
+        return (
+            np.concatenate([_DECIBEL * ratio.real, _PHASE * ratio.imag])
+            .transpose(0, 2, 1)
+            .reshape(-1, columns.shape[1])
+        )
 
     with np.errstate(all="ignore"):
         for _ in range(_STEPS):
             found = errors(p[:, None] + np.column_stack([np.zeros(len(p)), np.diag(nudge)]))
             if not np.all(np.isfinite(found)):
                 return None
-            step = np.linalg.lstsq((found[:, 1:] - found[:, :1]) / 1e-7, -found[:, 0], rcond=None)[0]
+            step = np.linalg.lstsq((found[:, 1:] - found[:, :1]) / 1e-7, -found[:, 0], rcond=None)[
+                0
+            ]
             p = p + _SCALE * step
             if np.abs(step).max() < _SETTLED:
-                return _system(p, L_q, float(found[:, 0] @ found[:, 0] / response.size), FitOutcome.CONVERGED)
+                return _system(
+                    p, L_q, float(found[:, 0] @ found[:, 0] / response.size), FitOutcome.CONVERGED
+                )
     return None
 
 
-def _system(fitted: np.ndarray, L_q: float, mismatch: float, outcome: FitOutcome) -> EquivalentSystem:
-    """The system of fitted values in the order of ``FITTED_NAMES``, with its frequency and damping."""
+def _system(
+    fitted: np.ndarray, L_q: float, mismatch: float, outcome: FitOutcome
+) -> EquivalentSystem:
+    """The system of fitted values in the order of ``FITTED_NAMES``, with its frequency and
+    damping.
+    """
     values = {name: float(value) for name, value in zip(FITTED_NAMES, fitted, strict=True)}
     stiffness = values["L_alpha"] * values["M_q"] - L_q * values["M_alpha"]
     frequency = math.sqrt(stiffness) if stiffness > 0 else 0.0
@@ -358,9 +473,15 @@ def _system(fitted: np.ndarray, L_q: float, mismatch: float, outcome: FitOutcome
     )
 
 
-def equivalent_response(values: Mapping[str, Any], omega: np.ndarray, airspeed: float, gravity: float, L_q: float) -> np.ndarray:
-    """Response of alpha, q and incremental nz to the stick for values of ``FITTED_NAMES``, complex ``(3, n)``; of values ``(k, 1)`` ``(3, k, n)``."""
-    L_alpha, M_alpha, M_q, M_delta, L_delta, inv_tau, delay = (values[name] for name in FITTED_NAMES)
+def equivalent_response(
+    values: Mapping[str, Any], omega: np.ndarray, airspeed: float, gravity: float, L_q: float
+) -> np.ndarray:
+    """Response of alpha, q and incremental nz to the stick for values of ``FITTED_NAMES``, complex
+    ``(3, n)``; of values ``(k, 1)`` ``(3, k, n)``.
+    """
+    L_alpha, M_alpha, M_q, M_delta, L_delta, inv_tau, delay = (
+        values[name] for name in FITTED_NAMES
+    )
     s = 1j * omega
     delta = inv_tau / (s + inv_tau) * np.exp(-s * delay)
     determinant = (s - L_alpha) * (s - M_q) - L_q * M_alpha

@@ -1,6 +1,8 @@
-"""The sampled closed loop flown with its limits and break-out, under the pilot's stick, and recorded as telemetry.
+"""The sampled closed loop flown with its limits and break-out, under the pilot's stick, and
+recorded as telemetry.
 
-What comes near a limit is left to be stepped by ``sim.closed_loop.equations``, frame by frame, which is exact there.
+What comes near a limit is left to be stepped by ``sim.closed_loop.equations``, frame by frame,
+which is exact there.
 """
 
 from __future__ import annotations
@@ -56,9 +58,11 @@ class SteppedStick:
 
 @dataclass(frozen=True)
 class SmoothStick:
-    """A stepped stick through a critically damped second-order hand, bandwidth w (rad/s), in closed form.
+    """A stepped stick through a critically damped second-order hand, bandwidth w (rad/s), in closed
+    form.
 
-    Each change d of level at t_i adds d [1 - (1 + w s) exp(-w s)] with s = t - t_i > 0. Errors as for SteppedStick.
+    Each change d of level at t_i adds d [1 - (1 + w s) exp(-w s)] with s = t - t_i > 0. Errors as
+    for SteppedStick.
     """
 
     times: tuple[float, ...]
@@ -68,7 +72,9 @@ class SmoothStick:
     def __post_init__(self) -> None:
         _check(self.times, self.levels)
         if not self.bandwidth > 0:
-            raise ModelError(f"bandwidth {self.bandwidth:g} rad/s", where="stick", remedy="give a positive one")
+            raise ModelError(
+                f"bandwidth {self.bandwidth:g} rad/s", where="stick", remedy="give a positive one"
+            )
 
     def __call__(self, time: np.ndarray) -> np.ndarray:
         since = np.maximum(np.asarray(time)[..., None] - np.array(self.times), 0.0) * self.bandwidth
@@ -76,8 +82,12 @@ class SmoothStick:
         return np.asarray((1.0 - (1.0 + since) * np.exp(-since)) @ changes)
 
 
-def three_two_one_one(amplitude: float = 1.0, unit: float = 0.5, start: float = 1.0) -> SteppedStick:
-    """The 3-2-1-1: +, -, +, - for 3, 2, 1 and 1 units (s) from ``start`` (s), then 0; a negative amplitude (in) turns the sign."""
+def three_two_one_one(
+    amplitude: float = 1.0, unit: float = 0.5, start: float = 1.0
+) -> SteppedStick:
+    """The 3-2-1-1: +, -, +, - for 3, 2, 1 and 1 units (s) from ``start`` (s), then 0; a negative
+    amplitude (in) turns the sign.
+    """
     return alternating((3.0, 2.0, 1.0, 1.0), amplitude, unit, start)
 
 
@@ -86,24 +96,38 @@ def doublet(amplitude: float = 1.0, unit: float = 1.0, start: float = 1.0) -> St
     return alternating((1.0, 1.0), amplitude, unit, start)
 
 
-def alternating(lengths: tuple[float, ...], amplitude: float, unit: float, start: float) -> SteppedStick:
-    """Steps of alternating sign, ``lengths`` in units (s), then 0; switches at ``start + unit * sum(lengths so far)``."""
+def alternating(
+    lengths: tuple[float, ...], amplitude: float, unit: float, start: float
+) -> SteppedStick:
+    """Steps of alternating sign, ``lengths`` in units (s), then 0; switches at ``start + unit *
+    sum(lengths so far)``.
+    """
     edges = np.concatenate([[0.0], np.cumsum(lengths)])
     levels = [amplitude * (-1.0) ** i for i in range(len(lengths))]
     return SteppedStick(tuple(float(start + unit * edge) for edge in edges), (*levels, 0.0))
 
 
-def hand_flown(rng: np.random.Generator, duration: float, amplitude: float = 1.0, bandwidth: float = 10.0, start: float = 0.5) -> SmoothStick:
-    """A history as a pilot flies it: pulls and pushes of uneven size and length, now and then a rest near zero; 0 at the end.
+def hand_flown(
+    rng: np.random.Generator,
+    duration: float,
+    amplitude: float = 1.0,
+    bandwidth: float = 10.0,
+    start: float = 0.5,
+) -> SmoothStick:
+    """A history as a pilot flies it: pulls and pushes of uneven size and length, now and then a
+    rest near zero; 0 at the end.
 
-    Levels change every 0.3 to 1.5 s and alternate in sign with sizes of 0.3 to 1 ``amplitude`` (in); one in four is within 0.1
-    of it instead. The last second before ``duration`` (s) is let go. The same generator state gives the same history.
+    Levels change every 0.3 to 1.5 s and alternate in sign with sizes of 0.3 to 1 ``amplitude``
+    (in); one in four is within 0.1 of it instead. The last second before ``duration`` (s) is let
+    go. The same generator state gives the same history.
     """
     times, levels, sign, now = [], [], 1.0 if rng.random() < 0.5 else -1.0, start
     while now < duration - 1.0:
         resting, size, length = rng.random() < 0.25, rng.random(), rng.random()
         times.append(now)
-        levels.append(amplitude * (0.1 * (2.0 * size - 1.0) if resting else sign * (0.3 + 0.7 * size)))
+        levels.append(
+            amplitude * (0.1 * (2.0 * size - 1.0) if resting else sign * (0.3 + 0.7 * size))
+        )
         sign = sign if resting else -sign
         now += 0.3 + 1.2 * length
     end = max(duration - 1.0, start)
@@ -112,9 +136,21 @@ def hand_flown(rng: np.random.Generator, duration: float, amplitude: float = 1.0
 
 def _check(times: tuple[float, ...], levels: tuple[float, ...]) -> None:
     if len(times) != len(levels) or not times:
-        raise ModelError(f"{len(times)} times and {len(levels)} levels", where="stick", remedy="give as many of one as of the other, at least one")
-    if not np.all(np.isfinite(times)) or not np.all(np.isfinite(levels)) or np.any(np.diff(times) <= 0):
-        raise ModelError("times do not increase, or a number is not finite", where="stick", remedy="give finite levels at increasing times")
+        raise ModelError(
+            f"{len(times)} times and {len(levels)} levels",
+            where="stick",
+            remedy="give as many of one as of the other, at least one",
+        )
+    if (
+        not np.all(np.isfinite(times))
+        or not np.all(np.isfinite(levels))
+        or np.any(np.diff(times) <= 0)
+    ):
+        raise ModelError(
+            "times do not increase, or a number is not finite",
+            where="stick",
+            remedy="give finite levels at increasing times",
+        )
 
 
 # ---- Frames of the computer in which nothing is limited
@@ -129,17 +165,22 @@ class Stretch:
 
     Attributes
     ----------
-    from_start : ``((FRAMES + 1) d, d)``, w at every frame from w at the first. from_input : ``((FRAMES + 1) d, FRAMES)``, from r.
+    from_start : ``((FRAMES + 1) d, d)``, w at every frame from w at the first. from_input :
+    ``((FRAMES + 1) d, FRAMES)``, from r.
     """
 
     from_start: np.ndarray
     from_input: np.ndarray
 
     def states(self, start: np.ndarray, driven: np.ndarray) -> np.ndarray:
-        """w at the frames of ``driven (k,)``, at most ``FRAMES`` of them, and at the one after the last: ``(k + 1, d)``."""
+        """w at the frames of ``driven (k,)``, at most ``FRAMES`` of them, and at the one after the
+        last: ``(k + 1, d)``.
+        """
         d, k = start.size, driven.size
         rows = (k + 1) * d
-        return np.asarray(self.from_start[:rows] @ start + self.from_input[:rows, :k] @ driven).reshape(k + 1, d)
+        return np.asarray(
+            self.from_start[:rows] @ start + self.from_input[:rows, :k] @ driven
+        ).reshape(k + 1, d)
 
 
 def stretch(A: np.ndarray, b: np.ndarray) -> Stretch:
@@ -157,7 +198,11 @@ def stretch(A: np.ndarray, b: np.ndarray) -> Stretch:
 
 def filtered(block: Matrices, driven: np.ndarray) -> np.ndarray:
     """Output ``(N,)`` of a sampled block with one input and one output, from rest."""
-    prepared, out, state = stretch(block.A, block.B[:, 0]), np.empty(driven.size), np.zeros(block.A.shape[0])
+    prepared, out, state = (
+        stretch(block.A, block.B[:, 0]),
+        np.empty(driven.size),
+        np.zeros(block.A.shape[0]),
+    )
     for k in range(0, driven.size, FRAMES):
         part = driven[k : k + FRAMES]
         states = prepared.states(state, part)
@@ -172,8 +217,9 @@ class FreeFrames:
 
     Attributes
     ----------
-    prepared : the loop over a stretch. watch, offset : ``(v, d)`` and ``(v,)``: a frame is free where ``|watch w + offset|`` stays below one.
-    command : ``(d,)``, u_p. inner : ``(n, d)``, plant states at the last look of a record within the frame.
+    prepared : the loop over a stretch. watch, offset : ``(v, d)`` and ``(v,)``: a frame is free
+    where ``|watch w + offset|`` stays below one. command : ``(d,)``, u_p. inner : ``(n, d)``, plant
+    states at the last look of a record within the frame.
     """
 
     prepared: Stretch
@@ -183,7 +229,9 @@ class FreeFrames:
     inner: np.ndarray
 
     def ahead(self, start: np.ndarray, reference: np.ndarray) -> np.ndarray:
-        """w at the frames from ``start`` on that are free, and at the one after them, ``(f + 1, d)``; ``reference (k,)`` g at the frames."""
+        """w at the frames from ``start`` on that are free, and at the one after them, ``(f + 1,
+        d)``; ``reference (k,)`` g at the frames.
+        """
         states = self.prepared.states(start, reference[:FRAMES])
         seen = np.abs(states[:-1] @ self.watch.T + self.offset).max(axis=1)
         limited = np.flatnonzero(~(seen < INSIDE))
@@ -195,7 +243,8 @@ def free_frames(x29: X29, steppers: Sequence[Stepper], departure: float) -> Free
     law, mix, n = law_matrices(x29.law), mixing(x29), plant(x29).A.shape[0]
     d = n + law.A.shape[0]
     command = np.concatenate([np.zeros(n), law.C[0]])
-    # The extended state of the steppers, plant states, commands and one, from w; the last by ``offset``.
+    # The extended state of the steppers, plant states, commands and one, from w; the last by
+    # ``offset``.
     state, watch, offset = np.eye(n, d), [], []
     inner = state
     for stepper in steppers:
@@ -205,7 +254,10 @@ def free_frames(x29: X29, steppers: Sequence[Stepper], departure: float) -> Free
         offset.append(stepper.watch[:, -1])
         state = stepper.free[:n, :-1] @ extended
     for i, surface in enumerate(x29.surfaces):
-        half, middle = (surface.upper - surface.lower) / 2.0, (surface.upper + surface.lower) / 2.0 - surface.trim
+        half, middle = (
+            (surface.upper - surface.lower) / 2.0,
+            (surface.upper + surface.lower) / 2.0 - surface.trim,
+        )
         watch.append(mix[i] / half * command[None])
         offset.append(np.array([-middle / half]))
     watch.append(np.eye(1, d) / departure)
@@ -233,15 +285,17 @@ class FlightOutcome(Enum):
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoopTruth:
-    """What really happened, at the F frames of the control computer (80 Hz); nothing of it is in the record.
+    """What really happened, at the F frames of the control computer (80 Hz); nothing of it is in
+    the record.
 
     Attributes
     ----------
     time : ``(F,)``, s.
-    stick, reference, command : ``(F,)``; stick as the computer read it (in), r (g), u_p (deg) held from this frame on.
-    alpha, q, nz : ``(F,)``; rad and rad/s about trim, total g at the centre of gravity.
-    surfaces : ``(3, F)``, deg about trim; canard, flaperon, strake.
-    command_limited, rate_limited, stopped : ``(3, F)`` bool: the command was cut to the travel; the ram was at its rate limit, or at
+    stick, reference, command : ``(F,)``; stick as the computer read it (in), r (g), u_p (deg) held
+    from this frame on. alpha, q, nz : ``(F,)``; rad and rad/s about trim, total g at the centre of
+    gravity. surfaces : ``(3, F)``, deg about trim; canard, flaperon, strake. command_limited,
+    rate_limited, stopped : ``(3, F)`` bool: the command was cut to the travel; the ram was at its
+    rate limit, or at
         an end of its travel, at some instant of the frame that begins there.
     recorded : ``(3, N)``, the record's outputs without noise.
     outcome : COMPLETED, or DEPARTED when alpha passed 1 rad; the flight and the record end there.
@@ -263,30 +317,40 @@ class ClosedLoopTruth:
 
 
 def fly_closed_loop(
-    x29: X29, stick: Stick | np.ndarray, duration: float, rng: np.random.Generator | None = None, *, pieces: int = 8
+    x29: X29,
+    stick: Stick | np.ndarray,
+    duration: float,
+    rng: np.random.Generator | None = None,
+    *,
+    pieces: int = 8,
 ) -> tuple[Record, ClosedLoopTruth]:
     """Flies from trim for ``duration`` s and returns the telemetry record with the truth.
 
-    Within a frame (12.5 ms) the plant is stepped exactly by the matrix exponential with the command held; rate and position
-    limits are exact but for a limit met and left within 1/``pieces`` of a frame (see ``sim.closed_loop.equations``). The computer
-    reads the stick and both sensors at the frame and moves the command one frame later.
+    Within a frame (12.5 ms) the plant is stepped exactly by the matrix exponential with the command
+    held; rate and position limits are exact but for a limit met and left within 1/``pieces`` of a
+    frame (see ``sim.closed_loop.equations``). The computer reads the stick and both sensors at the
+    frame and moves the command one frame later.
 
     Parameters
     ----------
-    stick : a function of time (array of s to array of in, aft +), read at the frames, or an array with one value a frame.
-    rng : source of the measurement noise, whose levels stand in ``x29.telemetry``; None records without noise.
-    pieces : how often in a frame the limits are looked at.
+    stick : a function of time (array of s to array of in, aft +), read at the frames, or an array
+    with one value a frame. rng : source of the measurement noise, whose levels stand in
+    ``x29.telemetry``; None records without noise. pieces : how often in a frame the limits are
+    looked at.
 
     Returns
     -------
-    Record : input ``stick`` (in, previous value held), outputs ``alpha`` (rad, vane: alpha - (arm/V) q), ``q`` (rad/s) and
-        ``nz`` (total, g, 1 in trim), 40 Hz from 0 to ``duration``. The recorder has its own sensors, without lag. With a
-        ``recorded_skew`` the row at time t holds the stick at t and the outputs at t - skew: the stick leads.
+    Record : input ``stick`` (in, previous value held), outputs ``alpha`` (rad, vane: alpha -
+    (arm/V) q), ``q`` (rad/s) and
+        ``nz`` (total, g, 1 in trim), 40 Hz from 0 to ``duration``. The recorder has its own
+        sensors, without lag. With a ``recorded_skew`` the row at time t holds the stick at t and
+        the outputs at t - skew: the stick leads.
     ClosedLoopTruth : see there.
 
     Raises
     ------
-    ModelError : a duration of less than two rows, a stick that is too short or not finite, telemetry that does not fall on
+    ModelError : a duration of less than two rows, a stick that is too short or not finite,
+    telemetry that does not fall on
         frames, a negative skew, fewer than one piece.
     """
     every = _frames_per_row(x29)
@@ -318,16 +382,24 @@ def fly_closed_loop(
         recorded=recorded,
         outcome=flown.outcome,
     )
-    noise = np.array([[x29.telemetry.alpha_noise], [x29.telemetry.q_noise], [x29.telemetry.nz_noise]])
+    noise = np.array(
+        [[x29.telemetry.alpha_noise], [x29.telemetry.q_noise], [x29.telemetry.nz_noise]]
+    )
     measured = recorded if rng is None else recorded + noise * rng.standard_normal(recorded.shape)
     units = (("alpha", "rad"), ("q", "rad/s"), ("nz", "g"))
-    outputs = tuple(Channel.of(name, unit, values) for (name, unit), values in zip(units, measured, strict=True))
-    return Record(time[rows], (Channel.of("stick", "in", read[rows]),), outputs, name=f"x29 {x29.name}"), truth
+    outputs = tuple(
+        Channel.of(name, unit, values) for (name, unit), values in zip(units, measured, strict=True)
+    )
+    return Record(
+        time[rows], (Channel.of("stick", "in", read[rows]),), outputs, name=f"x29 {x29.name}"
+    ), truth
 
 
 @dataclass(frozen=True, eq=False)
 class _FrameStates:
-    """Plant states at the frames and, for a skewed record, inside them; commands and limits, one row a frame."""
+    """Plant states at the frames and, for a skewed record, inside them; commands and limits, one
+    row a frame.
+    """
 
     states: np.ndarray
     inner_states: np.ndarray
@@ -360,7 +432,11 @@ def _fly(x29: X29, reference: np.ndarray, pieces: int) -> _FrameStates:
         if k >= again and modes == ALL_FREE:
             ahead = free.ahead(np.concatenate([state[:n], computer]), reference[k:])
             part = slice(k, k + len(ahead) - 1)
-            states[part], inner[part], command[part] = ahead[:-1, :n], ahead[:-1] @ free.inner.T, ahead[:-1] @ free.command
+            states[part], inner[part], command[part] = (
+                ahead[:-1, :n],
+                ahead[:-1] @ free.inner.T,
+                ahead[:-1] @ free.command,
+            )
             state[:n], computer, k = ahead[-1, :n], ahead[-1, n:], part.stop
             again = k if len(ahead) > FRAMES else k + _WAIT
             continue
@@ -382,7 +458,16 @@ def _fly(x29: X29, reference: np.ndarray, pieces: int) -> _FrameStates:
                     rate_limited[k, i] |= mode in (RamMode.RATE_UP, RamMode.RATE_DOWN)
                     stopped[k, i] |= mode in (RamMode.STOP_UPPER, RamMode.STOP_LOWER)
         k += 1
-    return _FrameStates(states[:count], inner[:count], reference, command[:count], limited[:count], rate_limited[:count], stopped[:count], outcome)
+    return _FrameStates(
+        states[:count],
+        inner[:count],
+        reference,
+        command[:count],
+        limited[:count],
+        rate_limited[:count],
+        stopped[:count],
+        outcome,
+    )
 
 
 def _steppers(x29: X29, pieces: int) -> tuple[Stepper, ...]:
@@ -397,7 +482,9 @@ def _steppers(x29: X29, pieces: int) -> tuple[Stepper, ...]:
 def _states_at_rows(x29: X29, flown: _FrameStates, rows: np.ndarray) -> np.ndarray:
     """Plant states ``recorded_skew`` before the given frames; trim before the flight."""
     whole, rest = divmod(x29.stick.recorded_skew, x29.frame)
-    source, frames = (flown.inner_states, rows - int(whole) - 1) if rest else (flown.states, rows - int(whole))
+    source, frames = (
+        (flown.inner_states, rows - int(whole) - 1) if rest else (flown.states, rows - int(whole))
+    )
     return np.where(frames[:, None] >= 0, source[np.maximum(frames, 0)], 0.0)
 
 
@@ -410,9 +497,13 @@ def _stick_at_frames(stick: Stick | np.ndarray, time: np.ndarray) -> np.ndarray:
     given = np.asarray(stick if isinstance(stick, np.ndarray) else stick(time), dtype=float)
     if given.ndim != 1 or given.size < time.size:
         what = f"{given.size} stick values for {time.size} frames"
-        raise ModelError(what, where="fly_closed_loop", remedy="give one value a frame, the last included")
+        raise ModelError(
+            what, where="fly_closed_loop", remedy="give one value a frame, the last included"
+        )
     if not np.all(np.isfinite(given[: time.size])):
-        raise ModelError("a stick value is not finite", where="fly_closed_loop", remedy="give numbers throughout")
+        raise ModelError(
+            "a stick value is not finite", where="fly_closed_loop", remedy="give numbers throughout"
+        )
     return given[: time.size]
 
 
@@ -420,7 +511,11 @@ def _frame_times(x29: X29, duration: float, every: int) -> np.ndarray:
     """Times of the computer's frames, s; at least two rows of the record."""
     frames = round(duration * x29.law.frame_rate) if math.isfinite(duration) else 0
     if frames < every:
-        raise ModelError(f"a duration of {duration:g} s", where="fly_closed_loop", remedy=f"fly for at least {every * x29.frame:g} s")
+        raise ModelError(
+            f"a duration of {duration:g} s",
+            where="fly_closed_loop",
+            remedy=f"fly for at least {every * x29.frame:g} s",
+        )
     return x29.frame * np.arange(frames + 1)
 
 
@@ -428,10 +523,15 @@ def _frames_per_row(x29: X29) -> int:
     ratio = x29.law.frame_rate / x29.telemetry.rate
     if ratio < 1 or ratio != round(ratio):
         raise ModelError(
-            f"telemetry at {x29.telemetry.rate:g} Hz does not fall on frames at {x29.law.frame_rate:g} Hz",
+            f"telemetry at {x29.telemetry.rate:g} Hz does not fall on frames at "
+            f"{x29.law.frame_rate:g} Hz",
             where=f"x29 {x29.name}",
             remedy="give a rate that divides the frame rate",
         )
     if x29.stick.recorded_skew < 0:
-        raise ModelError(f"recorded_skew {x29.stick.recorded_skew:g} s", where=f"x29 {x29.name}", remedy="give 0 or more")
+        raise ModelError(
+            f"recorded_skew {x29.stick.recorded_skew:g} s",
+            where=f"x29 {x29.name}",
+            remedy="give 0 or more",
+        )
     return round(ratio)

@@ -35,7 +35,13 @@ from sim.declaration.effect import (
     rates_read_by,
 )
 from sim.declaration.model import Model, Rows, System, Tie, with_tied_values
-from sim.declaration.user_equations import OwnEquations, Signals, is_sampled, lock_arrays, with_locked_arrays
+from sim.declaration.user_equations import (
+    OwnEquations,
+    Signals,
+    is_sampled,
+    lock_arrays,
+    with_locked_arrays,
+)
 from sim.errors import ModelError
 
 # ---- Who does what in a declared model
@@ -47,11 +53,11 @@ _FOLLOWED: WeakKeyDictionary[type, dict[Any, bool]] = WeakKeyDictionary()
 class Parts:
     """The effects of a model by stage, each stage in the order in which the signal meets them.
 
-    ``inputs`` and ``sensors`` act on whole paths; ``moved_in`` and ``moved_out`` are those that an on-line System carries as states,
-    ``slices`` where these stand among ``states``. ``own`` picks an effect's parameters off a row of all of them, by effect name,
-    ``vehicle_of`` those of the equations, which ``varying`` and
-    ``varying_together`` change. ``bias_index`` by output. ``clocks`` set the pace of
-    ``dynamics``, which are theirs alone.
+    ``inputs`` and ``sensors`` act on whole paths; ``moved_in`` and ``moved_out`` are those that an
+    on-line System carries as states, ``slices`` where these stand among ``states``. ``own`` picks
+    an effect's parameters off a row of all of them, by effect name, ``vehicle_of`` those of the
+    equations, which ``varying`` and ``varying_together`` change. ``bias_index`` by output.
+    ``clocks`` set the pace of ``dynamics``, which are theirs alone.
     """
 
     model: Model
@@ -81,7 +87,9 @@ class Parts:
 
 
 def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Parts:
-    """The parts of a model; an unknown output, or an effect that cannot run on line, is a ModelError."""
+    """The parts of a model; an unknown output, or an effect that cannot run on line, is a
+    ModelError.
+    """
     equations = model.equations
     chosen = _chosen_outputs(model, outputs)
     wanted = {signal.name for signal in chosen}
@@ -89,7 +97,9 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Parts
     found: list[SensorEffect] = in_order(_following(model, SensorEffect))
     sensors = [effect for effect in found if effect.channel in wanted]
     dynamics = _following(model, DynamicsEffect)
-    moved_in, moved_out = (_state_forms(model, inputs), _state_forms(model, sensors)) if online else ([], [])
+    moved_in, moved_out = (
+        (_state_forms(model, inputs), _state_forms(model, sensors)) if online else ([], [])
+    )
     states = list(equations.states)
     for effect in dynamics:
         states += effect.states
@@ -119,10 +129,15 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Parts
 
 
 def _following(model: Model, protocol: Any) -> list[Any]:
-    """The effects of a model that follow a protocol: asked once for each class and names of its attributes, since the answer looks at all of them."""
+    """The effects of a model that follow a protocol: asked once for each class and names of its
+    attributes, since the answer looks at all of them.
+    """
     found = []
     for effect in model.effects:
-        known, asked = _FOLLOWED.setdefault(type(effect), {}), (protocol, *getattr(effect, "__dict__", ()))
+        known, asked = (
+            _FOLLOWED.setdefault(type(effect), {}),
+            (protocol, *getattr(effect, "__dict__", ())),
+        )
         if asked not in known:
             known[asked] = isinstance(effect, protocol)
         if known[asked]:
@@ -136,7 +151,11 @@ def _chosen_outputs(model: Model, outputs: Sequence[str] | None) -> tuple[Signal
         return model.equations.outputs
     for name in outputs:
         if name not in known:
-            raise ModelError(f"there is no output {name!r}", where=f"model {model.name}", remedy=f"its outputs are {', '.join(known)}")
+            raise ModelError(
+                f"there is no output {name!r}",
+                where=f"model {model.name}",
+                remedy=f"its outputs are {', '.join(known)}",
+            )
     return tuple(known[name] for name in outputs)
 
 
@@ -153,13 +172,22 @@ def _state_forms(model: Model, effects: Sequence[Any]) -> list[Any]:
                 where=f"model {model.name}",
                 remedy="use a whole-record fit (output-error)",
             )
-        free = [item.name for item in effect.parameters if model.parameters[full_name(effect, item.name)].free]
-        behind = any(other.signal == effect.signal for other in moved) and not (isinstance(effect, Commuting) and effect.commutes)
+        free = [
+            item.name
+            for item in effect.parameters
+            if model.parameters[full_name(effect, item.name)].free
+        ]
+        behind = any(other.signal == effect.signal for other in moved) and not (
+            isinstance(effect, Commuting) and effect.commutes
+        )
         if not isinstance(effect, InputEffect) or free or behind:
             raise ModelError(
                 f"effect {effect.name} has no state form and cannot run on line",
                 where=f"model {model.name}",
-                remedy="hold its parameters if it acts on an input, or use a whole-record fit (output-error)",
+                remedy=(
+                    "hold its parameters if it acts on an input, or use a whole-record fit "
+                    "(output-error)"
+                ),
             )
     return moved
 
@@ -175,7 +203,9 @@ def _view(label: str, fields: tuple[str, ...]) -> Any:
     return namedtuple(label, fields)
 
 
-def _gather_named(parameters: ParameterSet, names: Sequence[str], label: str, fields: Sequence[str] | None = None) -> Callable[[Rows], Any]:
+def _gather_named(
+    parameters: ParameterSet, names: Sequence[str], label: str, fields: Sequence[str] | None = None
+) -> Callable[[Rows], Any]:
     view = _view(label, tuple(fields or names))
     index = [parameters.index(name) for name in names]
     if len(index) == 0:
@@ -195,16 +225,37 @@ Measured = Callable[[Signals, Any, Rows], dict[str, Any]]
 
 
 def signals_of(parts: Parts) -> Bus:
-    """All signals by name at one time, with what the effects add, and the vehicle's own parameters as they are then."""
-    equations, own, slices, moved_in = parts.model.equations, parts.own, parts.slices, parts.moved_in
+    """All signals by name at one time, with what the effects add, and the vehicle's own parameters
+    as they are then.
+    """
+    equations, own, slices, moved_in = (
+        parts.model.equations,
+        parts.own,
+        parts.slices,
+        parts.moved_in,
+    )
     vehicle_of, state_names, input_names = parts.vehicle_of, parts.state_names, parts.input_names
     zero_ports = {port.name: 0.0 for port in equations.ports}
     varying = [(effect.parameter, effect.change, own[effect.name]) for effect in parts.varying]
     together = [(effect.changes, own[effect.name]) for effect in parts.varying_together]
-    disturbances = [(effect, own[effect.name]) for effect in parts.dynamics if effect.station is Station.DISTURBANCE]
-    others = [(effect, own[effect.name]) for effect in parts.dynamics if effect.station is not Station.DISTURBANCE]
-    # The flow of a user's own model may hold the ports, to which dynamics add only after it was formed for them.
-    forms_ports = bool(others) and isinstance(equations, OwnEquations) and equations.formed is not None and not equations.rate_ports
+    disturbances = [
+        (effect, own[effect.name])
+        for effect in parts.dynamics
+        if effect.station is Station.DISTURBANCE
+    ]
+    others = [
+        (effect, own[effect.name])
+        for effect in parts.dynamics
+        if effect.station is not Station.DISTURBANCE
+    ]
+    # The flow of a user's own model may hold the ports, to which dynamics add only after it was
+    # formed for them.
+    forms_ports = (
+        bool(others)
+        and isinstance(equations, OwnEquations)
+        and equations.formed is not None
+        and not equations.rate_ports
+    )
     users, calls = isinstance(equations, OwnEquations), count()
 
     def signals(t: Any, x: Rows, u: Rows, p: Rows) -> tuple[Signals, Any]:
@@ -214,14 +265,21 @@ def signals_of(parts: Parts) -> Bus:
         bus.update(zip(input_names, u, strict=False))
         vehicle = vehicle_of(p)
         for effect in moved_in:
-            bus[effect.signal] = effect.pass_on(bus[effect.signal], x[slices[effect.name]], own[effect.name](p))
+            bus[effect.signal] = effect.pass_on(
+                bus[effect.signal], x[slices[effect.name]], own[effect.name](p)
+            )
         for effect, gather in disturbances:
             for port, value in effect.increments(s, vehicle, gather(p)).items():
                 bus[port] = bus[port] + value
         for name, change, gather in varying:
             vehicle = vehicle._replace(**{name: getattr(vehicle, name) + change(s, gather(p))})
         for changes, gather in together:
-            vehicle = vehicle._replace(**{name: getattr(vehicle, name) + value for name, value in changes(s, gather(p)).items()})
+            vehicle = vehicle._replace(
+                **{
+                    name: getattr(vehicle, name) + value
+                    for name, value in changes(s, gather(p)).items()
+                }
+            )
         locks = users and is_sampled(next(calls))
         if locks:
             vehicle = with_locked_arrays(vehicle)
@@ -243,7 +301,11 @@ def measured_of(parts: Parts) -> Measured:
     """All outputs by name as sensors without memory read them."""
     equations, own, readings = parts.model.equations, parts.own, parts.readings
     base_outputs = tuple(signal.name for signal in equations.outputs)
-    rates = tuple(f"{signal.name}_dot" for signal in equations.states) if any(rates_read_by(effect) for effect in readings) else ()
+    rates = (
+        tuple(f"{signal.name}_dot" for signal in equations.states)
+        if any(rates_read_by(effect) for effect in readings)
+        else ()
+    )
 
     def measured(s: Signals, vehicle: Any, p: Rows) -> dict[str, Any]:
         if rates:
@@ -257,12 +319,23 @@ def measured_of(parts: Parts) -> Measured:
     return measured
 
 
-def dynamics_of(parts: Parts, signals: Bus, measured: Measured) -> Callable[[Any, Rows, Rows, Rows], list[Any]]:
+def dynamics_of(
+    parts: Parts, signals: Bus, measured: Measured
+) -> Callable[[Any, Rows, Rows, Rows], list[Any]]:
     """``f``: the rates of all states, those of effects behind those of the equations."""
-    equations, own, slices, input_names = parts.model.equations, parts.own, parts.slices, parts.input_names
+    equations, own, slices, input_names = (
+        parts.model.equations,
+        parts.own,
+        parts.slices,
+        parts.input_names,
+    )
     moved_in, moved_out = parts.moved_in, parts.moved_out
     with_states = [(effect, own[effect.name]) for effect in parts.dynamics if effect.states]
-    rate_names = tuple(f"{signal.name}_dot" for signal in equations.states) if any(rates_read_by(effect) for effect, _ in with_states) else ()
+    rate_names = (
+        tuple(f"{signal.name}_dot" for signal in equations.states)
+        if any(rates_read_by(effect) for effect, _ in with_states)
+        else ()
+    )
     clocks = [(effect, own[effect.name]) for effect in parts.clocks]
 
     def f(t: Any, x: Rows, u: Rows, p: Rows) -> list[Any]:
@@ -292,15 +365,25 @@ def dynamics_of(parts: Parts, signals: Bus, measured: Measured) -> Callable[[Any
     return f
 
 
-def outputs_of(parts: Parts, signals: Bus, measured: Measured) -> Callable[[Any, Rows, Rows, Rows], list[Any]]:
+def outputs_of(
+    parts: Parts, signals: Bus, measured: Measured
+) -> Callable[[Any, Rows, Rows, Rows], list[Any]]:
     """``h``: the chosen outputs before sensors with memory, biases added."""
-    own, slices, moved_out, bias_index, outputs = parts.own, parts.slices, parts.moved_out, parts.bias_index, parts.outputs
+    own, slices, moved_out, bias_index, outputs = (
+        parts.own,
+        parts.slices,
+        parts.moved_out,
+        parts.bias_index,
+        parts.outputs,
+    )
 
     def h(t: Any, x: Rows, u: Rows, p: Rows) -> list[Any]:
         s, vehicle = signals(t, x, u, p)
         y = measured(s, vehicle, p)
         for effect in moved_out:
-            y[effect.channel] = effect.pass_on(y[effect.channel], x[slices[effect.name]], own[effect.name](p))
+            y[effect.channel] = effect.pass_on(
+                y[effect.channel], x[slices[effect.name]], own[effect.name](p)
+            )
         for name, index in bias_index.items():
             y[name] = y[name] + p[index]
         return [y[signal.name] for signal in outputs]
@@ -322,18 +405,24 @@ def input_path_of(parts: Parts) -> Callable[[Rows, list[Any], np.ndarray], list[
     return input_path
 
 
-def sensor_path_of(parts: Parts) -> Callable[[Rows, list[Any], list[Any], np.ndarray], tuple[list[Any], list[Any]]]:
+def sensor_path_of(
+    parts: Parts,
+) -> Callable[[Rows, list[Any], list[Any], np.ndarray], tuple[list[Any], list[Any]]]:
     """``sensor_path``: outputs after sensors with memory."""
     own, sensors, bias_index = parts.own, parts.sensors, parts.bias_index
     names = [signal.name for signal in parts.outputs]
 
-    def sensor_path(p: Rows, begin: list[Any], end: list[Any], steps: np.ndarray) -> tuple[list[Any], list[Any]]:
+    def sensor_path(
+        p: Rows, begin: list[Any], end: list[Any], steps: np.ndarray
+    ) -> tuple[list[Any], list[Any]]:
         begin, end = list(begin), list(end)
         for effect in sensors:
             row = names.index(effect.channel)
             # A sensor sees the signal before the bias of the recorded channel is added.
             bias = p[bias_index[effect.channel]] if effect.channel in bias_index else 0.0
-            new_begin, new_end = effect.act(steps, begin[row] - bias, end[row] - bias, own[effect.name](p))
+            new_begin, new_end = effect.act(
+                steps, begin[row] - bias, end[row] - bias, own[effect.name](p)
+            )
             begin[row], end[row] = new_begin + bias, new_end + bias
         return begin, end
 
@@ -342,7 +431,13 @@ def sensor_path_of(parts: Parts) -> Callable[[Rows, list[Any], list[Any], np.nda
 
 def noise_of(parts: Parts) -> Callable[[Rows], tuple[list[Any], list[Any]]]:
     """``noise``: spectral density of each state's forcing, measurement variance of each output."""
-    model, own, dynamics, vehicle_of, outputs = parts.model, parts.own, parts.dynamics, parts.vehicle_of, parts.outputs
+    model, own, dynamics, vehicle_of, outputs = (
+        parts.model,
+        parts.own,
+        parts.dynamics,
+        parts.vehicle_of,
+        parts.outputs,
+    )
     state_names, n_base = parts.state_names, len(model.equations.states)
 
     def noise(p: Rows) -> tuple[list[Any], list[Any]]:
@@ -351,7 +446,9 @@ def noise_of(parts: Parts) -> Callable[[Rows], tuple[list[Any], list[Any]]]:
         vehicle, at = vehicle_of(p), n_base
         for effect in dynamics:
             if isinstance(effect, NoiseEffect):
-                density[at : at + len(effect.states)] = list(effect.density(vehicle, own[effect.name](p)))
+                density[at : at + len(effect.states)] = list(
+                    effect.density(vehicle, own[effect.name](p))
+                )
             at += len(effect.states)
         for clock in parts.clocks:
             pace = clock.pace(own[clock.name](p))
@@ -369,16 +466,20 @@ def _measurement_variance(model: Model, output: str) -> float:
 # ---- From a declared Model to its System: the five array functions that every algorithm sees
 
 
-def compile_model(model: Model, outputs: Sequence[str] | None = None, *, online: bool = False) -> System:
+def compile_model(
+    model: Model, outputs: Sequence[str] | None = None, *, online: bool = False
+) -> System:
     """Compile a model into a System.
 
     Parameters
     ----------
     model : the declaration.
     outputs : the outputs wanted, in order; all when None.
-    online : put input and sensor effects that have a state form into ``f`` and ``h``, for filters that see
-        one sample at a time. An input effect without one may stay when all its parameters are held: it
-        then acts on the recorded input beforehand, which it can only ahead of all others or if it commutes with them.
+    online : put input and sensor effects that have a state form into ``f`` and ``h``, for filters
+    that see
+        one sample at a time. An input effect without one may stay when all its parameters are held:
+        it then acts on the recorded input beforehand, which it can only ahead of all others or if
+        it commutes with them.
 
     Raises
     ------
@@ -387,7 +488,11 @@ def compile_model(model: Model, outputs: Sequence[str] | None = None, *, online:
     parts = parts_of(model, outputs, online)
     signals, measured = signals_of(parts), measured_of(parts)
     moved = (*parts.moved_in, *parts.moved_out, *parts.inputs, *parts.clocks)
-    after = [effect for effect in model.effects if effect.station is Station.SENSOR_PATH and effect not in moved]
+    after = [
+        effect
+        for effect in model.effects
+        if effect.station is Station.SENSOR_PATH and effect not in moved
+    ]
     system = System(
         parts.states,
         model.equations.inputs,
@@ -404,36 +509,56 @@ def compile_model(model: Model, outputs: Sequence[str] | None = None, *, online:
         outputs_of(parts, signals, measured),
         sensor_path_of(parts),
         noise_of(parts),
-        frozenset(signal.name for effect in parts.dynamics if isinstance(effect, NoiseEffect) for signal in effect.states),
+        frozenset(
+            signal.name
+            for effect in parts.dynamics
+            if isinstance(effect, NoiseEffect)
+            for signal in effect.states
+        ),
     )
     return tied_system(system, model.ties)
 
 
 def _initial(parts: Parts) -> ParameterSet:
-    """Initial values in the order of the states; states of effects start at zero where the model does not say."""
+    """Initial values in the order of the states; states of effects start at zero where the model
+    does not say.
+    """
     model = parts.model
     given = {item.name for item in model.initial}
-    added = [Parameter(signal.name, 0.0, signal.unit, free=False) for signal in parts.states[len(model.equations.states) :]]
+    added = [
+        Parameter(signal.name, 0.0, signal.unit, free=False)
+        for signal in parts.states[len(model.equations.states) :]
+    ]
     initial = model.initial.joined(item for item in added if item.name not in given)
     return ParameterSet(tuple(initial[name] for name in parts.state_names))
 
 
 def _names_of(effects: Sequence[Effect]) -> frozenset[str]:
-    return frozenset(full_name(effect, item.name) for effect in effects for item in effect.parameters)
+    return frozenset(
+        full_name(effect, item.name) for effect in effects for item in effect.parameters
+    )
 
 
 def tied_system(system: System, ties: Sequence[Tie]) -> System:
-    """The System with every function seeing each tied parameter at what its tie gives; the same object where there are no ties.
+    """The System with every function seeing each tied parameter at what its tie gives; the same
+    object where there are no ties.
 
     A parameter that others follow counts as acting wherever one of these does.
     """
     if not ties:
         return system
     at = system.parameters.index
-    places = [(at(tie.name), [(at(source), factor) for source, factor in tie.terms], tie.constant) for tie in ties]
+    places = [
+        (at(tie.name), [(at(source), factor) for source, factor in tie.terms], tie.constant)
+        for tie in ties
+    ]
     full = partial(_followed, places)
-    acting = {source for tie in ties if tie.name in system.input_parameters for source in tie.sources}
-    moving = {source for tie in ties if tie.name not in system.output_parameters for source in tie.sources}
+    acting = {
+        source for tie in ties if tie.name in system.input_parameters for source in tie.sources
+    }
+    moving = {
+        source for tie in ties if tie.name not in system.output_parameters for source in tie.sources
+    }
     return replace(
         system,
         parameters=with_tied_values(system.parameters, ties),
@@ -447,8 +572,12 @@ def tied_system(system: System, ties: Sequence[Tie]) -> System:
     )
 
 
-def _followed(places: Sequence[tuple[int, list[tuple[int, float]], float]], p: Sequence[Any]) -> list[Any]:
-    """The parameters with those that are tied worked out from the others; entries are numbers or arrays."""
+def _followed(
+    places: Sequence[tuple[int, list[tuple[int, float]], float]], p: Sequence[Any]
+) -> list[Any]:
+    """The parameters with those that are tied worked out from the others; entries are numbers or
+    arrays.
+    """
     out = list(p)
     for place, terms, constant in places:
         value: Any = constant

@@ -1,4 +1,5 @@
-"""Parameters and effects: a number with its unit, prior and bounds, and one physical phenomenon that uses some.
+"""Parameters and effects: a number with its unit, prior and bounds, and one physical phenomenon
+that uses some.
 
 recorded input -> input path -> dynamics (with disturbances) -> sensor path -> recorded output
 
@@ -22,7 +23,8 @@ from sim.errors import ModelError
 
 # ---- Parameters of a model: a number with its unit, prior, bounds and origin; immutable
 
-AIRSPEEDS = ("airspeed", "reference_airspeed")  # what equations call the constant speed that they are declared for
+# what equations call the constant speed that they are declared for
+AIRSPEEDS = ("airspeed", "reference_airspeed")
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,11 @@ class Parameter:
     def __post_init__(self) -> None:
         low, high = self.bounds
         if not math.isfinite(self.value):
-            raise ModelError(f"value {self.value} is not a finite number", where=f"parameter {self.name}", remedy="give a finite value")
+            raise ModelError(
+                f"value {self.value} is not a finite number",
+                where=f"parameter {self.name}",
+                remedy="give a finite value",
+            )
         if not low <= self.value <= high:
             raise ModelError(
                 f"value {self.value:g} {self.unit} lies outside [{low:g}, {high:g}]",
@@ -76,7 +82,9 @@ class ParameterSet:
         names = [item.name for item in self.items]
         for name in names:
             if names.count(name) > 1:
-                raise ModelError("declared twice", where=f"parameter {name}", remedy="keep one of the two")
+                raise ModelError(
+                    "declared twice", where=f"parameter {name}", remedy="keep one of the two"
+                )
 
     def __iter__(self) -> Iterator[Parameter]:
         return iter(self.items)
@@ -107,7 +115,11 @@ class ParameterSet:
         try:
             return self._places[name]
         except KeyError:
-            raise ModelError("there is no such parameter", where=name, remedy=f"use one of {', '.join(self.names)}") from None
+            raise ModelError(
+                "there is no such parameter",
+                where=name,
+                remedy=f"use one of {', '.join(self.names)}",
+            ) from None
 
     def values(self, names: Iterable[str] | None = None) -> np.ndarray:
         """Values in order, shape ``(n,)``; of all parameters or of those named."""
@@ -120,11 +132,15 @@ class ParameterSet:
 
     def with_prior(self, prior_std: Mapping[str, float]) -> ParameterSet:
         """The same set with some prior standard deviations replaced."""
-        return self._changed({name: {"prior_std": float(value)} for name, value in prior_std.items()})
+        return self._changed(
+            {name: {"prior_std": float(value)} for name, value in prior_std.items()}
+        )
 
     def with_bounds(self, bounds: Mapping[str, tuple[float, float]]) -> ParameterSet:
         """The same set with some bounds replaced."""
-        return self._changed({name: {"bounds": (float(low), float(high))} for name, (low, high) in bounds.items()})
+        return self._changed(
+            {name: {"bounds": (float(low), float(high))} for name, (low, high) in bounds.items()}
+        )
 
     def hold(self, names: Iterable[str]) -> ParameterSet:
         """The same set with the named parameters fixed at their values."""
@@ -148,7 +164,9 @@ class ParameterSet:
     def _changed(self, changes: Mapping[str, Mapping[str, Any]]) -> ParameterSet:
         for name in changes:
             self.index(name)
-        return ParameterSet(tuple(replace(item, **changes.get(item.name, {})) for item in self.items))
+        return ParameterSet(
+            tuple(replace(item, **changes.get(item.name, {})) for item in self.items)
+        )
 
 
 # ---- What an effect is: one physical phenomenon with one station on the signal chain
@@ -223,8 +241,9 @@ class InputEffect(Effect, Protocol):
     ``act(edges, u, p)``: ``u`` holds the input's mean over each cell, ``(n_cells, ...)``; ``edges``
     the cell boundaries, ``(n_cells + 1,)``, s. The result has the same meaning and length.
 
-    An attribute ``rank`` places it on the path (see ``in_order``). One with ``commutes = True`` only shifts the input
-    in time: held, it may act on the record ahead of effects that a filter carries as states.
+    An attribute ``rank`` places it on the path (see ``in_order``). One with ``commutes = True``
+    only shifts the input in time: held, it may act on the record ahead of effects that a filter
+    carries as states.
     """
 
     @property
@@ -248,7 +267,8 @@ class DynamicsEffect(Effect, Protocol):
 
 @runtime_checkable
 class ParameterEffect(Effect, Protocol):
-    """Makes a parameter of the equations vary: ``change(s, p)`` is added to ``parameter``, after the disturbances and ahead of all that reads it.
+    """Makes a parameter of the equations vary: ``change(s, p)`` is added to ``parameter``, after
+    the disturbances and ahead of all that reads it.
 
     The change is linear in the effect's own parameters, which are all zero where it is absent.
     """
@@ -260,7 +280,9 @@ class ParameterEffect(Effect, Protocol):
 
 @runtime_checkable
 class GroupEffect(Effect, Protocol):
-    """Makes several parameters of the equations vary at once: ``changes(s, p)`` by name is added to ``group``, as of a ``ParameterEffect``."""
+    """Makes several parameters of the equations vary at once: ``changes(s, p)`` by name is added to
+    ``group``, as of a ``ParameterEffect``.
+    """
 
     @property
     def group(self) -> tuple[str, ...]: ...
@@ -271,9 +293,9 @@ class GroupEffect(Effect, Protocol):
 class SensorEffect(Effect, Protocol):
     """Acts on one output channel with memory, on the grid of sub-steps.
 
-    ``act(steps, begin, end, p)``: values at the beginning of each sub-step, ``(M + 1, ...)`` (the last
-    one is the value at the final sample), at the end of each, ``(M, ...)``, sub-step sizes ``(M,)``, s.
-    Returns new ``(begin, end)``. The two differ where the input jumps.
+    ``act(steps, begin, end, p)``: values at the beginning of each sub-step, ``(M + 1, ...)`` (the
+    last one is the value at the final sample), at the end of each, ``(M, ...)``, sub-step sizes
+    ``(M,)``, s. Returns new ``(begin, end)``. The two differ where the input jumps.
     """
 
     @property
@@ -283,7 +305,9 @@ class SensorEffect(Effect, Protocol):
 
 @runtime_checkable
 class ReadingEffect(Effect, Protocol):
-    """Acts on output channels without memory: ``read(s, y, vehicle, p)`` returns ``{channel: new value}``."""
+    """Acts on output channels without memory: ``read(s, y, vehicle, p)`` returns ``{channel: new
+    value}``.
+    """
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]: ...
 
@@ -292,8 +316,9 @@ class ReadingEffect(Effect, Protocol):
 class ClockEffect(Effect, Protocol):
     """The record's clock is wrong: ``pace(p)`` is how much time it counts in one true second.
 
-    The rates of all states of the dynamics are divided by it, and the density of random forcing; readings are those of the true motion.
-    What has a memory on the input or the sensor path keeps its times, and events theirs, in the record's time.
+    The rates of all states of the dynamics are divided by it, and the density of random forcing;
+    readings are those of the true motion. What has a memory on the input or the sensor path keeps
+    its times, and events theirs, in the record's time.
     """
 
     def pace(self, p: Any) -> Any: ...
@@ -315,7 +340,9 @@ class OnlineForm(Protocol):
 
 @runtime_checkable
 class NoiseEffect(Effect, Protocol):
-    """Drives its own states by white noise: ``density(vehicle, p)`` returns one spectral density a state."""
+    """Drives its own states by white noise: ``density(vehicle, p)`` returns one spectral density a
+    state.
+    """
 
     def density(self, vehicle: Any, p: Any) -> Sequence[Any]: ...
 
@@ -354,7 +381,9 @@ class NeedsConstants(Protocol):
 
 @runtime_checkable
 class ReadsRates(Protocol):
-    """Reads rates of states, named in ``rates_read``: while it acts, the bus carries them as ``STATE_dot``, all other effects included."""
+    """Reads rates of states, named in ``rates_read``: while it acts, the bus carries them as
+    ``STATE_dot``, all other effects included.
+    """
 
     @property
     def rates_read(self) -> Sequence[str]: ...
@@ -370,7 +399,9 @@ class ReadsOutputs(Protocol):
 
 @runtime_checkable
 class ReadsStates(Protocol):
-    """Reads states of the equations, named in ``states_read``, beside what it acts on: on a vehicle without them it is not offered."""
+    """Reads states of the equations, named in ``states_read``, beside what it acts on: on a vehicle
+    without them it is not offered.
+    """
 
     @property
     def states_read(self) -> Sequence[str]: ...
@@ -394,7 +425,9 @@ class Commuting(Protocol):
 
 @runtime_checkable
 class Anticipating(Protocol):
-    """An input effect that needs the record's future where ``anticipates``: it never runs on line, not even held."""
+    """An input effect that needs the record's future where ``anticipates``: it never runs on line,
+    not even held.
+    """
 
     @property
     def anticipates(self) -> bool: ...
@@ -416,7 +449,9 @@ def rates_read_by(effect: object) -> Sequence[str]:
 
 
 def outputs_read_by(effect: object) -> Sequence[str]:
-    """Names of the outputs besides its own channel that a sensor effect reads; none where it does not say."""
+    """Names of the outputs besides its own channel that a sensor effect reads; none where it does
+    not say.
+    """
     return effect.outputs_read if isinstance(effect, ReadsOutputs) else ()
 
 
@@ -426,12 +461,16 @@ def states_read_by(effect: object) -> Sequence[str]:
 
 
 def in_order(effects: Sequence[Any]) -> list[Any]:
-    """Effects of one station as the signal meets them: by ``rank``, 0 where an effect has none; equals as they were added."""
+    """Effects of one station as the signal meets them: by ``rank``, 0 where an effect has none;
+    equals as they were added.
+    """
     return sorted(effects, key=lambda effect: effect.rank if isinstance(effect, Ranked) else 0)
 
 
 def full_name(effect: Effect, local: str) -> str:
-    """Name of an effect's parameter in the model: ``"input-delay.delay"``; ``CL_eta`` of mode 2, which has its own ``rename``, is ``CL_eta2``."""
+    """Name of an effect's parameter in the model: ``"input-delay.delay"``; ``CL_eta`` of mode 2,
+    which has its own ``rename``, is ``CL_eta2``.
+    """
     # Asked ten thousand times a search, where a test against the protocol costs ten times as much.
     rename: Callable[[str], str] | None = getattr(effect, "rename", None)
     return rename(local) if rename is not None else f"{effect.name}.{local}"

@@ -1,9 +1,10 @@
-"""The declared model: equations, parameters and their ties, effects; and the System that it is compiled to.
+"""The declared model: equations, parameters and their ties, effects; and the System that it is
+compiled to.
 
 Rows: ``x``, ``u`` and ``p`` are sequences with one entry a state, input or parameter; an entry is a
-float, a complex number or an array whose axes are batch axes. The same source serves the step-by-step
-filter (floats), banks and campaigns (arrays of runs), whole-record fits (arrays of samples) and
-derivatives (complex).
+float, a complex number or an array whose axes are batch axes. The same source serves the
+step-by-step filter (floats), banks and campaigns (arrays of runs), whole-record fits (arrays of
+samples) and derivatives (complex).
 """
 
 from __future__ import annotations
@@ -16,7 +17,15 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from sim.declaration.effect import Effect, Parameter, ParameterSet, Signal, constants_needed, full_name, ports_needed
+from sim.declaration.effect import (
+    Effect,
+    Parameter,
+    ParameterSet,
+    Signal,
+    constants_needed,
+    full_name,
+    ports_needed,
+)
 from sim.errors import ModelError
 
 # ---- Ties: parameters that are no unknowns of their own, but a linear function of others
@@ -45,7 +54,9 @@ class Tie:
     @property
     def words(self) -> str:
         """``"Cn_da = -0.1 Cl_da + 0.002"``."""
-        parts = [f"{factor:g} {source}" for source, factor in self.terms] + ([f"{self.constant:g}"] if self.constant else [])
+        parts = [f"{factor:g} {source}" for source, factor in self.terms] + (
+            [f"{self.constant:g}"] if self.constant else []
+        )
         return f"{self.name} = {' + '.join(parts)}".replace("+ -", "- ")
 
 
@@ -54,7 +65,8 @@ def with_tied_values(parameters: ParameterSet, ties: Sequence[Tie]) -> Parameter
 
     Raises
     ------
-    ModelError : a tie of or to a parameter that there is not, of one that is tied already, to one that is tied itself, or a value that is
+    ModelError : a tie of or to a parameter that there is not, of one that is tied already, to one
+    that is tied itself, or a value that is
         not finite or beyond the tied parameter's bounds.
     """
     tied = [tie.name for tie in ties]
@@ -66,9 +78,19 @@ def with_tied_values(parameters: ParameterSet, ties: Sequence[Tie]) -> Parameter
             raise ModelError("tied twice", where=where, remedy="keep one of the two")
         for source in tie.sources:
             if source in tied:
-                raise ModelError(f"{source} is tied itself", where=where, remedy="tie both to parameters that are not")
-        if not tie.terms or not all(math.isfinite(number) for number in (tie.constant, *(factor for _, factor in tie.terms))):
-            raise ModelError("no finite numbers", where=where, remedy="give one parameter at least, with a finite factor")
+                raise ModelError(
+                    f"{source} is tied itself",
+                    where=where,
+                    remedy="tie both to parameters that are not",
+                )
+        if not tie.terms or not all(
+            math.isfinite(number) for number in (tie.constant, *(factor for _, factor in tie.terms))
+        ):
+            raise ModelError(
+                "no finite numbers",
+                where=where,
+                remedy="give one parameter at least, with a finite factor",
+            )
     given = {tie.name: float(tie.of(lambda name: parameters[name].value)) for tie in ties}
     return parameters.hold(tied).with_values(given)
 
@@ -80,9 +102,10 @@ class Equations(Protocol):
     """Equations of motion of one kind of vehicle, written once.
 
     ``flow(s, p)`` forms quantities that loads depend on (air angle of attack, airspeed) after the
-    disturbances have acted; ``derivatives(s, p)`` returns one rate for each state, ``measurements(s, p)``
-    one value for each output. ``s`` carries states, inputs, ports and ``time`` by name, ``p`` the
-    parameters named in ``parameter_names``. Each port is zero unless an effect adds to it.
+    disturbances have acted; ``derivatives(s, p)`` returns one rate for each state,
+    ``measurements(s, p)`` one value for each output. ``s`` carries states, inputs, ports and
+    ``time`` by name, ``p`` the parameters named in ``parameter_names``. Each port is zero unless an
+    effect adds to it.
     """
 
     @property
@@ -104,7 +127,9 @@ class Equations(Protocol):
 
 @runtime_checkable
 class Containing(Protocol):
-    """Equations that hold some effects of the library in themselves: ``contains`` names them, and a search must not offer them."""
+    """Equations that hold some effects of the library in themselves: ``contains`` names them, and a
+    search must not offer them.
+    """
 
     @property
     def contains(self) -> tuple[str, ...]: ...
@@ -120,7 +145,9 @@ class Biased(Protocol):
 
 @runtime_checkable
 class Multiplying(Protocol):
-    """Equations that say which of their parameters multiply a signal, as derivatives do: ``factors``, units by name. Each of them may vary."""
+    """Equations that say which of their parameters multiply a signal, as derivatives do:
+    ``factors``, units by name. Each of them may vary.
+    """
 
     @property
     def factors(self) -> Mapping[str, str]: ...
@@ -128,7 +155,9 @@ class Multiplying(Protocol):
 
 @runtime_checkable
 class DrivenByOthers(Protocol):
-    """Equations some of whose inputs are no controls, as an updraft: ``no_controls`` names them, and no effect acts on their path."""
+    """Equations some of whose inputs are no controls, as an updraft: ``no_controls`` names them,
+    and no effect acts on their path.
+    """
 
     @property
     def no_controls(self) -> tuple[str, ...]: ...
@@ -136,7 +165,9 @@ class DrivenByOthers(Protocol):
 
 @runtime_checkable
 class KnowingBiases(Protocol):
-    """Equations of which some outputs' biases are known beforehand: ``bias_priors``, standard deviation by output, where a record hardly tells."""
+    """Equations of which some outputs' biases are known beforehand: ``bias_priors``, standard
+    deviation by output, where a record hardly tells.
+    """
 
     @property
     def bias_priors(self) -> Mapping[str, float]: ...
@@ -144,7 +175,9 @@ class KnowingBiases(Protocol):
 
 @runtime_checkable
 class OfTotals(Protocol):
-    """Equations that say whether their signals are totals, from which no trim is taken off, or perturbations about a trim."""
+    """Equations that say whether their signals are totals, from which no trim is taken off, or
+    perturbations about a trim.
+    """
 
     @property
     def totals(self) -> bool: ...
@@ -167,10 +200,18 @@ class Noise:
     def __post_init__(self) -> None:
         for name, value in self.measurement_std.items():
             if not (value > 0 and math.isfinite(value)):
-                raise ModelError(f"noise standard deviation {value} is not positive", where=f"output {name}", remedy="give a positive number")
+                raise ModelError(
+                    f"noise standard deviation {value} is not positive",
+                    where=f"output {name}",
+                    remedy="give a positive number",
+                )
         for name, value in self.process_density.items():
             if not (value >= 0 and math.isfinite(value)):
-                raise ModelError(f"process noise density {value} is negative", where=name, remedy="give zero or a positive number")
+                raise ModelError(
+                    f"process noise density {value} is negative",
+                    where=name,
+                    remedy="give zero or a positive number",
+                )
 
 
 @dataclass(frozen=True)
@@ -199,7 +240,11 @@ class Model:
     def __post_init__(self) -> None:
         for name in self.equations.parameter_names:
             if name not in self.parameters:
-                raise ModelError("parameter is missing", where=f"model {self.equations.name}, {name}", remedy="add it to the parameter set")
+                raise ModelError(
+                    "parameter is missing",
+                    where=f"model {self.equations.name}, {name}",
+                    remedy="add it to the parameter set",
+                )
         for effect in self.effects:
             ports = {port.name for port in self.equations.ports}
             for needed in ports_needed(effect):
@@ -222,8 +267,12 @@ class Model:
         return self.equations.name
 
     def with_parameters(self, parameters: ParameterSet) -> Model:
-        """The same model with other parameters; those that are tied stay at what their tie gives."""
-        return replace(self, parameters=with_tied_values(parameters, self.ties) if self.ties else parameters)
+        """The same model with other parameters; those that are tied stay at what their tie
+        gives.
+        """
+        return replace(
+            self, parameters=with_tied_values(parameters, self.ties) if self.ties else parameters
+        )
 
     def with_values(self, values: Mapping[str, float]) -> Model:
         """The same model with some parameter values replaced, as ``with_parameters``."""
@@ -234,7 +283,9 @@ class Model:
         return replace(self, noise=noise)
 
     def with_ties(self, ties: Sequence[Tie]) -> Model:
-        """The same model with some parameters following others; each of them is held. Raises ModelError as ``with_tied_values``."""
+        """The same model with some parameters following others; each of them is held. Raises
+        ModelError as ``with_tied_values``.
+        """
         return replace(self, parameters=with_tied_values(self.parameters, ties), ties=tuple(ties))
 
     def with_initial(self, initial: ParameterSet) -> Model:
@@ -244,18 +295,23 @@ class Model:
     def with_effects(self, *effects: Effect) -> Model:
         """The same model with further effects, their parameters at the effects' starting values.
 
-        An effect that is ``shared`` takes a parameter of its own full name that is there already, as one delay of several inputs.
+        An effect that is ``shared`` takes a parameter of its own full name that is there already,
+        as one delay of several inputs.
         """
         model = self
         for effect in effects:
             if any(present.name == effect.name for present in model.effects):
                 raise ModelError(
-                    f"effect {effect.name} acts already", where=f"model {self.name}", remedy="give the second one another number or channel"
+                    f"effect {effect.name} acts already",
+                    where=f"model {self.name}",
+                    remedy="give the second one another number or channel",
                 )
             named = (replace(item, name=full_name(effect, item.name)) for item in effect.parameters)
             shared = getattr(effect, "shared", False)
             added = tuple(item for item in named if not (shared and item.name in model.parameters))
-            model = replace(model, effects=(*model.effects, effect), parameters=model.parameters.joined(added))
+            model = replace(
+                model, effects=(*model.effects, effect), parameters=model.parameters.joined(added)
+            )
         return model
 
     def without(self, name: str) -> Model:
@@ -263,7 +319,9 @@ class Model:
         gone = [effect for effect in self.effects if effect.name == name]
         if not gone:
             known = ", ".join(effect.name for effect in self.effects) or "none"
-            raise ModelError(f"there is no effect {name!r}", where=f"model {self.name}", remedy=f"it has {known}")
+            raise ModelError(
+                f"there is no effect {name!r}", where=f"model {self.name}", remedy=f"it has {known}"
+            )
         others = tuple(effect for effect in self.effects if effect.name != name)
         shared = {full_name(effect, item.name) for effect in others for item in effect.parameters}
         names = {full_name(gone[0], item.name) for item in gone[0].parameters} - shared
@@ -271,14 +329,28 @@ class Model:
         return replace(self, effects=others, parameters=kept)
 
     def with_biases(self, outputs: Sequence[str], prior_std: float = math.inf) -> Model:
-        """The same model with one free constant bias on each of the named outputs; what the equations know of one is its prior."""
+        """The same model with one free constant bias on each of the named outputs; what the
+        equations know of one is its prior.
+        """
         units = {signal.name: signal.unit for signal in self.equations.outputs}
         new = [name for name in outputs if name not in self.biases]
         for name in new:
             if name not in units:
-                raise ModelError(f"there is no output {name!r}", where=f"model {self.name}", remedy=f"its outputs are {', '.join(units)}")
+                raise ModelError(
+                    f"there is no output {name!r}",
+                    where=f"model {self.name}",
+                    remedy=f"its outputs are {', '.join(units)}",
+                )
         known = self.equations.bias_priors if isinstance(self.equations, KnowingBiases) else {}
-        added = [Parameter(f"bias_{name}", 0.0, units[name], prior_std=min(prior_std, known.get(name, math.inf))) for name in new]
+        added = [
+            Parameter(
+                f"bias_{name}",
+                0.0,
+                units[name],
+                prior_std=min(prior_std, known.get(name, math.inf)),
+            )
+            for name in new
+        ]
         return replace(self, biases=(*self.biases, *new), parameters=self.parameters.joined(added))
 
 
@@ -291,14 +363,15 @@ Rows = Sequence[Any]
 class System:
     """Five array functions and the names of what they take.
 
-    ``input_path(p, u, edges)`` maps cell means of the recorded inputs to cell means at the vehicle, ``f(t, x, u, p)``
-    gives the rates of the states, ``h(t, x, u, p)`` the outputs before sensors with memory,
-    ``sensor_path(p, begin, end, steps)`` the outputs after them, ``noise(p)`` the spectral density of
-    each state's forcing and the measurement variance of each output. ``input_stages`` and
-    ``sensor_stages`` name the effects on the two paths: with none the path is the identity, bit for bit.
-    ``input_parameters`` act on the input path only, ``output_parameters`` only after the dynamics: an algorithm may
-    spare itself the derivatives of ``f`` by them. ``stationary`` names the states of noise effects: random ones, whose start
-    is drawn from their own stationary distribution.
+    ``input_path(p, u, edges)`` maps cell means of the recorded inputs to cell means at the vehicle,
+    ``f(t, x, u, p)`` gives the rates of the states, ``h(t, x, u, p)`` the outputs before sensors
+    with memory, ``sensor_path(p, begin, end, steps)`` the outputs after them, ``noise(p)`` the
+    spectral density of each state's forcing and the measurement variance of each output.
+    ``input_stages`` and ``sensor_stages`` name the effects on the two paths: with none the path is
+    the identity, bit for bit. ``input_parameters`` act on the input path only,
+    ``output_parameters`` only after the dynamics: an algorithm may spare itself the derivatives of
+    ``f`` by them. ``stationary`` names the states of noise effects: random ones, whose start is
+    drawn from their own stationary distribution.
     """
 
     states: tuple[Signal, ...]

@@ -21,43 +21,55 @@ _NO_MANEUVERS: Mapping[str, str] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Traits:
-    """What a search and its reports ask of an effect; each file states what is special about its own.
+    """What a search and its reports ask of an effect; each file states what is special about its
+    own.
 
-    Names of other effects in ``separating`` stand without their part after a colon: ``"sensor-lag"`` is that of every channel.
+    Names of other effects in ``separating`` stand without their part after a colon:
+    ``"sensor-lag"`` is that of every channel.
 
     Attributes
     ----------
-    sentences : templates in words, of which the first is taken whose parameters are all there. In braces a parameter by local name, or
-        {control}, {sticks}, {channel}, {count_spikes}, {rest} (all parameters but times), and of a parameter NAME_percent (its distance
-        from one), NAME_change (a share), NAME_direction, NAME_hertz, NAME_side (a length with "ahead of" or "behind"). Without any the
-        report prints the parameters.
-    grouped : the template where effects that a record cannot tell apart are told together; the sentence when empty.
-    short_name : what it is called in such a group; its name when empty.
+    sentences : templates in words, of which the first is taken whose parameters are all there. In
+    braces a parameter by local name, or
+        {control}, {sticks}, {channel}, {count_spikes}, {rest} (all parameters but times), and of a
+        parameter NAME_percent (its distance from one), NAME_change (a share), NAME_direction,
+        NAME_hertz, NAME_side (a length with "ahead of" or "behind"). Without any the report prints
+        the parameters.
+    grouped : the template where effects that a record cannot tell apart are told together; the
+    sentence when empty. short_name : what it is called in such a group; its name when empty.
     separating : other effect -> what to fly to tell the two apart. Either of the two may say it.
-    twins : names of effects that are another description of the same fault of the same sensor: never claimed side by side.
-    equivalents : those of the twins that no record tells apart from it, since other values of the derivatives make up for the difference: a
+    twins : names of effects that are another description of the same fault of the same sensor:
+    never claimed side by side. equivalents : those of the twins that no record tells apart from it,
+    since other values of the derivatives make up for the difference: a
         record is explained alike under each, and only the priors say which is likelier.
-    same_as : local name -> (effect, least size): where this parameter is larger than that, the effect is the same thing under another name, which
+    same_as : local name -> (effect, least size): where this parameter is larger than that, the
+    effect is the same thing under another name, which
         no record without further channels tells apart.
-    never_beside : names of effects that are never in one set with it: of one slow fault, or one law of the airspeed, a record shows no more.
-    plausible : local name -> range within which a value is believed without asking; bounds are the physical limits.
-    usual : local name -> one standard deviation of what is expected of it before any record is seen, about its absence; its declared
+    never_beside : names of effects that are never in one set with it: of one slow fault, or one law
+    of the airspeed, a record shows no more. plausible : local name -> range within which a value is
+    believed without asking; bounds are the physical limits. usual : local name -> one standard
+    deviation of what is expected of it before any record is seen, about its absence; its declared
         size where it is not here.
-    oscillates : local names of frequencies, rad/s, that a record resolves only well below half its sampling rate.
-    tried : local names of parameters that only trying finds, since no slope tells them: each is known to its prior about the value tried.
-    in_input_unit : local names of parameters that are counted in the unit of the input, or that per second.
-    onset : local name of the time from which it acts, searched for over the record; empty where there is none.
-    lasts : local name of the time that an event lasts: where it is no longer than two samples, the recorder did it, and no force.
-    per_record : True where the effect belongs to one record (an event, a drift): its parameters are fitted anew for each record, and it
+    oscillates : local names of frequencies, rad/s, that a record resolves only well below half its
+    sampling rate. tried : local names of parameters that only trying finds, since no slope tells
+    them: each is known to its prior about the value tried. in_input_unit : local names of
+    parameters that are counted in the unit of the input, or that per second. onset : local name of
+    the time from which it acts, searched for over the record; empty where there is none. lasts :
+    local name of the time that an event lasts: where it is no longer than two samples, the recorder
+    did it, and no force. per_record : True where the effect belongs to one record (an event, a
+    drift): its parameters are fitted anew for each record, and it
         needs not act on all of them. Those in ``of_aircraft`` are excepted.
-    of_aircraft : local names of parameters that any aircraft has and that are known beforehand to their prior: all records share them.
-    guard : True for a generic term that competes like an effect and is never claimed: where it wins, the library lacks the cause.
-    wrong_samples_of : the output or recorded input whose isolated wrong samples it stands for: found by rule, never fitted.
-    recorded_as : the input channel that records what this effect would have to guess: with it there is nothing to search for.
-    within_interval : local name of a time that, where it is shorter than the sampling interval, tells how inputs are to be read between
+    of_aircraft : local names of parameters that any aircraft has and that are known beforehand to
+    their prior: all records share them. guard : True for a generic term that competes like an
+    effect and is never claimed: where it wins, the library lacks the cause. wrong_samples_of : the
+    output or recorded input whose isolated wrong samples it stands for: found by rule, never
+    fitted. recorded_as : the input channel that records what this effect would have to guess: with
+    it there is nothing to search for. within_interval : local name of a time that, where it is
+    shorter than the sampling interval, tells how inputs are to be read between
         samples, and no more.
-    background : True for motion that any real record may have whatever else is wrong: its prior odds are one half.
-    general : True for one of many instances of a general form, less specific than a named cause: offered where nothing with a cause of its
+    background : True for motion that any real record may have whatever else is wrong: its prior
+    odds are one half. general : True for one of many instances of a general form, less specific
+    than a named cause: offered where nothing with a cause of its
         own explains the records.
     """
 
@@ -88,7 +100,9 @@ class Traits:
 
 # ---- What an effect tells a search that knows nothing of physics
 
-RESOLVED = 0.8  # of half the sampling rate: above it a few samples a period are no oscillation, and any derivative can hide in it
+# of half the sampling rate: above it a few samples a period are no oscillation, and any derivative
+# can hide in it
+RESOLVED = 0.8
 
 _NONE: Mapping[str, float] = MappingProxyType({})
 _proposal_NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
@@ -101,12 +115,13 @@ class SearchContext:
     Attributes
     ----------
     begin, end : s, of the record. interval : median sampling interval, s.
-    input_peak : largest magnitude of each input. input_rate : largest step between samples over the interval, unit/s.
-    state_peak : largest magnitude of each measured state or output, in its unit.
-    flown : lowest and highest value of an input, state or output, spikes left out; ``flown_range`` falls back on the peaks.
-    residual_peaks : frequencies of peaks in the residual's spectrum, rad/s, strongest first.
-    update_periods : of each output the period, s, at which it would be held between updates if it were.
-    airspeed : m/s, where the model has one. values : parameters of the model as fitted, by name.
+    input_peak : largest magnitude of each input. input_rate : largest step between samples over the
+    interval, unit/s. state_peak : largest magnitude of each measured state or output, in its unit.
+    flown : lowest and highest value of an input, state or output, spikes left out; ``flown_range``
+    falls back on the peaks. residual_peaks : frequencies of peaks in the residual's spectrum,
+    rad/s, strongest first. update_periods : of each output the period, s, at which it would be held
+    between updates if it were. airspeed : m/s, where the model has one. values : parameters of the
+    model as fitted, by name.
     """
 
     begin: float
@@ -126,14 +141,18 @@ class SearchContext:
         return self.end - self.begin
 
     def flown_range(self, name: str) -> tuple[float, float] | None:
-        """Lowest and highest value of a signal, by its peak to both sides where no more is known; None where nothing is."""
+        """Lowest and highest value of a signal, by its peak to both sides where no more is known;
+        None where nothing is.
+        """
         if name in self.flown:
             return self.flown[name]
         peak = self.state_peak.get(name, self.input_peak.get(name, 0.0))
         return (-peak, peak) if peak > 0 else None
 
     def onsets(self, count: int = 36) -> tuple[float, ...]:
-        """Times spread evenly over the record, its ends left out: an event at the very edge cannot be told from a bias."""
+        """Times spread evenly over the record, its ends left out: an event at the very edge cannot
+        be told from a bias.
+        """
         return tuple(self.begin + self.duration * (i + 0.5) / count for i in range(count))
 
 
@@ -143,10 +162,13 @@ class Probe:
 
     Attributes
     ----------
-    values : all local parameters. slopes : those by which the outputs are differentiated at ``values``; the columns that
-        this gives are the effect's signature. When empty, the signature is the whole change from the effect's absence.
-    shifts : True where a later onset only moves the signature along the record, and the same probe therefore stands for all of them.
-    sharp : of one that shifts: a fit moves the onset by a sample at most, and the best place is looked for to the sample.
+    values : all local parameters. slopes : those by which the outputs are differentiated at
+    ``values``; the columns that
+        this gives are the effect's signature. When empty, the signature is the whole change from
+        the effect's absence.
+    shifts : True where a later onset only moves the signature along the record, and the same probe
+    therefore stands for all of them. sharp : of one that shifts: a fit moves the onset by a sample
+    at most, and the best place is looked for to the sample.
     """
 
     values: Mapping[str, float]
@@ -157,7 +179,9 @@ class Probe:
 
 @runtime_checkable
 class Traceable(Effect, Protocol):
-    """An effect that a search can propose: its ``traits`` say how, ``probes`` where to look for it in a record."""
+    """An effect that a search can propose: its ``traits`` say how, ``probes`` where to look for it
+    in a record.
+    """
 
     @property
     def traits(self) -> Traits: ...
@@ -166,14 +190,18 @@ class Traceable(Effect, Protocol):
 
 @runtime_checkable
 class Fitted(Protocol):
-    """An effect whose form depends on the record (a range, a width); ``fitted_to`` gives it the form for that record, under the same name."""
+    """An effect whose form depends on the record (a range, a width); ``fitted_to`` gives it the
+    form for that record, under the same name.
+    """
 
     def fitted_to(self, context: SearchContext) -> Traceable: ...
 
 
 @runtime_checkable
 class Curve(Protocol):
-    """A curve over a range: ``low`` and ``high``, in the unit of its argument, are what the records of ``fitted_to`` flew."""
+    """A curve over a range: ``low`` and ``high``, in the unit of its argument, are what the records
+    of ``fitted_to`` flew.
+    """
 
     @property
     def low(self) -> float: ...
@@ -184,16 +212,20 @@ class Curve(Protocol):
 
 @runtime_checkable
 class Refinable(Protocol):
-    """An effect with a freer form under the same name; ``finer`` gives it, its further parameters at their absent values."""
+    """An effect with a freer form under the same name; ``finer`` gives it, its further parameters
+    at their absent values.
+    """
 
     def finer(self) -> Traceable: ...
 
 
 @runtime_checkable
 class Edged(Protocol):
-    """An event with edges of a width; ``blunted`` gives it, under the same name, edges so many times as wide.
+    """An event with edges of a width; ``blunted`` gives it, under the same name, edges so many
+    times as wide.
 
-    An output that feels the edge at once shows it in single samples: each is a local optimum of its time, of which wide edges have none.
+    An output that feels the edge at once shows it in single samples: each is a local optimum of its
+    time, of which wide edges have none.
     """
 
     def blunted(self, times: int) -> Traceable: ...
@@ -201,7 +233,9 @@ class Edged(Protocol):
 
 @runtime_checkable
 class Underdetermined(Protocol):
-    """A part of a vehicle whose parameters do not all leave a trace in its outputs: where ``needs_priors`` a fit takes all declared priors."""
+    """A part of a vehicle whose parameters do not all leave a trace in its outputs: where
+    ``needs_priors`` a fit takes all declared priors.
+    """
 
     @property
     def needs_priors(self) -> bool: ...
@@ -213,14 +247,20 @@ def fitted_to(effect: Traceable, context: SearchContext) -> Traceable:
 
 
 def late_times(context: SearchContext) -> tuple[float, ...]:
-    """Delays and time constants to try, s, a factor of two apart, from a share of the sampling interval upward.
+    """Delays and time constants to try, s, a factor of two apart, from a share of the sampling
+    interval upward.
 
-    None is a multiple of a usual sampling interval: there a held input's jump meets a sample, and slopes are one-sided.
+    None is a multiple of a usual sampling interval: there a held input's jump meets a sample, and
+    slopes are one-sided.
     """
-    return tuple(time for time in (0.0173, 0.0373, 0.0831, 0.1773) if time > 0.3 * context.interval) or (context.interval / 3.0,)
+    return tuple(
+        time for time in (0.0173, 0.0373, 0.0831, 0.1773) if time > 0.3 * context.interval
+    ) or (context.interval / 3.0,)
 
 
-def shares_of_peak(context: SearchContext, signal: str, shares: Sequence[float]) -> tuple[float, ...]:
+def shares_of_peak(
+    context: SearchContext, signal: str, shares: Sequence[float]
+) -> tuple[float, ...]:
     """Shares of a signal's largest magnitude, spikes left out; none where it stays at zero."""
     flown = context.flown_range(signal)
     return tuple(share * max(abs(value) for value in flown) for share in shares) if flown else ()

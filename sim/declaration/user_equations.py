@@ -1,4 +1,6 @@
-"""Equations of motion made of a user's functions, their named arguments, and a trial call of each function."""
+"""Equations of motion made of a user's functions, their named arguments, and a trial call of each
+function.
+"""
 
 from __future__ import annotations
 
@@ -21,14 +23,19 @@ from sim.maths import COMPLEX_STEP, plus
 
 # ---- Arguments of users' functions
 
-NO_CHANGE = "make a new value, as in x = 2.0 * s.x instead of s.x *= 2.0 or x *= 2.0; signals that several functions need are formed in flow"
+NO_CHANGE = (
+    "make a new value, as in x = 2.0 * s.x instead of s.x *= 2.0 or x *= 2.0; signals that several "
+    "functions need are formed in flow"
+)
 
 
 class ChangedArgument(FlightidError):
     """A user's function assigned to a signal that it was given."""
 
     def __init__(self, name: str) -> None:
-        super().__init__(f"a function of a model or an effect assigns to the signal s.{name}", remedy=NO_CHANGE)
+        super().__init__(
+            f"a function of a model or an effect assigns to the signal s.{name}", remedy=NO_CHANGE
+        )
 
 
 class Signals(SimpleNamespace):
@@ -47,8 +54,9 @@ class Signals(SimpleNamespace):
 def is_sampled(call: int) -> bool:
     """Whether the arrays of this call (counted from 0) are locked: calls 0, 1, 2, 4, 8 and so on.
 
-    A view for each array of each call took 12 to 32 % of the time of an evaluation. A function that changes its arguments is found when it is
-    declared (``sim.declaration.user_equations``), or at a later call where the change depends on values.
+    A view for each array of each call took 12 to 32 % of the time of an evaluation. A function that
+    changes its arguments is found when it is declared (``sim.declaration.user_equations``), or at a
+    later call where the change depends on values.
     """
     return not call & (call - 1)
 
@@ -61,10 +69,14 @@ def lock_arrays(signals: dict[str, Any]) -> None:
 
 
 def with_locked_arrays(parameters: Any) -> Any:
-    """A named tuple with read-only views in place of its arrays; the same object where it holds none."""
+    """A named tuple with read-only views in place of its arrays; the same object where it holds
+    none.
+    """
     for value in parameters:
         if type(value) is np.ndarray:
-            return parameters._make([locked(each) if type(each) is np.ndarray else each for each in parameters])
+            return parameters._make(
+                [locked(each) if type(each) is np.ndarray else each for each in parameters]
+            )
     return parameters
 
 
@@ -76,7 +88,8 @@ def locked(array: np.ndarray) -> np.ndarray:
 
 
 class WatchedTime(NDArrayOperatorsMixin):
-    """Time zero that serves as a number or as an array without axes, and records in ``used`` whether anything was done with it.
+    """Time zero that serves as a number or as an array without axes, and records in ``used``
+    whether anything was done with it.
 
     A function of the time is found by it even where its value changes at one instant only.
     """
@@ -130,15 +143,18 @@ Answer = Callable[[Any, Any], Mapping[str, Any]]
 class OwnEquations:
     """Equations of a user's own model, as ``sim.declaration.model.Equations`` wants them.
 
-    ``rates(s, p)``, ``readings(s, p)`` and ``formed(s, p)`` (None where the model forms no further signals, ``formed_names`` else) return
-    mappings by name. ``rate_ports`` holds for each state the port that is added to its rate; it is empty where the model declares ports of its
-    own, which its functions then take as ``s.PORT``. ``biased_outputs`` names the outputs whose sensors have a free constant bias.
-    ``resting``: inputs about which they are tried. ``explanation``: what the file says of the equations.
-    ``multiplying``: estimated parameters that multiply signals, with their units. ``products``: port, signal and estimated parameter,
-    where the parameter multiplies the signal in a rate to which the port adds.
+    ``rates(s, p)``, ``readings(s, p)`` and ``formed(s, p)`` (None where the model forms no further
+    signals, ``formed_names`` else) return mappings by name. ``rate_ports`` holds for each state the
+    port that is added to its rate; it is empty where the model declares ports of its own, which its
+    functions then take as ``s.PORT``. ``biased_outputs`` names the outputs whose sensors have a
+    free constant bias. ``resting``: inputs about which they are tried. ``explanation``: what the
+    file says of the equations. ``multiplying``: estimated parameters that multiply signals, with
+    their units. ``products``: port, signal and estimated parameter, where the parameter multiplies
+    the signal in a rate to which the port adds.
 
-    A number beyond the range of floats, or a division by zero, makes the answer NaN, which an estimator steps back from; every other error
-    in a function is a ModelError that names file and line.
+    A number beyond the range of floats, or a division by zero, makes the answer NaN, which an
+    estimator steps back from; every other error in a function is a ModelError that names file and
+    line.
     """
 
     name: str
@@ -173,7 +189,11 @@ class OwnEquations:
             return {}
         try:
             found = self.formed(s, p)
-            answers = {name: found[name] for name in self.formed_names} if self.formed_names else dict(found)
+            answers = (
+                {name: found[name] for name in self.formed_names}
+                if self.formed_names
+                else dict(found)
+            )
         except ArithmeticError:
             return dict.fromkeys(self.formed_names, math.nan)
         except BaseException as error:
@@ -185,12 +205,16 @@ class OwnEquations:
         found = self._answer("rates", self.rates, self.states, s, p)
         if not self.rate_ports:
             return found
-        return [plus(rate, getattr(s, port)) for rate, port in zip(found, self.rate_ports, strict=True)]
+        return [
+            plus(rate, getattr(s, port)) for rate, port in zip(found, self.rate_ports, strict=True)
+        ]
 
     def measurements(self, s: Any, p: Any) -> Sequence[Any]:
         return self._answer("readings", self.readings, self.outputs, s, p)
 
-    def _answer(self, what: str, function: Answer, signals: tuple[Signal, ...], s: Any, p: Any) -> list[Any]:
+    def _answer(
+        self, what: str, function: Answer, signals: tuple[Signal, ...], s: Any, p: Any
+    ) -> list[Any]:
         try:
             found = function(s, p)
             answers = [found[signal.name] for signal in signals]
@@ -198,64 +222,114 @@ class OwnEquations:
             return [math.nan for _ in signals]
         except BaseException as error:
             raise fault(self.name, what, function, error, s, p) from None
-        self._check_all(what, function, zip((each.name for each in signals), answers, strict=True), s, p)
+        self._check_all(
+            what, function, zip((each.name for each in signals), answers, strict=True), s, p
+        )
         return answers
 
-    def _check_all(self, what: str, function: Answer, answers: Iterable[tuple[str, Any]], s: Any, p: Any) -> None:
-        """Check each answer; plain numbers, and arrays of floats in the shape of the first state, need no second look."""
+    def _check_all(
+        self, what: str, function: Answer, answers: Iterable[tuple[str, Any]], s: Any, p: Any
+    ) -> None:
+        """Check each answer; plain numbers, and arrays of floats in the shape of the first state,
+        need no second look.
+        """
         shape = getattr(getattr(s, self.states[0].name), "shape", ())
         for name, value in answers:
             kind = type(value)
-            if kind in _NUMBERS or (kind is np.ndarray and value.shape == shape and value.dtype.kind in "fc"):
+            if kind in _NUMBERS or (
+                kind is np.ndarray and value.shape == shape and value.dtype.kind in "fc"
+            ):
                 continue
             self._check(what, function, name, value, s, p)
 
     def _check(self, what: str, function: Answer, name: str, value: Any, s: Any, p: Any) -> None:
-        """Raise ModelError for an answer that is no number, or of a shape that no signal has: it may be another than when it was tried."""
+        """Raise ModelError for an answer that is no number, or of a shape that no signal has: it
+        may be another than when it was tried.
+        """
         shape, kind = np.shape(value), getattr(getattr(value, "dtype", None), "kind", None)
-        plain = kind in ("f", "c", "i", "u") if kind is not None else isinstance(value, int | complex) and not isinstance(value, bool)
+        plain = (
+            kind in ("f", "c", "i", "u")
+            if kind is not None
+            else isinstance(value, int | complex) and not isinstance(value, bool)
+        )
         if plain and (shape == () or shape == np.shape(getattr(s, self.states[0].name))):
             return
         if plain:
-            known = {np.shape(each) for each in (*vars(s).values(), *(p if isinstance(p, tuple) else vars(p).values()))}
+            known = {
+                np.shape(each)
+                for each in (*vars(s).values(), *(p if isinstance(p, tuple) else vars(p).values()))
+            }
             if any(shape == each for each in known) or shape == np.broadcast_shapes(*known):
                 return
-        told = f"of shape {shape} where no signal has it" if plain else f"of type {type(value).__name__}"
+        told = (
+            f"of shape {shape} where no signal has it"
+            if plain
+            else f"of type {type(value).__name__}"
+        )
         where = written_in(self.name, what, function)
-        raise ModelError(f"the answer for {name} is {told}", where=where, remedy="return numbers that go with the signals, in every call")
+        raise ModelError(
+            f"the answer for {name} is {told}",
+            where=where,
+            remedy="return numbers that go with the signals, in every call",
+        )
 
 
-NO_COMPLEX = "use sin, exp, sqrt, absolute, clip, where and the like of sim.maths: what stands there must take complex numbers and arrays"
+NO_COMPLEX = (
+    "use sin, exp, sqrt, absolute, clip, where and the like of sim.maths: what stands there must "
+    "take complex numbers and arrays"
+)
 
 
-def fault(model: str, what: str, function: Answer, error: BaseException, s: Any, p: Any) -> FlightidError:
+def fault(
+    model: str, what: str, function: Answer, error: BaseException, s: Any, p: Any
+) -> FlightidError:
     """One line on an error that a user's function raised: what, in which function, file and line.
 
-    What asks the program to stop is raised again: an interrupt from the keyboard, and what is no error of the function.
+    What asks the program to stop is raised again: an interrupt from the keyboard, and what is no
+    error of the function.
     """
     if not raised_by(error, getattr(getattr(function, "__code__", None), "co_filename", "")):
         raise error
     if isinstance(error, FlightidError) and not isinstance(error, ChangedArgument):
         return error
-    where, text = place(model, what, function, error), " ".join(f"{type(error).__name__}: {error}".split())
+    where, text = (
+        place(model, what, function, error),
+        " ".join(f"{type(error).__name__}: {error}".split()),
+    )
     if _changes_argument(error):
-        return ModelError("it changes what it was given, s or p, in place", where=where, remedy=NO_CHANGE)
+        return ModelError(
+            "it changes what it was given, s or p, in place", where=where, remedy=NO_CHANGE
+        )
     if isinstance(error, AttributeError) and (error.obj is s or error.obj is p):
         known = [name for name in dir(error.obj) if not name.startswith("_")]
         near = get_close_matches(str(error.name), known, n=1)
-        remedy = f"did you mean {near[0]!r}?" if near else f"declare it, or use one of {', '.join(known)}"
-        return ModelError(f"there is no {'signal s' if error.obj is s else 'parameter p'}.{error.name}", where=where, remedy=remedy)
+        remedy = (
+            f"did you mean {near[0]!r}?"
+            if near
+            else f"declare it, or use one of {', '.join(known)}"
+        )
+        return ModelError(
+            f"there is no {'signal s' if error.obj is s else 'parameter p'}.{error.name}",
+            where=where,
+            remedy=remedy,
+        )
     if isinstance(error, KeyError):
-        return ModelError(f"{what} gives no {error}", where=where, remedy=f"return a mapping with {error} in it")
+        return ModelError(
+            f"{what} gives no {error}", where=where, remedy=f"return a mapping with {error} in it"
+        )
     if isinstance(error, TypeError | ValueError):
         return ModelError(text, where=where, remedy=NO_COMPLEX)
     if isinstance(error, ArithmeticError):
-        return ModelError(text, where=where, remedy="give starts and `initial` values at which it is a number")
+        return ModelError(
+            text, where=where, remedy="give starts and `initial` values at which it is a number"
+        )
     return ModelError(text, where=where, remedy="mend that line")
 
 
 def _changes_argument(error: BaseException) -> bool:
-    """Whether an error comes of an assignment to a signal or parameter, to an element of one, or to a read-only array."""
+    """Whether an error comes of an assignment to a signal or parameter, to an element of one, or to
+    a read-only array.
+    """
     text = str(error)
     return (
         isinstance(error, ChangedArgument)
@@ -268,53 +342,79 @@ def _changes_argument(error: BaseException) -> bool:
 def written_in(model: str, what: str, function: Callable[..., object]) -> str:
     """``model roll, rates (my_model.py, line 12)``: where the function itself begins."""
     code = getattr(function, "__code__", None)
-    return f"model {model}, {what}" + (f" ({code.co_filename}, line {code.co_firstlineno})" if code is not None else "")
+    return f"model {model}, {what}" + (
+        f" ({code.co_filename}, line {code.co_firstlineno})" if code is not None else ""
+    )
 
 
 def place(model: str, what: str, function: Answer, error: BaseException) -> str:
-    """``model roll, rates (my_model.py, line 12)``: the line of the user's file through which the error came last."""
+    """``model roll, rates (my_model.py, line 12)``: the line of the user's file through which the
+    error came last.
+    """
     files = [(frame.f_code.co_filename, line) for frame, line in walk_tb(error.__traceback__)]
     own = getattr(getattr(function, "__code__", None), "co_filename", None)
-    lines = [(file, line) for file, line in files if file == own] or [(file, line) for file, line in files if Path(file).parent != HERE]
+    lines = [(file, line) for file, line in files if file == own] or [
+        (file, line) for file, line in files if Path(file).parent != HERE
+    ]
     return f"model {model}, {what}" + (f" ({lines[-1][0]}, line {lines[-1][1]})" if lines else "")
 
 
 # ---- A user's functions tried once at the starts
 
-ASIDE = 0.01  # of a value, or of one: how far beside the starts slopes are compared, since at zero itself many curves have a kink
+# of a value, or of one: how far beside the starts slopes are compared, since at zero itself many
+# curves have a kink
+ASIDE = 0.01
 DIFFERENCE = 1e-6  # of a value, or of ``ASIDE``: step of the differences
-TERMS = 1e-12  # of the sizes of the terms: rounding of a difference, with three digits to spare for what cancels inside
-SLOPE = 1e-3  # by which a difference and a complex step may be apart: a curve as sharp as the step of a difference is no curve
+# of the sizes of the terms: rounding of a difference, with three digits to spare for what cancels
+# inside
+TERMS = 1e-12
+# by which a difference and a complex step may be apart: a curve as sharp as the step of a
+# difference is no curve
+SLOPE = 1e-3
 
 
 @dataclass(frozen=True)
 class Starts:
-    """Where a model is tried: every signal on the bus but those of ``flow``, and every parameter."""
+    """Where a model is tried: every signal on the bus but those of ``flow``, and every
+    parameter.
+    """
 
     signals: Mapping[str, Any]
     parameters: Mapping[str, Any]
 
 
 def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
-    """Evaluate a model's functions at the starts, beside them with complex steps, and with arrays; the names that ``flow`` forms.
+    """Evaluate a model's functions at the starts, beside them with complex steps, and with arrays;
+    the names that ``flow`` forms.
 
     Raises
     ------
-    ModelError : an answer that is no mapping, lacks a name or has one too many, or is no finite number at the starts; a function that loses a
+    ModelError : an answer that is no mapping, lacks a name or has one too many, or is no finite
+    number at the starts; a function that loses a
         complex step (``math``, ``abs`` or ``if`` of a signal) or does not take arrays.
     """
     values = evaluated(equations, starts)
     for (what, name), value in values.items():
         where = written_in(equations.name, what, _function(equations, what))
         if np.shape(value) != ():
-            told = f"{_told(what, name)} of shape {np.shape(value)} where all signals are single numbers"
+            told = (
+                f"{_told(what, name)} of shape {np.shape(value)} where all signals are single "
+                "numbers"
+            )
             raise ModelError(told, where=where, remedy="return one number for each name")
         if not np.isfinite(value):
             told = f"{_told(what, name)} is {value:g} at the starts"
-            raise ModelError(told, where=where, remedy="give starts and `initial` values at which it is a number")
+            raise ModelError(
+                told, where=where, remedy="give starts and `initial` values at which it is a number"
+            )
     for side in (1.0, -1.0):
         _compare_slopes(equations, neighbouring_point(starts, side))
-    arrays = Starts(*({name: np.array([value, value]) for name, value in some.items()} for some in (starts.signals, starts.parameters)))
+    arrays = Starts(
+        *(
+            {name: np.array([value, value]) for name, value in some.items()}
+            for some in (starts.signals, starts.parameters)
+        )
+    )
     first, again = evaluated(equations, arrays), evaluated(equations, arrays)
     for (what, name), value in first.items():
         _refuse_reused(equations, what, name, value, again[what, name], arrays)
@@ -324,22 +424,42 @@ def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
             raise ModelError(told, where=where, remedy="write it so that it broadcasts over arrays")
     if equations.formed is None:
         return ()
-    return tuple(_asked(equations, "flow", equations.formed, signals_from(starts.signals), signals_from(starts.parameters)))
+    return tuple(
+        _asked(
+            equations,
+            "flow",
+            equations.formed,
+            signals_from(starts.signals),
+            signals_from(starts.parameters),
+        )
+    )
 
 
-def _refuse_reused(equations: OwnEquations, what: str, name: str, value: Any, again: Any, given: Starts) -> None:
-    """Raise ModelError for an array that a function makes once and overwrites at each call: earlier answers would change with it."""
+def _refuse_reused(
+    equations: OwnEquations, what: str, name: str, value: Any, again: Any, given: Starts
+) -> None:
+    """Raise ModelError for an array that a function makes once and overwrites at each call: earlier
+    answers would change with it.
+    """
     arguments = [*given.signals.values(), *given.parameters.values()]
-    if not isinstance(value, np.ndarray) or any(np.shares_memory(value, each) for each in arguments):
+    if not isinstance(value, np.ndarray) or any(
+        np.shares_memory(value, each) for each in arguments
+    ):
         return
     if value.flags.writeable and isinstance(again, np.ndarray) and np.shares_memory(value, again):
         where = written_in(equations.name, what, _function(equations, what))
-        raise ModelError(f"{_told(what, name)} is the same array at every call", where=where, remedy="return a new array at each call")
+        raise ModelError(
+            f"{_told(what, name)} is the same array at every call",
+            where=where,
+            remedy="return a new array at each call",
+        )
 
 
 def _function(equations: OwnEquations, what: str) -> Answer:
     """The user's function of that name."""
-    found = {"rates": equations.rates, "readings": equations.readings, "flow": equations.formed}[what]
+    found = {"rates": equations.rates, "readings": equations.readings, "flow": equations.formed}[
+        what
+    ]
     assert found is not None
     return found
 
@@ -379,48 +499,83 @@ def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], 
             _number(equations, "flow", str(name), value)
         s = signals_from({**starts.signals, **found})
     out: dict[tuple[str, str], Any] = {}
-    for what, function, signals in (("rates", equations.rates, equations.states), ("readings", equations.readings, equations.outputs)):
+    for what, function, signals in (
+        ("rates", equations.rates, equations.states),
+        ("readings", equations.readings, equations.outputs),
+    ):
         found, known = _asked(equations, what, function, s, p), [signal.name for signal in signals]
-        where, kind = written_in(equations.name, what, function), "state" if what == "rates" else "output"
+        where, kind = (
+            written_in(equations.name, what, function),
+            "state" if what == "rates" else "output",
+        )
         for name in found:
             if name not in known:
-                raise ModelError(f"there is no {kind} {name!r}", where=where, remedy=f"the {kind}s are {', '.join(known)}")
+                raise ModelError(
+                    f"there is no {kind} {name!r}",
+                    where=where,
+                    remedy=f"the {kind}s are {', '.join(known)}",
+                )
         missing = [name for name in known if name not in found]
         if missing:
-            raise ModelError(f"{', '.join(missing)} missing", where=where, remedy=f"return one value for each {kind}")
+            raise ModelError(
+                f"{', '.join(missing)} missing",
+                where=where,
+                remedy=f"return one value for each {kind}",
+            )
         out |= {(what, name): _number(equations, what, name, found[name]) for name in known}
     return out
 
 
-def _asked(equations: OwnEquations, what: str, function: Answer, s: Any, p: Any) -> Mapping[str, Any]:
+def _asked(
+    equations: OwnEquations, what: str, function: Answer, s: Any, p: Any
+) -> Mapping[str, Any]:
     try:
         found: object = function(s, p)
     except BaseException as error:
         raise fault(equations.name, what, function, error, s, p) from error
     if not isinstance(found, Mapping):
         shown = f"it returns a {type(found).__name__}, not a mapping by name"
-        raise ModelError(shown, where=written_in(equations.name, what, function), remedy='return {"NAME": value, ...}')
+        raise ModelError(
+            shown,
+            where=written_in(equations.name, what, function),
+            remedy='return {"NAME": value, ...}',
+        )
     return found
 
 
 def _refuse_name(equations: OwnEquations, name: object, starts: Starts) -> None:
     where = written_in(equations.name, "flow", _function(equations, "flow"))
     if not isinstance(name, str) or not name.isidentifier():
-        raise ModelError(f"{name!r} is no name", where=where, remedy="use letters, digits and underscores")
+        raise ModelError(
+            f"{name!r} is no name", where=where, remedy="use letters, digits and underscores"
+        )
     if name in starts.signals or name in starts.parameters:
-        raise ModelError(f"{name} is a signal or parameter already", where=where, remedy="give what flow forms a name of its own")
+        raise ModelError(
+            f"{name} is a signal or parameter already",
+            where=where,
+            remedy="give what flow forms a name of its own",
+        )
 
 
 def _number(equations: OwnEquations, what: str, name: str, value: Any) -> Any:
-    plain = isinstance(value, int | float | complex | np.number | np.ndarray) and not isinstance(value, bool)
+    plain = isinstance(value, int | float | complex | np.number | np.ndarray) and not isinstance(
+        value, bool
+    )
     if not plain or np.asarray(value).dtype.kind not in "fciu":
         told = f"{_told(what, name)} is of type {type(value).__name__}"
-        raise ModelError(told, where=written_in(equations.name, what, _function(equations, what)), remedy="give a number or an array of numbers")
+        raise ModelError(
+            told,
+            where=written_in(equations.name, what, _function(equations, what)),
+            remedy="give a number or an array of numbers",
+        )
     return value
 
 
 def _told(what: str, name: str) -> str:
-    return f"the {'rate' if what == 'rates' else 'reading' if what == 'readings' else 'signal'} of {name}".replace("signal of", "signal")
+    return (
+        f"the {'rate' if what == 'rates' else 'reading' if what == 'readings' else 'signal'} of "
+        f"{name}"
+    ).replace("signal of", "signal")
 
 
 def neighbouring_point(starts: Starts, side: float) -> Starts:
@@ -428,14 +583,21 @@ def neighbouring_point(starts: Starts, side: float) -> Starts:
 
     def moved(some: Mapping[str, Any], first: int) -> dict[str, Any]:
         amounts = (1.0 + 0.1 * math.sin(first + i) for i in range(len(some)))
-        return {name: value + side * ASIDE * amount * (abs(value) or 1.0) for (name, value), amount in zip(some.items(), amounts, strict=True)}
+        return {
+            name: value + side * ASIDE * amount * (abs(value) or 1.0)
+            for (name, value), amount in zip(some.items(), amounts, strict=True)
+        }
 
     return Starts(moved(starts.signals, 1), moved(starts.parameters, 2))
 
 
 def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
-    """Complex steps against differences, one signal and parameter after the other; nothing where the functions have no finite values there."""
-    names = [(True, name) for name in at.signals if name != "time"] + [(False, name) for name in at.parameters]
+    """Complex steps against differences, one signal and parameter after the other; nothing where
+    the functions have no finite values there.
+    """
+    names = [(True, name) for name in at.signals if name != "time"] + [
+        (False, name) for name in at.parameters
+    ]
     base = _finite(equations, at)
     if base is None:
         return
@@ -445,8 +607,13 @@ def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
         step = DIFFERENCE * (abs(value) or ASIDE)
         stepped = evaluated(equations, changed(at, of_signal, name, complex(value, COMPLEX_STEP)))
         exact.append([np.imag(each) / COMPLEX_STEP for each in stepped.values()])
-        sides = [_finite(equations, changed(at, of_signal, name, value + sign * step)) for sign in (1.0, -1.0)]
-        found.append(None if sides[0] is None or sides[1] is None else (sides[0] - sides[1]) / (2.0 * step))
+        sides = [
+            _finite(equations, changed(at, of_signal, name, value + sign * step))
+            for sign in (1.0, -1.0)
+        ]
+        found.append(
+            None if sides[0] is None or sides[1] is None else (sides[0] - sides[1]) / (2.0 * step)
+        )
         steps.append(step)
     slopes = np.array(exact)
     terms = np.max(np.abs(slopes) * np.array(steps)[:, None] / DIFFERENCE, axis=0) + np.abs(base)
@@ -454,20 +621,36 @@ def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
         difference = found[k]
         if difference is None:
             continue
-        apart = np.abs(slopes[k] - difference) > SLOPE * np.maximum(np.abs(slopes[k]), np.abs(difference)) + TERMS * terms / steps[k]
+        apart = (
+            np.abs(slopes[k] - difference)
+            > SLOPE * np.maximum(np.abs(slopes[k]), np.abs(difference)) + TERMS * terms / steps[k]
+        )
         if np.any(apart):
             what, answer = list(evaluated(equations, at))[int(np.argmax(apart))]
-            told = f"{_told(what, answer)} loses a complex step of {name}: the slope is {difference[apart][0]:.4g}, not {slopes[k][apart][0]:.4g}"
-            raise ModelError(told, where=written_in(equations.name, what, _function(equations, what)), remedy=NO_COMPLEX)
+            told = (
+                f"{_told(what, answer)} loses a complex step of {name}: the slope is "
+                f"{difference[apart][0]:.4g}, not {slopes[k][apart][0]:.4g}"
+            )
+            raise ModelError(
+                told,
+                where=written_in(equations.name, what, _function(equations, what)),
+                remedy=NO_COMPLEX,
+            )
 
 
 def changed(at: Starts, of_signal: bool, name: str, value: Any) -> Starts:
     """The same with another value of one signal, or of one parameter."""
-    return Starts({**at.signals, name: value}, at.parameters) if of_signal else Starts(at.signals, {**at.parameters, name: value})
+    return (
+        Starts({**at.signals, name: value}, at.parameters)
+        if of_signal
+        else Starts(at.signals, {**at.parameters, name: value})
+    )
 
 
 def _finite(equations: OwnEquations, at: Starts) -> np.ndarray | None:
-    """All answers at a point beside the starts, None where one is not finite or cannot be formed."""
+    """All answers at a point beside the starts, None where one is not finite or cannot be
+    formed.
+    """
     try:
         values: Sequence[Any] = list(evaluated(equations, at).values())
     except FlightidError as error:

@@ -1,4 +1,5 @@
-"""A user's model: named states, inputs, outputs and parameters with units, and functions that give its equations.
+"""A user's model: named states, inputs, outputs and parameters with units, and functions that give
+its equations.
 
 An angle that nothing but its own gyro feels is known to a constant.
 """
@@ -18,7 +19,18 @@ import numpy as np
 
 from sim.declaration.effect import Parameter, ParameterSet, Signal
 from sim.declaration.model import Model
-from sim.declaration.user_equations import ASIDE, Answer, OwnEquations, Signals, Starts, changed, evaluated, neighbouring_point, try_model, written_in
+from sim.declaration.user_equations import (
+    ASIDE,
+    Answer,
+    OwnEquations,
+    Signals,
+    Starts,
+    changed,
+    evaluated,
+    neighbouring_point,
+    try_model,
+    written_in,
+)
 from sim.errors import FlightidError, ModelError
 from sim.maths import COMPLEX_STEP, complex_step_jacobian
 
@@ -29,11 +41,16 @@ APART = 1e-9  # of the largest slope: below it two slopes are one, but for round
 
 
 def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -> tuple[str, ...]:
-    """Those parameters of ``names`` that multiply signals: what they do to the rates and readings changes with these.
+    """Those parameters of ``names`` that multiply signals: what they do to the rates and readings
+    changes with these.
 
-    A parameter that is only added, as a constant load, does the same wherever the motion is; so does one that is in no equation.
+    A parameter that is only added, as a constant load, does the same wherever the motion is; so
+    does one that is in no equation.
     """
-    places = [Starts(neighbouring_point(starts, side).signals, starts.parameters) for side in (0.0, 1.0, -0.6)]
+    places = [
+        Starts(neighbouring_point(starts, side).signals, starts.parameters)
+        for side in (0.0, 1.0, -0.6)
+    ]
     found = []
     for name in names:
         slopes = [_slopes(equations, at, False, name) for at in places]
@@ -42,10 +59,14 @@ def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -
     return tuple(found)
 
 
-def products(equations: OwnEquations, starts: Starts, names: Sequence[str]) -> tuple[tuple[str, str, str], ...]:
-    """Port, signal and parameter, where one of the parameters ``names`` multiplies the signal in a rate to which the port adds.
+def products(
+    equations: OwnEquations, starts: Starts, names: Sequence[str]
+) -> tuple[tuple[str, str, str], ...]:
+    """Port, signal and parameter, where one of the parameters ``names`` multiplies the signal in a
+    rate to which the port adds.
 
-    The second derivative of a rate by parameter and signal tells: a complex step of the parameter, at two values of the signal.
+    The second derivative of a rate by parameter and signal tells: a complex step of the parameter,
+    at two values of the signal.
     """
     here = neighbouring_point(starts, 1.0)
     fed = _rates_fed(equations, here)
@@ -56,7 +77,11 @@ def products(equations: OwnEquations, starts: Starts, names: Sequence[str]) -> t
         moved = changed(here, True, signal.name, value + ASIDE * (abs(value) or 1.0))
         for name in names:
             there = _slopes(equations, moved, False, name)
-            rates = {a for a, slope in base[name].items() if a in there and a[0] == "rates" and _apart([slope, there[a]])}
+            rates = {
+                a
+                for a, slope in base[name].items()
+                if a in there and a[0] == "rates" and _apart([slope, there[a]])
+            }
             found += [(port, signal.name, name) for port, reached in fed.items() if rates & reached]
     return tuple(found)
 
@@ -64,13 +89,23 @@ def products(equations: OwnEquations, starts: Starts, names: Sequence[str]) -> t
 def _rates_fed(equations: OwnEquations, at: Starts) -> dict[str, set[TrialAnswer]]:
     """The rates that each port adds to."""
     if equations.rate_ports:
-        return {port: {("rates", state.name)} for port, state in zip(equations.rate_ports, equations.states, strict=True)}
+        return {
+            port: {("rates", state.name)}
+            for port, state in zip(equations.rate_ports, equations.states, strict=True)
+        }
     slopes = {port.name: _slopes(equations, at, True, port.name) for port in equations.ports}
-    return {port: {answer for answer, slope in found.items() if answer[0] == "rates" and slope != 0.0} for port, found in slopes.items()}
+    return {
+        port: {answer for answer, slope in found.items() if answer[0] == "rates" and slope != 0.0}
+        for port, found in slopes.items()
+    }
 
 
-def _slopes(equations: OwnEquations, at: Starts, of_signal: bool, name: str) -> dict[TrialAnswer, float]:
-    """Slopes of all rates and readings by one signal or parameter; none where they cannot be formed."""
+def _slopes(
+    equations: OwnEquations, at: Starts, of_signal: bool, name: str
+) -> dict[TrialAnswer, float]:
+    """Slopes of all rates and readings by one signal or parameter; none where they cannot be
+    formed.
+    """
     value = (at.signals if of_signal else at.parameters)[name]
     try:
         found = evaluated(equations, changed(at, of_signal, name, complex(value, COMPLEX_STEP)))
@@ -86,33 +121,62 @@ def _apart(slopes: Sequence[float]) -> bool:
 # ---- What the sensors of an own model tell
 
 ALIKE = 2.0  # times: a sensor that reads a state moves with it, by a scale factor at most
-RANK = 1e-9  # of the largest singular value, below which a direction is not seen: slopes are exact to rounding
+# of the largest singular value, below which a direction is not seen: slopes are exact to rounding
+RANK = 1e-9
 
 
 def observable_biases(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
     """Outputs that can have a free bias beside free initial states, taken in order.
 
-    A bias is no unknown of its own where some constant change of the states makes it: with the rates' slopes A and the readings' C a state x0
-    for which A x0 = 0 and C x0 is that bias. Slopes are those beside the starts; a bias that is told on one side counts as told.
+    A bias is no unknown of its own where some constant change of the states makes it: with the
+    rates' slopes A and the readings' C a state x0 for which A x0 = 0 and C x0 is that bias. Slopes
+    are those beside the starts; a bias that is told on one side counts as told.
     """
-    told = [_told(*_own_sensors_slopes(equations, neighbouring_point(starts, side))) for side in (1.0, -1.0)]
-    return tuple(signal.name for i, signal in enumerate(equations.outputs) if any(i in some for some in told))
+    told = [
+        _told(*_own_sensors_slopes(equations, neighbouring_point(starts, side)))
+        for side in (1.0, -1.0)
+    ]
+    return tuple(
+        signal.name for i, signal in enumerate(equations.outputs) if any(i in some for some in told)
+    )
 
 
 def refuse_misnamed(equations: OwnEquations, starts: Starts) -> None:
-    """Raise ModelError for an output that has the name of a state, with which a fit begins, and reads something else."""
+    """Raise ModelError for an output that has the name of a state, with which a fit begins, and
+    reads something else.
+    """
     states = [signal.name for signal in equations.states]
-    both = [(i, states.index(signal.name)) for i, signal in enumerate(equations.outputs) if signal.name in states]
-    slopes = [_own_sensors_slopes(equations, neighbouring_point(starts, side))[1] for side in (1.0, -1.0)] if both else []
+    both = [
+        (i, states.index(signal.name))
+        for i, signal in enumerate(equations.outputs)
+        if signal.name in states
+    ]
+    slopes = (
+        [
+            _own_sensors_slopes(equations, neighbouring_point(starts, side))[1]
+            for side in (1.0, -1.0)
+        ]
+        if both
+        else []
+    )
     for i, j in both:
         output, state = equations.outputs[i], equations.states[j]
         where = f"model {equations.name}, outputs, {output.name}"
         if output.unit != state.unit:
             remedy = "give it the state's unit (a record's columns are converted), or another name"
-            raise ModelError(f"the unit is {output.unit}, that of the state of this name {state.unit}", where=where, remedy=remedy)
+            raise ModelError(
+                f"the unit is {output.unit}, that of the state of this name {state.unit}",
+                where=where,
+                remedy=remedy,
+            )
         if not any(1.0 / ALIKE < C[i, j] < ALIKE or not np.isfinite(C[i, j]) for C in slopes):
-            told = f"it has the name of a state and reads something else (it moves {slopes[0][i, j]:.3g} times as far)"
-            raise ModelError(told, where=where, remedy="give it another name, or read the state as it is")
+            told = (
+                "it has the name of a state and reads something else (it moves "
+                f"{slopes[0][i, j]:.3g} times as far)"
+            )
+            raise ModelError(
+                told, where=where, remedy="give it another name, or read the state as it is"
+            )
 
 
 def _own_sensors_slopes(equations: OwnEquations, at: Starts) -> tuple[np.ndarray, np.ndarray]:
@@ -129,7 +193,9 @@ def _own_sensors_slopes(equations: OwnEquations, at: Starts) -> tuple[np.ndarray
 
 
 def _told(A: np.ndarray, C: np.ndarray) -> list[int]:
-    """Positions of the outputs whose bias adds to what is seen; all where the slopes are not finite."""
+    """Positions of the outputs whose bias adds to what is seen; all where the slopes are not
+    finite.
+    """
     if not (np.all(np.isfinite(A)) and np.all(np.isfinite(C))):
         return list(range(len(C)))
     sizes = np.max(np.abs(C), axis=1, keepdims=True)
@@ -142,7 +208,9 @@ def _told(A: np.ndarray, C: np.ndarray) -> list[int]:
 
 
 def _seen(A: np.ndarray, C: np.ndarray, biases: Sequence[int]) -> int:
-    """Rank of the observability matrix with the states and these biases as unknowns; time is scaled, which changes no rank."""
+    """Rank of the observability matrix with the states and these biases as unknowns; time is
+    scaled, which changes no rank.
+    """
     n, k = len(A), len(biases)
     rate = np.linalg.norm(A, 2)
     step = np.zeros((n + k, n + k))
@@ -178,35 +246,66 @@ def own_model(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     biases: Collection[str] | None = None,
 ) -> Model:
-    """A model from mappings by name and functions of ``s`` (signals) and ``p`` (parameters and constants), whose attributes are these names.
+    """A model from mappings by name and functions of ``s`` (signals) and ``p`` (parameters and
+    constants), whose attributes are these names.
 
     Parameters
     ----------
     name : of the model, for tables and messages.
-    states, inputs, outputs : name -> unit. An output with the name of a state reads that state, in its unit: a fit begins there.
-    parameters : name -> (start, unit), estimated. constants : likewise, held.
-    rates : ``rates(s, p)`` gives each state's rate by name, in the state's unit per second. ``s`` has states, inputs, ports, ``time`` (s) and what
-        ``flow`` forms; each a number, a complex number or an array, for which the functions of ``sim.maths`` are made.
+    states, inputs, outputs : name -> unit. An output with the name of a state reads that state, in
+    its unit: a fit begins there. parameters : name -> (start, unit), estimated. constants :
+    likewise, held. rates : ``rates(s, p)`` gives each state's rate by name, in the state's unit per
+    second. ``s`` has states, inputs, ports, ``time`` (s) and what
+        ``flow`` forms; each a number, a complex number or an array, for which the functions of
+        ``sim.maths`` are made.
     readings : ``readings(s, p)`` gives each output by name.
-    ports : name -> unit, places where disturbances enter, zero unless an effect adds to them. Left out, each state has the port ``STATE_rate``,
+    ports : name -> unit, places where disturbances enter, zero unless an effect adds to them. Left
+    out, each state has the port ``STATE_rate``,
         which is added to its rate; declared, the functions take them as ``s.PORT``.
     flow : ``flow(s, p)`` gives further signals by name, formed once and used by both others.
-    initial : name -> value of a state at the start, zero where it is left out; of an input: where the functions are tried.
-    bounds : name of a parameter -> (lowest, highest).
-    biases : outputs whose sensors have a free constant bias; when None all, but for those that no record tells from where its states begin
+    initial : name -> value of a state at the start, zero where it is left out; of an input: where
+    the functions are tried. bounds : name of a parameter -> (lowest, highest). biases : outputs
+    whose sensors have a free constant bias; when None all, but for those that no record tells from
+    where its states begin
         (``sim.declaration.user_model``).
 
     Raises
     ------
-    ModelError : one line on whatever is declared wrongly, functions included: they are evaluated once, at the starts.
+    ModelError : one line on whatever is declared wrongly, functions included: they are evaluated
+    once, at the starts.
     """
     _refuse_title(name)
-    _refuse_uncallable(name, {"rates": rates, "readings": readings, **({} if flow is None else {"flow": flow})})
-    moving, driving, read = (_signals(name, *pair) for pair in (("states", states), ("inputs", inputs), ("outputs", outputs)))
+    _refuse_uncallable(
+        name, {"rates": rates, "readings": readings, **({} if flow is None else {"flow": flow})}
+    )
+    moving, driving, read = (
+        _signals(name, *pair)
+        for pair in (("states", states), ("inputs", inputs), ("outputs", outputs))
+    )
     entering = _rate_ports(moving) if ports is None else _signals(name, "ports", ports)
-    limits = _bounds(name, bounds or {}, {**_mapping(name, "parameters", parameters), **_mapping(name, "constants", constants or {})})
-    held, free = _numbers(name, "constants", constants or {}, limits, free=False), _numbers(name, "parameters", parameters, limits, free=True)
-    _refuse_collisions(name, {"states": moving, "inputs": driving, "ports": entering, "constants": held, "parameters": free, "outputs": read})
+    limits = _bounds(
+        name,
+        bounds or {},
+        {
+            **_mapping(name, "parameters", parameters),
+            **_mapping(name, "constants", constants or {}),
+        },
+    )
+    held, free = (
+        _numbers(name, "constants", constants or {}, limits, free=False),
+        _numbers(name, "parameters", parameters, limits, free=True),
+    )
+    _refuse_collisions(
+        name,
+        {
+            "states": moving,
+            "inputs": driving,
+            "ports": entering,
+            "constants": held,
+            "parameters": free,
+            "outputs": read,
+        },
+    )
     start = _initial(name, initial or {}, (*moving, *driving))
     numbers = ParameterSet((*held, *free))
     equations = OwnEquations(
@@ -220,13 +319,17 @@ def own_model(
         readings,
         flow,
         rate_ports=tuple(port.name for port in entering) if ports is None else (),
-        resting=tuple((signal.name, start[signal.name]) for signal in driving if signal.name in start),
+        resting=tuple(
+            (signal.name, start[signal.name]) for signal in driving if signal.name in start
+        ),
         biased_outputs=_biased(name, biases, [signal.name for signal in read]),
     )
     return _model(equations, numbers, start, all_biases=biases is None)
 
 
-def _model(equations: OwnEquations, numbers: ParameterSet, start: Mapping[str, float], *, all_biases: bool) -> Model:
+def _model(
+    equations: OwnEquations, numbers: ParameterSet, start: Mapping[str, float], *, all_biases: bool
+) -> Model:
     """The model of equations that were tried at their starts."""
     zero = {each.name: 0.0 for each in (*equations.states, *equations.inputs, *equations.ports)}
     starts = Starts({TIME: 0.0, **zero, **start}, {item.name: item.value for item in numbers})
@@ -234,15 +337,30 @@ def _model(equations: OwnEquations, numbers: ParameterSet, start: Mapping[str, f
         equations = replace(equations, formed_names=try_model(equations, starts))
         refuse_misnamed(equations, starts)
         known = multiplying(equations, starts, numbers.free_names)
-        equations = replace(equations, multiplying=tuple((name, numbers[name].unit) for name in known), products=products(equations, starts, known))
+        equations = replace(
+            equations,
+            multiplying=tuple((name, numbers[name].unit) for name in known),
+            products=products(equations, starts, known),
+        )
         if all_biases:
             equations = replace(equations, biased_outputs=observable_biases(equations, starts))
-    begun = [Parameter(s.name, start.get(s.name, 0.0), s.unit, source="declared" if s.name in start else "at rest") for s in equations.states]
+    begun = [
+        Parameter(
+            s.name,
+            start.get(s.name, 0.0),
+            s.unit,
+            source="declared" if s.name in start else "at rest",
+        )
+        for s in equations.states
+    ]
     return Model(equations, numbers, ParameterSet(tuple(begun)))
 
 
 def _rate_ports(states: Iterable[Signal]) -> tuple[Signal, ...]:
-    return tuple(Signal(f"{state.name}_rate", rate_unit(state.unit), f"added to the rate of {state.name}") for state in states)
+    return tuple(
+        Signal(f"{state.name}_rate", rate_unit(state.unit), f"added to the rate of {state.name}")
+        for state in states
+    )
 
 
 def rate_unit(unit: str) -> str:
@@ -253,13 +371,21 @@ def rate_unit(unit: str) -> str:
 
 def _refuse_title(name: object) -> None:
     if not isinstance(name, str) or not name.strip() or not name.isprintable():
-        raise ModelError(f"{name!r} is no name", where="own model", remedy='give name="..." on one line')
+        raise ModelError(
+            f"{name!r} is no name", where="own model", remedy='give name="..." on one line'
+        )
 
 
 def _mapping(model: str, what: str, some: object) -> Mapping[Any, Any]:
     if not isinstance(some, Mapping):
-        entry = '{"NAME": (START, "UNIT")}' if what in ("parameters", "constants") else '{"NAME": ...}'
-        raise ModelError(f"{what} is of type {type(some).__name__}", where=f"model {model}", remedy=f"give a mapping by name, {what}={entry}")
+        entry = (
+            '{"NAME": (START, "UNIT")}' if what in ("parameters", "constants") else '{"NAME": ...}'
+        )
+        raise ModelError(
+            f"{what} is of type {type(some).__name__}",
+            where=f"model {model}",
+            remedy=f"give a mapping by name, {what}={entry}",
+        )
     return some
 
 
@@ -267,12 +393,18 @@ def _refuse_uncallable(model: str, functions: Mapping[str, object]) -> None:
     for what, function in functions.items():
         if not callable(function):
             remedy = f"give a function of s and p, {what}=lambda s, p: {{...}}"
-            raise ModelError(f"{what} is of type {type(function).__name__} and cannot be called", where=f"model {model}", remedy=remedy)
+            raise ModelError(
+                f"{what} is of type {type(function).__name__} and cannot be called",
+                where=f"model {model}",
+                remedy=remedy,
+            )
         _refuse_other_arguments(model, what, function)
 
 
 def _refuse_other_arguments(model: str, what: str, function: Callable[..., object]) -> None:
-    """Raise ModelError where a function cannot be called with ``s`` and ``p``; one that does not say what it takes is left to the trial."""
+    """Raise ModelError where a function cannot be called with ``s`` and ``p``; one that does not
+    say what it takes is left to the trial.
+    """
     try:
         taken = signature(function)
     except (TypeError, ValueError):
@@ -280,7 +412,10 @@ def _refuse_other_arguments(model: str, what: str, function: Callable[..., objec
     try:
         taken.bind(None, None)
     except TypeError:
-        where, remedy = written_in(model, what, function), f"give a function of s and p, {what}=lambda s, p: {{...}}"
+        where, remedy = (
+            written_in(model, what, function),
+            f"give a function of s and p, {what}=lambda s, p: {{...}}",
+        )
         raise ModelError(f"it takes {taken}, not (s, p)", where=where, remedy=remedy) from None
 
 
@@ -291,7 +426,11 @@ def _signals(model: str, what: str, some: object) -> tuple[Signal, ...]:
         _refuse_name(model, what, name)
         _refuse_unit(f"model {model}, {what}, {name}", unit)
     if not found and what in ("states", "outputs"):
-        raise ModelError(f"there is no {what[:-1]}", where=f"model {model}", remedy=f'give {what}={{"NAME": "UNIT"}}')
+        raise ModelError(
+            f"there is no {what[:-1]}",
+            where=f"model {model}",
+            remedy=f'give {what}={{"NAME": "UNIT"}}',
+        )
     return tuple(Signal(name, unit) for name, unit in found.items())
 
 
@@ -300,35 +439,68 @@ def _refuse_name(model: str, what: str, name: object) -> None:
     if not isinstance(name, str) or not name.isidentifier() or name.startswith("_"):
         raise ModelError(f"{name!r} is no name", where=where, remedy=remedy)
     if keyword.iskeyword(name):
-        raise ModelError(f"{name!r} is a word of Python itself", where=where, remedy="give it another name")
+        raise ModelError(
+            f"{name!r} is a word of Python itself", where=where, remedy="give it another name"
+        )
     if what in ("parameters", "constants") and name.startswith(BIAS):
-        raise ModelError(f"{name!r} would be taken for a sensor's bias", where=where, remedy=f"begin its name otherwise than with {BIAS}")
+        raise ModelError(
+            f"{name!r} would be taken for a sensor's bias",
+            where=where,
+            remedy=f"begin its name otherwise than with {BIAS}",
+        )
 
 
 def _refuse_unit(where: str, unit: object) -> None:
     if not isinstance(unit, str) or not unit.strip() or not unit.isprintable():
-        what = "the unit is empty" if isinstance(unit, str) else f"the unit is of type {type(unit).__name__}"
-        raise ModelError(what, where=where, remedy='give a text such as "rad/s", "1" for a pure number')
+        what = (
+            "the unit is empty"
+            if isinstance(unit, str)
+            else f"the unit is of type {type(unit).__name__}"
+        )
+        raise ModelError(
+            what, where=where, remedy='give a text such as "rad/s", "1" for a pure number'
+        )
 
 
-def _numbers(model: str, what: str, some: object, limits: Mapping[str, tuple[float, float]], *, free: bool) -> tuple[Parameter, ...]:
+def _numbers(
+    model: str, what: str, some: object, limits: Mapping[str, tuple[float, float]], *, free: bool
+) -> tuple[Parameter, ...]:
     out = []
     for name, entry in _mapping(model, what, some).items():
         _refuse_name(model, what, name)
         where = f"model {model}, {what}, {name}"
         if not isinstance(entry, tuple | list) or len(entry) != 2:
-            raise ModelError(f"{entry!r} is no pair of a start and a unit", where=where, remedy=f'write "{name}": (START, "UNIT")')
+            raise ModelError(
+                f"{entry!r} is no pair of a start and a unit",
+                where=where,
+                remedy=f'write "{name}": (START, "UNIT")',
+            )
         _refuse_unit(where, entry[1])
-        out.append(Parameter(name, _number(where, entry[0]), entry[1], bounds=limits.get(name, (-math.inf, math.inf)), free=free, source="declared"))
+        out.append(
+            Parameter(
+                name,
+                _number(where, entry[0]),
+                entry[1],
+                bounds=limits.get(name, (-math.inf, math.inf)),
+                free=free,
+                source="declared",
+            )
+        )
     return tuple(out)
 
 
 def _number(where: str, value: object, *, infinite: bool = False) -> float:
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise ModelError(f"{value!r} is no number", where=where, remedy="give a number in the unit that stands beside it")
+        raise ModelError(
+            f"{value!r} is no number",
+            where=where,
+            remedy="give a number in the unit that stands beside it",
+        )
     number = float(value)
     if not math.isfinite(number) and not (infinite and math.isinf(number)):
-        raise ModelError(f"{number} is no finite number", where=where, remedy="give a finite number")
+        raise ModelError(
+            f"{number} is no finite number", where=where, remedy="give a finite number"
+        )
     return number
 
 
@@ -337,12 +509,22 @@ def _bounds(model: str, bounds: object, known: Collection[str]) -> dict[str, tup
     for name, pair in _mapping(model, "bounds", bounds).items():
         where = f"model {model}, bounds, {name}"
         if name not in known:
-            raise ModelError(f"there is no parameter {name!r}", where=f"model {model}, bounds", remedy=f"use one of {', '.join(map(str, known))}")
+            raise ModelError(
+                f"there is no parameter {name!r}",
+                where=f"model {model}, bounds",
+                remedy=f"use one of {', '.join(map(str, known))}",
+            )
         if not isinstance(pair, tuple | list) or len(pair) != 2:
-            raise ModelError(f"{pair!r} is no pair of bounds", where=where, remedy=f'write "{name}": (LOWEST, HIGHEST)')
+            raise ModelError(
+                f"{pair!r} is no pair of bounds",
+                where=where,
+                remedy=f'write "{name}": (LOWEST, HIGHEST)',
+            )
         low, high = (_number(where, value, infinite=True) for value in pair)
         if not low < high:
-            raise ModelError(f"{low:g} is not below {high:g}", where=where, remedy="give the lower bound first")
+            raise ModelError(
+                f"{low:g} is not below {high:g}", where=where, remedy="give the lower bound first"
+            )
         out[name] = (low, high)
     return out
 
@@ -351,18 +533,32 @@ def _initial(model: str, initial: object, signals: Iterable[Signal]) -> dict[str
     known, found = [signal.name for signal in signals], _mapping(model, "initial", initial)
     for name in found:
         if name not in known:
-            raise ModelError(f"there is no state {name!r}", where=f"model {model}, initial", remedy=f"use one of {', '.join(known)}")
-    return {name: _number(f"model {model}, initial, {name}", value) for name, value in found.items()}
+            raise ModelError(
+                f"there is no state {name!r}",
+                where=f"model {model}, initial",
+                remedy=f"use one of {', '.join(known)}",
+            )
+    return {
+        name: _number(f"model {model}, initial, {name}", value) for name, value in found.items()
+    }
 
 
 def _biased(model: str, biases: object, outputs: list[str]) -> tuple[str, ...]:
     if biases is None:
         return tuple(outputs)
     if isinstance(biases, str) or not isinstance(biases, Collection):
-        raise ModelError(f"biases is of type {type(biases).__name__}", where=f"model {model}", remedy='give a list of outputs, biases=["NAME"]')
+        raise ModelError(
+            f"biases is of type {type(biases).__name__}",
+            where=f"model {model}",
+            remedy='give a list of outputs, biases=["NAME"]',
+        )
     for name in biases:
         if name not in outputs:
-            raise ModelError(f"there is no output {name!r}", where=f"model {model}, biases", remedy=f"use one of {', '.join(outputs)}")
+            raise ModelError(
+                f"there is no output {name!r}",
+                where=f"model {model}, biases",
+                remedy=f"use one of {', '.join(outputs)}",
+            )
     return tuple(name for name in outputs if name in biases)
 
 
@@ -374,5 +570,9 @@ def _refuse_collisions(model: str, taken: Mapping[str, Sequence[Signal | Paramet
             there = seen.get(item.name)
             if there is not None and not (what == "outputs" and there == "states"):
                 both = "the time" if there == "time" else f"among the {there}"
-                raise ModelError(f"{item.name!r} is {both} as well", where=f"model {model}, {what}", remedy="give each a name of its own")
+                raise ModelError(
+                    f"{item.name!r} is {both} as well",
+                    where=f"model {model}, {what}",
+                    remedy="give each a name of its own",
+                )
             seen[item.name] = what

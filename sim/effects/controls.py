@@ -16,7 +16,9 @@ from sim.effects.instances import labelled
 
 @dataclass(frozen=True)
 class LateralControl:
-    """A control surface: its signal, the derivative of what it is for and of the side force, the ports of both, and the third pair."""
+    """A control surface: its signal, the derivative of what it is for and of the side force, the
+    ports of both, and the third pair.
+    """
 
     control: str
     moment_by: str
@@ -38,17 +40,22 @@ SHARES: Mapping[str, tuple[float, float]] = {"lift_share": (-3.0, 5.0)}
 
 @dataclass(frozen=True)
 class PlainControl:
-    """moment += moment_by f(d), lift += ``lift_share`` lift_by f(d) for a deflection d, with the vehicle's derivatives by the control.
+    """moment += moment_by f(d), lift += ``lift_share`` lift_by f(d) for a deflection d, with the
+    vehicle's derivatives by the control.
 
-    ``lift_share`` is one where lift and moment come from one force on the surface, zero where the moment alone bends. f has one parameter,
-    ``bend``, beside it; a subclass has its ``curve``.
+    ``lift_share`` is one where lift and moment come from one force on the surface, zero where the
+    moment alone bends. f has one parameter, ``bend``, beside it; a subclass has its ``curve``.
 
     Attributes
     ----------
-    control : the signal. moment_by, lift_by : names of the derivatives. share_free : whether ``lift_share`` is estimated: not where the
-        control hardly lifts. ports : that moment and lift add to. further : ports beside them, each with its derivative by the control.
-    label : of the name, where there are several controls. speed : the constant that is the declared airspeed; where it is only a
-        ``reference_airspeed`` deflections are totals, and d counts from the ``middle`` of the range.
+    control : the signal. moment_by, lift_by : names of the derivatives. share_free : whether
+    ``lift_share`` is estimated: not where the
+        control hardly lifts. ports : that moment and lift add to. further : ports beside them, each
+        with its derivative by the control.
+    label : of the name, where there are several controls. speed : the constant that is the declared
+    airspeed; where it is only a
+        ``reference_airspeed`` deflections are totals, and d counts from the ``middle`` of the
+        range.
     """
 
     control: str = "elevator"
@@ -80,11 +87,21 @@ class PlainControl:
 
     @property
     def needs_constants(self) -> tuple[str, ...]:
-        return (self.moment_by, self.lift_by, *(derivative for _, derivative in self.further), self.speed)
+        return (
+            self.moment_by,
+            self.lift_by,
+            *(derivative for _, derivative in self.further),
+            self.speed,
+        )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (self.bend, Parameter("lift_share", 1.0, "1", prior_std=1.0, bounds=(-10.0, 10.0), free=self.share_free))
+        return (
+            self.bend,
+            Parameter(
+                "lift_share", 1.0, "1", prior_std=1.0, bounds=(-10.0, 10.0), free=self.share_free
+            ),
+        )
 
     def curve(self, d: Any, p: Any) -> Any:
         """f(d)."""
@@ -93,7 +110,10 @@ class PlainControl:
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         d = getattr(s, self.control)
         more = self.curve(d - self.middle if self.middle else d, p)
-        moment, lift = getattr(vehicle, self.moment_by) * more, p.lift_share * getattr(vehicle, self.lift_by) * more
+        moment, lift = (
+            getattr(vehicle, self.moment_by) * more,
+            p.lift_share * getattr(vehicle, self.lift_by) * more,
+        )
         others = {port: getattr(vehicle, derivative) * more for port, derivative in self.further}
         return {self.ports[0]: moment, self.ports[1]: lift, **others}
 
@@ -101,7 +121,9 @@ class PlainControl:
         return ()
 
     def used(self, context: SearchContext) -> tuple[float, float]:
-        """The largest deflection from the middle that a record used, and the middle, in the control's unit."""
+        """The largest deflection from the middle that a record used, and the middle, in the
+        control's unit.
+        """
         low, high = context.flown_range(self.control) or context.flown_range("stick") or (0.0, 0.0)
         middle = 0.0 if self.speed == "airspeed" else 0.5 * (low + high)
         return max(abs(low - middle), abs(high - middle)), middle
@@ -115,12 +137,24 @@ Form = TypeVar("Form", bound=PlainControl)
 
 
 def of_all_controls(form: type[Form], **pseudo_control: float) -> tuple[Form, ...]:
-    """A form on every control of the equations; ``pseudo_control`` holds its usual sizes on that of the low-order equivalent."""
+    """A form on every control of the equations; ``pseudo_control`` holds its usual sizes on that of
+    the low-order equivalent.
+    """
     lateral = (
-        form(control=c.control, moment_by=c.moment_by, lift_by=c.lift_by, share_free=False, ports=c.ports, further=c.further, label=c.control)
+        form(
+            control=c.control,
+            moment_by=c.moment_by,
+            lift_by=c.lift_by,
+            share_free=False,
+            ports=c.ports,
+            further=c.further,
+            label=c.control,
+        )
         for c in LATERAL_CONTROLS
     )
-    stick = form(control="delta", moment_by="M_delta", lift_by="L_delta", share_free=False, **pseudo_control)  # type: ignore[arg-type]
+    stick = form(
+        control="delta", moment_by="M_delta", lift_by="L_delta", share_free=False, **pseudo_control
+    )  # type: ignore[arg-type]
     return (form(), stick, *lateral, form(label="elevator", speed="reference_airspeed"))
 
 
@@ -141,4 +175,7 @@ def believed(typical: float) -> Mapping[str, tuple[float, float]]:
 
 def tried(context: SearchContext, signal: str) -> Sequence[Probe]:
     """From a small share of the input's peak to more than half of it."""
-    return [Probe({"half_width": size}) for size in shares_of_peak(context, signal, (0.04, 0.12, 0.3, 0.6))]
+    return [
+        Probe({"half_width": size})
+        for size in shares_of_peak(context, signal, (0.04, 0.12, 0.3, 0.6))
+    ]

@@ -1,4 +1,6 @@
-"""Instances of an effect on the inputs and outputs of given equations: names, sizes, advice to separate them."""
+"""Instances of an effect on the inputs and outputs of given equations: names, sizes, advice to
+separate them.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from sim.declaration.user_equations import OwnEquations
 # Name and unit of those whose instances stand in the effects' own files.
 KNOWN_INPUTS = {("elevator", "rad"), ("stick", "1")}
 KNOWN_OUTPUTS = {("alpha", "rad"), ("q", "rad/s"), ("nz", "g"), ("altitude", "m")}
-PORT_UNITS = {"gust": "rad", "headwind": "m/s", "airspeed_change": "m/s", "density_change": "kg/m3"}  # as the effects count what comes in there
+# as the effects count what comes in there
+PORT_UNITS = {"gust": "rad", "headwind": "m/s", "airspeed_change": "m/s", "density_change": "kg/m3"}
 ATTITUDE = "theta"  # where it is an input it was measured, as an airspeed that is a port
 # Ports through which the air comes in; the others take loads.
 AIR = ("gust", "headwind", "airspeed_change", "density_change", "log_density", "log_drag")
@@ -33,29 +36,45 @@ def all_labelled(names: Iterable[str], label: str) -> tuple[str, ...]:
 
 
 def controls(equations: Equations) -> tuple[Signal, ...]:
-    """Inputs that somebody moves: not those that are measured motion or air, which take the place of a port or of the attitude."""
+    """Inputs that somebody moves: not those that are measured motion or air, which take the place
+    of a port or of the attitude.
+    """
     attitude = () if isinstance(equations, OwnEquations) else (ATTITUDE,)
-    others = {*attitude, *(port.name for port in equations.ports), *(equations.no_controls if isinstance(equations, DrivenByOthers) else ())}
+    others = {
+        *attitude,
+        *(port.name for port in equations.ports),
+        *(equations.no_controls if isinstance(equations, DrivenByOthers) else ()),
+    }
     return tuple(signal for signal in equations.inputs if signal.name not in others)
 
 
 def further_inputs(equations: Equations) -> tuple[tuple[Signal, str], ...]:
-    """Inputs that need instances of their own, with the label of each: its name where there are several inputs."""
+    """Inputs that need instances of their own, with the label of each: its name where there are
+    several inputs.
+    """
     if isinstance(equations, Containing):
         # What lies between input and vehicle is part of these equations.
         return ()
     moved = controls(equations)
     several = len(moved) > 1
-    return tuple((signal, signal.name if several else "") for signal in moved if several or (signal.name, signal.unit) not in KNOWN_INPUTS)
+    return tuple(
+        (signal, signal.name if several else "")
+        for signal in moved
+        if several or (signal.name, signal.unit) not in KNOWN_INPUTS
+    )
 
 
 def further_outputs(equations: Equations) -> tuple[Signal, ...]:
     """Outputs that need instances of their own."""
-    return tuple(signal for signal in equations.outputs if (signal.name, signal.unit) not in KNOWN_OUTPUTS)
+    return tuple(
+        signal for signal in equations.outputs if (signal.name, signal.unit) not in KNOWN_OUTPUTS
+    )
 
 
 def large_input(unit: str) -> float:
-    """What is a large deflection in a unit; one where nothing is known of it: such an effect takes the record's own (``input_peak``)."""
+    """What is a large deflection in a unit; one where nothing is known of it: such an effect takes
+    the record's own (``input_peak``).
+    """
     return _LARGE_INPUT.get(unit, 1.0)
 
 
@@ -70,12 +89,22 @@ def has_output_size(unit: str) -> bool:
 
 
 def in_its_unit(effect: object, equations: Equations) -> bool:
-    """Whether the input, output and ports that an effect acts on are counted in the units that it is written for."""
+    """Whether the input, output and ports that an effect acts on are counted in the units that it
+    is written for.
+    """
     units = {signal.name: signal.unit for signal in (*equations.inputs, *equations.outputs)}
-    name = effect.signal if isinstance(effect, OnSignal) else effect.channel if isinstance(effect, OnChannel) else ""
+    name = (
+        effect.signal
+        if isinstance(effect, OnSignal)
+        else effect.channel
+        if isinstance(effect, OnChannel)
+        else ""
+    )
     wanted = getattr(effect, "unit", units.get(name, ""))
     ports = {port.name: port.unit for port in equations.ports}
-    through = all(ports.get(port) == PORT_UNITS[port] for port in ports_needed(effect) if port in PORT_UNITS)
+    through = all(
+        ports.get(port) == PORT_UNITS[port] for port in ports_needed(effect) if port in PORT_UNITS
+    )
     return through and (name not in units or wanted == units[name])
 
 
@@ -102,24 +131,39 @@ def load_ports(equations: Equations) -> tuple[Signal, ...]:
 def ports_without(listed: Iterable[Traceable], equations: OwnEquations) -> tuple[Signal, ...]:
     """Ports of a user's own model that take loads and on which none of some listed effects acts."""
     known, ports = {*equations.parameter_names}, {port.name for port in equations.ports}
-    acting = (effect for effect in listed if known.issuperset(constants_needed(effect)) and ports.issuperset(ports_needed(effect)))
+    acting = (
+        effect
+        for effect in listed
+        if known.issuperset(constants_needed(effect)) and ports.issuperset(ports_needed(effect))
+    )
     covered = {port for effect in acting for port in ports_needed(effect)}
     return tuple(port for port in load_ports(equations) if port.name not in covered)
 
 
 def per_unit(port: str, *signals: str) -> str:
-    """The unit of a slope by the product of some signals: what a port is counted in over their units, ``m/s2/(m/s)/N``."""
+    """The unit of a slope by the product of some signals: what a port is counted in over their
+    units, ``m/s2/(m/s)/N``.
+    """
     below = (f"({unit})" if "/" in unit or " " in unit else unit for unit in signals if unit != "1")
     return "/".join((port, *below))
 
 
 # ---- What to fly to tell effects apart, where several effects share the advice
 
-MANY_SIZES = "inputs of many sizes (a multisine, or steps of five sizes): on three levels these are one and the same function"
-FASTER_MOTION = "faster motion (short doublets, or a sweep up to the inverse of the lag): a lag loses amplitude there, a delay does not"
+MANY_SIZES = (
+    "inputs of many sizes (a multisine, or steps of five sizes): on three levels these are one and "
+    "the same function"
+)
+FASTER_MOTION = (
+    "faster motion (short doublets, or a sweep up to the inverse of the lag): a lag loses "
+    "amplitude there, a delay does not"
+)
 STEADY_FLIGHT = "steady flight before and after the maneuver, and the airspeed recorded"
-ANOTHER_FALL = "a fall that begins higher or faster: it meets the same density at another Mach number"
+ANOTHER_FALL = (
+    "a fall that begins higher or faster: it meets the same density at another Mach number"
+)
 BEYOND_PRODUCTS = (
-    "both signals moved far, together and one after the other: as long as a derivative grows evenly with a signal, all that a record shows is the "
+    "both signals moved far, together and one after the other: as long as a derivative grows "
+    "evenly with a signal, all that a record shows is the "
     "product of two signals, whichever of the two derivatives it is"
 )

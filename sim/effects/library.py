@@ -1,7 +1,8 @@
 """The library of effects, found by file: a new effect is one new file in the folder of its station.
 
-Every module in a station's folder defines ``VARIANTS: tuple[Effect, ...]``, the instances that the library
-offers: one for each channel or input the effect may act on, with parameters at typical values.
+Every module in a station's folder defines ``VARIANTS: tuple[Effect, ...]``, the instances that the
+library offers: one for each channel or input the effect may act on, with parameters at typical
+values.
 """
 
 from __future__ import annotations
@@ -29,7 +30,9 @@ from sim.errors import ModelError
 
 
 def effect_modules() -> tuple[ModuleType, ...]:
-    """The modules of all station folders and the folders in them, in the order of the signal chain, then by name."""
+    """The modules of all station folders and the folders in them, in the order of the signal chain,
+    then by name.
+    """
     found: list[ModuleType] = []
     for station in Station:
         folder = f"sim.effects.{station.name.lower()}"
@@ -39,8 +42,15 @@ def effect_modules() -> tuple[ModuleType, ...]:
             if error.name != folder:
                 raise
             continue
-        modules = [module.name for module in pkgutil.walk_packages(package.__path__, f"{folder}.") if not module.ispkg]
-        found += [importlib.import_module(name) for name in sorted(modules, key=lambda name: name.rpartition(".")[2])]
+        modules = [
+            module.name
+            for module in pkgutil.walk_packages(package.__path__, f"{folder}.")
+            if not module.ispkg
+        ]
+        found += [
+            importlib.import_module(name)
+            for name in sorted(modules, key=lambda name: name.rpartition(".")[2])
+        ]
     return tuple(found)
 
 
@@ -50,27 +60,38 @@ def library() -> tuple[Effect, ...]:
     for module in effect_modules():
         variants = getattr(module, "VARIANTS", ())
         if not variants:
-            raise ModelError("the module offers no effect", where=module.__name__, remedy="define VARIANTS, a tuple of effects, in it")
+            raise ModelError(
+                "the module offers no effect",
+                where=module.__name__,
+                remedy="define VARIANTS, a tuple of effects, in it",
+            )
         effects += variants
     return tuple(effects)
 
 
 def effects_for(equations: Equations) -> tuple[Effect, ...]:
-    """The effects that can act on a vehicle: those whose input, channel and ports it has, and those that are made from its declaration.
+    """The effects that can act on a vehicle: those whose input, channel and ports it has, and those
+    that are made from its declaration.
 
-    A module's ``made_for(equations)``, where it has one, makes instances for inputs, outputs and ports that none of its ``VARIANTS`` is for.
+    A module's ``made_for(equations)``, where it has one, makes instances for inputs, outputs and
+    ports that none of its ``VARIANTS`` is for.
     """
     found: list[Effect] = []
     for module in effect_modules():
         known = [effect for effect in getattr(module, "VARIANTS", ()) if applies(effect, equations)]
         names = {effect.name for effect in known}
         made = module.made_for(equations) if hasattr(module, "made_for") else ()
-        found += [*known, *(effect for effect in made if effect.name not in names and applies(effect, equations))]
+        found += [
+            *known,
+            *(effect for effect in made if effect.name not in names and applies(effect, equations)),
+        ]
     return tuple(found)
 
 
 def other_names(equations: Equations) -> dict[str, str]:
-    """Names under which some effects of a vehicle may be asked for as well, each with that effect's own: a module's ``other_names(equations)``."""
+    """Names under which some effects of a vehicle may be asked for as well, each with that effect's
+    own: a module's ``other_names(equations)``.
+    """
     found: dict[str, str] = {}
     for module in effect_modules():
         found |= module.other_names(equations) if hasattr(module, "other_names") else {}
@@ -78,11 +99,14 @@ def other_names(equations: Equations) -> dict[str, str]:
 
 
 def catch_all_terms_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Generic terms for a vehicle that compete with its effects and stand for no cause; not in the library, found by file likewise.
+    """Generic terms for a vehicle that compete with its effects and stand for no cause; not in the
+    library, found by file likewise.
 
-    A file's ``made_for(equations)``, where it has one, makes those for the signals and ports of a user's own model.
+    A file's ``made_for(equations)``, where it has one, makes those for the signals and ports of a
+    user's own model.
 
-    A search in which one of them wins has shown that something is missing and that the library does not name it.
+    A search in which one of them wins has shown that something is missing and that the library does
+    not name it.
     """
     package = importlib.import_module("sim.effects.guards")
     found: list[Traceable] = []
@@ -94,15 +118,37 @@ def catch_all_terms_for(equations: Equations) -> tuple[Traceable, ...]:
 
 
 def applies(effect: Effect, equations: Equations) -> bool:
-    """Whether a vehicle has the input, the output, the ports, the constants and the states that an effect acts on."""
-    inputs, outputs = {signal.name for signal in equations.inputs}, {signal.name for signal in equations.outputs}
-    ports, states = {port.name for port in equations.ports}, {signal.name for signal in equations.states}
+    """Whether a vehicle has the input, the output, the ports, the constants and the states that an
+    effect acts on.
+    """
+    inputs, outputs = (
+        {signal.name for signal in equations.inputs},
+        {signal.name for signal in equations.outputs},
+    )
+    ports, states = (
+        {port.name for port in equations.ports},
+        {signal.name for signal in equations.states},
+    )
     # Of several inputs each has its own instance, which its label names.
-    whose = not isinstance(effect, OnSignal) or len(controls(equations)) == 1 or getattr(effect, "label", effect.signal) != ""
+    whose = (
+        not isinstance(effect, OnSignal)
+        or len(controls(equations)) == 1
+        or getattr(effect, "label", effect.signal) != ""
+    )
     fed = not isinstance(effect, OnSignal) or (effect.signal in inputs and whose)
-    read = (not isinstance(effect, OnChannel) or effect.channel in outputs) and outputs.issuperset(outputs_read_by(effect))
-    able = ports.issuperset(ports_needed(effect)) and states.issuperset((*rates_read_by(effect), *states_read_by(effect)))
-    return fed and read and able and in_its_unit(effect, equations) and {*equations.parameter_names}.issuperset(constants_needed(effect))
+    read = (not isinstance(effect, OnChannel) or effect.channel in outputs) and outputs.issuperset(
+        outputs_read_by(effect)
+    )
+    able = ports.issuperset(ports_needed(effect)) and states.issuperset(
+        (*rates_read_by(effect), *states_read_by(effect))
+    )
+    return (
+        fed
+        and read
+        and able
+        and in_its_unit(effect, equations)
+        and {*equations.parameter_names}.issuperset(constants_needed(effect))
+    )
 
 
 def effect_names() -> tuple[str, ...]:
@@ -111,20 +157,29 @@ def effect_names() -> tuple[str, ...]:
 
 
 def traits_of(name: str) -> Traits:
-    """What is known of the library's effect of that name, or of its first instance (``elastic-mode`` for ``elastic-mode#2``).
+    """What is known of the library's effect of that name, or of its first instance
+    (``elastic-mode`` for ``elastic-mode#2``).
 
-    Of a name that the library lacks nothing is known; instances made from a declaration carry their own traits.
+    Of a name that the library lacks nothing is known; instances made from a declaration carry their
+    own traits.
     """
     effects = [effect for effect in library() if isinstance(effect, Traceable)]
     first = [effect for effect in effects if effect.name == name.partition("#")[0]]
-    return next((effect.traits for effect in (*(effect for effect in effects if effect.name == name), *first)), Traits())
+    return next(
+        (
+            effect.traits
+            for effect in (*(effect for effect in effects if effect.name == name), *first)
+        ),
+        Traits(),
+    )
 
 
 def find_effect(name: str, equations: Equations | None = None) -> Effect:
     """The effect of that name, for one vehicle or for any.
 
     A name without its part after the colon will do where only one instance is offered
-    (``"elastic-mode"`` for ``"elastic-mode:1"``), and of a vehicle another name of an effect (``other_names``).
+    (``"elastic-mode"`` for ``"elastic-mode:1"``), and of a vehicle another name of an effect
+    (``other_names``).
 
     Raises
     ------
@@ -140,7 +195,15 @@ def find_effect(name: str, equations: Equations | None = None) -> Effect:
         return family[0]
     where = "effects" if equations is None else f"effects on {equations.name}"
     if family:
-        raise ModelError(f"there are several effects {name!r}", where=where, remedy=f"use one of {', '.join(effect.name for effect in family)}")
+        raise ModelError(
+            f"there are several effects {name!r}",
+            where=where,
+            remedy=f"use one of {', '.join(effect.name for effect in family)}",
+        )
     names = list(dict.fromkeys(effect.name for effect in effects))
     near = difflib.get_close_matches(name, names, n=1, cutoff=0.4)
-    raise ModelError(f"there is no effect {name!r}", where=where, remedy=f"did you mean {near[0]!r}?" if near else f"use one of {', '.join(names)}")
+    raise ModelError(
+        f"there is no effect {name!r}",
+        where=where,
+        remedy=f"did you mean {near[0]!r}?" if near else f"use one of {', '.join(names)}",
+    )

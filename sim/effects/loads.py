@@ -1,4 +1,6 @@
-"""Added loads that effects share: parameters by port, the lift that carries the weight, smooth curves."""
+"""Added loads that effects share: parameters by port, the lift that carries the weight, smooth
+curves.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ LOADS = ("lift", "moment")
 
 
 class SizedOnPorts:
-    """What terms share that have one size for each port that they load: a parameter of the port's name, absent where all are zero."""
+    """What terms share that have one size for each port that they load: a parameter of the port's
+    name, absent where all are zero.
+    """
 
     ports: tuple[str, ...]
 
@@ -30,23 +34,41 @@ class SizedOnPorts:
         return MappingProxyType(dict.fromkeys(self.ports, 0.0))
 
 
-def load_parameters(sizes: Sequence[float], units: Sequence[str], ports: Sequence[str] = LOADS) -> tuple[Parameter, ...]:
+def load_parameters(
+    sizes: Sequence[float], units: Sequence[str], ports: Sequence[str] = LOADS
+) -> tuple[Parameter, ...]:
     """One parameter for each of some ports, named after it, with a usual size in its unit."""
-    return tuple(Parameter(name, size, unit) for name, size, unit in zip(ports, sizes, units, strict=True))
+    return tuple(
+        Parameter(name, size, unit) for name, size, unit in zip(ports, sizes, units, strict=True)
+    )
 
 
 # Coefficients by port, of the aircraft and of the low-order equivalent system.
-_COEFFICIENTS = {"lift": ("CL", "L"), "moment": ("Cm", "M"), "side_force": ("CY",), "roll": ("Cl",), "yaw": ("Cn",)}
-# The signal that a derivative of the built-in models multiplies, by what stands behind its underscore; and that end, by the signal on the bus.
+_COEFFICIENTS = {
+    "lift": ("CL", "L"),
+    "moment": ("Cm", "M"),
+    "side_force": ("CY",),
+    "roll": ("Cl",),
+    "yaw": ("Cn",),
+}
+# The signal that a derivative of the built-in models multiplies, by what stands behind its
+# underscore; and that end, by the signal on the bus.
 MULTIPLIED = {
     **{"alpha": "alpha", "q": "q", "V": "airspeed", "beta": "beta", "p": "p", "r": "r"},
     **{"de": "elevator", "da": "aileron", "dr": "rudder", "delta": "delta"},
 }
-_ENDS = {signal: end for end, signal in MULTIPLIED.items()} | {"alpha_air": "alpha", "q_hat": "q", "beta_air": "beta", "p_hat": "p", "r_hat": "r"}
+_ENDS = {signal: end for end, signal in MULTIPLIED.items()} | {
+    "alpha_air": "alpha",
+    "q_hat": "q",
+    "beta_air": "beta",
+    "p_hat": "p",
+    "r_hat": "r",
+}
 
 
 def also_varying(ports: Sequence[str], first: str, second: str) -> tuple[str, ...]:
-    """Derivatives that vary with a signal and add the product of two signals to some ports: either derivative over the other's signal.
+    """Derivatives that vary with a signal and add the product of two signals to some ports: either
+    derivative over the other's signal.
 
     None where the signals are those of a user's own model, whose parameters have any names.
     """
@@ -55,23 +77,34 @@ def also_varying(ports: Sequence[str], first: str, second: str) -> tuple[str, ..
     one, other = _ENDS[first], _ENDS[second]
     over, under = MULTIPLIED[one], MULTIPLIED[other]
     axes = [axis for port in ports for axis in _COEFFICIENTS[port]]
-    return tuple(dict.fromkeys(name for axis in axes for name in (f"varies:{axis}_{one}({under})", f"varies:{axis}_{other}({over})")))
+    return tuple(
+        dict.fromkeys(
+            name
+            for axis in axes
+            for name in (f"varies:{axis}_{one}({under})", f"varies:{axis}_{other}({over})")
+        )
+    )
 
 
 # ---- The lift that carries the weight
 
 
-def weight_lift(change: Any, vehicle: Any, airspeed_change: Any = 0.0, density_change: Any = 0.0) -> Any:
-    """Increment of the port ``lift`` where the airspeed changes by ``change`` (m/s) and surfaces and attitude stay as in trim.
+def weight_lift(
+    change: Any, vehicle: Any, airspeed_change: Any = 0.0, density_change: Any = 0.0
+) -> Any:
+    """Increment of the port ``lift`` where the airspeed changes by ``change`` (m/s) and surfaces
+    and attitude stay as in trim.
 
-    About level flight nz gains qbar/qbar_0 - 1 and alpha_dot loses (g/V) (qbar/qbar_0 - 1), V the changed airspeed. On equations with
-    a mass ``lift`` is a coefficient, m g0/S (1/qbar_0 - 1/qbar); on those with a dimensional lift it is that rate of alpha, 1/s, negative
-    where the aircraft is faster. qbar_0 holds at the declared airspeed and density.
+    About level flight nz gains qbar/qbar_0 - 1 and alpha_dot loses (g/V) (qbar/qbar_0 - 1), V the
+    changed airspeed. On equations with a mass ``lift`` is a coefficient, m g0/S (1/qbar_0 -
+    1/qbar); on those with a dimensional lift it is that rate of alpha, 1/s, negative where the
+    aircraft is faster. qbar_0 holds at the declared airspeed and density.
 
     Parameters
     ----------
     change : m/s, above what the ports hold already. vehicle : constants of the equations.
-    airspeed_change, density_change : m/s and kg/m3, what the ports of these names hold before; their own lift is not counted here.
+    airspeed_change, density_change : m/s and kg/m3, what the ports of these names hold before;
+    their own lift is not counted here.
     """
     V = vehicle.airspeed + airspeed_change
     if hasattr(vehicle, "mass"):
@@ -94,17 +127,20 @@ _WIDEST = 30.0  # usual sizes up to which a shape is believed
 
 @dataclass(frozen=True)
 class LoadCurve:
-    """``port`` += f(alpha), f a natural cubic spline over ``[low, high]`` with f(0) = f'(0) = 0; of sideslip, f(beta).
+    """``port`` += f(alpha), f a natural cubic spline over ``[low, high]`` with f(0) = f'(0) = 0; of
+    sideslip, f(beta).
 
-    f = sum of ``shape1`` ... times orthonormal shapes (`sim.maths`): each is the root mean square that its shape adds over
-    the range, in the port's unit: a coefficient on the rigid aircraft, 1/s of alpha_dot or 1/s2 on the low-order equivalent system.
-    alpha in rad, the gust included; outside the range f goes on straight. The slope at zero stays with the declared derivative.
+    f = sum of ``shape1`` ... times orthonormal shapes (`sim.maths`): each is the root mean square
+    that its shape adds over the range, in the port's unit: a coefficient on the rigid aircraft, 1/s
+    of alpha_dot or 1/s2 on the low-order equivalent system. alpha in rad, the gust included;
+    outside the range f goes on straight. The slope at zero stays with the declared derivative.
 
     Attributes
     ----------
-    port : what it adds to. name, load, short_name, explanation : of the effect; ``load`` as a sentence begins with it.
-    unit, size : of what is added, and a usual one. needs_constants : those of the equations it is written for.
-    angle, flown : what it is a curve of, and the output that shows its range. middle : of that range, from which f counts where the angle
+    port : what it adds to. name, load, short_name, explanation : of the effect; ``load`` as a
+    sentence begins with it. unit, size : of what is added, and a usual one. needs_constants : those
+    of the equations it is written for. angle, flown : what it is a curve of, and the output that
+    shows its range. middle : of that range, from which f counts where the angle
         is a ``total``.
     low, high : the flown range, rad. fine : nine shapes instead of four, the first four the same.
     """
@@ -136,9 +172,15 @@ class LoadCurve:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        # What the model does not reach must not run away: beside an angle that is read wrong it flies less than the record shows.
+        # What the model does not reach must not run away: beside an angle that is read wrong it
+        # flies less than the record shows.
         names = enumerate(shape_names(self.fine))
-        return tuple(Parameter(name, self.size / (1.0 + i), self.unit, prior_std=_WIDEST * self.size / (1.0 + i)) for i, name in names)
+        return tuple(
+            Parameter(
+                name, self.size / (1.0 + i), self.unit, prior_std=_WIDEST * self.size / (1.0 + i)
+            )
+            for i, name in names
+        )
 
     @property
     def absent(self) -> Mapping[str, float]:
@@ -147,15 +189,24 @@ class LoadCurve:
     @property
     def traits(self) -> Traits:
         return Traits(
-            sentences=(f"{self.load} is not linear in the angle of {'attack' if self.flown == 'alpha' else 'sideslip'}",),
+            sentences=(
+                f"{self.load} is not linear in the angle of "
+                f"{'attack' if self.flown == 'alpha' else 'sideslip'}",
+            ),
             short_name=self.short_name,
-            plausible=dict.fromkeys(shape_names(self.fine), (-_WIDEST * self.size, _WIDEST * self.size)),
+            plausible=dict.fromkeys(
+                shape_names(self.fine), (-_WIDEST * self.size, _WIDEST * self.size)
+            ),
         )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         at = getattr(s, self.angle)
         at = at - self.middle if self.total else at
-        return {self.port: combine(natural_shapes(self.low - self.middle, self.high - self.middle, self.fine), at, p)}
+        return {
+            self.port: combine(
+                natural_shapes(self.low - self.middle, self.high - self.middle, self.fine), at, p
+            )
+        }
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()

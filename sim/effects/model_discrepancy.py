@@ -39,7 +39,8 @@ class ModelDiscrepancy(SizedOnPorts):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         sizes = tuple(
-            Parameter(port, 0.1 * size, unit, bounds=(0.0, 30.0 * size)) for port, size, unit in zip(self.ports, self.sizes, self.units, strict=True)
+            Parameter(port, 0.1 * size, unit, bounds=(0.0, 30.0 * size))
+            for port, size, unit in zip(self.ports, self.sizes, self.units, strict=True)
         )
         return (*sizes, Parameter("time", 0.5, "s", free=False))
 
@@ -50,7 +51,8 @@ class ModelDiscrepancy(SizedOnPorts):
     @property
     def states(self) -> tuple[Signal, ...]:
         return tuple(
-            Signal(f"discrepancy_{port}", unit, f"discrepancy of {port.replace('_', ' ')}") for port, unit in zip(self.ports, self.units, strict=True)
+            Signal(f"discrepancy_{port}", unit, f"discrepancy of {port.replace('_', ' ')}")
+            for port, unit in zip(self.ports, self.units, strict=True)
         )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:

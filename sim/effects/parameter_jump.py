@@ -18,14 +18,18 @@ USUAL, LARGEST = 0.3, 10.0  # changes, as shares of the declared value
 
 @dataclass(frozen=True)
 class ParameterJump:
-    """From ``time`` (s) on the parameters of a group are larger by given amounts, each in its own unit; any of them may stay as it is.
+    """From ``time`` (s) on the parameters of a group are larger by given amounts, each in its own
+    unit; any of them may stay as it is.
 
-    What the equations do with a parameter, in rates and readings, they do with its change. The edge rises over ``width`` s, centred on ``time``.
+    What the equations do with a parameter, in rates and readings, they do with its change. The edge
+    rises over ``width`` s, centred on ``time``.
 
     Attributes
     ----------
-    changing : name and unit of each parameter. label : of the name, where there are several groups. sizes : usual changes, in their units;
-        unknown before a record's model gives the declared values, and any size is believed then. width : of the edge, s.
+    changing : name and unit of each parameter. label : of the name, where there are several groups.
+    sizes : usual changes, in their units;
+        unknown before a record's model gives the declared values, and any size is believed then.
+        width : of the edge, s.
     """
 
     changing: tuple[tuple[str, str], ...]
@@ -40,9 +44,12 @@ class ParameterJump:
     @property
     def explanation(self) -> str:
         return (
-            f"Something breaks, sticks or is switched: from a time on {' and '.join(self.group)} {'are' if len(self.group) > 1 else 'is'} not what "
-            "was declared, by an amount of its own each. Before that time the model fits, after it no longer. A change after the last maneuver "
-            "leaves no trace, since a parameter shows only while the signal that it multiplies moves."
+            f"Something breaks, sticks or is switched: from a time on {' and '.join(self.group)} "
+            f"{'are' if len(self.group) > 1 else 'is'} not what "
+            "was declared, by an amount of its own each. Before that time the model fits, after it "
+            "no longer. A change after the last maneuver "
+            "leaves no trace, since a parameter shows only while the signal that it multiplies "
+            "moves."
         )
 
     @property
@@ -60,7 +67,10 @@ class ParameterJump:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         sizes = self.sizes or (1.0,) * len(self.changing)
-        changes = (Parameter(name, size, unit) for (name, unit), size in zip(self.changing, sizes, strict=True))
+        changes = (
+            Parameter(name, size, unit)
+            for (name, unit), size in zip(self.changing, sizes, strict=True)
+        )
         return (Parameter("time", 3.0, "s"), *changes)
 
     @property
@@ -69,7 +79,9 @@ class ParameterJump:
 
     @property
     def traits(self) -> Traits:
-        largest = {name: LARGEST / USUAL * size for name, size in zip(self.group, self.sizes, strict=False)}
+        largest = {
+            name: LARGEST / USUAL * size for name, size in zip(self.group, self.sizes, strict=False)
+        }
         return Traits(
             sentences=("from {time} on other parameters hold: {rest}",),
             plausible={name: (-size, size) for name, size in largest.items()},
@@ -86,7 +98,9 @@ class ParameterJump:
         return replace(self, width=times * self.width)
 
     def fitted_to(self, context: SearchContext) -> ParameterJump:
-        """The same with an edge of one sub-step of that record, and changes as large as the declared values let expect."""
+        """The same with an edge of one sub-step of that record, and changes as large as the
+        declared values let expect.
+        """
         declared = [abs(context.values.get(name, 0.0)) for name in self.group]
         sizes = tuple(USUAL * value for value in declared) if all(declared) else ()
         return replace(self, width=edge_width(context.interval), sizes=sizes)
@@ -97,10 +111,15 @@ class ParameterJump:
 
 
 def jumps_of(equations: OwnEquations) -> tuple[ParameterJump, ...]:
-    """One for the parameters that act through each port, labelled by the port where there are several."""
+    """One for the parameters that act through each port, labelled by the port where there are
+    several.
+    """
     groups: dict[str, list[str]] = {}
     for port, _, name in equations.products:
         groups.setdefault(port, []).append(name)
     units, several = equations.factors, len(groups) > 1
     order = {port: sorted({*names}, key=[*units].index) for port, names in groups.items()}
-    return tuple(ParameterJump(tuple((name, units[name]) for name in names), port if several else "") for port, names in order.items())
+    return tuple(
+        ParameterJump(tuple((name, units[name]) for name in names), port if several else "")
+        for port, names in order.items()
+    )

@@ -1,4 +1,6 @@
-"""Flies a model whose inputs are moved by what its sensors say: a pilot or a flight control system holds the aircraft."""
+"""Flies a model whose inputs are moved by what its sensors say: a pilot or a flight control system
+holds the aircraft.
+"""
 
 from __future__ import annotations
 
@@ -35,36 +37,53 @@ def fly_with_feedback(
 ) -> tuple[Record, Truth]:
     """Simulate a model under feedback and measure it; the recorded input is the one that flew.
 
-    At each sample every input is its maneuver's value plus the sum over ``gains[input]`` of gain times measured output, noise included, less that
-    output's value at the start without noise; it is held to the next sample.
+    At each sample every input is its maneuver's value plus the sum over ``gains[input]`` of gain
+    times measured output, noise included, less that output's value at the start without noise; it
+    is held to the next sample.
 
     Parameters
     ----------
-    gains : by input, then by output, in the input's unit over the output's. Outputs that an input moves at once, as a load factor, are refused.
-    time : ``(N,)`` s. step : largest integration step, s. method : None for Runge-Kutta's.
-    Others as of ``fly``; process noise on states only.
+    gains : by input, then by output, in the input's unit over the output's. Outputs that an input
+    moves at once, as a load factor, are refused. time : ``(N,)`` s. step : largest integration
+    step, s. method : None for Runge-Kutta's. Others as of ``fly``; process noise on states only.
 
     Raises
     ------
-    ModelError : an unknown input or output, effects on the input or sensor path, an algebraic loop, parameters that drift, a flight that diverges.
+    ModelError : an unknown input or output, effects on the input or sensor path, an algebraic loop,
+    parameters that drift, a flight that diverges.
     """
     system, method = compile_model(model, outputs), method or rk4_step
     loop = _Loop(system, model, maneuvers, gains)
     time = np.asarray(time, dtype=float)
     std = {key: float(model.noise.measurement_std.get(key, 0.0)) for key in system.output_names}
-    noise = np.array([white_noise(rng, len(time), each) if each > 0 else np.zeros(len(time)) for each in std.values()])
+    noise = np.array(
+        [
+            white_noise(rng, len(time), each) if each > 0 else np.zeros(len(time))
+            for each in std.values()
+        ]
+    )
     forcing, N = loop.densities(), len(time)
-    start = loop.outputs(float(time[0]), system.initial.values().tolist(), loop.command(float(time[0])))
+    start = loop.outputs(
+        float(time[0]), system.initial.values().tolist(), loop.command(float(time[0]))
+    )
     x: list[Any] = system.initial.values().tolist()
-    states, u, clean = np.empty((len(x), N)), np.empty((len(system.inputs), N)), np.empty((len(std), N))
+    states, u, clean = (
+        np.empty((len(x), N)),
+        np.empty((len(system.inputs), N)),
+        np.empty((len(std), N)),
+    )
     for k, t in enumerate(time.tolist()):
         u[:, k], clean[:, k] = loop.closed(t, x, noise[:, k], start)
         states[:, k] = x
         if k < N - 1:
-            x = _carried(loop, method, x, u[:, k].tolist(), t, float(time[k + 1]) - t, step, forcing, rng)
+            x = _carried(
+                loop, method, x, u[:, k].tolist(), t, float(time[k + 1]) - t, step, forcing, rng
+            )
         if not np.all(np.isfinite(x)):
             remedy = "shorten the flight or check the gains"
-            raise ModelError(f"the simulation diverges at {t:.4g} s", where=f"model {model.name}", remedy=remedy)
+            raise ModelError(
+                f"the simulation diverges at {t:.4g} s", where=f"model {model.name}", remedy=remedy
+            )
     truth = Truth(
         parameters=model.parameters,
         effects=tuple(effect.name for effect in model.effects),
@@ -73,19 +92,29 @@ def fly_with_feedback(
         outputs=dict(zip(system.output_names, clean, strict=True)),
         walks={},
         noise_std=std,
-        process_density={key: value for key, value in zip(system.state_names, forcing, strict=True) if value > 0},
+        process_density={
+            key: value for key, value in zip(system.state_names, forcing, strict=True) if value > 0
+        },
         distance=distance,
         step=step,
         method=getattr(method, "__name__", type(method).__name__),
     )
-    inputs = tuple(Channel.of(signal.name, signal.unit, row) for signal, row in zip(system.inputs, u, strict=True))
-    measured = tuple(Channel.of(signal.name, signal.unit, row) for signal, row in zip(system.outputs, clean + noise, strict=True))
+    inputs = tuple(
+        Channel.of(signal.name, signal.unit, row)
+        for signal, row in zip(system.inputs, u, strict=True)
+    )
+    measured = tuple(
+        Channel.of(signal.name, signal.unit, row)
+        for signal, row in zip(system.outputs, clean + noise, strict=True)
+    )
     return Record(time, inputs, measured, Hold.PREVIOUS, name), truth
 
 
 @dataclass(frozen=True, eq=False)
 class _Loop:
-    """A compiled model with what moves its inputs; refuses what a loop closed sample by sample cannot have."""
+    """A compiled model with what moves its inputs; refuses what a loop closed sample by sample
+    cannot have.
+    """
 
     system: System
     model: Model
@@ -96,41 +125,75 @@ class _Loop:
         system = self.system
         if system.input_stages or system.sensor_stages:
             what = f"{', '.join((*system.input_stages, *system.sensor_stages))} under feedback"
-            raise ModelError(what, where=f"model {self.model.name}", remedy="leave out effects on the input and sensor path")
+            raise ModelError(
+                what,
+                where=f"model {self.model.name}",
+                remedy="leave out effects on the input and sensor path",
+            )
         for key in (*self.maneuvers, *self.gains):
             if key not in system.input_names:
-                raise ModelError(f"there is no input {key!r}", where="feedback", remedy=f"the inputs are {', '.join(system.input_names) or 'none'}")
+                raise ModelError(
+                    f"there is no input {key!r}",
+                    where="feedback",
+                    remedy=f"the inputs are {', '.join(system.input_names) or 'none'}",
+                )
         for key in {name for table in self.gains.values() for name in table}:
             if key not in system.output_names:
-                raise ModelError(f"{key!r} is not measured", where="feedback", remedy=f"the outputs are {', '.join(system.output_names)}")
+                raise ModelError(
+                    f"{key!r} is not measured",
+                    where="feedback",
+                    remedy=f"the outputs are {', '.join(system.output_names)}",
+                )
         for key in self.model.noise.process_density:
             if key not in system.state_names:
-                raise ModelError(f"{key!r} drifts under feedback", where="feedback", remedy="declare process noise on states only")
+                raise ModelError(
+                    f"{key!r} drifts under feedback",
+                    where="feedback",
+                    remedy="declare process noise on states only",
+                )
 
     def densities(self) -> list[float]:
-        return [float(value) for value in self.system.noise(self.system.parameters.values().tolist())[0]]
+        return [
+            float(value) for value in self.system.noise(self.system.parameters.values().tolist())[0]
+        ]
 
     def command(self, t: float) -> list[float]:
         """What the maneuvers give every input."""
         return [float(self.maneuvers.get(key, Sum())(t)) for key in self.system.input_names]
 
-    def closed(self, t: float, x: list[Any], noise: np.ndarray, start: list[float]) -> tuple[list[float], list[float]]:
-        """Inputs at a sample and the outputs without noise; ``start`` are those at the beginning."""
+    def closed(
+        self, t: float, x: list[Any], noise: np.ndarray, start: list[float]
+    ) -> tuple[list[float], list[float]]:
+        """Inputs at a sample and the outputs without noise; ``start`` are those at the
+        beginning.
+        """
         system, command = self.system, self.command(t)
         felt = self.outputs(t, x, command)
-        said = {key: felt[i] + float(noise[i]) - start[i] for i, key in enumerate(system.output_names)}
-        added = [sum(gain * said[key] for key, gain in self.gains.get(name, {}).items()) for name in system.input_names]
+        said = {
+            key: felt[i] + float(noise[i]) - start[i] for i, key in enumerate(system.output_names)
+        }
+        added = [
+            sum(gain * said[key] for key, gain in self.gains.get(name, {}).items())
+            for name in system.input_names
+        ]
         u = [value + more for value, more in zip(command, added, strict=True)]
         y = self.outputs(t, x, u)
         for key in {name for table in self.gains.values() for name in table}:
             i = system.output_names.index(key)
             if abs(y[i] - felt[i]) > 1e-12 * max(1.0, abs(y[i])):
-                raise ModelError(f"an input moves {key!r} at once", where="feedback", remedy="feed back outputs that are states")
+                raise ModelError(
+                    f"an input moves {key!r} at once",
+                    where="feedback",
+                    remedy="feed back outputs that are states",
+                )
         return u, y
 
     def outputs(self, t: float, x: list[Any], u: list[float]) -> list[float]:
         """Outputs without noise."""
-        return [float(value) for value in self.system.h(t, x, u, self.system.parameters.values().tolist())]
+        return [
+            float(value)
+            for value in self.system.h(t, x, u, self.system.parameters.values().tolist())
+        ]
 
 
 def _carried(
@@ -144,13 +207,16 @@ def _carried(
     densities: Sequence[float],
     rng: np.random.Generator,
 ) -> list[Any]:
-    """States a sample later under held inputs, infinite where rates are not defined; ``densities`` force them after each sub-step, variance density
-    times its length."""
+    """States a sample later under held inputs, infinite where rates are not defined; ``densities``
+    force them after each sub-step, variance density times its length."""
     p, count = loop.system.parameters.values().tolist(), max(1, int(np.ceil(span / step - 1e-9)))
     size = span / count
     for k in range(count):
         try:
-            x = [float(value) for value in method(loop.system.f, begin + k * size, x, (u, u, u), p, size)]
+            x = [
+                float(value)
+                for value in method(loop.system.f, begin + k * size, x, (u, u, u), p, size)
+            ]
         except (OverflowError, ZeroDivisionError):
             return [np.inf] * len(x)
         for i, density in enumerate(densities):

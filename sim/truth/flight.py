@@ -1,8 +1,9 @@
-"""The truth generator: flies a model through maneuvers, with random forcing where declared, and measures it.
+"""The truth generator: flies a model through maneuvers, with random forcing where declared, and
+measures it.
 
 ``fly`` returns what a test engineer would hand over, the Record, and apart from it the Truth that
-only a study may open. The motion is exact to a tolerance far below any sensor's noise, or goes in steps finer than an
-estimator's, and meets every switch of a maneuver at its own time.
+only a study may open. The motion is exact to a tolerance far below any sensor's noise, or goes in
+steps finer than an estimator's, and meets every switch of a maneuver at its own time.
 """
 
 from __future__ import annotations
@@ -50,13 +51,22 @@ def propagate_with_process_noise(
     walking: Mapping[str, float],
     rng: np.random.Generator,
 ) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
-    """States at all edges under white forcing, and parameters in random walk; the forcing is additive, so Euler-Maruyama's order is 1."""
+    """States at all edges under white forcing, and parameters in random walk; the forcing is
+    additive, so Euler-Maruyama's order is 1.
+    """
     root = np.sqrt(grid.steps)
     walks = {key: np.empty(len(grid.edges)) for key in walking}
     for key, density in walking.items():
         walks[key][0] = p[system.parameters.index(key)]
-        walks[key][1:] = walks[key][0] + np.cumsum(np.sqrt(density) * root * rng.standard_normal(len(root)))
-    kicks = {system.state_names.index(key): (np.sqrt(value) * root * rng.standard_normal(len(root))).tolist() for key, value in densities.items()}
+        walks[key][1:] = walks[key][0] + np.cumsum(
+            np.sqrt(density) * root * rng.standard_normal(len(root))
+        )
+    kicks = {
+        system.state_names.index(key): (
+            np.sqrt(value) * root * rng.standard_normal(len(root))
+        ).tolist()
+        for key, value in densities.items()
+    }
     drifting = {system.parameters.index(key): row.tolist() for key, row in walks.items()}
     x, p = system.initial.values().tolist(), list(p)
     history = np.empty((len(x), len(grid.edges)))
@@ -66,7 +76,18 @@ def propagate_with_process_noise(
         for index, walk in drifting.items():
             p[index] = walk[m]
         try:
-            x = method(system.f, t, x, ([row[m] for row in stages[0]], [row[m] for row in stages[1]], [row[m] for row in stages[2]]), p, dt)
+            x = method(
+                system.f,
+                t,
+                x,
+                (
+                    [row[m] for row in stages[0]],
+                    [row[m] for row in stages[1]],
+                    [row[m] for row in stages[2]],
+                ),
+                p,
+                dt,
+            )
         except (OverflowError, ZeroDivisionError):
             history[:, m + 1 :] = np.inf
             break
@@ -77,7 +98,12 @@ def propagate_with_process_noise(
 
 
 def outputs_with_walks(
-    system: System, p: Sequence[float], states: Sequence[np.ndarray], walks: Mapping[str, np.ndarray], drive: Drive, grid: Grid
+    system: System,
+    p: Sequence[float],
+    states: Sequence[np.ndarray],
+    walks: Mapping[str, np.ndarray],
+    drive: Drive,
+    grid: Grid,
 ) -> list[np.ndarray]:
     rows: list[object] = list(p)
     for key, walk in walks.items():
@@ -87,7 +113,10 @@ def outputs_with_walks(
     if system.sensor_stages:
         for key, walk in walks.items():
             rows[system.parameters.index(key)] = walk[1:]
-        end = [np.broadcast_to(y, shape[0] - 1) for y in system.h(grid.edges[1:], [row[1:] for row in states], drive.end, rows)]
+        end = [
+            np.broadcast_to(y, shape[0] - 1)
+            for y in system.h(grid.edges[1:], [row[1:] for row in states], drive.end, rows)
+        ]
         begin, _ = system.sensor_path(p, begin, end, grid.steps)
     return [row[grid.sample] for row in begin]
 
@@ -95,16 +124,24 @@ def outputs_with_walks(
 # ---- Inputs at the vehicle for maneuvers: every switch at its own time, whatever the grid
 
 
-def drive_from_maneuvers(system: System, p: Sequence[float], by_input: tuple[Maneuver, ...], grid: Grid) -> Drive:
+def drive_from_maneuvers(
+    system: System, p: Sequence[float], by_input: tuple[Maneuver, ...], grid: Grid
+) -> Drive:
     """Inputs at the vehicle for one maneuver an input, every switch at its own time."""
     if system.input_stages:
         edges = cell_edges(grid)
-        return drive_from_cells(system, p, [maneuver.mean(edges[:-1], edges[1:]) for maneuver in by_input], edges, grid)
+        return drive_from_cells(
+            system, p, [maneuver.mean(edges[:-1], edges[1:]) for maneuver in by_input], edges, grid
+        )
     a, b = grid.edges[:-1], grid.edges[1:]
     means = [maneuver.mean(a, b) for maneuver in by_input]
-    begin, end = [maneuver(grid.edges) for maneuver in by_input], [maneuver.before(b) for maneuver in by_input]
+    begin, end = (
+        [maneuver(grid.edges) for maneuver in by_input],
+        [maneuver.before(b) for maneuver in by_input],
+    )
     drive = drive_from_means(means, begin, end)
-    # Where the input is smooth within a sub-step its values at the stages keep the integrator's order; elsewhere the mean serves.
+    # Where the input is smooth within a sub-step its values at the stages keep the integrator's
+    # order; elsewhere the mean serves.
     stages: tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]] = ([], [], [])
     for maneuver, mean, first, last in zip(by_input, means, begin, end, strict=True):
         smooth = _without_break(maneuver, a, b)
@@ -135,24 +172,34 @@ class Motion:
     method: str
 
 
-def by_tolerance(system: System, p: Sequence[float], by_input: tuple[Maneuver, ...], time: np.ndarray) -> Motion | None:
-    """Motion at ``time`` (s, ``(N,)``) within ``TOLERANCE``, inputs as the maneuvers give them; None where no method keeps it.
+def by_tolerance(
+    system: System, p: Sequence[float], by_input: tuple[Maneuver, ...], time: np.ndarray
+) -> Motion | None:
+    """Motion at ``time`` (s, ``(N,)``) within ``TOLERANCE``, inputs as the maneuvers give them;
+    None where no method keeps it.
 
-    None too for effects on the input path: they act on means over cells, and so do not leave inputs that are functions of time.
+    None too for effects on the input path: they act on means over cells, and so do not leave inputs
+    that are functions of time.
     """
     if system.input_stages:
         return None
     breaks = Sum(by_input).breakpoints
     x0 = system.initial.values().tolist()
-    states = exact_motion(system, p, x0, lambda t: [maneuver(t) for maneuver in by_input], breaks, time)
+    states = exact_motion(
+        system, p, x0, lambda t: [maneuver(t) for maneuver in by_input], breaks, time
+    )
     if states is not None:
         return Motion(list(states), EXACT)
-    states = smooth_motion(system, p, x0, lambda begin, end: _between(by_input, begin, end), breaks, time)
+    states = smooth_motion(
+        system, p, x0, lambda begin, end: _between(by_input, begin, end), breaks, time
+    )
     return None if states is None else Motion(list(states), SMOOTH)
 
 
 def _between(by_input: tuple[Maneuver, ...], begin: float, end: float) -> InputsAt:
-    """Inputs from one break to the next: a held one by its level, others up to the break and not beyond it."""
+    """Inputs from one break to the next: a held one by its level, others up to the break and not
+    beyond it.
+    """
     if all(maneuver.hold is Hold.PREVIOUS for maneuver in by_input):
         held = [float(maneuver(0.5 * (begin + end))) for maneuver in by_input]
         return lambda t: held
@@ -164,7 +211,9 @@ def _between(by_input: tuple[Maneuver, ...], begin: float, end: float) -> Inputs
 
 
 class Distance(Enum):
-    """How far a truth is from the model that will be fitted to it: the nearer, the easier the test ("inverse crime")."""
+    """How far a truth is from the model that will be fitted to it: the nearer, the easier the test
+    ("inverse crime").
+    """
 
     SAME_EQUATIONS = "same equations and step"
     OTHER_STEP = "same equations, finer step"
@@ -184,12 +233,12 @@ class Truth:
     parameters : true values with units, those of effects included; of a random walk the start.
     effects : names of the effects that acted.
     time : ``(N,)`` s, the record's.
-    states, outputs : by name, ``(N,)`` each, without measurement noise; outputs as the sensors would pass them on.
-    walks : by name, ``(N,)``, parameters that drifted.
-    noise_std : standard deviation of the measurement noise by output, zero where there was none.
-    process_density : spectral density of the forcing that acted, by state or parameter.
-    distance : how far this is from the model to be fitted.
-    step, method : largest integration step, s, and the integrator's name; no step where the motion was found to a tolerance.
+    states, outputs : by name, ``(N,)`` each, without measurement noise; outputs as the sensors
+    would pass them on. walks : by name, ``(N,)``, parameters that drifted. noise_std : standard
+    deviation of the measurement noise by output, zero where there was none. process_density :
+    spectral density of the forcing that acted, by state or parameter. distance : how far this is
+    from the model to be fitted. step, method : largest integration step, s, and the integrator's
+    name; no step where the motion was found to a tolerance.
     """
 
     parameters: ParameterSet
@@ -206,9 +255,18 @@ class Truth:
 
 
 def sample_times(rate: float, duration: float, start: float = 0.0) -> np.ndarray:
-    """Even sample times from ``start`` to ``start + duration`` inclusive, s; ``rate`` in 1/s. Shape ``(N,)``."""
-    if not (rate > 0 and duration > 0 and np.isfinite(rate * duration)) or round(rate * duration) < 1:
-        raise ModelError(f"{duration:g} s at {rate:g} samples a second", where="sample times", remedy="give a rate and a duration above zero")
+    """Even sample times from ``start`` to ``start + duration`` inclusive, s; ``rate`` in 1/s. Shape
+    ``(N,)``.
+    """
+    if (
+        not (rate > 0 and duration > 0 and np.isfinite(rate * duration))
+        or round(rate * duration) < 1
+    ):
+        raise ModelError(
+            f"{duration:g} s at {rate:g} samples a second",
+            where="sample times",
+            remedy="give a rate and a duration above zero",
+        )
     return start + np.arange(round(rate * duration) + 1) / rate
 
 
@@ -229,14 +287,18 @@ def fly(
 
     Parameters
     ----------
-    model : its parameter values, initial state and noise are the true ones. ``noise.process_density`` forces
-        states by white noise, increments of variance density x step after each step, and lets parameters drift in a random walk.
+    model : its parameter values, initial state and noise are the true ones.
+    ``noise.process_density`` forces
+        states by white noise, increments of variance density x step after each step, and lets
+        parameters drift in a random walk.
     maneuvers : by input, or one for the only input; inputs not named rest at zero.
     time : ``(N,)`` s, sample times, uneven if wanted; see ``sample_times``.
     rng : the one source of randomness; the same state gives the same bytes.
     measurement : None for white noise of the model's ``measurement_std``.
-    method : an integrator that goes in steps, or None for the exact motion of what is linear and else LSODA, to a tolerance of 1e-9; where
-        random forcing or effects on the input path act, or no solver keeps that tolerance, Runge-Kutta's of order 4 in its place.
+    method : an integrator that goes in steps, or None for the exact motion of what is linear and
+    else LSODA, to a tolerance of 1e-9; where
+        random forcing or effects on the input path act, or no solver keeps that tolerance,
+        Runge-Kutta's of order 4 in its place.
     step : largest step of an integrator and of sensors with memory, s.
     outputs : those recorded, all when None.
     distance : stated by the caller, kept in the Truth.
@@ -247,7 +309,8 @@ def fly(
 
     Raises
     ------
-    ModelError : an unknown input or output, a random walk of an unknown parameter, a simulation that diverges.
+    ModelError : an unknown input or output, a random walk of an unknown parameter, a simulation
+    that diverges.
     """
     system = compile_model(model, outputs)
     by_input = _assigned(system, maneuvers)
@@ -260,7 +323,10 @@ def fly(
         effects=tuple(effect.name for effect in model.effects),
         time=np.array(time, dtype=float),
         states={key: row[at] for key, row in zip(system.state_names, moved.states, strict=True)},
-        outputs={key: np.array(row, dtype=float) for key, row in zip(system.output_names, moved.outputs, strict=True)},
+        outputs={
+            key: np.array(row, dtype=float)
+            for key, row in zip(system.output_names, moved.outputs, strict=True)
+        },
         walks={key: row[at] for key, row in moved.walks.items()},
         noise_std={key: float(std.get(key, 0.0)) for key in system.output_names},
         process_density=moved.density,
@@ -269,11 +335,21 @@ def fly(
         method=moved.method,
     )
     units = {signal.name: signal.unit for signal in system.outputs}
-    channels = measure(truth.time, truth.outputs, units, rng, replace(measured, std=truth.noise_std))
-    return Record(truth.time, _recorded_inputs(system, by_input, truth.time), channels, Sum(by_input).hold, name), truth
+    channels = measure(
+        truth.time, truth.outputs, units, rng, replace(measured, std=truth.noise_std)
+    )
+    return Record(
+        truth.time,
+        _recorded_inputs(system, by_input, truth.time),
+        channels,
+        Sum(by_input).hold,
+        name,
+    ), truth
 
 
-def _recorded_inputs(system: System, by_input: tuple[Maneuver, ...], time: np.ndarray) -> tuple[Channel, ...]:
+def _recorded_inputs(
+    system: System, by_input: tuple[Maneuver, ...], time: np.ndarray
+) -> tuple[Channel, ...]:
     return tuple(
         Channel.of(signal.name, signal.unit, np.broadcast_to(maneuver(time), time.shape))
         for signal, maneuver in zip(system.inputs, by_input, strict=True)
@@ -282,7 +358,9 @@ def _recorded_inputs(system: System, by_input: tuple[Maneuver, ...], time: np.nd
 
 @dataclass(frozen=True, eq=False)
 class _GridStates:
-    """States and random walks at the edges of a grid, where the samples are among them, outputs without noise at these, and how it was flown."""
+    """States and random walks at the edges of a grid, where the samples are among them, outputs
+    without noise at these, and how it was flown.
+    """
 
     states: Sequence[Any]
     walks: Mapping[str, np.ndarray]
@@ -294,39 +372,70 @@ class _GridStates:
 
 
 def _propagated(
-    model: Model, system: System, by_input: tuple[Maneuver, ...], time: np.ndarray, step: float, method: Step | None, rng: np.random.Generator
+    model: Model,
+    system: System,
+    by_input: tuple[Maneuver, ...],
+    time: np.ndarray,
+    step: float,
+    method: Step | None,
+    rng: np.random.Generator,
 ) -> _GridStates:
     p = system.parameters.values().tolist()
-    densities = {key: value for key, value in zip(system.state_names, system.noise(p)[0], strict=True) if value > 0}
+    densities = {
+        key: value
+        for key, value in zip(system.state_names, system.noise(p)[0], strict=True)
+        if value > 0
+    }
     walking = _walking(model, system)
     if method is None and not densities and not walking:
         # Sensors with memory act on what passes between samples.
         grid = make_grid(time, step if system.sensor_stages else np.inf)
         found = by_tolerance(system, p, by_input, grid.edges)
         if found is not None:
-            clean = outputs_at_samples(system, p, found.states, drive_from_maneuvers(system, p, by_input, grid), grid)
+            clean = outputs_at_samples(
+                system, p, found.states, drive_from_maneuvers(system, p, by_input, grid), grid
+            )
             return _GridStates(found.states, {}, grid.sample, clean, {}, None, found.method)
     grid, method = make_grid(time, step), method or rk4_step
     drive = drive_from_maneuvers(system, p, by_input, grid)
     if densities or walking:
-        states, walks = propagate_with_process_noise(system, p, drive, grid, method, densities, walking, rng)
+        states, walks = propagate_with_process_noise(
+            system, p, drive, grid, method, densities, walking, rng
+        )
     else:
-        states, walks = propagate(system, p, system.initial.values().tolist(), drive, grid, method), {}
+        states, walks = (
+            propagate(system, p, system.initial.values().tolist(), drive, grid, method),
+            {},
+        )
     refuse_divergence(model, grid, states)
-    clean = outputs_with_walks(system, p, states, walks, drive, grid) if walks else outputs_at_samples(system, p, states, drive, grid)
+    clean = (
+        outputs_with_walks(system, p, states, walks, drive, grid)
+        if walks
+        else outputs_at_samples(system, p, states, drive, grid)
+    )
     named = getattr(method, "__name__", type(method).__name__)
-    return _GridStates(states, walks, grid.sample, clean, {**densities, **walking}, float(grid.steps.max()), named)
+    return _GridStates(
+        states, walks, grid.sample, clean, {**densities, **walking}, float(grid.steps.max()), named
+    )
 
 
-def remeasure(record: Record, truth: Truth, rng: np.random.Generator, measurement: Measurement | None = None) -> Record:
-    """The same flight measured again with fresh noise, at no cost of simulation; None repeats white noise of the truth's ``noise_std``."""
+def remeasure(
+    record: Record, truth: Truth, rng: np.random.Generator, measurement: Measurement | None = None
+) -> Record:
+    """The same flight measured again with fresh noise, at no cost of simulation; None repeats white
+    noise of the truth's ``noise_std``.
+    """
     again = measurement or Measurement()
     std = truth.noise_std if again.std is None else again.std
     units = {channel.name: channel.unit for channel in record.outputs}
-    return replace(record, outputs=measure(truth.time, truth.outputs, units, rng, replace(again, std=std)))
+    return replace(
+        record, outputs=measure(truth.time, truth.outputs, units, rng, replace(again, std=std))
+    )
 
 
-def _assigned(system: System, maneuvers: Mapping[str, Maneuver] | Maneuver | None) -> tuple[Maneuver, ...]:
+def _assigned(
+    system: System, maneuvers: Mapping[str, Maneuver] | Maneuver | None
+) -> tuple[Maneuver, ...]:
     names = system.input_names
     if maneuvers is None:
         table: Mapping[str, Maneuver] = {}
@@ -336,11 +445,17 @@ def _assigned(system: System, maneuvers: Mapping[str, Maneuver] | Maneuver | Non
         table = {names[0]: maneuvers}
     else:
         raise ModelError(
-            f"one maneuver for {len(names)} inputs", where="fly", remedy=f"give a mapping by input: {', '.join(names) or 'there is none'}"
+            f"one maneuver for {len(names)} inputs",
+            where="fly",
+            remedy=f"give a mapping by input: {', '.join(names) or 'there is none'}",
         )
     for key in table:
         if key not in names:
-            raise ModelError(f"there is no input {key!r}", where="fly", remedy=f"the inputs are {', '.join(names) or 'none'}")
+            raise ModelError(
+                f"there is no input {key!r}",
+                where="fly",
+                remedy=f"the inputs are {', '.join(names) or 'none'}",
+            )
     return tuple(table.get(key, Sum()) for key in names)
 
 
@@ -366,5 +481,7 @@ def refuse_divergence(model: Model, grid: Grid, states: Sequence[np.ndarray]) ->
     if not np.all(finite):
         when = grid.edges[int(np.argmin(finite))]
         raise ModelError(
-            f"the simulation diverges at {when:.4g} s", where=f"model {model.name}", remedy="shorten the flight or check the parameter values"
+            f"the simulation diverges at {when:.4g} s",
+            where=f"model {model.name}",
+            remedy="shorten the flight or check the parameter values",
         )

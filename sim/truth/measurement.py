@@ -1,4 +1,6 @@
-"""Recorded samples from outputs: noise, quantisation, losses; and the random series that they draw."""
+"""Recorded samples from outputs: noise, quantisation, losses; and the random series that they
+draw.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +24,13 @@ def white_noise(rng: np.random.Generator, count: int, std: float) -> np.ndarray:
     return std * rng.standard_normal(count)
 
 
-def coloured_noise(rng: np.random.Generator, time: np.ndarray, std: float, correlation_time: float) -> np.ndarray:
+def coloured_noise(
+    rng: np.random.Generator, time: np.ndarray, std: float, correlation_time: float
+) -> np.ndarray:
     """A stationary first-order Gauss-Markov process at ``time (N,)``, s, which may be uneven.
 
-    n_dot = -n / T + sqrt(2 / T) std w, discretised exactly: autocovariance std^2 exp(-|lag| / T) at any
-    sampling. ``correlation_time`` T in s. Returns ``(N,)`` in the unit of ``std``.
+    n_dot = -n / T + sqrt(2 / T) std w, discretised exactly: autocovariance std^2 exp(-|lag| / T) at
+    any sampling. ``correlation_time`` T in s. Returns ``(N,)`` in the unit of ``std``.
     """
     _not_negative("standard deviation", std)
     _positive("correlation time", correlation_time)
@@ -36,12 +40,20 @@ def coloured_noise(rng: np.random.Generator, time: np.ndarray, std: float, corre
     return linear_recurrence(np.exp(-gaps), forcing, std * float(draws[0]))
 
 
-def dryden_gust(rng: np.random.Generator, time: np.ndarray, intensity: float, scale_length: float, airspeed: float) -> np.ndarray:
-    """Vertical Dryden gust velocity at ``time (N,)``, s, from a stationary start; uneven sampling allowed.
+def dryden_gust(
+    rng: np.random.Generator,
+    time: np.ndarray,
+    intensity: float,
+    scale_length: float,
+    airspeed: float,
+) -> np.ndarray:
+    """Vertical Dryden gust velocity at ``time (N,)``, s, from a stationary start; uneven sampling
+    allowed.
 
-    Phi(Omega) = intensity^2 (L / pi) (1 + 3 (L Omega)^2) / (1 + (L Omega)^2)^2 over Omega >= 0 in rad/m
-    (MIL-F-8785C, section 3.7.1.2), Omega = omega / airspeed. Discretised exactly as the two-state filter
-    intensity / sqrt(lam) (1 + sqrt(3) s / lam) / (1 + s / lam)^2, lam = airspeed / L, driven by unit white noise.
+    Phi(Omega) = intensity^2 (L / pi) (1 + 3 (L Omega)^2) / (1 + (L Omega)^2)^2 over Omega >= 0 in
+    rad/m (MIL-F-8785C, section 3.7.1.2), Omega = omega / airspeed. Discretised exactly as the
+    two-state filter intensity / sqrt(lam) (1 + sqrt(3) s / lam) / (1 + s / lam)^2, lam = airspeed /
+    L, driven by unit white noise.
 
     Parameters
     ----------
@@ -60,8 +72,13 @@ def dryden_gust(rng: np.random.Generator, time: np.ndarray, intensity: float, sc
     _positive("airspeed", airspeed)
     d = np.diff(time) * airspeed / scale_length
     decay = np.exp(-d)
-    # Covariance of the increments of (x, x'/lam) over d = lam dt; incomplete gammas keep it exact for small d.
-    g1, g2, g3 = 0.5 * gammainc(1, 2.0 * d), 0.25 * gammainc(2, 2.0 * d), 0.25 * gammainc(3, 2.0 * d)
+    # Covariance of the increments of (x, x'/lam) over d = lam dt; incomplete gammas keep it exact
+    # for small d.
+    g1, g2, g3 = (
+        0.5 * gammainc(1, 2.0 * d),
+        0.25 * gammainc(2, 2.0 * d),
+        0.25 * gammainc(3, 2.0 * d),
+    )
     q11, q12, q22 = g3, 0.5 * (d * decay) ** 2, g1 - 2.0 * g2 + g3
     l22 = np.sqrt(q22)
     l12 = q12 / l22
@@ -70,7 +87,13 @@ def dryden_gust(rng: np.random.Generator, time: np.ndarray, intensity: float, sc
     first, second = 0.5 * draws[0, 0], 0.5 * draws[1, 0]
     gust = np.empty(len(time))
     gust[0] = first + math.sqrt(3.0) * second
-    kicks = zip((l11 * draws[0, 1:] + l12 * draws[1, 1:]).tolist(), (l22 * draws[1, 1:]).tolist(), d.tolist(), decay.tolist(), strict=True)
+    kicks = zip(
+        (l11 * draws[0, 1:] + l12 * draws[1, 1:]).tolist(),
+        (l22 * draws[1, 1:]).tolist(),
+        d.tolist(),
+        decay.tolist(),
+        strict=True,
+    )
     for k, (kick1, kick2, lag, fade) in enumerate(kicks, start=1):
         first, second = (
             fade * ((1.0 + lag) * first + lag * second) + kick1,
@@ -82,12 +105,18 @@ def dryden_gust(rng: np.random.Generator, time: np.ndarray, intensity: float, sc
 
 def _not_negative(what: str, value: float) -> None:
     if not (value >= 0 and math.isfinite(value)):
-        raise ModelError(f"{what} {value} is negative or not finite", where="noise", remedy="give zero or a positive number")
+        raise ModelError(
+            f"{what} {value} is negative or not finite",
+            where="noise",
+            remedy="give zero or a positive number",
+        )
 
 
 def _positive(what: str, value: float) -> None:
     if not (value > 0 and math.isfinite(value)):
-        raise ModelError(f"{what} {value} is not positive", where="noise", remedy="give a positive number")
+        raise ModelError(
+            f"{what} {value} is not positive", where="noise", remedy="give a positive number"
+        )
 
 
 # ---- How outputs become recorded samples: noise, quantisation, losses
@@ -97,7 +126,8 @@ _NONE: Mapping[str, float] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Measurement:
-    """How outputs are recorded; each mapping is by output, and one that it lacks is recorded exactly in that respect.
+    """How outputs are recorded; each mapping is by output, and one that it lacks is recorded
+    exactly in that respect.
 
     Attributes
     ----------
@@ -121,24 +151,42 @@ class Measurement:
         ):
             for name, value in table.items():
                 if not (low <= value < high):
-                    raise ModelError(f"{what} {value:g}", where=f"output {name}", remedy=f"give a number from {low:.3g} to below {high:g}")
+                    raise ModelError(
+                        f"{what} {value:g}",
+                        where=f"output {name}",
+                        remedy=f"give a number from {low:.3g} to below {high:g}",
+                    )
 
 
 def measure(
-    time: np.ndarray, outputs: Mapping[str, np.ndarray], units: Mapping[str, str], rng: np.random.Generator, measurement: Measurement
+    time: np.ndarray,
+    outputs: Mapping[str, np.ndarray],
+    units: Mapping[str, str],
+    rng: np.random.Generator,
+    measurement: Measurement,
 ) -> tuple[Channel, ...]:
     """Recorded channels of known outputs ``(N,)`` each at ``time (N,)``, s.
 
-    ``measurement.std`` None means no noise. Draws come output by output in the order of ``outputs``, those of
-    the noise before those of the losses, so the same generator state gives the same bytes.
+    ``measurement.std`` None means no noise. Draws come output by output in the order of
+    ``outputs``, those of the noise before those of the losses, so the same generator state gives
+    the same bytes.
 
     Raises ModelError for an output that is not there.
     """
     std_of = measurement.std or _NONE
-    for table in (std_of, measurement.correlation_time, measurement.resolution, measurement.missing):
+    for table in (
+        std_of,
+        measurement.correlation_time,
+        measurement.resolution,
+        measurement.missing,
+    ):
         for key in table:
             if key not in outputs:
-                raise ModelError(f"there is no output {key!r}", where="measurement", remedy=f"the outputs are {', '.join(outputs)}")
+                raise ModelError(
+                    f"there is no output {key!r}",
+                    where="measurement",
+                    remedy=f"the outputs are {', '.join(outputs)}",
+                )
     channels = []
     for key, clean in outputs.items():
         values, std = clean.copy(), std_of.get(key, 0.0)

@@ -26,9 +26,20 @@ from sim.vehicles.short_period import ShortPeriod
 
 # ---- From a vehicle's numbers to its Model; one way for built-in sets and for a user's file
 
-RIGID_CONSTANTS = {"mass": "kg", "wing_area": "m2", "chord": "m", "pitch_inertia": "kg m2", "airspeed": "m/s", "air_density": "kg/m3"}
+RIGID_CONSTANTS = {
+    "mass": "kg",
+    "wing_area": "m2",
+    "chord": "m",
+    "pitch_inertia": "kg m2",
+    "airspeed": "m/s",
+    "air_density": "kg/m3",
+}
 RIGID_DERIVATIVES = {**ShortPeriod.factors}
-BALLISTIC_CONSTANTS = {"air_density_reference": "kg/m3", "density_scale_height": "m", "gravity": "m/s2"}
+BALLISTIC_CONSTANTS = {
+    "air_density_reference": "kg/m3",
+    "density_scale_height": "m",
+    "gravity": "m/s2",
+}
 BALLISTIC_DERIVATIVES = {**Ballistic.factors}
 LOES_CONSTANTS = {"airspeed": "m/s", "gravity": "m/s2", "vane_arm": "m"}
 LOES_DERIVATIVES = {**Loes.factors, "inv_tau": "1/s", "delay": "s"}
@@ -53,43 +64,77 @@ FAMILIES: Mapping[str, Family] = {
     "ballistic": (Ballistic(), BALLISTIC_CONSTANTS, BALLISTIC_DERIVATIVES),
     **WHOLE_AXES,
 }
-ABOVE_ZERO = {"mass", "wing_area", "chord", "span", "pitch_inertia", "roll_inertia", "yaw_inertia", "airspeed", "reference_airspeed", "air_density"}
+ABOVE_ZERO = {
+    "mass",
+    "wing_area",
+    "chord",
+    "span",
+    "pitch_inertia",
+    "roll_inertia",
+    "yaw_inertia",
+    "airspeed",
+    "reference_airspeed",
+    "air_density",
+}
 
 
 def rigid_model(data: VehicleData, noise: Noise | None = None) -> Model:
-    """The rigid short period with a set's numbers: constants held, the six derivatives free, at rest.
+    """The rigid short period with a set's numbers: constants held, the six derivatives free, at
+    rest.
 
-    Raises DeclarationError for a number that is missing, of another unit, or a constant that is not positive.
+    Raises DeclarationError for a number that is missing, of another unit, or a constant that is not
+    positive.
     """
     return _model(data, ShortPeriod(), RIGID_CONSTANTS, RIGID_DERIVATIVES, noise)
 
 
-def flexible_model(data: VehicleData, modes: int | None = None, noise: Noise | None = None) -> Model:
-    """The rigid short period with the first ``modes`` elastic modes of a set (all when None), one StructuralMode effect each.
+def flexible_model(
+    data: VehicleData, modes: int | None = None, noise: Noise | None = None
+) -> Model:
+    """The rigid short period with the first ``modes`` elastic modes of a set (all when None), one
+    StructuralMode effect each.
 
-    Frequencies, dampings and generalized masses are held; free are the six rigid derivatives and of each mode the nine
-    ``CL_eta CL_etadot Cm_eta Cm_etadot Ceta_alpha Ceta_q Ceta_de`` and its own ``Ceta_eta Ceta_etadot``. Couplings between
-    modes are held. A common factor of a mode's coordinate cannot be found from data: hold one of its ``Ceta`` or use priors.
+    Frequencies, dampings and generalized masses are held; free are the six rigid derivatives and of
+    each mode the nine ``CL_eta CL_etadot Cm_eta Cm_etadot Ceta_alpha Ceta_q Ceta_de`` and its own
+    ``Ceta_eta Ceta_etadot``. Couplings between modes are held. A common factor of a mode's
+    coordinate cannot be found from data: hold one of its ``Ceta`` or use priors.
 
-    Raises DeclarationError as ``rigid_model``, and for more modes than the set has. A coupling that is missing is zero.
+    Raises DeclarationError as ``rigid_model``, and for more modes than the set has. A coupling that
+    is missing is zero.
     """
     wanted = data.modes if modes is None else modes
     if not 0 <= wanted <= data.modes:
-        raise DeclarationError(f"{wanted} elastic modes asked for", where=f"vehicle {data.name}", remedy=f"it has {data.modes}")
+        raise DeclarationError(
+            f"{wanted} elastic modes asked for",
+            where=f"vehicle {data.name}",
+            remedy=f"it has {data.modes}",
+        )
     numbers = tuple(range(1, wanted + 1))
-    model = rigid_model(data, noise).with_effects(*(StructuralMode(number, numbers) for number in numbers))
-    found = {name: _checked(data, name, unit) for name, unit, needed in mode_units(wanted) if needed or name in data}
+    model = rigid_model(data, noise).with_effects(
+        *(StructuralMode(number, numbers) for number in numbers)
+    )
+    found = {
+        name: _checked(data, name, unit)
+        for name, unit, needed in mode_units(wanted)
+        if needed or name in data
+    }
     couplings = {name: 0.0 for name, _, needed in mode_units(wanted) if not needed}
-    model = model.with_values({**couplings, **{name: number.value for name, number in found.items()}})
+    model = model.with_values(
+        {**couplings, **{name: number.value for name, number in found.items()}}
+    )
     free = [*RIGID_DERIVATIVES]
     for i in numbers:
-        free += [mode_parameter(local, i) for local in (*MODE_DERIVATIVES, f"Ceta_eta{i}", f"Ceta_etadot{i}")]
+        free += [
+            mode_parameter(local, i)
+            for local in (*MODE_DERIVATIVES, f"Ceta_eta{i}", f"Ceta_etadot{i}")
+        ]
     items = (_sourced(item, found) for item in model.parameters.only_free(free))
     return model.with_parameters(ParameterSet(tuple(items)))
 
 
 def ballistic_model(data: VehicleData, noise: Noise | None = None) -> Model:
-    """The falling body with a set's numbers: constants held, beta free, starting at the set's altitude and velocity.
+    """The falling body with a set's numbers: constants held, beta free, starting at the set's
+    altitude and velocity.
 
     Raises DeclarationError as ``rigid_model``.
     """
@@ -99,12 +144,18 @@ def ballistic_model(data: VehicleData, noise: Noise | None = None) -> Model:
 def loes_model(data: VehicleData, noise: Noise | None = None) -> Model:
     """The low-order equivalent system with a set's numbers, in the gauge of whole-record fits.
 
-    Free are the seven derivatives of ``LOES_DERIVATIVES`` and ``delay``, an InputDelay on the stick with its parameter under
-    that plain name; constants and the constant terms ``LOES_OFFSETS`` are held, these at zero unless the set has them.
-    Add one bias per output for a fit; ``loes_filter_model`` turns the model into the filter's. Without ``vane_arm`` the
-    vane is at the centre of gravity. Raises DeclarationError as ``rigid_model``, and for a negative ``inv_tau`` or ``delay``.
+    Free are the seven derivatives of ``LOES_DERIVATIVES`` and ``delay``, an InputDelay on the stick
+    with its parameter under that plain name; constants and the constant terms ``LOES_OFFSETS`` are
+    held, these at zero unless the set has them. Add one bias per output for a fit;
+    ``loes_filter_model`` turns the model into the filter's. Without ``vane_arm`` the vane is at the
+    centre of gravity. Raises DeclarationError as ``rigid_model``, and for a negative ``inv_tau`` or
+    ``delay``.
     """
-    optional = [Number(name, 0.0, unit, note="zero unless given") for name, unit in {"vane_arm": "m", **LOES_OFFSETS}.items() if name not in data]
+    optional = [
+        Number(name, 0.0, unit, note="zero unless given")
+        for name, unit in {"vane_arm": "m", **LOES_OFFSETS}.items()
+        if name not in data
+    ]
     full = replace(data, numbers=(*data.numbers, *optional))
     in_equations = {name: unit for name, unit in LOES_DERIVATIVES.items() if name != "delay"}
     model = _model(full, Loes(), {**LOES_CONSTANTS, **LOES_OFFSETS}, in_equations, noise)
@@ -114,26 +165,42 @@ def loes_model(data: VehicleData, noise: Noise | None = None) -> Model:
     for item in model.parameters:
         if item.name == "inv_tau":
             item = replace(item, bounds=(0.0, math.inf))
-        items.append(replace(item, value=delay.value, source=delay.source) if item.name == "delay" else item)
+        items.append(
+            replace(item, value=delay.value, source=delay.source) if item.name == "delay" else item
+        )
     return model.with_parameters(ParameterSet(tuple(items)))
 
 
 def whole_axis_model(data: VehicleData, noise: Noise | None = None) -> Model:
-    """Lateral, longitudinal or multirotor equations with a set's numbers: constants held, derivatives given free, others held at zero.
+    """Lateral, longitudinal or multirotor equations with a set's numbers: constants held,
+    derivatives given free, others held at zero.
 
     A motor time constant and a delay that a set gives act on all commands of a multirotor.
     Raises DeclarationError as ``rigid_model``, and for inertias that no body has.
     """
     equations, constants, derivatives = WHOLE_AXES[data.equations]
     inside = {name: unit for name, unit in derivatives.items() if name in equations.parameter_names}
-    absent = [Number(name, 0.0, unit, note="left out") for name, unit in inside.items() if name not in data]
-    model = _model(replace(data, numbers=(*data.numbers, *absent)), equations, constants, inside, noise)
+    absent = [
+        Number(name, 0.0, unit, note="left out")
+        for name, unit in inside.items()
+        if name not in data
+    ]
+    model = _model(
+        replace(data, numbers=(*data.numbers, *absent)), equations, constants, inside, noise
+    )
     values = data.values
     if isinstance(equations, Multirotor):
         model = _with_motors(data, model)
-    if "cross_inertia" in values and values["cross_inertia"] ** 2 >= values["roll_inertia"] * values["yaw_inertia"]:
+    if (
+        "cross_inertia" in values
+        and values["cross_inertia"] ** 2 >= values["roll_inertia"] * values["yaw_inertia"]
+    ):
         what = f"{values['cross_inertia']:g} kg m2 is too large"
-        raise DeclarationError(what, where=f"vehicle {data.name}, cross_inertia", remedy="its square is below roll_inertia yaw_inertia")
+        raise DeclarationError(
+            what,
+            where=f"vehicle {data.name}, cross_inertia",
+            remedy="its square is below roll_inertia yaw_inertia",
+        )
     return model.with_parameters(model.parameters.hold([number.name for number in absent]))
 
 
@@ -141,12 +208,18 @@ def _with_motors(data: VehicleData, model: Model) -> Model:
     """The model with what a set gives of the path from commands to motors."""
     given = {name: _checked(data, name, "s") for name in (LAG, DELAY) if name in data}
     model = model.with_effects(*motor_path(lag=LAG in given, delay=DELAY in given))
-    items = (replace(item, value=given[item.name].value, source=given[item.name].source) if item.name in given else item for item in model.parameters)
+    items = (
+        replace(item, value=given[item.name].value, source=given[item.name].source)
+        if item.name in given
+        else item
+        for item in model.parameters
+    )
     return model.with_parameters(ParameterSet(tuple(items)))
 
 
 def loes_filter_model(model: Model) -> Model:
-    """The fourteen states of NASA TM-101722's eq. 11: the delay held, ``LOES_OFFSETS`` free, no other bias.
+    """The fourteen states of NASA TM-101722's eq. 11: the delay held, ``LOES_OFFSETS`` free, no
+    other bias.
 
     Priors, initial variances and noise are the filter's own affair and still to be declared.
     """
@@ -154,16 +227,29 @@ def loes_filter_model(model: Model) -> Model:
 
 
 def vehicle_from_values(
-    name: str, equations: str, values: Mapping[str, float], *, initial: Mapping[str, float] | None = None, modes: int = 0, title: str = ""
+    name: str,
+    equations: str,
+    values: Mapping[str, float],
+    *,
+    initial: Mapping[str, float] | None = None,
+    modes: int = 0,
+    title: str = "",
 ) -> VehicleData:
-    """A user's numbers (SI, radians, full names) in the form of a built-in set; ``equations`` is a name such as ``"rigid"`` or ``"lateral"``.
+    """A user's numbers (SI, radians, full names) in the form of a built-in set; ``equations`` is a
+    name such as ``"rigid"`` or ``"lateral"``.
 
     Raises DeclarationError for a name that the equations and modes do not know.
     """
     if equations not in FAMILIES:
-        raise DeclarationError(f"unknown equations {equations!r}", where=name, remedy=f"use {', '.join(FAMILIES)}")
+        raise DeclarationError(
+            f"unknown equations {equations!r}", where=name, remedy=f"use {', '.join(FAMILIES)}"
+        )
     found, constants, derivatives = FAMILIES[equations]
-    units = {**constants, **derivatives, **{full: unit for full, unit, _ in mode_units(modes if equations == "rigid" else 0)}}
+    units = {
+        **constants,
+        **derivatives,
+        **{full: unit for full, unit, _ in mode_units(modes if equations == "rigid" else 0)},
+    }
     state_units = {signal.name: signal.unit for signal in found.states}
     numbers = tuple(_users(name, key, value, units) for key, value in values.items())
     start = tuple(_users(name, key, value, state_units) for key, value in (initial or {}).items())
@@ -171,15 +257,26 @@ def vehicle_from_values(
 
 
 def model_from_constants(
-    equations: str, constants: Mapping[str, float], derivatives: Mapping[str, float], *, modes: int = 0, initial: Mapping[str, float] | None = None
+    equations: str,
+    constants: Mapping[str, float],
+    derivatives: Mapping[str, float],
+    *,
+    modes: int = 0,
+    initial: Mapping[str, float] | None = None,
 ) -> Model:
-    """A Model straight from numbers in SI: ``vehicle_from_values``, then the factory of those equations; ``modes`` counts elastic modes."""
-    data = vehicle_from_values("vehicle", equations, {**constants, **derivatives}, initial=initial, modes=modes)
+    """A Model straight from numbers in SI: ``vehicle_from_values``, then the factory of those
+    equations; ``modes`` counts elastic modes.
+    """
+    data = vehicle_from_values(
+        "vehicle", equations, {**constants, **derivatives}, initial=initial, modes=modes
+    )
     return model_of(data)
 
 
 def model_of(data: VehicleData, noise: Noise | None = None) -> Model:
-    """The most complete model that a set describes: all its elastic modes where it has some, the delay of a low-order equivalent."""
+    """The most complete model that a set describes: all its elastic modes where it has some, the
+    delay of a low-order equivalent.
+    """
     if data.equations == Ballistic().name:
         return ballistic_model(data, noise)
     if data.equations == Loes().name:
@@ -190,34 +287,65 @@ def model_of(data: VehicleData, noise: Noise | None = None) -> Model:
 
 
 def mode_parameter(local: str, number: int) -> str:
-    """Full name of a mode's parameter: ``CL_eta`` of mode 2 is ``CL_eta2``, ``Ceta_q`` is ``Ceta2_q``."""
+    """Full name of a mode's parameter: ``CL_eta`` of mode 2 is ``CL_eta2``, ``Ceta_q`` is
+    ``Ceta2_q``.
+    """
     return StructuralMode(number, (number,)).rename(local)
 
 
 def mode_units(modes: int) -> tuple[tuple[str, str, bool], ...]:
-    """Full name, unit and whether it must be given, of every parameter of ``modes`` elastic modes; couplings may be left out."""
+    """Full name, unit and whether it must be given, of every parameter of ``modes`` elastic modes;
+    couplings may be left out.
+    """
     out: list[tuple[str, str, bool]] = []
     for i in range(1, modes + 1):
-        out += [(mode_parameter(local, i), unit, True) for local, unit in {**MODE_CONSTANTS, **MODE_DERIVATIVES}.items()]
+        out += [
+            (mode_parameter(local, i), unit, True)
+            for local, unit in {**MODE_CONSTANTS, **MODE_DERIVATIVES}.items()
+        ]
         for j in range(1, modes + 1):
             out += [(f"Ceta{i}_eta{j}", "1", False), (f"Ceta{i}_etadot{j}", "1", False)]
     return tuple(out)
 
 
-def _model(data: VehicleData, equations: Equations, constants: Mapping[str, str], derivatives: Mapping[str, str], noise: Noise | None) -> Model:
+def _model(
+    data: VehicleData,
+    equations: Equations,
+    constants: Mapping[str, str],
+    derivatives: Mapping[str, str],
+    noise: Noise | None,
+) -> Model:
     if data.equations != equations.name:
-        raise DeclarationError(f"its equations are {data.equations}", where=f"vehicle {data.name}", remedy=f"use a vehicle for {equations.name}")
+        raise DeclarationError(
+            f"its equations are {data.equations}",
+            where=f"vehicle {data.name}",
+            remedy=f"use a vehicle for {equations.name}",
+        )
     units = {**constants, **derivatives}
-    items = [(_checked(data, name, units[name]), name in derivatives) for name in equations.parameter_names]
-    parameters = ParameterSet(tuple(Parameter(n.name, n.value, n.unit, free=free, source=n.source) for n, free in items))
+    items = [
+        (_checked(data, name, units[name]), name in derivatives)
+        for name in equations.parameter_names
+    ]
+    parameters = ParameterSet(
+        tuple(Parameter(n.name, n.value, n.unit, free=free, source=n.source) for n, free in items)
+    )
     start = {number.name: number for number in data.initial}
     for name in start:
         if name not in {signal.name for signal in equations.states}:
             known = ", ".join(signal.name for signal in equations.states)
-            raise DeclarationError(f"there is no state {name}", where=f"vehicle {data.name}, initial", remedy=f"use {known}")
+            raise DeclarationError(
+                f"there is no state {name}",
+                where=f"vehicle {data.name}, initial",
+                remedy=f"use {known}",
+            )
     initial = ParameterSet(
         tuple(
-            Parameter(s.name, start[s.name].value if s.name in start else 0.0, s.unit, source=start[s.name].source if s.name in start else "at rest")
+            Parameter(
+                s.name,
+                start[s.name].value if s.name in start else 0.0,
+                s.unit,
+                source=start[s.name].source if s.name in start else "at rest",
+            )
             for s in equations.states
         )
     )
@@ -228,26 +356,42 @@ def _checked(data: VehicleData, name: str, unit: str) -> Number:
     number = data[name]
     where = f"vehicle {data.name}, {name}"
     if number.unit != unit:
-        raise DeclarationError(f"unit {number.unit!r}", where=where, remedy=f"give the value in {unit}")
+        raise DeclarationError(
+            f"unit {number.unit!r}", where=where, remedy=f"give the value in {unit}"
+        )
     stem = re.sub(r"\d+$", "", name)
     if name in ("inv_tau", DELAY, LAG) and number.value < 0:
-        raise DeclarationError(f"{number.value:g} {unit} is negative", where=where, remedy="give zero or a positive number")
+        raise DeclarationError(
+            f"{number.value:g} {unit} is negative",
+            where=where,
+            remedy="give zero or a positive number",
+        )
     positive = stem in {*ABOVE_ZERO, *BALLISTIC_CONSTANTS, *BALLISTIC_DERIVATIVES, *MODE_CONSTANTS}
     if positive and not (number.value > 0 or (stem in _NOT_ABOVE_ZERO and number.value == 0)):
-        raise DeclarationError(f"{number.value:g} {unit} is not positive", where=where, remedy="give a positive number")
+        raise DeclarationError(
+            f"{number.value:g} {unit} is not positive", where=where, remedy="give a positive number"
+        )
     return number
 
 
 def _sourced(item: Parameter, found: Mapping[str, Number]) -> Parameter:
     source = found[item.name].source if item.name in found else item.source
-    return Parameter(item.name, item.value, item.unit, item.prior_std, item.bounds, item.free, source)
+    return Parameter(
+        item.name, item.value, item.unit, item.prior_std, item.bounds, item.free, source
+    )
 
 
 def _users(vehicle: str, name: str, value: float, units: Mapping[str, str]) -> Number:
     if name not in units:
-        raise DeclarationError(f"unknown number {name}", where=f"vehicle {vehicle}", remedy=f"use {', '.join(units)}")
+        raise DeclarationError(
+            f"unknown number {name}", where=f"vehicle {vehicle}", remedy=f"use {', '.join(units)}"
+        )
     if not math.isfinite(value):
-        raise DeclarationError(f"{value} is not a finite number", where=f"vehicle {vehicle}, {name}", remedy="give a finite number")
+        raise DeclarationError(
+            f"{value} is not a finite number",
+            where=f"vehicle {vehicle}, {name}",
+            remedy="give a finite number",
+        )
     return Number(name, float(value), units[name], origin=Origin.USER)
 
 
@@ -256,7 +400,9 @@ def _users(vehicle: str, name: str, value: float, units: Mapping[str, str]) -> N
 
 @dataclass(frozen=True, eq=False)
 class StateSpace:
-    """x_dot = A x + B u, y = C x + D u, with the shapes ``(n, n)``, ``(n, r)``, ``(m, n)``, ``(m, r)``."""
+    """x_dot = A x + B u, y = C x + D u, with the shapes ``(n, n)``, ``(n, r)``, ``(m, n)``, ``(m,
+    r)``.
+    """
 
     A: np.ndarray
     B: np.ndarray
@@ -264,15 +410,19 @@ class StateSpace:
     D: np.ndarray
 
 
-def linearise(model: Model, outputs: Sequence[str] | None = None, about: Mapping[str, float] | None = None) -> StateSpace:
+def linearise(
+    model: Model, outputs: Sequence[str] | None = None, about: Mapping[str, float] | None = None
+) -> StateSpace:
     """Matrices of a model, exact to rounding; effects on the input and sensor paths are left out.
 
     Parameters
     ----------
     model : the declaration.
     outputs : the outputs wanted, in order; all when None.
-    about : the point, states and inputs by name in SI, zero where one is not named; the origin when None. The matrices are the
-        derivatives there, whether or not the point is a trim: rates that are not zero in it are not kept.
+    about : the point, states and inputs by name in SI, zero where one is not named; the origin when
+    None. The matrices are the
+        derivatives there, whether or not the point is a trim: rates that are not zero in it are not
+        kept.
 
     Raises
     ------
@@ -285,7 +435,11 @@ def linearise(model: Model, outputs: Sequence[str] | None = None, about: Mapping
     u0 = [float(point.pop(signal.name, 0.0)) for signal in system.inputs]
     for name in point:
         known = ", ".join(signal.name for signal in (*system.states, *system.inputs))
-        raise DeclarationError(f"there is no state or input {name}", where=f"linearising {model.equations.name}", remedy=f"use {known}")
+        raise DeclarationError(
+            f"there is no state or input {name}",
+            where=f"linearising {model.equations.name}",
+            remedy=f"use {known}",
+        )
     return StateSpace(
         complex_step_jacobian(lambda x: system.f(0.0, x, u0, p), x0),
         complex_step_jacobian(lambda u: system.f(0.0, x0, u, p), u0),
@@ -296,11 +450,16 @@ def linearise(model: Model, outputs: Sequence[str] | None = None, about: Mapping
 
 def frequency_response(system: StateSpace, omega: float) -> np.ndarray:
     """C (j omega - A)^-1 B + D at ``omega``, rad/s; shape ``(m, r)``, complex."""
-    return system.C @ np.linalg.solve(1j * omega * np.eye(len(system.A)) - system.A, system.B) + system.D
+    return (
+        system.C @ np.linalg.solve(1j * omega * np.eye(len(system.A)) - system.A, system.B)
+        + system.D
+    )
 
 
 def held_response(system: StateSpace, u: np.ndarray, step: float) -> np.ndarray:
-    """Outputs ``(m, N)`` from rest for one input ``u (N,)`` held over ``step`` s: the exact discrete system."""
+    """Outputs ``(m, N)`` from rest for one input ``u (N,)`` held over ``step`` s: the exact
+    discrete system.
+    """
     from scipy.linalg import expm
 
     n = len(system.A)

@@ -1,36 +1,43 @@
-"""Flexibility of an aircraft: static condensation, stiffness factors, and whether a rigid model still serves.
+"""Flexibility of an aircraft: static condensation, stiffness factors, and whether a rigid model
+still serves.
 
-The modes above those kept follow at once, etadot_b = eta_ddot_b = 0, forced by the motion and by the kept modes a,
+The modes above those kept follow at once, etadot_b = eta_ddot_b = 0, forced by the motion and by
+the kept modes a,
 
     (K_b - C_bb) eta_b = C_b_motion motion + C_ba eta_a + C_ba_dot etadot_a c/2V,
 
-and eta_b put into CL, Cm and the forces on the kept modes changes the coefficients that the reduced model has.
+and eta_b put into CL, Cm and the forces on the kept modes changes the coefficients that the reduced
+model has.
 
-With etadot = eta_ddot = 0 the modal equations (eq. 28 of the paper on simulated flight data) are linear in eta,
+With etadot = eta_ddot = 0 the modal equations (eq. 28 of the paper on simulated flight data) are
+linear in eta,
 
-    omega_i^2 M_i / (qbar S c) eta_i - sum_j Ceta_i_eta_j eta_j = Ceta_i_alpha alpha + Ceta_i_q q_hat + Ceta_i_de elevator,
+    omega_i^2 M_i / (qbar S c) eta_i - sum_j Ceta_i_eta_j eta_j = Ceta_i_alpha alpha + Ceta_i_q
+    q_hat + Ceta_i_de elevator,
 
 and eta put into CL and Cm changes the six rigid derivatives. For any number of modes.
 
-A rigid model with equivalent derivatives assumes that the structure follows its loads at once. What it
-leaves out grows with frequency (in proportion at first, by the rates of the modes) and falls with the square
-of the modal frequencies.
+A rigid model with equivalent derivatives assumes that the structure follows its loads at once. What
+it leaves out grows with frequency (in proportion at first, by the rates of the modes) and falls
+with the square of the modal frequencies.
 
-Degree of flexibility (analytic, no data needed): the error of that assumption at the condensed short
-period, eps = max over alpha and q of |Y_flexible(j omega_sp) / Y_condensed(j omega_sp) - 1|, Y the
-response to the elevator. It compares two closed expressions in the model's numbers.
+Degree of flexibility (analytic, no data needed): the error of that assumption at the condensed
+short period, eps = max over alpha and q of |Y_flexible(j omega_sp) / Y_condensed(j omega_sp) - 1|,
+Y the response to the elevator. It compares two closed expressions in the model's numbers.
 
-Criterion (needs the maneuver and the noise): fit the six rigid derivatives to the noise-free flexible
-response; ``misfit`` is the rms of what no rigid model explains, each channel over its noise standard
-deviation. A rigid model serves while misfit <= 1. Reason: up to there a prediction errs less than the
-sensor does; beyond, the structure dominates the residual, and calling it noise means to claim a noise
-that is larger than the sensor's (the paper does that with its second aircraft, 0.09 for 0.016 deg^2).
+Criterion (needs the maneuver and the noise): fit the six rigid derivatives to the noise-free
+flexible response; ``misfit`` is the rms of what no rigid model explains, each channel over its
+noise standard deviation. A rigid model serves while misfit <= 1. Reason: up to there a prediction
+errs less than the sensor does; beyond, the structure dominates the residual, and calling it noise
+means to claim a noise that is larger than the sensor's (the paper does that with its second
+aircraft, 0.09 for 0.016 deg^2).
 
-Serving is not the same as being unnoticed. A residual test sees the structure in n numbers from about
-misfit^2 n = 2 z sqrt(2 n), z = 1.645 (5 % false alarms, 95 % power of a chi-squared test on the energy):
-``detectable``. RecordScatter the two the rigid fit is good, but its derivatives are off the condensed ones by
-more than their sigmas: ``fitted`` says what a fit will find, and ``distance`` bounds the bias, for no combination of
-derivatives is off by more sigmas than the whole response difference (Cauchy and Schwarz; to first order).
+Serving is not the same as being unnoticed. A residual test sees the structure in n numbers from
+about misfit^2 n = 2 z sqrt(2 n), z = 1.645 (5 % false alarms, 95 % power of a chi-squared test on
+the energy): ``detectable``. RecordScatter the two the rigid fit is good, but its derivatives are
+off the condensed ones by more than their sigmas: ``fitted`` says what a fit will find, and
+``distance`` bounds the bias, for no combination of derivatives is off by more sigmas than the whole
+response difference (Cauchy and Schwarz; to first order).
 
 Values for the bomber with all four modes, the 3-2-1-1 of 6 deg and unit 0.5 s, 8 s at 100 Hz, noise
 variance 0.016 deg^2 in alpha and q (factor: common factor on AC1's frequencies; AC2 is 0.5):
@@ -44,8 +51,8 @@ variance 0.016 deg^2 in alpha and q (factor: common factor on AC1's frequencies;
     0.7       8.80   0.397            5.6        0.0674   219.9    4.27    no
     0.5 AC2   6.29   0.720            5.8        0.1603   510.9    9.62    no
 
-For this maneuver and noise the threshold lies near factor 0.93, a degree of 0.035. The separation alone is no
-measure: with falling frequencies the short period slows down too.
+For this maneuver and noise the threshold lies near factor 0.93, a degree of 0.035. The separation
+alone is no measure: with falling frequencies the short period slows down too.
 """
 
 from __future__ import annotations
@@ -58,7 +65,14 @@ import numpy as np
 
 from sim.declaration.model import Model
 from sim.errors import DeclarationError, ModelError
-from sim.vehicles.factory import RIGID_DERIVATIVES, flexible_model, frequency_response, held_response, linearise, rigid_model
+from sim.vehicles.factory import (
+    RIGID_DERIVATIVES,
+    flexible_model,
+    frequency_response,
+    held_response,
+    linearise,
+    rigid_model,
+)
 from sim.vehicles.library import Origin, VehicleData
 
 # ---- Static condensation of the upper elastic modes only
@@ -67,36 +81,57 @@ _MOTIONS = ("alpha", "q", "de")
 
 
 def condense_above(values: Mapping[str, float], modes: int, kept: int) -> dict[str, float]:
-    """Coefficients of an aircraft with ``kept`` modes that stands for one with ``modes``; with none kept those of ``condense``.
+    """Coefficients of an aircraft with ``kept`` modes that stands for one with ``modes``; with none
+    kept those of ``condense``.
 
     Parameters
     ----------
-    values : numbers by full name in SI, as ``VehicleData.values`` has them; a coupling that is missing is zero.
-    modes : modes that the aircraft has. kept : how many of them the reduced model has, ``0 <= kept <= modes``.
+    values : numbers by full name in SI, as ``VehicleData.values`` has them; a coupling that is
+    missing is zero. modes : modes that the aircraft has. kept : how many of them the reduced model
+    has, ``0 <= kept <= modes``.
 
     Returns
     -------
-    The six rigid derivatives and, of the kept modes, their ``CL_eta CL_etadot Cm_eta Cm_etadot`` and all ``Ceta``, SI.
+    The six rigid derivatives and, of the kept modes, their ``CL_eta CL_etadot Cm_eta Cm_etadot``
+    and all ``Ceta``, SI.
 
     Raises
     ------
     ModelError : more modes kept than there are.
     """
     if not 0 <= kept <= modes:
-        raise ModelError(f"{kept} modes kept of {modes}", where="condensation", remedy=f"keep 0 to {modes}")
+        raise ModelError(
+            f"{kept} modes kept of {modes}", where="condensation", remedy=f"keep 0 to {modes}"
+        )
     first, rest = range(1, kept + 1), range(kept + 1, modes + 1)
-    pressure = 0.5 * values["air_density"] * values["airspeed"] ** 2 * values["wing_area"] * values["chord"]
+    pressure = (
+        0.5
+        * values["air_density"]
+        * values["airspeed"] ** 2
+        * values["wing_area"]
+        * values["chord"]
+    )
     rows = ["CL", "Cm", *(f"Ceta{i}" for i in first)]
     columns = [*_MOTIONS, *(f"eta{j}" for j in first), *(f"etadot{j}" for j in first)]
 
     def table(of: list[str], by: list[str]) -> np.ndarray:
-        return np.array([[values.get(f"{row}_{column}", 0.0) for column in by] for row in of]).reshape(len(of), len(by))
+        return np.array(
+            [[values.get(f"{row}_{column}", 0.0) for column in by] for row in of]
+        ).reshape(len(of), len(by))
 
     forces, hidden = [f"Ceta{i}" for i in rest], [f"eta{i}" for i in rest]
-    stiffness = np.diag([values[f"omega{i}"] ** 2 * values[f"generalized_mass{i}"] / pressure for i in rest])
-    deflection = np.linalg.solve(stiffness.reshape(len(rest), len(rest)) - table(forces, hidden), table(forces, columns))
+    stiffness = np.diag(
+        [values[f"omega{i}"] ** 2 * values[f"generalized_mass{i}"] / pressure for i in rest]
+    )
+    deflection = np.linalg.solve(
+        stiffness.reshape(len(rest), len(rest)) - table(forces, hidden), table(forces, columns)
+    )
     reduced = table(rows, columns) + table(rows, hidden) @ deflection
-    return {f"{row}_{column}": float(value) for row, line in zip(rows, reduced, strict=True) for column, value in zip(columns, line, strict=True)}
+    return {
+        f"{row}_{column}": float(value)
+        for row, line in zip(rows, reduced, strict=True)
+        for column, value in zip(columns, line, strict=True)
+    }
 
 
 # ---- Static condensation
@@ -112,8 +147,9 @@ class Condensation:
     ----------
     derivatives : equivalent ``CL_alpha CL_q CL_de Cm_alpha Cm_q Cm_de``, 1/rad.
     change : equivalent minus rigid value, by the same names.
-    deflection : ``(n, 3)`` static eta of each mode per alpha (rad), q_hat (q c/2V, rad) and elevator (rad).
-    divergence_margin : smallest eigenvalue of I - K^-1 C_eta_eta: 1 without aerodynamic stiffness, 0 at
+    deflection : ``(n, 3)`` static eta of each mode per alpha (rad), q_hat (q c/2V, rad) and
+    elevator (rad). divergence_margin : smallest eigenvalue of I - K^-1 C_eta_eta: 1 without
+    aerodynamic stiffness, 0 at
         static divergence of the restrained structure.
     """
 
@@ -128,25 +164,50 @@ def condense(values: Mapping[str, float], modes: int) -> Condensation:
 
     Parameters
     ----------
-    values : numbers by full name in SI, as ``VehicleData.values`` has them; a coupling that is missing is zero.
-    modes : how many modes to keep; 0 returns the rigid derivatives.
+    values : numbers by full name in SI, as ``VehicleData.values`` has them; a coupling that is
+    missing is zero. modes : how many modes to keep; 0 returns the rigid derivatives.
 
     Raises
     ------
-    ModelError : the restrained structure is beyond static divergence, so that it has no static deflection.
+    ModelError : the restrained structure is beyond static divergence, so that it has no static
+    deflection.
     """
-    names = [f"{coefficient}_{motion}" for coefficient in ("CL", "Cm") for motion in _static_condensation_MOTIONS]
+    names = [
+        f"{coefficient}_{motion}"
+        for coefficient in ("CL", "Cm")
+        for motion in _static_condensation_MOTIONS
+    ]
     rigid = np.array([values[name] for name in names]).reshape(2, 3)
     numbers = range(1, modes + 1)
-    pressure = 0.5 * values["air_density"] * values["airspeed"] ** 2 * values["wing_area"] * values["chord"]
-    stiffness = np.array([values[f"omega{i}"] ** 2 * values[f"generalized_mass{i}"] / pressure for i in numbers])
-    aerodynamic = np.array([[values.get(f"Ceta{i}_eta{j}", 0.0) for j in numbers] for i in numbers]).reshape(modes, modes)
-    forces = np.array([[values[f"Ceta{i}_{motion}"] for motion in _static_condensation_MOTIONS] for i in numbers]).reshape(modes, 3)
-    loads = np.array([[values[f"{coefficient}_eta{i}"] for i in numbers] for coefficient in ("CL", "Cm")]).reshape(2, modes)
-    margin = float(np.min(np.linalg.eigvals(np.eye(modes) - aerodynamic / stiffness[:, None]).real)) if modes else 1.0
+    pressure = (
+        0.5
+        * values["air_density"]
+        * values["airspeed"] ** 2
+        * values["wing_area"]
+        * values["chord"]
+    )
+    stiffness = np.array(
+        [values[f"omega{i}"] ** 2 * values[f"generalized_mass{i}"] / pressure for i in numbers]
+    )
+    aerodynamic = np.array(
+        [[values.get(f"Ceta{i}_eta{j}", 0.0) for j in numbers] for i in numbers]
+    ).reshape(modes, modes)
+    forces = np.array(
+        [[values[f"Ceta{i}_{motion}"] for motion in _static_condensation_MOTIONS] for i in numbers]
+    ).reshape(modes, 3)
+    loads = np.array(
+        [[values[f"{coefficient}_eta{i}"] for i in numbers] for coefficient in ("CL", "Cm")]
+    ).reshape(2, modes)
+    margin = (
+        float(np.min(np.linalg.eigvals(np.eye(modes) - aerodynamic / stiffness[:, None]).real))
+        if modes
+        else 1.0
+    )
     if margin <= 0:
         raise ModelError(
-            f"static divergence: the margin is {margin:.3g}", where=f"{modes} elastic mode(s)", remedy="raise the frequencies or lower the airspeed"
+            f"static divergence: the margin is {margin:.3g}",
+            where=f"{modes} elastic mode(s)",
+            remedy="raise the frequencies or lower the airspeed",
         )
     deflection = np.linalg.solve(np.diag(stiffness) - aerodynamic, forces)
     change = loads @ deflection
@@ -162,26 +223,40 @@ def condense(values: Mapping[str, float], modes: int) -> Condensation:
 
 
 def with_frequency_factor(data: VehicleData, factor: float) -> VehicleData:
-    """A vehicle whose in-vacuo modal frequencies are ``factor`` times those of ``data``, masses, shapes and damping ratios alike.
+    """A vehicle whose in-vacuo modal frequencies are ``factor`` times those of ``data``, masses,
+    shapes and damping ratios alike.
 
-    Modal stiffness goes with the square of it; a large factor is a rigid aircraft. At 1 it is the same object.
+    Modal stiffness goes with the square of it; a large factor is a rigid aircraft. At 1 it is the
+    same object.
 
     Raises
     ------
-    DeclarationError : a factor that is not above zero, or a vehicle without elastic modes and a factor other than one.
+    DeclarationError : a factor that is not above zero, or a vehicle without elastic modes and a
+    factor other than one.
     """
     if factor == 1.0:
         return data
     if not (factor > 0.0 and math.isfinite(factor)):
-        raise DeclarationError(f"a frequency factor of {factor:g}", where=f"vehicle {data.name}", remedy="give a number above zero")
+        raise DeclarationError(
+            f"a frequency factor of {factor:g}",
+            where=f"vehicle {data.name}",
+            remedy="give a number above zero",
+        )
     if not data.modes:
-        raise DeclarationError("it has no modal frequencies", where=f"vehicle {data.name}", remedy="leave the frequency factor out")
+        raise DeclarationError(
+            "it has no modal frequencies",
+            where=f"vehicle {data.name}",
+            remedy="leave the frequency factor out",
+        )
     scaled = {f"omega{i}" for i in range(1, data.modes + 1)}
     note = f"{factor:g} times that of {data.name}"
     return replace(
         data,
         numbers=tuple(
-            replace(number, value=factor * number.value, origin=Origin.OWN, note=note) if number.name in scaled else number for number in data.numbers
+            replace(number, value=factor * number.value, origin=Origin.OWN, note=note)
+            if number.name in scaled
+            else number
+            for number in data.numbers
         ),
     )
 
@@ -199,14 +274,14 @@ class Flexibility:
 
     Attributes
     ----------
-    stiffness_loss : share of the short period's stiffness omega_sp^2 that static deflection takes away.
-    separation : lowest elastic frequency over the condensed short-period frequency.
-    short_period : condensed short-period frequency omega_sp, rad/s.
-    degree : degree of flexibility, error of the quasi-static assumption at ``short_period``.
-    distance : flexible minus condensed response over the noise, root of the sum of squares over the record.
-    misfit : what no rigid model explains over the noise, rms over the record.
-    detectable : misfit from which on a residual test sees it.
-    condensed, fitted : six derivatives by condensation, and of the best rigid model for this maneuver, 1/rad.
+    stiffness_loss : share of the short period's stiffness omega_sp^2 that static deflection takes
+    away. separation : lowest elastic frequency over the condensed short-period frequency.
+    short_period : condensed short-period frequency omega_sp, rad/s. degree : degree of flexibility,
+    error of the quasi-static assumption at ``short_period``. distance : flexible minus condensed
+    response over the noise, root of the sum of squares over the record. misfit : what no rigid
+    model explains over the noise, rms over the record. detectable : misfit from which on a residual
+    test sees it. condensed, fitted : six derivatives by condensation, and of the best rigid model
+    for this maneuver, 1/rad.
     """
 
     stiffness_loss: float
@@ -225,7 +300,13 @@ class Flexibility:
         return self.misfit <= LARGEST_MISFIT
 
 
-def flexibility(data: VehicleData, elevator: np.ndarray, step: float, noise_std: Mapping[str, float], modes: int | None = None) -> Flexibility:
+def flexibility(
+    data: VehicleData,
+    elevator: np.ndarray,
+    step: float,
+    noise_std: Mapping[str, float],
+    modes: int | None = None,
+) -> Flexibility:
     """Figures of flexibility for one maneuver and noise.
 
     Parameters
@@ -237,10 +318,15 @@ def flexibility(data: VehicleData, elevator: np.ndarray, step: float, noise_std:
 
     Raises
     ------
-    ModelError : no output named, a condensed aircraft without an oscillatory short period, static divergence.
+    ModelError : no output named, a condensed aircraft without an oscillatory short period, static
+    divergence.
     """
     if not noise_std:
-        raise ModelError("no output is named", where="flexibility", remedy="give the noise standard deviation of at least one output")
+        raise ModelError(
+            "no output is named",
+            where="flexibility",
+            remedy="give the noise standard deviation of at least one output",
+        )
     flexible, condensed = _pair(data, modes)
     outputs, scale = list(noise_std), np.array([noise_std[name] for name in noise_std])[:, None]
 
@@ -251,7 +337,10 @@ def flexibility(data: VehicleData, elevator: np.ndarray, step: float, noise_std:
     values = dict(zip(names, condensed.parameters.values(names).tolist(), strict=True))
     target, at_condensed = response(flexible), response(condensed)
     fitted, misfit = _best_rigid(condensed, names, response, target)
-    short_period, rigid_short_period = _short_period(data, condensed), _short_period(data, rigid_model(data))
+    short_period, rigid_short_period = (
+        _short_period(data, condensed),
+        _short_period(data, rigid_model(data)),
+    )
     elastic = sorted(abs(root) for root in _oscillations(flexible))[1:]
     return Flexibility(
         stiffness_loss=1.0 - (short_period / rigid_short_period) ** 2,
@@ -268,11 +357,16 @@ def flexibility(data: VehicleData, elevator: np.ndarray, step: float, noise_std:
 
 def _pair(data: VehicleData, modes: int | None) -> tuple[Model, Model]:
     kept = data.modes if modes is None else modes
-    return flexible_model(data, kept), rigid_model(data).with_values(condense(data.values, kept).derivatives)
+    return flexible_model(data, kept), rigid_model(data).with_values(
+        condense(data.values, kept).derivatives
+    )
 
 
 def _error(flexible: Model, condensed: Model, omega: float) -> float:
-    over, under = (frequency_response(linearise(model, ("alpha", "q")), omega)[:, 0] for model in (flexible, condensed))
+    over, under = (
+        frequency_response(linearise(model, ("alpha", "q")), omega)[:, 0]
+        for model in (flexible, condensed)
+    )
     return float(np.max(np.abs(over / under - 1.0)))
 
 
@@ -283,18 +377,29 @@ def _oscillations(model: Model) -> list[complex]:
 def _short_period(data: VehicleData, model: Model) -> float:
     roots = _oscillations(model)
     if not roots:
-        raise ModelError("has no oscillatory short period", where=f"vehicle {data.name}", remedy="raise the modal frequencies")
+        raise ModelError(
+            "has no oscillatory short period",
+            where=f"vehicle {data.name}",
+            remedy="raise the modal frequencies",
+        )
     return float(abs(roots[0]))
 
 
-def _best_rigid(start: Model, names: Sequence[str], response: Callable[[Model], np.ndarray], target: np.ndarray) -> tuple[dict[str, float], float]:
-    """Gauss-Newton with halved steps from the condensed derivatives; at worst the start is returned, an upper bound of the misfit."""
+def _best_rigid(
+    start: Model, names: Sequence[str], response: Callable[[Model], np.ndarray], target: np.ndarray
+) -> tuple[dict[str, float], float]:
+    """Gauss-Newton with halved steps from the condensed derivatives; at worst the start is
+    returned, an upper bound of the misfit.
+    """
     model, error = start, target - response(start)
     for _ in range(_ITERATIONS):
         values = model.parameters.values(names)
         sizes = 1e-6 * np.maximum(1.0, np.abs(values))
         plain = target - error
-        columns = [(response(model.with_values({name: value + size})) - plain) / size for name, value, size in zip(names, values, sizes, strict=True)]
+        columns = [
+            (response(model.with_values({name: value + size})) - plain) / size
+            for name, value, size in zip(names, values, sizes, strict=True)
+        ]
         move = np.linalg.lstsq(np.array(columns).T, error, rcond=None)[0]
         share = 1.0
         while share > 1e-3:
@@ -309,4 +414,6 @@ def _best_rigid(start: Model, names: Sequence[str], response: Callable[[Model], 
         model, error = tried, left
         if gain < 1e-8:
             break
-    return dict(zip(names, model.parameters.values(names).tolist(), strict=True)), float(np.linalg.norm(error))
+    return dict(zip(names, model.parameters.values(names).tolist(), strict=True)), float(
+        np.linalg.norm(error)
+    )

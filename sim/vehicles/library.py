@@ -53,7 +53,8 @@ class Number:
     printed : as its source has it, with that source's unit; empty for a user's own.
     origin : where it comes from.
     note : what else is to be said of it.
-    printed_by_paper : what the paper prints where that is known to be a misprint; never used in a computation.
+    printed_by_paper : what the paper prints where that is known to be a misprint; never used in a
+    computation.
     """
 
     name: str
@@ -78,10 +79,9 @@ class VehicleData:
     ----------
     name, title, source : the set's key, what it is, where it is from.
     equations : name of the base equations, such as ``"rigid"`` or ``"lateral"``.
-    numbers : of the parameters, those of elastic modes by full name (``omega1``, ``CL_eta1``, ``Ceta1_eta2``).
-    initial : starting state, by state name; a state that is missing starts at zero.
-    modes : how many elastic modes it has.
-    based_on : name of the set it was built on.
+    numbers : of the parameters, those of elastic modes by full name (``omega1``, ``CL_eta1``,
+    ``Ceta1_eta2``). initial : starting state, by state name; a state that is missing starts at
+    zero. modes : how many elastic modes it has. based_on : name of the set it was built on.
     """
 
     name: str
@@ -100,7 +100,9 @@ class VehicleData:
         for number in self.numbers:
             if number.name == name:
                 return number
-        raise DeclarationError(f"the number {name} is missing", where=f"vehicle {self.name}", remedy="give it")
+        raise DeclarationError(
+            f"the number {name} is missing", where=f"vehicle {self.name}", remedy="give it"
+        )
 
     @property
     def values(self) -> Mapping[str, float]:
@@ -110,7 +112,12 @@ class VehicleData:
     @property
     def parameters(self) -> ParameterSet:
         """All numbers as parameters with their source text, none of them free."""
-        return ParameterSet(tuple(Parameter(n.name, n.value, n.unit, free=False, source=n.source) for n in self.numbers))
+        return ParameterSet(
+            tuple(
+                Parameter(n.name, n.value, n.unit, free=False, source=n.source)
+                for n in self.numbers
+            )
+        )
 
 
 @dataclass(frozen=True)
@@ -123,10 +130,18 @@ class Difference:
 
 
 def difference(a: VehicleData, b: VehicleData) -> tuple[Difference, ...]:
-    """Numbers whose value or unit differs between two sets, or that only one has, in the order of ``a``, then ``b``."""
+    """Numbers whose value or unit differs between two sets, or that only one has, in the order of
+    ``a``, then ``b``.
+    """
     first, second = {n.name: n for n in a.numbers}, {n.name: n for n in b.numbers}
     pairs = (Difference(name, first.get(name), second.get(name)) for name in {**first, **second})
-    return tuple(d for d in pairs if d.first is None or d.second is None or (d.first.value, d.first.unit) != (d.second.value, d.second.unit))
+    return tuple(
+        d
+        for d in pairs
+        if d.first is None
+        or d.second is None
+        or (d.first.value, d.first.unit) != (d.second.value, d.second.unit)
+    )
 
 
 # ---- The built-in vehicles: one data file each, found by being there
@@ -138,22 +153,35 @@ _REQUIRED = ("value", "unit", "printed", "origin")
 
 def vehicle_names() -> tuple[str, ...]:
     """Names of the built-in vehicles, sorted: every data file that names its equations."""
-    return tuple(sorted(_stem(entry) for entry in _folder().iterdir() if entry.name.endswith(".toml") and "equations" in _document(entry)))
+    return tuple(
+        sorted(
+            _stem(entry)
+            for entry in _folder().iterdir()
+            if entry.name.endswith(".toml") and "equations" in _document(entry)
+        )
+    )
 
 
 def read_parameter_set(name: str) -> VehicleData:
     """A built-in vehicle's numbers, those of the set it is based on included.
 
-    Raises DeclarationError for a name that is not there and for a file that breaks the rules, naming the key.
+    Raises DeclarationError for a name that is not there and for a file that breaks the rules,
+    naming the key.
     """
     entry = next((entry for entry in _folder().iterdir() if entry.name == f"{name}.toml"), None)
     if entry is None or "equations" not in _document(entry):
-        raise DeclarationError(f"there is no vehicle {name!r}", where="vehicle library", remedy=f"use one of {', '.join(vehicle_names())}")
+        raise DeclarationError(
+            f"there is no vehicle {name!r}",
+            where="vehicle library",
+            remedy=f"use one of {', '.join(vehicle_names())}",
+        )
     return _read(entry, ())
 
 
 def read_parameter_file(path: Traversable) -> VehicleData:
-    """Numbers from a data file in the library's format, e.g. a new vehicle before it is put there; ``based_on`` means a built-in set."""
+    """Numbers from a data file in the library's format, e.g. a new vehicle before it is put there;
+    ``based_on`` means a built-in set.
+    """
     return _read(path, ())
 
 
@@ -167,24 +195,43 @@ def _read(entry: Traversable, above: tuple[str, ...]) -> VehicleData:
     base_name = document.get("based_on", "")
     modes = document.get("modes")
     if modes is not None and (not isinstance(modes, int) or isinstance(modes, bool) or modes < 0):
-        raise DeclarationError(f"modes is {modes!r}", where=where, remedy="give a whole number, zero or more")
+        raise DeclarationError(
+            f"modes is {modes!r}", where=where, remedy="give a whole number, zero or more"
+        )
     numbers, initial = _numbers(document, "parameters", where), _numbers(document, "initial", where)
     based_on: VehicleData | None = None
     if base_name:
         if base_name in (*above, name):
-            raise DeclarationError(f"based_on {base_name} leads back to itself", where=where, remedy="base a set on another one")
+            raise DeclarationError(
+                f"based_on {base_name} leads back to itself",
+                where=where,
+                remedy="base a set on another one",
+            )
         base_entry = _folder() / f"{base_name}.toml"
         if not base_entry.is_file():
-            raise DeclarationError(f"based_on {base_name}: there is no such vehicle", where=where, remedy=f"use one of {', '.join(vehicle_names())}")
+            raise DeclarationError(
+                f"based_on {base_name}: there is no such vehicle",
+                where=where,
+                remedy=f"use one of {', '.join(vehicle_names())}",
+            )
         based_on = _read(base_entry, (*above, name))
         numbers, initial = _over(based_on.numbers, numbers), _over(based_on.initial, initial)
     inherited = based_on.modes if based_on is not None else 0
     texts = {key: document[key] for key in ("title", "source", "equations")}
-    return VehicleData(name=name, **texts, numbers=numbers, initial=initial, modes=inherited if modes is None else modes, based_on=base_name)
+    return VehicleData(
+        name=name,
+        **texts,
+        numbers=numbers,
+        initial=initial,
+        modes=inherited if modes is None else modes,
+        based_on=base_name,
+    )
 
 
 def _over(base: tuple[Number, ...], own: tuple[Number, ...]) -> tuple[Number, ...]:
-    """Numbers of the base set in their order, replaced by our own where we have them, then the rest of ours."""
+    """Numbers of the base set in their order, replaced by our own where we have them, then the rest
+    of ours.
+    """
     mine = {number.name: number for number in own}
     kept = tuple(mine.pop(number.name, number) for number in base)
     return kept + tuple(mine.values())
@@ -194,16 +241,24 @@ def _numbers(document: Mapping[str, Any], table: str, where: str) -> tuple[Numbe
     entries = document.get(table, {})
     if not isinstance(entries, dict):
         raise DeclarationError(f"{table} is no table", where=where, remedy=f"write [{table}]")
-    return tuple(_number(name, entry, f"{where}, {table}.{name}") for name, entry in entries.items())
+    return tuple(
+        _number(name, entry, f"{where}, {table}.{name}") for name, entry in entries.items()
+    )
 
 
 def _number(name: str, entry: Any, where: str) -> Number:
     if not isinstance(entry, dict):
-        raise DeclarationError("is no table", where=where, remedy='write {value = ..., unit = "...", printed = "...", origin = "..."}')
+        raise DeclarationError(
+            "is no table",
+            where=where,
+            remedy='write {value = ..., unit = "...", printed = "...", origin = "..."}',
+        )
     _only(entry, _COLUMNS, where)
     for key in _REQUIRED:
         if key not in entry:
-            raise DeclarationError(f"{key} is missing", where=where, remedy=f"a number has {', '.join(_REQUIRED)}")
+            raise DeclarationError(
+                f"{key} is missing", where=where, remedy=f"a number has {', '.join(_REQUIRED)}"
+            )
     value = entry["value"]
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise DeclarationError(f"value {value!r}", where=where, remedy="give one finite number")
@@ -214,24 +269,34 @@ def _number(name: str, entry: Any, where: str) -> Number:
         origin = Origin(entry["origin"])
     except ValueError:
         marks = ", ".join(mark.value for mark in Origin if mark is not Origin.USER)
-        raise DeclarationError(f"origin {entry['origin']!r}", where=where, remedy=f"use one of {marks}") from None
+        raise DeclarationError(
+            f"origin {entry['origin']!r}", where=where, remedy=f"use one of {marks}"
+        ) from None
     number = Number(name, float(value), entry["unit"], entry["printed"], origin)
-    return replace(number, note=entry.get("note", ""), printed_by_paper=entry.get("printed_by_paper", ""))
+    return replace(
+        number, note=entry.get("note", ""), printed_by_paper=entry.get("printed_by_paper", "")
+    )
 
 
 def _only(table: Mapping[str, Any], known: set[str], where: str) -> None:
     for key in table:
         if key not in known:
-            raise DeclarationError(f"unknown key {key}", where=where, remedy=f"use {', '.join(sorted(known))}")
+            raise DeclarationError(
+                f"unknown key {key}", where=where, remedy=f"use {', '.join(sorted(known))}"
+            )
 
 
 def _document(entry: Traversable) -> dict[str, Any]:
     try:
         return tomllib.loads(entry.read_text(encoding="utf-8"))
     except OSError as error:
-        raise DeclarationError("cannot be read", where=entry.name, remedy="give the path of an existing file") from error
+        raise DeclarationError(
+            "cannot be read", where=entry.name, remedy="give the path of an existing file"
+        ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise DeclarationError(f"is not TOML ({error})", where=entry.name, remedy="mend that place") from error
+        raise DeclarationError(
+            f"is not TOML ({error})", where=entry.name, remedy="mend that place"
+        ) from error
 
 
 def _folder() -> Traversable:

@@ -1,10 +1,13 @@
-"""Angular rates and vertical specific force of a multirotor about hover, from its recorded roll, pitch, yaw and thrust commands.
+"""Angular rates and vertical specific force of a multirotor about hover, from its recorded roll,
+pitch, yaw and thrust commands.
 
 p_dot = L_0 + L_p p + L_lat u_lat + L_qr q r,  q_dot = M_0 + M_q q + M_lon u_lon + M_pr p r,
 r_dot = N_0 + N_r r + N_ped u_ped + N_pq p q,  az = Z_0 + Z_col u_col,
-each u the command behind a first-order lag of the motors and a delay (Tischler and Remple, Aircraft and Rotorcraft System Identification,
-2nd ed., hover models; Wei, Cohen and Tischler, System Identification and Controller Optimization of a Quadrotor UAV, AHS Forum 71, 2015).
-L_0, M_0, N_0 are the moments that a steady command balances. L_qr = (Iyy - Izz)/Ixx, M_pr = (Izz - Ixx)/Iyy, N_pq = (Ixx - Iyy)/Izz.
+each u the command behind a first-order lag of the motors and a delay (Tischler and Remple, Aircraft
+and Rotorcraft System Identification, 2nd ed., hover models; Wei, Cohen and Tischler, System
+Identification and Controller Optimization of a Quadrotor UAV, AHS Forum 71, 2015). L_0, M_0, N_0
+are the moments that a steady command balances. L_qr = (Iyy - Izz)/Ixx, M_pr = (Izz - Ixx)/Iyy, N_pq
+= (Ixx - Iyy)/Izz.
 """
 
 from __future__ import annotations
@@ -37,11 +40,11 @@ MULTIROTOR_DERIVATIVES = {**MULTIROTOR_TERMS, LAG: "s", DELAY: "s"}
 class Multirotor:
     """Equations of a multirotor's angular rates.
 
-    States: ``p``, ``q``, ``r`` (rad/s). Inputs: ``roll_command``, ``pitch_command``, ``yaw_command``,
-    ``thrust_command``, in any one unit, as the controller sends them to the motors or the mixer.
-    Outputs: ``p``, ``q``, ``r`` and ``az`` (m/s2, specific force, body axes, z down).
-    Ports: ``roll``, ``pitch``, ``yaw`` (rad/s2) and ``heave`` (m/s2) add to the three rates and to az.
-    Sensors have no free biases: the constant terms take them up.
+    States: ``p``, ``q``, ``r`` (rad/s). Inputs: ``roll_command``, ``pitch_command``,
+    ``yaw_command``, ``thrust_command``, in any one unit, as the controller sends them to the motors
+    or the mixer. Outputs: ``p``, ``q``, ``r`` and ``az`` (m/s2, specific force, body axes, z down).
+    Ports: ``roll``, ``pitch``, ``yaw`` (rad/s2) and ``heave`` (m/s2) add to the three rates and to
+    az. Sensors have no free biases: the constant terms take them up.
     """
 
     name: str = "multirotor"
@@ -89,6 +92,12 @@ class Multirotor:
 
 
 def motor_path(*, lag: bool, delay: bool) -> tuple[Effect, ...]:
-    """The lag and the delay between commands and motors, all commands alike: one parameter ``motor_time_constant``, one ``delay``."""
+    """The lag and the delay between commands and motors, all commands alike: one parameter
+    ``motor_time_constant``, one ``delay``.
+    """
     lags = tuple(ActuatorLag(name, "1", name, LAG) for name in COMMANDS) if lag else ()
-    return (*lags, *(InputDelay(name, own_name=True, label=name) for name in COMMANDS)) if delay else lags
+    return (
+        (*lags, *(InputDelay(name, own_name=True, label=name) for name in COMMANDS))
+        if delay
+        else lags
+    )

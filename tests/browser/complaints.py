@@ -16,16 +16,22 @@ LOCAL = ("127.0.0.1", "localhost")
 
 @dataclass
 class Complaints:
-    """Errors of one page in the order in which they came, one sentence each in `found`; `allow` strikes out what a test expects."""
+    """Errors of one page in the order in which they came, one sentence each in `found`; `allow`
+    strikes out what a test expects.
+    """
 
     found: list[str] = field(default_factory=list)
 
     @classmethod
     def of(cls, page: Page) -> Complaints:
-        """Listen to a page: console errors, exceptions, failed requests, answers of 400 and more, and requests that leave this machine."""
+        """Listen to a page: console errors, exceptions, failed requests, answers of 400 and more,
+        and requests that leave this machine.
+        """
         complaints = cls()
         page.on("console", complaints._console)
-        page.on("pageerror", lambda error: complaints.found.append(f"exception in the page: {error}"))
+        page.on(
+            "pageerror", lambda error: complaints.found.append(f"exception in the page: {error}")
+        )
         page.on("requestfailed", complaints._failed)
         page.on("response", complaints._answered)
         page.context.route(lambda address: not _is_local(address), complaints._left)
@@ -36,7 +42,8 @@ class Complaints:
             self.found.append(f"console: {message.text} ({message.location.get('url', '')})")
 
     def _failed(self, request: Request) -> None:
-        # A page that is left while it still loads breaks off its requests; that is the test's doing.
+        # A page that is left while it still loads breaks off its requests; that is the test's
+        # doing.
         if request.failure != "net::ERR_ABORTED":
             self.found.append(f"request failed: {request.url}: {request.failure}")
 
@@ -56,11 +63,17 @@ def _is_local(address: str) -> bool:
 
 def fits(page: Page) -> bool:
     """Whether the page needs no scrolling sideways."""
-    return bool(page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth + 1"))
+    return bool(
+        page.evaluate(
+            "document.documentElement.scrollWidth <= document.documentElement.clientWidth + 1"
+        )
+    )
 
 
 def keep_picture(page: Page, name: str) -> None:
-    """Keep a picture of the whole page as NAME.png in the folder that `FLIGHTID_PICTURES` names; without it do nothing."""
+    """Keep a picture of the whole page as NAME.png in the folder that `FLIGHTID_PICTURES` names;
+    without it do nothing.
+    """
     folder = os.environ.get("FLIGHTID_PICTURES")
     if folder:
         Path(folder).mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,8 @@
-"""A real browser for tests: Debian's Chromium without a window, driven by playwright; errors in its console fail the test that caused them.
+"""A real browser for tests: Debian's Chromium without a window, driven by playwright; errors in its
+console fail the test that caused them.
 
-Nothing is imported from playwright before a test asks for the browser, so that the default suite collects this folder without it.
+Nothing is imported from playwright before a test asks for the browser, so that the default suite
+collects this folder without it.
 """
 
 from __future__ import annotations
@@ -21,7 +23,8 @@ if TYPE_CHECKING:
 
 HERE = Path(__file__).parent
 CANDIDATES = ("chromium", "chromium-browser", "google-chrome")
-# No sandbox: continuous integration runs as root. The rest keeps the browser from speaking to anybody but the page under test.
+# No sandbox: continuous integration runs as root. The rest keeps the browser from speaking to
+# anybody but the page under test.
 ARGUMENTS = (
     "--no-sandbox",
     "--disable-gpu",
@@ -36,7 +39,9 @@ DESKTOP, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Every test of this folder is marked `browser`; a test that forgot the mark would need Chromium in the default suite."""
+    """Every test of this folder is marked `browser`; a test that forgot the mark would need
+    Chromium in the default suite.
+    """
     for item in items:
         if HERE in item.path.parents:
             item.add_marker(pytest.mark.browser)
@@ -44,16 +49,23 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def executable() -> str | None:
     """Path of the browser: `FLIGHTID_CHROMIUM` where set, else the first one on the search path."""
-    return os.environ.get("FLIGHTID_CHROMIUM") or next((found for name in CANDIDATES if (found := shutil.which(name))), None)
+    return os.environ.get("FLIGHTID_CHROMIUM") or next(
+        (found for name in CANDIDATES if (found := shutil.which(name))), None
+    )
 
 
 @pytest.fixture(scope="session")
 def chromium() -> Iterator[Browser]:
     """One browser for the session; skips, saying why, where playwright or Chromium is absent."""
-    api = pytest.importorskip("playwright.sync_api", reason='no playwright: python -m pip install -e ".[browser]"')
+    api = pytest.importorskip(
+        "playwright.sync_api", reason='no playwright: python -m pip install -e ".[browser]"'
+    )
     path = executable()
     if path is None:
-        pytest.skip(f"no browser: none of {', '.join(CANDIDATES)} is on the path (Debian: apt-get install chromium)")
+        pytest.skip(
+            f"no browser: none of {', '.join(CANDIDATES)} is on the path (Debian: apt-get install "
+            "chromium)"
+        )
     with api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, args=[*ARGUMENTS])
         yield browser
@@ -61,7 +73,9 @@ def chromium() -> Iterator[Browser]:
 
 
 def _watched_page(browser: Browser, size: dict[str, int]) -> Iterator[Page]:
-    context = browser.new_context(viewport={"width": size["width"], "height": size["height"]}, accept_downloads=True)
+    context = browser.new_context(
+        viewport={"width": size["width"], "height": size["height"]}, accept_downloads=True
+    )
     page = context.new_page()
     complaints = Complaints.of(page)
     yield page
@@ -71,7 +85,9 @@ def _watched_page(browser: Browser, size: dict[str, int]) -> Iterator[Page]:
 
 @pytest.fixture
 def page(chromium: Browser) -> Iterator[Page]:
-    """A fresh page 1280 px wide. At its end the test fails if the console saw an error, a request failed, or one left this machine."""
+    """A fresh page 1280 px wide. At its end the test fails if the console saw an error, a request
+    failed, or one left this machine.
+    """
     yield from _watched_page(chromium, DESKTOP)
 
 
@@ -83,13 +99,17 @@ def phone(chromium: Browser) -> Iterator[Page]:
 
 @pytest.fixture
 def serve_folder() -> Iterator[Served]:
-    """Function of a folder that gives the address under which its files are served until the test ends."""
+    """Function of a folder that gives the address under which its files are served until the test
+    ends.
+    """
     with Servers() as servers:
         yield servers.folder
 
 
 @pytest.fixture(scope="module")
 def servers() -> Iterator[Servers]:
-    """Servers of a whole module: processes or folders on free ports of 127.0.0.1, ended with the module."""
+    """Servers of a whole module: processes or folders on free ports of 127.0.0.1, ended with the
+    module.
+    """
     with Servers() as running:
         yield running

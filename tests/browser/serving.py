@@ -19,7 +19,9 @@ from types import TracebackType
 
 Served = Callable[[Path], str]
 ROOT = Path(__file__).parents[2]
-PATIENCE = 60.0  # s that a server may take to answer; far more than it needs, so that a busy machine does not fail it
+# s that a server may take to answer; far more than it needs, so that a busy machine does not fail
+# it
+PATIENCE = 60.0
 
 
 class _Quiet(http.server.SimpleHTTPRequestHandler):
@@ -43,7 +45,12 @@ class Servers:
     def __enter__(self) -> Servers:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self._ends.close()
 
     def folder(self, folder: Path) -> str:
@@ -58,15 +65,24 @@ class Servers:
         return f"http://127.0.0.1:{server.server_port}/"
 
     def process(self, command: Sequence[str | Path], port: int, folder: Path) -> str:
-        """Start a command that serves on a port of 127.0.0.1, working in a folder; its address, once it answers.
+        """Start a command that serves on a port of 127.0.0.1, working in a folder; its address,
+        once it answers.
 
-        What it prints goes to `server.txt` in the folder and is shown if it ends early or never answers.
+        What it prints goes to `server.txt` in the folder and is shown if it ends early or never
+        answers.
         """
         printed = folder / "server.txt"
         environment = os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
         with printed.open("wb") as out:
             # A session of its own: what it starts in turn ends with it.
-            running = subprocess.Popen([*map(str, command)], cwd=folder, stdout=out, stderr=out, env=environment, start_new_session=True)
+            running = subprocess.Popen(
+                [*map(str, command)],
+                cwd=folder,
+                stdout=out,
+                stderr=out,
+                env=environment,
+                start_new_session=True,
+            )
         self._ends.callback(_end, running)
         address = f"http://127.0.0.1:{port}/"
         deadline = time.monotonic() + PATIENCE
@@ -74,7 +90,9 @@ class Servers:
             if _answers(address):
                 return address
             time.sleep(0.1)
-        raise AssertionError(f"{command} does not serve {address}:\n{printed.read_text(errors='replace')}")
+        raise AssertionError(
+            f"{command} does not serve {address}:\n{printed.read_text(errors='replace')}"
+        )
 
 
 def _answers(address: str) -> bool:

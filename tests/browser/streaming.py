@@ -1,4 +1,6 @@
-"""A stream at the rate of telemetry, watched by the command, and a line to its page that can be cut."""
+"""A stream at the rate of telemetry, watched by the command, and a line to its page that can be
+cut.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,8 @@ from tests.browser.serving import ROOT
 
 RATE = 40.0  # Hz
 MANEUVER = 20.0  # s, flown again and again
-# Rows of a file to standard output when they are due, the time going on; when it began, in seconds of the clock, to standard error.
+# Rows of a file to standard output when they are due, the time going on; when it began, in seconds
+# of the clock, to standard error.
 _SENDER = """
 import sys, time
 header, *rows = open(sys.argv[1]).read().splitlines()
@@ -31,25 +34,57 @@ for k in range(count):
 
 
 class Watched:
-    """A stream of so many seconds and the watch of it, ended behind the `with` block. `address` is the page's, `begun` when it began."""
+    """A stream of so many seconds and the watch of it, ended behind the `with` block. `address` is
+    the page's, `begun` when it began.
+    """
 
     def __init__(self, folder: Path, seconds: float) -> None:
         self.rows = round(seconds * RATE)
         flown = loes_problem.record(1, duration=MANEUVER - 1.0 / RATE, rate=RATE)
         table = [flown.time, *(channel.values for channel in flown.channels)]
-        text = ["time,stick [in],alpha,q,nz", *(",".join(f"{value:.9g}" for value in row) for row in zip(*table, strict=True))]
+        text = [
+            "time,stick [in],alpha,q,nz",
+            *(",".join(f"{value:.9g}" for value in row) for row in zip(*table, strict=True)),
+        ]
         (folder / "flown.csv").write_text("\n".join(text) + "\n")
-        start = {**{name: 1.3 * value for name, value in LOES_VALUES.items()}, "L_q": 1.0, "delay": 0.05}
-        lines = ['name = "demonstrator"', *(f"{name} = {value}" for name, value in LOES_CONSTANTS.items()), "[derivatives]"]
-        (folder / "vehicle.toml").write_text("\n".join([*lines, *(f"{name} = {value}" for name, value in start.items())]) + "\n")
+        start = {
+            **{name: 1.3 * value for name, value in LOES_VALUES.items()},
+            "L_q": 1.0,
+            "delay": 0.05,
+        }
+        lines = [
+            'name = "demonstrator"',
+            *(f"{name} = {value}" for name, value in LOES_CONSTANTS.items()),
+            "[derivatives]",
+        ]
+        (folder / "vehicle.toml").write_text(
+            "\n".join([*lines, *(f"{name} = {value}" for name, value in start.items())]) + "\n"
+        )
         environment = os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
         self._sender = subprocess.Popen(
-            [sys.executable, "-c", _SENDER, str(folder / "flown.csv"), str(RATE), str(self.rows)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+            [sys.executable, "-c", _SENDER, str(folder / "flown.csv"), str(RATE), str(self.rows)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
         )
-        command = [sys.executable, "-m", "scenarios", "watch", "-", "--model", "loes", "--vehicle", str(folder / "vehicle.toml"), "--page"]
+        command = [
+            sys.executable,
+            "-m",
+            "scenarios",
+            "watch",
+            "-",
+            "--model",
+            "loes",
+            "--vehicle",
+            str(folder / "vehicle.toml"),
+            "--page",
+        ]
         with (folder / "printed.txt").open("wb") as printed:
             self.process = subprocess.Popen(
-                [*command, "--out", str(folder / "out")], stdin=self._sender.stdout, stdout=printed, stderr=subprocess.PIPE, env=environment
+                [*command, "--out", str(folder / "out")],
+                stdin=self._sender.stdout,
+                stdout=printed,
+                stderr=subprocess.PIPE,
+                env=environment,
             )
         assert self.process.stderr is not None and self._sender.stderr is not None
         self.address = self.process.stderr.readline().decode().split()[-1]
@@ -59,7 +94,12 @@ class Watched:
     def __enter__(self) -> Watched:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         for process in (self.process, self._sender):
             if process.poll() is None:
                 process.kill()
@@ -76,11 +116,17 @@ class Watched:
     def memory(self) -> float:
         """Of the watch, MB resident."""
         status = Path(f"/proc/{self.process.pid}/status").read_text()
-        return next(float(line.split()[1]) / 1024.0 for line in status.splitlines() if line.startswith("VmRSS"))
+        return next(
+            float(line.split()[1]) / 1024.0
+            for line in status.splitlines()
+            if line.startswith("VmRSS")
+        )
 
 
 class Line:
-    """A line to a port of this machine that can be cut and restored; what goes to it is addressed to that port."""
+    """A line to a port of this machine that can be cut and restored; what goes to it is addressed
+    to that port.
+    """
 
     def __init__(self, port: int) -> None:
         self._to, self._held, self._cut = port, set[socket.socket](), False
@@ -120,7 +166,11 @@ class Line:
         self._held.add(near)
         with contextlib.suppress(OSError):
             while piece := near.recv(1 << 16):
-                far.sendall(piece.replace(f":{self.port}".encode(), f":{self._to}".encode()) if outward else piece)
+                far.sendall(
+                    piece.replace(f":{self.port}".encode(), f":{self._to}".encode())
+                    if outward
+                    else piece
+                )
         for each in (near, far):
             with contextlib.suppress(OSError):
                 each.shutdown(socket.SHUT_RDWR)

@@ -27,14 +27,20 @@ GOOD = "<!doctype html><html lang=en><link rel=icon href='data:,'><title>page</t
         ("<p>nothing wrong</p>", None),
     ],
 )
-def test_a_complaint_is_heard(part: str, complaint: str | None, chromium: Browser, serve_folder: Served, tmp_path: Path) -> None:
+def test_a_complaint_is_heard(
+    part: str, complaint: str | None, chromium: Browser, serve_folder: Served, tmp_path: Path
+) -> None:
     (tmp_path / "index.html").write_text(GOOD + part)
     page = chromium.new_context().new_page()
     complaints = Complaints.of(page)
     page.goto(serve_folder(tmp_path))
     page.wait_for_load_state("networkidle")
     page.context.close()
-    assert any(complaint in found for found in complaints.found) if complaint else complaints.found == []
+    assert (
+        any(complaint in found for found in complaints.found)
+        if complaint
+        else complaints.found == []
+    )
 
 
 def test_a_page_from_a_file_and_its_width(page: Page, phone: Page, tmp_path: Path) -> None:
@@ -51,7 +57,11 @@ def test_a_process_serves_and_ends(tmp_path: Path) -> None:
     (tmp_path / "index.html").write_text(GOOD)
     port = free_port()
     with Servers() as servers:
-        address = servers.process([sys.executable, "-m", "http.server", str(port), "--bind", "127.0.0.1"], port, tmp_path)
+        address = servers.process(
+            [sys.executable, "-m", "http.server", str(port), "--bind", "127.0.0.1"], port, tmp_path
+        )
         assert address.endswith(f":{port}/")
     with Servers() as servers, pytest.raises(AssertionError, match="no such option"):
-        servers.process([sys.executable, "-c", "raise SystemExit('no such option')"], port, tmp_path)
+        servers.process(
+            [sys.executable, "-c", "raise SystemExit('no such option')"], port, tmp_path
+        )

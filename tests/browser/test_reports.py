@@ -1,4 +1,6 @@
-"""Reports in a browser: quiet, closed to the outside, readable at every width and on paper; tables sort and copy."""
+"""Reports in a browser: quiet, closed to the outside, readable at every width and on paper; tables
+sort and copy.
+"""
 
 from __future__ import annotations
 
@@ -25,30 +27,49 @@ WIDTHS = (390, 1280, 1920)
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """A page with everything in it, and those of a study, of a diagnosis and of a comparison by the command line."""
+    """A page with everything in it, and those of a study, of a diagnosis and of a comparison by the
+    command line.
+    """
     folder = tmp_path_factory.mktemp("reports")
 
     def run(*words: object) -> None:
-        subprocess.run([sys.executable, "-m", "scenarios", *map(str, words)], cwd=ROOT, check=True, capture_output=True)
+        subprocess.run(
+            [sys.executable, "-m", "scenarios", *map(str, words)],
+            cwd=ROOT,
+            check=True,
+            capture_output=True,
+        )
 
     (folder / "everything").mkdir()
     write_page(folder / "everything", PAGE)
     run("run", "rigid", "rigid-process-noise-a", "--compare", "--out", folder / "beside")
     run("run", "trace-pair", "--out", folder / "diagnosis")
-    named = {"everything": "everything", "study": "beside/rigid", "compared": "beside", "diagnosis": "diagnosis"}
+    named = {
+        "everything": "everything",
+        "study": "beside/rigid",
+        "compared": "beside",
+        "diagnosis": "diagnosis",
+    }
     return {name: folder / where / "report.html" for name, where in named.items()}
 
 
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("name", ["everything", "study", "compared", "diagnosis"])
-def test_page_is_quiet_and_no_wider_than_its_window(chromium: Browser, pages: dict[str, Path], name: str, dark: bool) -> None:
+def test_page_is_quiet_and_no_wider_than_its_window(
+    chromium: Browser, pages: dict[str, Path], name: str, dark: bool
+) -> None:
     for width in WIDTHS:
-        context = chromium.new_context(viewport={"width": width, "height": 900}, color_scheme="dark" if dark else "light")
+        context = chromium.new_context(
+            viewport={"width": width, "height": 900}, color_scheme="dark" if dark else "light"
+        )
         page = context.new_page()
         complaints = Complaints.of(page)
         page.goto(pages[name].as_uri())
         assert fits(page), f"{name} at {width} px"
-        assert page.evaluate("Array.from(document.querySelectorAll('svg.full')).every(e => e.getBoundingClientRect().width >= 570)")
+        assert page.evaluate(
+            "Array.from(document.querySelectorAll('svg.full')).every(e => "
+            "e.getBoundingClientRect().width >= 570)"
+        )
         ground = page.evaluate("getComputedStyle(document.body).backgroundColor")
         assert (sum(map(int, re.findall(r"\d+", ground)[:3])) < 200) == dark
         keep_picture(page, f"report-{name}-{width}{'-dark' if dark else ''}")
@@ -57,27 +78,44 @@ def test_page_is_quiet_and_no_wider_than_its_window(chromium: Browser, pages: di
 
 
 def column(page: Page, table: int, at: int) -> list[str]:
-    return page.locator("table").nth(table).locator(f"tbody tr td:nth-child({at + 1})").all_inner_texts()
+    return (
+        page.locator("table")
+        .nth(table)
+        .locator(f"tbody tr td:nth-child({at + 1})")
+        .all_inner_texts()
+    )
 
 
-def test_tables_sort_numbers_by_value_whatever_is_written(page: Page, pages: dict[str, Path]) -> None:
+def test_tables_sort_numbers_by_value_whatever_is_written(
+    page: Page, pages: dict[str, Path]
+) -> None:
     page.goto(pages["everything"].as_uri())
     before = column(page, 0, 0)
     head = page.locator("table").nth(0).locator("th").nth(3)
     head.locator("button").focus()
     page.keyboard.press("Enter")
-    assert column(page, 0, 0) == ["CL_q", "Cm_alpha", "CL_alpha", "delay"] and head.get_attribute("aria-sort") == "ascending"
+    assert (
+        column(page, 0, 0) == ["CL_q", "Cm_alpha", "CL_alpha", "delay"]
+        and head.get_attribute("aria-sort") == "ascending"
+    )
     page.keyboard.press("Enter")
     # What is not determined stays behind, whichever way it is sorted.
-    assert column(page, 0, 0) == ["CL_alpha", "Cm_alpha", "CL_q", "delay"] and head.get_attribute("aria-sort") == "descending"
+    assert (
+        column(page, 0, 0) == ["CL_alpha", "Cm_alpha", "CL_q", "delay"]
+        and head.get_attribute("aria-sort") == "descending"
+    )
     page.keyboard.press("Enter")
     assert column(page, 0, 0) == before and head.get_attribute("aria-sort") == "none"
     page.locator("table").nth(1).locator("th button").nth(0).click()
-    assert column(page, 1, 0)[:3] == ["candidate-0", "candidate-1", "candidate-2"], "numbers in words are numbers"
+    assert column(page, 1, 0)[:3] == ["candidate-0", "candidate-1", "candidate-2"], (
+        "numbers in words are numbers"
+    )
     assert "sorted by candidate" in page.locator("#told").inner_text()
 
 
-def test_tables_are_copied_with_full_numbers_and_a_column_of_sigmas(chromium: Browser, pages: dict[str, Path]) -> None:
+def test_tables_are_copied_with_full_numbers_and_a_column_of_sigmas(
+    chromium: Browser, pages: dict[str, Path]
+) -> None:
     context = chromium.new_context()
     context.grant_permissions(["clipboard-read", "clipboard-write"])
     page = context.new_page()
@@ -85,15 +123,27 @@ def test_tables_are_copied_with_full_numbers_and_a_column_of_sigmas(chromium: Br
     page.goto(pages["everything"].as_uri())
     page.locator("button.copy").nth(0).click()
     page.locator("button.copy", has_text="Copied").wait_for()
-    lines = [line.split("\t") for line in page.evaluate("() => navigator.clipboard.readText()").splitlines()]
-    assert lines[0] == ["parameter", "unit", "true", "estimate ± σ", "sigma of estimate ± σ", "error (%)"]
+    lines = [
+        line.split("\t")
+        for line in page.evaluate("() => navigator.clipboard.readText()").splitlines()
+    ]
+    assert lines[0] == [
+        "parameter",
+        "unit",
+        "true",
+        "estimate ± σ",
+        "sigma of estimate ± σ",
+        "error (%)",
+    ]
     assert lines[1] == ["Cm_alpha", "1/rad", "-1.66", "-1.657", "0.0018", "0.18"]
     assert lines[4] == ["delay", "s", "–", "not determined", "", "–"]
     context.close()
     assert complaints.found == []
 
 
-def test_choice_of_colours_is_kept(page: Page, pages: dict[str, Path], serve_folder: Callable[[Path], str]) -> None:
+def test_choice_of_colours_is_kept(
+    page: Page, pages: dict[str, Path], serve_folder: Callable[[Path], str]
+) -> None:
     address = f"{serve_folder(pages['everything'].parent)}/report.html"
     page.goto(address)
     page.get_by_role("button", name="Dark colours").click()
@@ -105,7 +155,9 @@ def test_choice_of_colours_is_kept(page: Page, pages: dict[str, Path], serve_fol
 
 
 def test_text_of_users_neither_runs_nor_shows_as_markup(page: Page, pages: dict[str, Path]) -> None:
-    page.on("dialog", lambda dialog: pytest.fail(f"a script of the page's text ran: {dialog.message}"))
+    page.on(
+        "dialog", lambda dialog: pytest.fail(f"a script of the page's text ran: {dialog.message}")
+    )
     page.goto(pages["everything"].as_uri())
     assert page.locator("h1").inner_text() == f"rigid {HOSTILE}"
     assert page.locator("script").count() == 1
@@ -115,13 +167,18 @@ def words_of(path: Path) -> list[int]:
     """Words on each page of a PDF."""
     told = subprocess.run(["pdfinfo", path], check=True, capture_output=True, text=True).stdout
     count = int(told.partition("Pages:")[2].split()[0])
-    asked = (["pdftotext", "-f", str(number), "-l", str(number), str(path), "-"] for number in range(1, count + 1))
+    asked = (
+        ["pdftotext", "-f", str(number), "-l", str(number), str(path), "-"]
+        for number in range(1, count + 1)
+    )
     printed = (subprocess.run(each, check=True, capture_output=True, text=True) for each in asked)
     return [len(each.stdout.split()) for each in printed]
 
 
 @pytest.mark.parametrize("name", ["everything", "study", "compared", "diagnosis"])
-def test_paper_has_no_empty_page_and_ten_candidates(page: Page, pages: dict[str, Path], tmp_path: Path, name: str) -> None:
+def test_paper_has_no_empty_page_and_ten_candidates(
+    page: Page, pages: dict[str, Path], tmp_path: Path, name: str
+) -> None:
     from shutil import which
 
     page.goto(pages[name].as_uri())
@@ -129,10 +186,15 @@ def test_paper_has_no_empty_page_and_ten_candidates(page: Page, pages: dict[str,
     for table in page.locator(".top10").all():
         assert sum(row.is_visible() for row in table.locator("tbody tr").all()) == 10
         assert table.locator(".more").is_visible()
-    assert not page.locator("nav").is_visible() and page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    assert (
+        not page.locator("nav").is_visible()
+        and page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    )
     page.pdf(path=str(tmp_path / "page.pdf"), format="A4", print_background=True)
     if which("pdftotext") is None:
-        pytest.skip("no pdftotext (Debian: apt-get install poppler-utils): pages of the PDF are not counted")
+        pytest.skip(
+            "no pdftotext (Debian: apt-get install poppler-utils): pages of the PDF are not counted"
+        )
     words = words_of(tmp_path / "page.pdf")
     assert min(words) > 5, words
 
@@ -140,6 +202,14 @@ def test_paper_has_no_empty_page_and_ten_candidates(page: Page, pages: dict[str,
 def test_rebuilt_page_is_the_same(pages: dict[str, Path]) -> None:
     for name in ("study", "diagnosis", "compared"):
         before = pages[name].read_bytes()
-        assert json.loads((pages[name].parent / "report.json").read_bytes())["schema"] == "flightid/report/1"
-        subprocess.run([sys.executable, "-m", "scenarios", "report", pages[name].parent], cwd=ROOT, check=True, capture_output=True)
+        assert (
+            json.loads((pages[name].parent / "report.json").read_bytes())["schema"]
+            == "flightid/report/1"
+        )
+        subprocess.run(
+            [sys.executable, "-m", "scenarios", "report", pages[name].parent],
+            cwd=ROOT,
+            check=True,
+            capture_output=True,
+        )
         assert pages[name].read_bytes() == before

@@ -1,4 +1,6 @@
-"""The documentation site in a browser: home, equations, API and tables on a telephone, a laptop and a wide screen; search off line; print."""
+"""The documentation site in a browser: home, equations, API and tables on a telephone, a laptop and
+a wide screen; search off line; print.
+"""
 
 from __future__ import annotations
 
@@ -34,24 +36,32 @@ CUT_OFF = """() => {
     const scrolls = e => e && e !== article && (['auto', 'scroll'].includes(getComputedStyle(e).overflowX) || scrolls(e.parentElement));
     const wide = [...article.querySelectorAll('table, pre, math, img, dt')].filter(e => e.getBoundingClientRect().right > edge && !scrolls(e));
     return wide.map(e => e.textContent.slice(0, 60));
-}"""
+}"""  # noqa: E501
 
 
 @pytest.fixture(scope="module")
 def site(servers: Servers, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Address of the site: the one that `FLIGHTID_SITE` names, else it is built here, which takes a minute or two."""
+    """Address of the site: the one that `FLIGHTID_SITE` names, else it is built here, which takes a
+    minute or two.
+    """
     folder = Path(os.environ.get("FLIGHTID_SITE", ""))
     if not (folder / "index.html").is_file():
         pytest.importorskip("sphinx", reason='no sphinx: python -m pip install -e ".[docs]"')
         folder = tmp_path_factory.mktemp("site")
-        subprocess.run([sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", "docs", str(folder)], cwd=ROOT, check=True)
+        subprocess.run(
+            [sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", "docs", str(folder)],
+            cwd=ROOT,
+            check=True,
+        )
     return servers.folder(folder)
 
 
 @pytest.fixture(params=WIDTHS)
 def screen(chromium: Browser, request: pytest.FixtureRequest) -> Iterator[Page]:
     """A page of one of the widths, watched as the other fixtures watch theirs."""
-    context = chromium.new_context(viewport={"width": request.param, "height": WIDTHS[request.param]})
+    context = chromium.new_context(
+        viewport={"width": request.param, "height": WIDTHS[request.param]}
+    )
     page = context.new_page()
     complaints = Complaints.of(page)
     yield page
@@ -63,7 +73,9 @@ def screen(chromium: Browser, request: pytest.FixtureRequest) -> Iterator[Page]:
 def test_pages_fit_every_screen(name: str, site: str, screen: Page) -> None:
     screen.goto(site + PAGES[name])
     assert screen.locator("h1").count() == 1
-    keep_picture(screen, f"site-{name}-{screen.viewport_size['width'] if screen.viewport_size else 0}")
+    keep_picture(
+        screen, f"site-{name}-{screen.viewport_size['width'] if screen.viewport_size else 0}"
+    )
     assert fits(screen)
     assert screen.evaluate(CUT_OFF) == []
 
@@ -71,7 +83,10 @@ def test_pages_fit_every_screen(name: str, site: str, screen: Page) -> None:
 def test_equations_are_drawn_with_their_font(site: str, page: Page) -> None:
     page.goto(site + "nomenclature.html")
     assert page.locator("math").count() > 100
-    assert page.evaluate("document.fonts.ready.then(() => [...document.fonts].some(f => f.family.includes('STIX') && f.status == 'loaded'))")
+    assert page.evaluate(
+        "document.fonts.ready.then(() => [...document.fonts].some(f => f.family.includes('STIX') "
+        "&& f.status == 'loaded'))"
+    )
     fraction = page.locator("math mfrac").first
     above, below = (fraction.locator(f"xpath=./*[{i}]").bounding_box() for i in (1, 2))
     assert above and below and above["y"] + above["height"] <= below["y"] + 2
@@ -89,8 +104,12 @@ def test_dark_pages_are_dark(site: str, chromium: Browser) -> None:
     page = context.new_page()
     complaints = Complaints.of(page)
     page.goto(site + "estimators.html")
-    back = page.evaluate("getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)")
-    ink = page.evaluate("getComputedStyle(document.querySelector('article math')).color.match(/\\d+/g).map(Number)")
+    back = page.evaluate(
+        "getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)"
+    )
+    ink = page.evaluate(
+        "getComputedStyle(document.querySelector('article math')).color.match(/\\d+/g).map(Number)"
+    )
     assert max(back) < 60 and min(ink) > 150
     keep_picture(page, "site-dark")
     context.close()
@@ -101,5 +120,8 @@ def test_print_shows_the_article_alone(site: str, page: Page) -> None:
     page.goto(site + "estimators.html")
     page.emulate_media(media="print")
     assert page.locator("article").is_visible()
-    assert not page.locator(".bd-sidebar-primary").is_visible() and not page.locator("header.bd-header").is_visible()
+    assert (
+        not page.locator(".bd-sidebar-primary").is_visible()
+        and not page.locator("header.bd-header").is_visible()
+    )
     keep_picture(page, "site-print")

@@ -1,4 +1,6 @@
-"""The page of a watch in a real browser: a stream at 40 Hz, a line that is cut in its middle, and nothing lost."""
+"""The page of a watch in a real browser: a stream at 40 Hz, a line that is cut in its middle, and
+nothing lost.
+"""
 
 from __future__ import annotations
 
@@ -21,14 +23,18 @@ if TYPE_CHECKING:
 HELD = """() => {
   const held = window.held();
   return { ...held, now: Date.now() / 1000, heap: performance.memory ? performance.memory.usedJSHeapSize : 0 };
-}"""
+}"""  # noqa: E501
 MOST_ROWS = 7200  # that a page holds: 6000 and what comes before it clears away
-LATE = 5.0  # s that a row may need to the page; the bank is linearised anew for two, and this machine may be busy
+# s that a row may need to the page; the bank is linearised anew for two, and this machine may be
+# busy
+LATE = 5.0
 
 
 @dataclass
 class Seen:
-    """What a look at the page every second gave: delays of the last row (s), the page's memory and the watch's (MB), rows that were missing."""
+    """What a look at the page every second gave: delays of the last row (s), the page's memory and
+    the watch's (MB), rows that were missing.
+    """
 
     late: list[float] = field(default_factory=list)
     heap: list[float] = field(default_factory=list)
@@ -88,8 +94,15 @@ def follow(chromium: Browser, folder: Path, seconds: float, cut_at: float, cut_f
             "the stream ended; refined on line, delay between the grid points",
         )
         held = seen.look(page, watched)
-        assert page.locator("#rows").inner_text().replace(",", "") == str(watched.rows) and round(held["last"] * RATE) == watched.rows - 1
-        assert held["rows"] == min(watched.rows, held["rows"]) and held["rows"] >= min(watched.rows, 6000) and held["rows"] <= MOST_ROWS
+        assert (
+            page.locator("#rows").inner_text().replace(",", "") == str(watched.rows)
+            and round(held["last"] * RATE) == watched.rows - 1
+        )
+        assert (
+            held["rows"] == min(watched.rows, held["rows"])
+            and held["rows"] >= min(watched.rows, 6000)
+            and held["rows"] <= MOST_ROWS
+        )
         for width in (390, 1280, 1920):
             page.set_viewport_size({"width": width, "height": 900})
             page.wait_for_timeout(300)
@@ -104,7 +117,9 @@ def follow(chromium: Browser, folder: Path, seconds: float, cut_at: float, cut_f
         connection(page, "has ended")
     # The cut itself is told; nothing else may be.
     assert [each for each in complaints.found if "/events" not in each] == []
-    assert (folder / "out" / "comparison.json").is_file() and "written to" in (folder / "printed.txt").read_text()
+    assert (folder / "out" / "comparison.json").is_file() and "written to" in (
+        folder / "printed.txt"
+    ).read_text()
     return seen
 
 
@@ -116,9 +131,23 @@ def test_a_stream_is_followed_and_comes_back(chromium: Browser, tmp_path: Path) 
 @pytest.mark.slow
 def test_five_minutes(chromium: Browser, tmp_path: Path) -> None:
     seen = follow(chromium, tmp_path, 300.0, cut_at=140.0, cut_for=5.0)
-    print("late", *(f"{share}: {np.quantile(seen.late, share):.2f}" for share in (0.5, 0.9, 0.99, 1.0)), "s at look", int(np.argmax(seen.late)))
-    print(f"{100.0 * seen.busy / 300.0:.0f} % of one core; page {seen.heap[len(seen.heap) // 2]:.1f} then {seen.heap[-1]:.1f} MB")
-    print(f"watch {seen.resident[10]:.0f}, {seen.resident[len(seen.resident) // 2]:.0f}, then {seen.resident[-1]:.0f} MB; missing {seen.missing}")
+    print(
+        "late",
+        *(f"{share}: {np.quantile(seen.late, share):.2f}" for share in (0.5, 0.9, 0.99, 1.0)),
+        "s at look",
+        int(np.argmax(seen.late)),
+    )
+    print(
+        f"{100.0 * seen.busy / 300.0:.0f} % of one core; page {seen.heap[len(seen.heap) // 2]:.1f} "
+        f"then {seen.heap[-1]:.1f} MB"
+    )
+    print(
+        f"watch {seen.resident[10]:.0f}, {seen.resident[len(seen.resident) // 2]:.0f}, then "
+        f"{seen.resident[-1]:.0f} MB; missing {seen.missing}"
+    )
     assert seen.missing == 0 and np.median(seen.late[:-10]) < LATE
-    # Rings are full after two and a half minutes: what grows after that is the record itself, a row 40 bytes.
-    assert seen.resident[-1] - seen.resident[len(seen.resident) // 2] < 40.0 and seen.heap[-1] < 60.0
+    # Rings are full after two and a half minutes: what grows after that is the record itself, a row
+    # 40 bytes.
+    assert (
+        seen.resident[-1] - seen.resident[len(seen.resident) // 2] < 40.0 and seen.heap[-1] < 60.0
+    )

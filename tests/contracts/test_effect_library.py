@@ -1,4 +1,6 @@
-"""The library finds every effect file, names it, keeps guards apart, and offers to a vehicle what it can carry."""
+"""The library finds every effect file, names it, keeps guards apart, and offers to a vehicle what
+it can carry.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,14 @@ import pytest
 
 import sim.effects.input_path
 from sim.declaration.proposal import GUARD, Traceable
-from sim.effects.library import applies, effect_modules, effect_names, effects_for, find_effect, library
+from sim.effects.library import (
+    applies,
+    effect_modules,
+    effect_names,
+    effects_for,
+    find_effect,
+    library,
+)
 from sim.errors import ModelError
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.short_period import ShortPeriod
@@ -36,7 +45,9 @@ def test_every_effect_of_the_library_is_covered() -> None:
     covered = {effect for effect, _ in OFFERED}
     assert covered >= {*library()}, "a vehicle is missing from tests/offered.py and tests/bases.py"
     # Of what is made from a declaration one instance of every stem is flown.
-    assert {effect.name.partition(":")[0] for effect in made()} <= {effect.name.partition(":")[0] for effect in covered - {*library()}}
+    assert {effect.name.partition(":")[0] for effect in made()} <= {
+        effect.name.partition(":")[0] for effect in covered - {*library()}
+    }
 
 
 @pytest.mark.parametrize("module", effect_modules(), ids=lambda module: module.__name__)
@@ -48,8 +59,13 @@ def test_lies_in_the_folder_of_its_station(module: ModuleType) -> None:
 
 
 def test_a_new_file_is_a_new_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sim.effects.input_path, "__path__", [*sim.effects.input_path.__path__, str(tmp_path)])
-    (tmp_path / "input_twin.py").write_text("from sim.effects.input_path.input_delay import InputDelay\nVARIANTS = (InputDelay('twin'),)\n")
+    monkeypatch.setattr(
+        sim.effects.input_path, "__path__", [*sim.effects.input_path.__path__, str(tmp_path)]
+    )
+    (tmp_path / "input_twin.py").write_text(
+        "from sim.effects.input_path.input_delay import InputDelay\nVARIANTS = "
+        "(InputDelay('twin'),)\n"
+    )
     assert any(getattr(effect, "signal", None) == "twin" for effect in library())
     (tmp_path / "input_void.py").write_text("")
     with pytest.raises(ModelError, match="input_void"):
@@ -58,16 +74,47 @@ def test_a_new_file_is_a_new_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_guards_stand_apart_from_the_library() -> None:
     names = {guard.name for guard, _ in OFFERED_GUARDS}
-    products, loads = ("alpha-control", "control-squared", "alpha-q"), ("lagged-loads", "periodic-loads", "damping-curve", "drifting-derivatives")
-    lateral = ("beta-rudder", "beta-aileron", "beta-p", "beta-r", "rudder-squared", "aileron-squared")
-    labelled = ("damping-curve:p", "damping-curve:r", "drifting-derivatives:yaw", "drifting-derivatives:roll")
+    products, loads = (
+        ("alpha-control", "control-squared", "alpha-q"),
+        ("lagged-loads", "periodic-loads", "damping-curve", "drifting-derivatives"),
+    )
+    lateral = (
+        "beta-rudder",
+        "beta-aileron",
+        "beta-p",
+        "beta-r",
+        "rudder-squared",
+        "aileron-squared",
+    )
+    labelled = (
+        "damping-curve:p",
+        "damping-curve:r",
+        "drifting-derivatives:yaw",
+        "drifting-derivatives:roll",
+    )
     assert names == {
-        f"{GUARD}{label}" for label in (*products, *loads, *lateral, *labelled, "control-drag", "drag-drift", "hysteresis", "vane-behind")
+        f"{GUARD}{label}"
+        for label in (
+            *products,
+            *loads,
+            *lateral,
+            *labelled,
+            "control-drag",
+            "drag-drift",
+            "hysteresis",
+            "vane-behind",
+        )
     }
     assert names.isdisjoint(effect_names())
     assert all(case.values[0].traits.guard for case in GUARDS)  # type: ignore[union-attr]
-    assert not any(effect.traits.guard or effect.name.startswith(GUARD) for effect in library() if isinstance(effect, Traceable))
-    modules = {path.stem for path in (ROOT / "sim" / "effects" / "guards").glob("*.py")} - {"__init__"}
+    assert not any(
+        effect.traits.guard or effect.name.startswith(GUARD)
+        for effect in library()
+        if isinstance(effect, Traceable)
+    )
+    modules = {path.stem for path in (ROOT / "sim" / "effects" / "guards").glob("*.py")} - {
+        "__init__"
+    }
     assert {type(case.values[0]).__module__.rpartition(".")[2] for case in GUARDS} == modules
     with pytest.raises(ModelError):
         find_effect("guard:alpha-q")
@@ -96,7 +143,12 @@ def test_an_effect_refuses_a_vehicle_without_its_port() -> None:
 
 def test_applies_reads_signal_channel_and_needs() -> None:
     vehicle = ShortPeriod()
-    told = [({}, True), ({"signal": "stick"}, False), ({"channel": "nz"}, True), ({"needs": ("lift", "wind")}, False)]
+    told = [
+        ({}, True),
+        ({"signal": "stick"}, False),
+        ({"channel": "nz"}, True),
+        ({"needs": ("lift", "wind")}, False),
+    ]
     told += [({"rates_read": ("q",)}, True), ({"rates_read": ("r",)}, False)]
     for attributes, expected in told:
         assert applies(SimpleNamespace(**attributes), vehicle) is expected  # type: ignore[arg-type]

@@ -1,4 +1,6 @@
-"""`import flightid`: every public name is there, nothing is loaded before it is asked for, and what hides a room is told by its file."""
+"""`import flightid`: every public name is there, nothing is loaded before it is asked for, and what
+hides a room is told by its file.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,20 @@ import flightid
 import flightid.plot
 
 ROOT = Path(__file__).parents[2]
-HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "control", "xarray", "typer", "rich", "pydantic", "scenarios", "ident", "sim")
+HEAVY = (
+    "numpy",
+    "scipy",
+    "pandas",
+    "matplotlib",
+    "control",
+    "xarray",
+    "typer",
+    "rich",
+    "pydantic",
+    "scenarios",
+    "ident",
+    "sim",
+)
 
 
 def told_to_editors() -> Iterator[str]:
@@ -43,15 +58,21 @@ def test_every_export_is_there_and_said_to_editors() -> None:
 def test_every_figure_is_a_function_of_a_result() -> None:
     functions = [getattr(flightid.plot, name) for name in flightid.plot.__all__]
     assert [each.__name__ for each in functions] == flightid.plot.__all__
-    assert all(inspect.getdoc(each) and "Figure" in str(inspect.signature(each).return_annotation) for each in functions)
+    assert all(
+        inspect.getdoc(each) and "Figure" in str(inspect.signature(each).return_annotation)
+        for each in functions
+    )
 
 
-# Keywords that are another word in Python: `from`, `class` and `set` are its own, and the rest are told by what they return.
+# Keywords that are another word in Python: `from`, `class` and `set` are its own, and the rest are
+# told by what they return.
 WORDS = {"from": "start", "to": "stop", "class": "aircraft_class", "set": "set"}
 LEFT_OUT = {"json", "quiet", "out", "figures", "no_figures", "state_space", "help", "model_file"}
 
 
-@pytest.mark.parametrize("command", ["identify", "diagnose", "predict", "check", "run", "campaign", "design", "response"])
+@pytest.mark.parametrize(
+    "command", ["identify", "diagnose", "predict", "check", "run", "campaign", "design", "response"]
+)
 def test_keywords_are_the_options_of_the_command(command: str) -> None:
     import typer.main
 
@@ -85,7 +106,9 @@ OF_THE_COMMAND_ALONE: dict[str, set[str]] = {
 
 def test_the_import_brings_nothing_along() -> None:
     probe = f"import sys, flightid; print([name for name in {HEAVY} if name in sys.modules])"
-    run = subprocess.run([sys.executable, "-c", probe], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    run = subprocess.run(
+        [sys.executable, "-c", probe], cwd=ROOT, capture_output=True, text=True, timeout=60
+    )
     assert (run.stdout, run.stderr) == ("[]\n", "")
 
 
@@ -97,15 +120,30 @@ HIDDEN = [
 
 
 @pytest.mark.parametrize(("hidden", "call"), HIDDEN)
-def test_what_hides_a_room_is_told_by_its_file(tmp_path: Path, hidden: str, call: tuple[str, ...]) -> None:
+def test_what_hides_a_room_is_told_by_its_file(
+    tmp_path: Path, hidden: str, call: tuple[str, ...]
+) -> None:
     file = tmp_path / hidden
     file.parent.mkdir(exist_ok=True)
     file.write_text("VALUE = 1\n")
     environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
-    run = subprocess.run([sys.executable, *call], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60)
+    run = subprocess.run(
+        [sys.executable, *call],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
     last = run.stderr.rstrip().splitlines()[-1]
-    place, room = file.parent if file.name == "__init__.py" else file, Path(hidden).parts[0].removesuffix(".py")
-    assert run.returncode == 1 and f"ImportError: {place} hides the package {room!r} of flightid: rename it" in last
+    place, room = (
+        file.parent if file.name == "__init__.py" else file,
+        Path(hidden).parts[0].removesuffix(".py"),
+    )
+    assert (
+        run.returncode == 1
+        and f"ImportError: {place} hides the package {room!r} of flightid: rename it" in last
+    )
     assert call[0] == "-c" or run.stderr.count("\n") == 1
 
 
@@ -113,5 +151,12 @@ def test_a_folder_that_hides_nothing_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "scenarios").mkdir()
     (tmp_path / "simulation.py").write_text("")
     environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
-    run = subprocess.run([sys.executable, "-c", "import flightid"], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60)
+    run = subprocess.run(
+        [sys.executable, "-c", "import flightid"],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
     assert (run.returncode, run.stderr) == (0, "")

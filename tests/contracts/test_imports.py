@@ -1,4 +1,6 @@
-"""What an import of the lower rooms may bring along: nothing heavy, and for ident nothing that knows the answer."""
+"""What an import of the lower rooms may bring along: nothing heavy, and for ident nothing that
+knows the answer.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +15,25 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-HEAVY = ("control", "filterpy", "matplotlib", "pandas", "pint", "pydantic", "scipy.optimize", "scipy.signal")
+HEAVY = (
+    "control",
+    "filterpy",
+    "matplotlib",
+    "pandas",
+    "pint",
+    "pydantic",
+    "scipy.optimize",
+    "scipy.signal",
+)
 # Modules of sim that know a vehicle, an effect or the truth; ident must not see them.
 CONCRETE = ("sim.closed_loop", "sim.data", "sim.effects", "sim.truth", "sim.vehicles")
-# What a module may import at import time after all; with a package comes whatever that package itself brings.
+# What a module may import at import time after all; with a package comes whatever that package
+# itself brings.
 ALLOWED = {"ident.filters.ekf": ("filterpy.kalman",), "ident.filters.ukf": ("filterpy.kalman",)}
 
-# One process imports every target and notes which module asked for which; what a target brings along is all that can be reached from it.
-# What a function imports counts for the module that runs it while it is imported itself.
+# One process imports every target and notes which module asked for which; what a target brings
+# along is all that can be reached from it. What a function imports counts for the module that runs
+# it while it is imported itself.
 PROBE = """
 import builtins, importlib, json, sys
 from importlib.util import resolve_name
@@ -59,9 +72,12 @@ def brought(target):
     return seen
 for target in targets:
     print(json.dumps([target, sorted(brought(target).intersection(watched))]))
-"""
+"""  # noqa: E501
 # The same of one target in a process that holds nothing else.
-ALONE = "import importlib, json, sys; importlib.import_module(sys.argv[1]); print(json.dumps(sorted({*sys.argv[2:]}.intersection(sys.modules))))"
+ALONE = (
+    "import importlib, json, sys; importlib.import_module(sys.argv[1]); "
+    "print(json.dumps(sorted({*sys.argv[2:]}.intersection(sys.modules))))"
+)
 
 
 def modules_of(room: str) -> list[str]:
@@ -74,7 +90,15 @@ def loaded_by(targets: Iterable[str], watched: Iterable[str]) -> dict[str, list[
     """Which of the watched modules the import of each target brings along."""
     request = json.dumps([sorted(targets), sorted(watched)])
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
-    run = subprocess.run([sys.executable, "-c", PROBE], input=request, env=environment, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    run = subprocess.run(
+        [sys.executable, "-c", PROBE],
+        input=request,
+        env=environment,
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     assert run.returncode == 0, run.stderr
     return dict(json.loads(line) for line in run.stdout.splitlines())
 
@@ -96,7 +120,9 @@ def test_import_brings_nothing_heavy(module: str, loaded: dict[str, list[str]]) 
 
 
 @pytest.mark.parametrize("module", modules_of("ident"))
-def test_import_of_ident_brings_no_vehicle_effect_or_truth(module: str, loaded: dict[str, list[str]]) -> None:
+def test_import_of_ident_brings_no_vehicle_effect_or_truth(
+    module: str, loaded: dict[str, list[str]]
+) -> None:
     answer = loaded[module]
     assert not {*answer} & {*CONCRETE}
 
@@ -105,20 +131,40 @@ def test_probe_sees_a_heavy_import() -> None:
     assert "filterpy" in loaded_by(["filterpy.kalman"], HEAVY)["filterpy.kalman"]
 
 
-@pytest.mark.parametrize("module", ["ident.filters.ekf", "ident.tracing.loop", "sim.closed_loop.nonlinear", "sim.vehicles.factory", "scipy.stats"])
-def test_the_probe_says_what_a_process_of_its_own_says(module: str, loaded: dict[str, list[str]]) -> None:
+@pytest.mark.parametrize(
+    "module",
+    [
+        "ident.filters.ekf",
+        "ident.tracing.loop",
+        "sim.closed_loop.nonlinear",
+        "sim.vehicles.factory",
+        "scipy.stats",
+    ],
+)
+def test_the_probe_says_what_a_process_of_its_own_says(
+    module: str, loaded: dict[str, list[str]]
+) -> None:
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
     run = subprocess.run(
-        [sys.executable, "-c", ALONE, module, *HEAVY, *CONCRETE], env=environment, capture_output=True, text=True, check=True, timeout=120
+        [sys.executable, "-c", ALONE, module, *HEAVY, *CONCRETE],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
     )
     assert loaded[module] == json.loads(run.stdout)
 
 
 def test_contract_of_ident_names_every_concrete_module() -> None:
-    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]["contracts"]
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"][
+        "importlinter"
+    ]["contracts"]
     (blind,) = [contract for contract in declared if contract["name"].startswith("ident is blind")]
     expected = {*CONCRETE} & {*modules_of("sim")}
-    assert {*blind["forbidden_modules"]} == expected, f"set forbidden_modules in pyproject.toml to {sorted(expected)}"
+    assert {*blind["forbidden_modules"]} == expected, (
+        f"set forbidden_modules in pyproject.toml to {sorted(expected)}"
+    )
 
 
 @pytest.mark.parametrize("room", ["sim", "ident", "scenarios", "flightid", "exam"])

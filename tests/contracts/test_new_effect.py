@@ -1,4 +1,6 @@
-"""A new effect is one new file: offered, screened, claimed, worded, drawn and listed, with nothing else touched."""
+"""A new effect is one new file: offered, screened, claimed, worded, drawn and listed, with nothing
+else touched.
+"""
 
 from __future__ import annotations
 
@@ -37,9 +39,13 @@ def one_new_file(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The effect of the documentation, in a folder that counts as one of the library's."""
     folder = tmp_path_factory.mktemp("station")
     text = PAGE.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
-    (folder / "vane_upwash.py").write_text(text.replace("EFFECTS =", "VARIANTS ="), encoding="utf-8")
+    (folder / "vane_upwash.py").write_text(
+        text.replace("EFFECTS =", "VARIANTS ="), encoding="utf-8"
+    )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sim.effects.sensor_path, "__path__", [*sim.effects.sensor_path.__path__, str(folder)])
+        patch.setattr(
+            sim.effects.sensor_path, "__path__", [*sim.effects.sensor_path.__path__, str(folder)]
+        )
         yield folder
 
 
@@ -53,11 +59,17 @@ def traced(one_new_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Trac
         record = planted([effect], {f"{NAME}.upwash": TRUE}, seed)
         outputs = tuple(Channel.of(c.name, UNITS[c.name], c.values) for c in record.outputs)
         write_record(folder, replace(record, outputs=outputs, name=f"{stem}.csv"), stem)
-    derivatives = {name: value for name, value in RIGID_VALUES.items() if name.startswith(("CL", "Cm"))}
+    derivatives = {
+        name: value for name, value in RIGID_VALUES.items() if name.startswith(("CL", "Cm"))
+    }
     lines = [f"{name} = {value}" for name, value in RIGID_VALUES.items() if name not in derivatives]
     lines += ["[derivatives]", *(f"{name} = {1.1 * value}" for name, value in derivatives.items())]
     (folder / "vehicle.toml").write_text("\n".join(['name = "new"', *lines]), encoding="utf-8")
-    return diagnose_files(Request((folder / "train.csv",), "rigid", folder / "vehicle.toml", (folder / "validate.csv",)))
+    return diagnose_files(
+        Request(
+            (folder / "train.csv",), "rigid", folder / "vehicle.toml", (folder / "validate.csv",)
+        )
+    )
 
 
 def test_it_is_offered_and_listed(one_new_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -66,11 +78,17 @@ def test_it_is_offered_and_listed(one_new_file: Path, capsys: pytest.CaptureFixt
     assert NAME in capsys.readouterr().out
     show_effects(NAME)
     told = capsys.readouterr().out
-    assert "sensor path" in told and "upwash" in told and "plausible" in told and "  -1 to 1" in told
+    assert (
+        "sensor path" in told and "upwash" in told and "plausible" in told and "  -1 to 1" in told
+    )
 
 
 def test_it_is_screened_and_claimed(traced: Tracing) -> None:
-    mine = [candidate for candidate in traced.diagnosis.candidates if not candidate.within and candidate.name == NAME]
+    mine = [
+        candidate
+        for candidate in traced.diagnosis.candidates
+        if not candidate.within and candidate.name == NAME
+    ]
     assert max(candidate.weight for candidate in mine if candidate.fitted) > 0.0
     (claim,) = traced.diagnosis.effects
     assert claim.name == NAME and claim.claimed
@@ -92,12 +110,18 @@ def test_it_is_drawn_and_written(traced: Tracing, tmp_path: Path) -> None:
     content = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
     assert [effect["name"] for effect in content["effects"]] == [NAME]
     assert content["effects"][0]["sentence"].startswith("the control surface turns the vane")
-    assert (tmp_path / "out" / "evidence.png").is_file() and NAME in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert (tmp_path / "out" / "evidence.png").is_file() and NAME in (
+        tmp_path / "out" / "report.html"
+    ).read_text(encoding="utf-8")
     assert np.isfinite(content["effects"][0]["parameters"]["upwash"]["std"])
 
 
 def test_without_its_file_nothing_knows_it(one_new_file: Path) -> None:
     """Undone here, lest the fixtures above had found it elsewhere."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sim.effects.sensor_path, "__path__", [path for path in sim.effects.sensor_path.__path__ if path != str(one_new_file)])
+        patch.setattr(
+            sim.effects.sensor_path,
+            "__path__",
+            [path for path in sim.effects.sensor_path.__path__ if path != str(one_new_file)],
+        )
         assert NAME not in {effect.name for effect in library()}

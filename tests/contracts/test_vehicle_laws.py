@@ -34,7 +34,9 @@ def quantity(text: str) -> pint.Quantity:
 
 
 def parsed(unit: str) -> pint.Unit:
-    return UNITS.parse_units(re.sub(r"(?<=[A-Za-z])(\d)", r"**\1", unit).replace(" ", "*") or "dimensionless")
+    return UNITS.parse_units(
+        re.sub(r"(?<=[A-Za-z])(\d)", r"**\1", unit).replace(" ", "*") or "dimensionless"
+    )
 
 
 def level_flight(model: Model) -> dict[str, float]:
@@ -42,11 +44,18 @@ def level_flight(model: Model) -> dict[str, float]:
     system = compile_model(model)
     p, x = system.parameters.values().tolist(), system.initial.values().tolist()
     slowing, with_one = (float(system.f(0.0, x, [0.0, thrust], p)[0]) for thrust in (0.0, 1.0))
-    return {**dict(zip(system.initial.names, x, strict=True)), "thrust": slowing / (slowing - with_one)}
+    return {
+        **dict(zip(system.initial.names, x, strict=True)),
+        "thrust": slowing / (slowing - with_one),
+    }
 
 
 def test_every_data_file_is_a_vehicle_or_known_otherwise() -> None:
-    found = {entry.name.removesuffix(".toml") for entry in (files("sim") / "data").iterdir() if entry.name.endswith(".toml")}
+    found = {
+        entry.name.removesuffix(".toml")
+        for entry in (files("sim") / "data").iterdir()
+        if entry.name.endswith(".toml")
+    }
     assert found == {*NAMES} | OTHERS
 
 
@@ -66,7 +75,9 @@ def test_every_value_is_its_print_in_si(vehicle: VehicleData) -> None:
 
 def test_units_are_si(vehicle: VehicleData) -> None:
     for number in (*vehicle.numbers, *vehicle.initial):
-        assert (1.0 * parsed(number.unit)).to_base_units().magnitude == pytest.approx(1.0, rel=1e-15), number.name
+        assert (1.0 * parsed(number.unit)).to_base_units().magnitude == pytest.approx(
+            1.0, rel=1e-15
+        ), number.name
 
 
 def test_every_number_of_a_model_has_a_source(vehicle: VehicleData) -> None:
@@ -87,8 +98,12 @@ def test_a_file_writes_no_number_of_its_base_twice(vehicle: VehicleData) -> None
         assert vehicle.numbers
         return
     base = read_parameter_set(vehicle.based_on)
-    own = tomllib.loads((files("sim") / "data" / f"{vehicle.name}.toml").read_text(encoding="utf-8"))["parameters"]
-    assert not [name for name, entry in own.items() if name in base and base[name].value == entry["value"]]
+    own = tomllib.loads(
+        (files("sim") / "data" / f"{vehicle.name}.toml").read_text(encoding="utf-8")
+    )["parameters"]
+    assert not [
+        name for name, entry in own.items() if name in base and base[name].value == entry["value"]
+    ]
 
 
 def test_model_compiles_and_rates_and_outputs_are_finite(vehicle: VehicleData) -> None:
@@ -109,7 +124,8 @@ def test_aircraft_are_stable(vehicle: VehicleData) -> None:
     assert vehicle.equations in ("rigid", "lateral")
     found = sorted(np.linalg.eigvals(linearise(model).A).tolist(), key=abs)
     if vehicle.equations == "lateral":
-        # The spiral mode may grow, doubling in no less than 20 s (MIL-F-8785C, level 1, category B).
+        # The spiral mode may grow, doubling in no less than 20 s (MIL-F-8785C, level 1, category
+        # B).
         spiral = found.pop(0)
         assert spiral.imag == 0.0
         assert spiral.real < np.log(2.0) / 20.0
@@ -122,9 +138,16 @@ def test_longitudinal_sets_start_in_level_flight(vehicle: VehicleData) -> None:
     model = model_of(vehicle)
     system, flight = compile_model(model), level_flight(model)
     assert flight["airspeed"] == vehicle["reference_airspeed"].value
-    rates = system.f(0.0, system.initial.values().tolist(), [0.0, flight["thrust"]], system.parameters.values().tolist())
+    rates = system.f(
+        0.0,
+        system.initial.values().tolist(),
+        [0.0, flight["thrust"]],
+        system.parameters.values().tolist(),
+    )
     # CL_0 is printed with six digits; speed and pitch rate are steady to rounding.
-    assert rates == pytest.approx([0.0] * 4, abs=1e-6 * G0 / flight["airspeed"] / vehicle["CL_0"].value)
+    assert rates == pytest.approx(
+        [0.0] * 4, abs=1e-6 * G0 / flight["airspeed"] / vehicle["CL_0"].value
+    )
 
 
 def test_complex_step_equals_central_difference(vehicle: VehicleData) -> None:
@@ -141,7 +164,10 @@ def test_complex_step_equals_central_difference(vehicle: VehicleData) -> None:
         exact = complex_step_jacobian(at, point.tolist())
         for j, value in enumerate(point):
             size = 1e-6 * max(1.0, abs(value))
-            ends = [np.array(at([*point[:j], value + sign * size, *point[j + 1 :]])) for sign in (1.0, -1.0)]
+            ends = [
+                np.array(at([*point[:j], value + sign * size, *point[j + 1 :]]))
+                for sign in (1.0, -1.0)
+            ]
             difference = (ends[0] - ends[1]) / (2 * size)
             scale = np.maximum(1e-6 * np.max(np.abs(ends), axis=0) / size, np.abs(exact[:, j]))
             assert np.all(np.abs(difference - exact[:, j]) <= 1e-6 * scale + 1e-9), j

@@ -33,9 +33,13 @@ def main() -> None:
             fault, took = fault_of(ended, folder, before), time.monotonic() - began
             if fault or last - first == 1:
                 wrong += bool(fault)
-                shown = " ".join(repr(text) if len(text) < 60 else f"<{len(text)} characters>" for text in arguments)
+                shown = " ".join(
+                    repr(text) if len(text) < 60 else f"<{len(text)} characters>"
+                    for text in arguments
+                )
                 print(
-                    f"{number} {KINDS[number % len(KINDS)].__name__}: {fault} ({took:.1f} s)\n    {shown}\n    {ended.err[:600]!r}",
+                    f"{number} {KINDS[number % len(KINDS)].__name__}: {fault} ({took:.1f} s)\n    "
+                    f"{shown}\n    {ended.err[:600]!r}",
                     flush=True,
                 )
     print(f"{wrong} of {last - first} end wrongly")

@@ -35,7 +35,9 @@ def case(number: int, material: Material, folder: Path) -> list[str]:
 def _take(material: Material, folder: Path, *names: str) -> None:
     for name in names:
         source = material.folder / name
-        shutil.copytree(source, folder / name) if source.is_dir() else shutil.copy(source, folder / name)
+        shutil.copytree(source, folder / name) if source.is_dir() else shutil.copy(
+            source, folder / name
+        )
 
 
 def _record(material: Material, folder: Path, draw: random.Random) -> list[str]:
@@ -119,7 +121,9 @@ def _stream(material: Material, folder: Path, draw: random.Random) -> list[str]:
         (folder / "stream.csv").write_bytes(spoiled_table(material.text("stream.csv"), draw))
         return call
     _take(material, folder, "stream.csv", "watched")
-    (folder / "watched" / "comparison.json").write_bytes(spoiled_json(material.text("watched/comparison.json"), draw))
+    (folder / "watched" / "comparison.json").write_bytes(
+        spoiled_json(material.text("watched/comparison.json"), draw)
+    )
     return [*call, "--reference", "watched"]
 
 

@@ -23,8 +23,10 @@ from scenarios.cli import main
 LONGEST = 30.0  # s, of one command
 LONGEST_LINE = 3100  # characters of a refusal
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
-_PROGRESS = re.compile(r"flightid: (?!.*;)(.*, )?\d+ (s|min|h)\b[\w ,]*$")  # of long work, a line every ten seconds
-_ROW = re.compile(r"flightid: .*, row \d+: .*others like it are counted$")  # of a stream, about a row that it goes on without
+# of long work, a line every ten seconds
+_PROGRESS = re.compile(r"flightid: (?!.*;)(.*, )?\d+ (s|min|h)\b[\w ,]*$")
+# of a stream, about a row that it goes on without
+_ROW = re.compile(r"flightid: .*, row \d+: .*others like it are counted$")
 _NO_NUMBER = re.compile(r"(?<![\w/.'-])(nan|inf)(?![\w/.'=-])")
 
 
@@ -80,7 +82,12 @@ def run(arguments: Sequence[str], folder: Path, seconds: float = LONGEST) -> End
     """Run ``flightid`` in this process with ``folder`` as the current one; warnings are printed as
     Python prints them.
     """
-    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", errors="backslashreplace", write_through=True) for _ in range(2))
+    out, err = (
+        io.TextIOWrapper(
+            io.BytesIO(), encoding="utf-8", errors="backslashreplace", write_through=True
+        )
+        for _ in range(2)
+    )
     rang: list[bool] = []
     code: object = "no exit code"
     here = os.getcwd()
@@ -109,11 +116,13 @@ def run(arguments: Sequence[str], folder: Path, seconds: float = LONGEST) -> End
 def fault_of(ended: Ended, folder: Path, before: frozenset[str]) -> str:
     """What is wrong with the end of a command, empty where nothing is.
 
-    A refusal is exit code 2 with one line on stderr and no new file; success is exit code 0 with finite numbers on stdout and in every JSON
-    file. Neither holds a control character, a traceback or a warning of a library. ``before``: the
-    files that were there.
+    A refusal is exit code 2 with one line on stderr and no new file; success is exit code 0 with
+    finite numbers on stdout and in every JSON file. Neither holds a control character, a traceback
+    or a warning of a library. ``before``: the files that were there.
     """
-    lines = [line for line in ended.err.splitlines() if not (_PROGRESS.match(line) or _ROW.match(line))]
+    lines = [
+        line for line in ended.err.splitlines() if not (_PROGRESS.match(line) or _ROW.match(line))
+    ]
     if ended.late:
         return "it takes too long"
     if ended.code not in (0, 2):
@@ -134,7 +143,11 @@ def fault_of(ended: Ended, folder: Path, before: frozenset[str]) -> str:
     if found := _NO_NUMBER.search(ended.out):
         return f"{found[0]} is printed"
     return next(
-        (told for name in sorted(new) if name.endswith(".json") and (told := _not_strict(folder / name))),
+        (
+            told
+            for name in sorted(new)
+            if name.endswith(".json") and (told := _not_strict(folder / name))
+        ),
         "",
     ) or _leftover(new)
 
@@ -146,7 +159,11 @@ def files_in(folder: Path) -> frozenset[str]:
 
 def _leftover(new: frozenset[str]) -> str:
     return next(
-        (f"something temporary is left: {name}" for name in sorted(new) if Path(name).name.startswith(".")),
+        (
+            f"something temporary is left: {name}"
+            for name in sorted(new)
+            if Path(name).name.startswith(".")
+        ),
         "",
     )
 

@@ -73,7 +73,9 @@ def _joined(rows: list[list[str]]) -> bytes:
     return ("\n".join(",".join(row) for row in rows) + "\n").encode()
 
 
-def _cells(value: Callable[[str, random.Random], str], column: int | None = None) -> Callable[[str, random.Random], bytes]:
+def _cells(
+    value: Callable[[str, random.Random], str], column: int | None = None
+) -> Callable[[str, random.Random], bytes]:
     def spoil(text: str, draw: random.Random) -> bytes:
         rows = _rows(text)
         at = draw.randrange(len(rows[0])) if column is None else column
@@ -159,14 +161,20 @@ _TABLES: tuple[Callable[[str, random.Random], bytes], ...] = (
     _header(lambda cell, draw: cell + CONTROL),
     _header(lambda cell, draw: f"{cell} [{draw.choice(UNITS)}]"),
     _header(lambda cell, draw: cell + "_" + "x" * 140_000),
-    _header(lambda cell, draw: draw.choice(("", '"', HTML, cell + " [deg", "time", "alpha", "\ufeff" + cell, "٣"))),
+    _header(
+        lambda cell, draw: draw.choice(
+            ("", '"', HTML, cell + " [deg", "time", "alpha", "\ufeff" + cell, "٣")
+        )
+    ),
     _missing_rows,
     _uneven,
     _few,
     _stretched,
     _scaled,
     _bytes,
-    lambda text, draw: _joined([row if k else row * draw.choice((2, 400)) for k, row in enumerate(_rows(text))]),
+    lambda text, draw: _joined(
+        [row if k else row * draw.choice((2, 400)) for k, row in enumerate(_rows(text))]
+    ),
     lambda text, draw: _joined(_rows(text)[:1] + _rows(text)[:0:-1]),
     lambda text, draw: text.encode("utf-16"),
     lambda text, draw: text.encode("utf-8-sig"),
@@ -275,7 +283,11 @@ def _spoiled_tree(tree: Any, draw: random.Random) -> Any:
     if action == 0:
         del holder[key]
     elif action == 1 and isinstance(holder[key], dict | list):
-        holder[key] = list(holder[key].values()) if isinstance(holder[key], dict) else {str(k): v for k, v in enumerate(holder[key])}
+        holder[key] = (
+            list(holder[key].values())
+            if isinstance(holder[key], dict)
+            else {str(k): v for k, v in enumerate(holder[key])}
+        )
     elif action == 2:
         holder[key] = str(holder[key])
     else:
@@ -323,7 +335,13 @@ def _places(tree: Any) -> list[tuple[Any, Any]]:
     left = [tree]
     while left:
         holder = left.pop()
-        for key in holder if isinstance(holder, dict) else range(len(holder)) if isinstance(holder, list) else ():
+        for key in (
+            holder
+            if isinstance(holder, dict)
+            else range(len(holder))
+            if isinstance(holder, list)
+            else ()
+        ):
             out.append((holder, key))
             left.append(holder[key])
     return out
@@ -333,7 +351,11 @@ def _dumped(tree: Any) -> str:
     if isinstance(tree, Raw):
         return str(tree)
     if isinstance(tree, dict):
-        return "{" + ",".join(f"{json.dumps(key)}:{_dumped(value)}" for key, value in tree.items()) + "}"
+        return (
+            "{"
+            + ",".join(f"{json.dumps(key)}:{_dumped(value)}" for key, value in tree.items())
+            + "}"
+        )
     if isinstance(tree, list):
         return "[" + ",".join(map(_dumped, tree)) + "]"
     return json.dumps(tree)
@@ -411,4 +433,10 @@ def spoiled_model(text: str, draw: random.Random) -> bytes:
         return text.replace(*draw.choice(swaps), 1).encode()
     rates = _LATE.format(after=draw.choice((0, 30, 60, 200, 1000)), late=draw.choice(_LATER))
     begin = text.index("rates=lambda")
-    return (text[: text.index("MODEL")] + rates + text[text.index("MODEL") : begin] + "rates=rates,\n    " + text[text.index("readings=") :]).encode()
+    return (
+        text[: text.index("MODEL")]
+        + rates
+        + text[text.index("MODEL") : begin]
+        + "rates=rates,\n    "
+        + text[text.index("readings=") :]
+    ).encode()

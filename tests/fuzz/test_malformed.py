@@ -46,14 +46,23 @@ def test_all_malformed_calls_end_well(kind: int, material: Material, tmp_path: P
     assert faults(range(kind, COUNT, len(KINDS)), material, tmp_path) == {}
 
 
-def test_a_number_is_one_case_however_often_it_is_asked_for(material: Material, tmp_path: Path) -> None:
+def test_a_number_is_one_case_however_often_it_is_asked_for(
+    material: Material, tmp_path: Path
+) -> None:
     for number in range(len(KINDS)):
         folders = [tmp_path / f"{number}-{time}" for time in range(2)]
         for folder in folders:
             folder.mkdir()
         calls = [case(number, material, folder) for folder in folders]
         assert calls[0] == calls[1]
-        contents = [{name: (folder / name).read_bytes() for name in files_in(folder) if _is_plain(folder / name)} for folder in folders]
+        contents = [
+            {
+                name: (folder / name).read_bytes()
+                for name in files_in(folder)
+                if _is_plain(folder / name)
+            }
+            for folder in folders
+        ]
         assert contents[0] == contents[1]
 
 
@@ -80,7 +89,9 @@ def test_the_judge_sees_what_is_wrong(ended: Ended, fault: str, tmp_path: Path) 
 
 def test_the_judge_sees_what_is_left_behind_and_what_is_no_number(tmp_path: Path) -> None:
     (tmp_path / "half.csv").write_text("time\n")
-    assert "left behind" in fault_of(Ended(2, "", "flightid: wrong; mend it\n", False), tmp_path, frozenset())
+    assert "left behind" in fault_of(
+        Ended(2, "", "flightid: wrong; mend it\n", False), tmp_path, frozenset()
+    )
     (tmp_path / "study.json").write_text('{"value": NaN}')
     assert "no strict JSON" in fault_of(Ended(0, "", "", False), tmp_path, frozenset())
     (tmp_path / "study.json").write_text('{"value": 1e999}')

@@ -1,4 +1,5 @@
-"""`flightid diagnose` on folders of flights, each in a process of its own, and how many it told right.
+"""`flightid diagnose` on folders of flights, each in a process of its own, and how many it told
+right.
 
 python -m tests.independent.examine OUT --jobs 2 --aircraft A320 T38
 """
@@ -27,7 +28,9 @@ FEW_SIGMAS = 3.0  # a derivative that is farther off than this is counted
 
 @dataclass(frozen=True)
 class Outcome:
-    """One flight: its folder's name, what was put in, the grade, the worst derivative in sigmas, and the seconds it took."""
+    """One flight: its folder's name, what was put in, the grade, the worst derivative in sigmas,
+    and the seconds it took.
+    """
 
     flight: str
     vehicle: str
@@ -39,23 +42,50 @@ class Outcome:
 
 
 def diagnosed(folder: Path, study: Path) -> tuple[Answer, float]:
-    """Run the command on the three records of a folder; what it wrote, and the seconds it took. The truth file is not among its arguments."""
+    """Run the command on the three records of a folder; what it wrote, and the seconds it took. The
+    truth file is not among its arguments.
+    """
     records = sorted(folder.glob("train*.csv"))
-    command = [sys.executable, "-m", "scenarios", "diagnose", *map(str, records), "--model", "rigid", "--vehicle", str(folder / "vehicle.toml")]
+    command = [
+        sys.executable,
+        "-m",
+        "scenarios",
+        "diagnose",
+        *map(str, records),
+        "--model",
+        "rigid",
+        "--vehicle",
+        str(folder / "vehicle.toml"),
+    ]
     command += ["--validate", str(folder / "validate.csv"), "--no-figures", "--out", str(study)]
     paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
     begun = time.perf_counter()
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": paths}
-    ended = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=study.parent, timeout=PATIENCE, check=False)
+    ended = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        env=environment,
+        cwd=study.parent,
+        timeout=PATIENCE,
+        check=False,
+    )
     written = study / "diagnosis.json"
-    content: Mapping[str, Any] = json.loads(written.read_text(encoding="utf-8")) if ended.returncode == 0 else {}
-    return Answer(ended.returncode, content, ended.stderr.strip()[-300:]), time.perf_counter() - begun
+    content: Mapping[str, Any] = (
+        json.loads(written.read_text(encoding="utf-8")) if ended.returncode == 0 else {}
+    )
+    return Answer(
+        ended.returncode, content, ended.stderr.strip()[-300:]
+    ), time.perf_counter() - begun
 
 
 def examined(folder: Path, studies: Path) -> Outcome:
     """Diagnose one flight and grade the answer against its truth file."""
     truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
-    faults = [Fault(one["name"], frozenset(one["right"]), frozenset(one["twins"]), tuple(one["channels"])) for one in truth["faults"]]
+    faults = [
+        Fault(one["name"], frozenset(one["right"]), frozenset(one["twins"]), tuple(one["channels"]))
+        for one in truth["faults"]
+    ]
     studies.mkdir(parents=True, exist_ok=True)
     answer, seconds = diagnosed(folder, studies / folder.name)
     traced = answer.content.get("verdict") in ("traced", "consistent")
@@ -63,11 +93,21 @@ def examined(folder: Path, studies: Path) -> Outcome:
     grade = graded(faults, answer)
     if grade.grade is Grade.BROKEN:
         grade = Graded(grade.grade, f"{grade.why}: {answer.said}")
-    return Outcome(folder.name, truth["vehicle"], names, grade, worst_derivative(answer, truth["derivatives"]), traced, seconds)
+    return Outcome(
+        folder.name,
+        truth["vehicle"],
+        names,
+        grade,
+        worst_derivative(answer, truth["derivatives"]),
+        traced,
+        seconds,
+    )
 
 
 def table(outcomes: Sequence[Outcome], key: str) -> str:
-    """Counts of grades by an attribute of the outcomes (``fault`` or ``vehicle``), a line each and their sum."""
+    """Counts of grades by an attribute of the outcomes (``fault`` or ``vehicle``), a line each and
+    their sum.
+    """
     by: dict[str, Counter[Grade]] = {}
     for outcome in outcomes:
         for name in (str(getattr(outcome, key)), "all"):
@@ -75,16 +115,24 @@ def table(outcomes: Sequence[Outcome], key: str) -> str:
     total = by.pop("all", Counter())
     width = max(map(len, [*by, key, "all"]))
     lines = [f"{key:{width}}  " + "  ".join(f"{grade.value:>7}" for grade in Grade)]
-    lines += [f"{name:{width}}  " + "  ".join(f"{count[grade]:7d}" for grade in Grade) for name, count in [*sorted(by.items()), ("all", total)]]
+    lines += [
+        f"{name:{width}}  " + "  ".join(f"{count[grade]:7d}" for grade in Grade)
+        for name, count in [*sorted(by.items()), ("all", total)]
+    ]
     return "\n".join(lines)
 
 
 def summary(outcomes: Sequence[Outcome]) -> str:
     """The tables, and how often a derivative of an explained flight lay too far off."""
-    explained = [outcome for outcome in outcomes if outcome.traced and outcome.graded.grade is Grade.RIGHT]
+    explained = [
+        outcome for outcome in outcomes if outcome.traced and outcome.graded.grade is Grade.RIGHT
+    ]
     far = sum(outcome.worst > FEW_SIGMAS for outcome in explained)
     slowest = max((outcome.seconds for outcome in outcomes), default=0.0)
-    last = f"{far} of {len(explained)} flights told right have a derivative more than {FEW_SIGMAS:.0f} sigmas off; the slowest took {slowest:.0f} s"
+    last = (
+        f"{far} of {len(explained)} flights told right have a derivative more than "
+        f"{FEW_SIGMAS:.0f} sigmas off; the slowest took {slowest:.0f} s"
+    )
     return "\n\n".join([table(outcomes, "fault"), table(outcomes, "vehicle"), last])
 
 
@@ -99,7 +147,9 @@ def chosen(out: Path, vehicles: Sequence[str] | None, faults: Sequence[str] | No
     for truth in sorted(out.glob("*/truth.json")):
         content = json.loads(truth.read_text(encoding="utf-8"))
         names = {one["name"] for one in content["faults"]}
-        if (vehicles is None or content["vehicle"] in vehicles) and (faults is None or names <= set(faults)):
+        if (vehicles is None or content["vehicle"] in vehicles) and (
+            faults is None or names <= set(faults)
+        ):
             found.append(truth.parent)
     return found
 
@@ -110,8 +160,12 @@ def main(arguments: Sequence[str] | None = None) -> list[Outcome]:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--aircraft", nargs="+")
     parser.add_argument("--fault", nargs="+")
-    parser.add_argument("--studies", type=Path, help="where the studies go; else beside the flights")
-    parser.add_argument("--counts", action="store_true", help="counts by fault alone, no flight by name")
+    parser.add_argument(
+        "--studies", type=Path, help="where the studies go; else beside the flights"
+    )
+    parser.add_argument(
+        "--counts", action="store_true", help="counts by fault alone, no flight by name"
+    )
     given = parser.parse_args(arguments)
     folders = chosen(given.out, given.aircraft, given.fault)
     studies = (given.studies or given.out / "studies").resolve()

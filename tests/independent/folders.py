@@ -34,9 +34,11 @@ def write_flight(
     how: Recording,
     seed: int,
 ) -> None:
-    """Training records, the last of them to predict, the vehicle file, and beside them the truth, which no one but the examiner opens.
+    """Training records, the last of them to predict, the vehicle file, and beside them the truth,
+    which no one but the examiner opens.
 
-    ``faults`` with their sizes, the first nearest to the physics; ``bend`` of lift and moment in the calm maneuver, in standard deviations.
+    ``faults`` with their sizes, the first nearest to the physics; ``bend`` of lift and moment in
+    the calm maneuver, in standard deviations.
     """
     folder.mkdir(parents=True, exist_ok=True)
     sigma = FINE if how.fine else USUAL
@@ -56,7 +58,14 @@ def write_flight(
     truth = {
         "vehicle": vehicle.name,
         "faults": [
-            {"name": one.name, "size": much, "unit": one.unit, "right": sorted(one.right), "twins": sorted(one.twins), "channels": list(one.channels)}
+            {
+                "name": one.name,
+                "size": much,
+                "unit": one.unit,
+                "right": sorted(one.right),
+                "twins": sorted(one.twins),
+                "channels": list(one.channels),
+            }
             for one, much in faults
         ],
         "derivatives": vehicle.derivatives,

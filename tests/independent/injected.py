@@ -1,6 +1,8 @@
-"""Faults of sensors and surfaces, put into a flight afterwards: they act on the true signals of the fine grid, before sampling and noise.
+"""Faults of sensors and surfaces, put into a flight afterwards: they act on the true signals of the
+fine grid, before sampling and noise.
 
-Each is written from its definition in words. An engineer's sign holds throughout: a positive delay or lag is late, an arm is ahead of the c.g.
+Each is written from its definition in words. An engineer's sign holds throughout: a positive delay
+or lag is late, an arm is ahead of the c.g.
 """
 
 from __future__ import annotations
@@ -15,7 +17,9 @@ Fault = Callable[[Flight], Flight]
 
 
 def later(flight: Flight, name: str, delay: float) -> Flight:
-    """A signal shown ``delay`` seconds late (early where negative), by linear interpolation; the ends repeat."""
+    """A signal shown ``delay`` seconds late (early where negative), by linear interpolation; the
+    ends repeat.
+    """
     values = flight.signal(name)
     return flight.with_signal(name, np.interp(flight.time - delay, flight.time, values))
 
@@ -25,7 +29,9 @@ def late_sensor(name: str, delay: float) -> Fault:
 
 
 def lagging_sensor(name: str, lag: float) -> Fault:
-    """First order: lag y_dot = true - y, exact for a signal that runs straight between grid points."""
+    """First order: lag y_dot = true - y, exact for a signal that runs straight between grid
+    points.
+    """
 
     def act(flight: Flight) -> Flight:
         true, h = flight.signal(name), flight.step
@@ -42,11 +48,15 @@ def lagging_sensor(name: str, lag: float) -> Fault:
 
 def vane_ahead(arm: float) -> Fault:
     """A vane ``arm`` m ahead of the c.g. feels the air of its own pitching: alpha - (arm/V) q."""
-    return lambda flight: flight.with_signal("alpha", flight.alpha - arm / flight.airspeed * flight.q)
+    return lambda flight: flight.with_signal(
+        "alpha", flight.alpha - arm / flight.airspeed * flight.q
+    )
 
 
 def wrong_scale(name: str, factor: float) -> Fault:
-    """The change since the start times ``factor``: where the zero of a sensor lies is no matter here."""
+    """The change since the start times ``factor``: where the zero of a sensor lies is no matter
+    here.
+    """
 
     def act(flight: Flight) -> Flight:
         values = flight.signal(name)
@@ -110,7 +120,9 @@ def held(name: str, period: float) -> Fault:
 
 
 def clock_fast(factor: float) -> Fault:
-    """The recorder's clock gains: what it calls t happened at t/factor. The end, for which nothing was flown, repeats the last state."""
+    """The recorder's clock gains: what it calls t happened at t/factor. The end, for which nothing
+    was flown, repeats the last state.
+    """
 
     def act(flight: Flight) -> Flight:
         true = flight.time / factor

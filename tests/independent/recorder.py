@@ -1,4 +1,6 @@
-"""Faults of the recorder, put into a sheet after sampling and noise: what breaks between the sensor and the file."""
+"""Faults of the recorder, put into a sheet after sampling and noise: what breaks between the sensor
+and the file.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ def stuck(name: str, begin: float, length: float) -> SheetFault:
 
     def act(sheet: Sheet) -> Sheet:
         where = _during(sheet, begin, length)
-        return sheet.with_column(name, np.where(where, sheet.columns[name][int(np.argmax(where))], sheet.columns[name]))
+        return sheet.with_column(
+            name, np.where(where, sheet.columns[name][int(np.argmax(where))], sheet.columns[name])
+        )
 
     return act
 
@@ -55,7 +59,9 @@ def coarse(name: str, bit: float) -> SheetFault:
 
 
 def zero_runs(name: str, begin: float, length: float) -> SheetFault:
-    """Exact zeros for ``length`` seconds from ``begin`` and once more 6 s later: a link that drops out."""
+    """Exact zeros for ``length`` seconds from ``begin`` and once more 6 s later: a link that drops
+    out.
+    """
 
     def act(sheet: Sheet) -> Sheet:
         where = _during(sheet, begin, length) | _during(sheet, begin + 6.0, length)
@@ -69,7 +75,11 @@ def rows_missing(begin: float, length: float) -> SheetFault:
 
     def act(sheet: Sheet) -> Sheet:
         kept = ~_during(sheet, begin, length)
-        return replace(sheet, time=sheet.time[kept], columns={name: values[kept] for name, values in sheet.columns.items()})
+        return replace(
+            sheet,
+            time=sheet.time[kept],
+            columns={name: values[kept] for name, values in sheet.columns.items()},
+        )
 
     return act
 
@@ -78,7 +88,9 @@ def zero_step(name: str, begin: float, size: float) -> SheetFault:
     return lambda sheet: sheet.with_column(name, sheet.columns[name] + size * (sheet.time >= begin))
 
 
-def noise_burst(name: str, begin: float, length: float, sigma: float, rng: np.random.Generator) -> SheetFault:
+def noise_burst(
+    name: str, begin: float, length: float, sigma: float, rng: np.random.Generator
+) -> SheetFault:
     """More noise of ``sigma`` for a while."""
 
     def act(sheet: Sheet) -> Sheet:
@@ -89,8 +101,12 @@ def noise_burst(name: str, begin: float, length: float, sigma: float, rng: np.ra
 
 
 def hum(name: str, frequency: float, size: float) -> SheetFault:
-    """A sine of ``frequency`` Hz (above half the sample rate it shows folded) and amplitude ``size``."""
-    return lambda sheet: sheet.with_column(name, sheet.columns[name] + size * np.sin(2.0 * np.pi * frequency * sheet.time + 0.4))
+    """A sine of ``frequency`` Hz (above half the sample rate it shows folded) and amplitude
+    ``size``.
+    """
+    return lambda sheet: sheet.with_column(
+        name, sheet.columns[name] + size * np.sin(2.0 * np.pi * frequency * sheet.time + 0.4)
+    )
 
 
 def in_degrees(name: str) -> SheetFault:
@@ -111,7 +127,9 @@ def exchanged(first: str, second: str) -> SheetFault:
     """Two columns under each other's name; their header says what the name should have."""
 
     def act(sheet: Sheet) -> Sheet:
-        return sheet.with_column(first, sheet.columns[second]).with_column(second, sheet.columns[first])
+        return sheet.with_column(first, sheet.columns[second]).with_column(
+            second, sheet.columns[first]
+        )
 
     return act
 

@@ -1,6 +1,8 @@
-"""Every fault and effect as an undeclared case of the second simulator: three aircraft, two sizes, alone and beside a late alpha.
+"""Every fault and effect as an undeclared case of the second simulator: three aircraft, two sizes,
+alone and beside a late alpha.
 
-python -m tests.independent.undeclared OUT --vehicle jet --fault curved-vane hum --size large --alone
+python -m tests.independent.undeclared OUT --vehicle jet --fault curved-vane hum --size large
+--alone
 """
 
 from __future__ import annotations
@@ -24,26 +26,48 @@ from tests.independent.short_period import VEHICLES, Hidden, flown, second_order
 PEAK_LOAD, PEAK_ALPHA = 0.6, np.radians(4.0)  # g and rad from trim, whichever comes first
 BESIDE = 0.06  # s: the late alpha beside another fault
 DAMPING = 0.6  # of the second-order actuator
-NO_PHUGOID = "fighter"  # flown at constant speed, as the declared model has it; the others exchange speed and height
+# flown at constant speed, as the declared model has it; the others exchange speed and height
+NO_PHUGOID = "fighter"
 
 
-def _physics(name: str, unit: str, sizes: tuple[float, float], right: str, twins: str, words: str) -> Planted:
+def _physics(
+    name: str, unit: str, sizes: tuple[float, float], right: str, twins: str, words: str
+) -> Planted:
     """An effect of the aircraft itself: nothing is done to its flight afterwards."""
     make = lambda size, rng: (injected.nothing, recorder.untouched)  # noqa: E731
-    return Planted(name, unit, sizes, make, frozenset(right.split()), frozenset(twins.split()), tuple(words.split()))
+    return Planted(
+        name,
+        unit,
+        sizes,
+        make,
+        frozenset(right.split()),
+        frozenset(twins.split()),
+        tuple(words.split()),
+    )
 
 
 PHYSICS: dict[str, tuple[Planted, Callable[[float], Hidden]]] = {
-    "phugoid": (_physics("phugoid", "rad of climb", (0.0, 0.05), "phugoid", "", ""), lambda size: Hidden(exchange=True, climb=size)),
+    "phugoid": (
+        _physics("phugoid", "rad of climb", (0.0, 0.05), "phugoid", "", ""),
+        lambda size: Hidden(exchange=True, climb=size),
+    ),
     "second-order-actuator": (
-        _physics("second-order-actuator", "rad/s", (20.0, 10.0), "actuator-second-order", "actuator-lag input-delay", "elevator"),
+        _physics(
+            "second-order-actuator",
+            "rad/s",
+            (20.0, 10.0),
+            "actuator-second-order",
+            "actuator-lag input-delay",
+            "elevator",
+        ),
         lambda size: Hidden(surface=second_order(size, DAMPING)),
     ),
     "unequal-control": (
         _physics("unequal-control", "part", (0.15, 0.40), "control-nonlinearity", "", "elevator"),
         lambda size: Hidden(unequal=size),
     ),
-    # A steady deceleration and a climb at the start are the same to first order: either name is right.
+    # A steady deceleration and a climb at the start are the same to first order: either name is
+    # right.
     "deceleration": (
         _physics("deceleration", "m/s2", (0.5, 1.5), "speed-variation phugoid", "", "speed"),
         lambda size: Hidden(deceleration=size),
@@ -54,7 +78,9 @@ NAMES = (*(name for name, fault in FAULTS.items() if not fault.rough_air), *PHYS
 
 @dataclass(frozen=True)
 class Case:
-    """One undeclared case: a vehicle of the second simulator, a fault by name, its size, and whether alpha is late as well."""
+    """One undeclared case: a vehicle of the second simulator, a fault by name, its size, and
+    whether alpha is late as well.
+    """
 
     vehicle: str
     fault: str
@@ -63,7 +89,12 @@ class Case:
 
     @property
     def folder(self) -> str:
-        return "-".join(filter(None, (self.vehicle, self.fault, self.size, "late" if self.beside_late_alpha else "")))
+        return "-".join(
+            filter(
+                None,
+                (self.vehicle, self.fault, self.size, "late" if self.beside_late_alpha else ""),
+            )
+        )
 
     @property
     def planted(self) -> tuple[Planted, float]:
@@ -73,32 +104,47 @@ class Case:
         return fault, -much if fault.either_sign and zlib.crc32(self.folder.encode()) % 2 else much
 
 
-def cases(vehicles: Sequence[str], faults: Sequence[str], sizes: Sequence[str], beside: Sequence[bool]) -> Iterator[Case]:
+def cases(
+    vehicles: Sequence[str], faults: Sequence[str], sizes: Sequence[str], beside: Sequence[bool]
+) -> Iterator[Case]:
     """The cases asked for; a fault without a size comes once, and alpha is not made late twice."""
     for vehicle in vehicles:
         for fault in faults:
             for late in beside:
                 if not (late and fault in ("late-alpha", "lagging-alpha", "nothing")):
                     found = [Case(vehicle, fault, size, late) for size in sizes]
-                    yield from found if len({abs(case.planted[1]) for case in found}) > 1 else found[:1]
+                    yield from (
+                        found if len({abs(case.planted[1]) for case in found}) > 1 else found[:1]
+                    )
 
 
 def flights_of(case: Case) -> tuple[Flight, ...]:
     """A record to fit and one to predict, in calm air."""
     fault, size = case.planted
-    return _flown(case.vehicle, fault.name, size) if fault.name in PHYSICS else _flown(case.vehicle, NOTHING.name, 0.0)
+    return (
+        _flown(case.vehicle, fault.name, size)
+        if fault.name in PHYSICS
+        else _flown(case.vehicle, NOTHING.name, 0.0)
+    )
 
 
 @cache
 def _flown(name: str, fault: str, much: float) -> tuple[Flight, ...]:
-    """The elevator is scaled to `PEAK_LOAD` or `PEAK_ALPHA`, whichever a small motion says is reached first."""
+    """The elevator is scaled to `PEAK_LOAD` or `PEAK_ALPHA`, whichever a small motion says is
+    reached first.
+    """
     vehicle = VEHICLES[name]
     hidden = PHYSICS[fault][1](much) if fault in PHYSICS else Hidden()
-    hidden = replace(hidden, exchange=hidden.exchange or (name != NO_PHUGOID and fault != "deceleration"))
+    hidden = replace(
+        hidden, exchange=hidden.exchange or (name != NO_PHUGOID and fault != "deceleration")
+    )
     tick = tick_for(vehicle.short_period()[0])
     maneuvers = (training(tick)[0], validation(tick))
     small = flown(vehicle, maneuvers[0], 0.01)
-    size = 0.01 * min(PEAK_LOAD / float(np.max(np.abs(small.nz - 1.0))), PEAK_ALPHA / float(np.max(np.abs(small.alpha))))
+    size = 0.01 * min(
+        PEAK_LOAD / float(np.max(np.abs(small.nz - 1.0))),
+        PEAK_ALPHA / float(np.max(np.abs(small.alpha))),
+    )
     return tuple(flown(vehicle, maneuver, size, hidden) for maneuver in maneuvers)
 
 
@@ -106,7 +152,9 @@ def write_case(out: Path, case: Case, how: Recording, seed: int) -> Path:
     """The folder of a case."""
     late = [(LATE_ALPHA, BESIDE)] if case.beside_late_alpha else []
     folder = out / case.folder
-    write_flight(folder, VEHICLES[case.vehicle], 0.0, flights_of(case), [*late, case.planted], how, seed)
+    write_flight(
+        folder, VEHICLES[case.vehicle], 0.0, flights_of(case), [*late, case.planted], how, seed
+    )
     return folder
 
 
@@ -122,7 +170,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--rate", type=float, default=50.0)
     parser.add_argument("--channels", nargs="+", default=["alpha", "q", "nz"])
     given = parser.parse_args(arguments)
-    beside = [late for late, unwanted in ((False, given.beside), (True, given.alone)) if not unwanted]
+    beside = [
+        late for late, unwanted in ((False, given.beside), (True, given.alone)) if not unwanted
+    ]
     how = Recording(rate=given.rate, channels=tuple(given.channels))
     for case in cases(given.vehicle, given.fault, given.size, beside):
         print(write_case(given.out, case, how, given.seed).name, flush=True)

@@ -1,4 +1,6 @@
-"""The command line in this process: a call, and what it printed; a rigid record and the vehicle file that goes with it."""
+"""The command line in this process: a call, and what it printed; a rigid record and the vehicle
+file that goes with it.
+"""
 
 from __future__ import annotations
 
@@ -56,14 +58,24 @@ class CommandLine:
         return call.out
 
     def refused(self, *arguments: object) -> str:
-        """The one line of a call that was refused as bad usage or bad input, without the program's name."""
+        """The one line of a call that was refused as bad usage or bad input, without the program's
+        name.
+        """
         call = self(*arguments)
         assert call.code == 2 and call.out == ""
-        assert call.err.startswith("flightid: ") and call.err.count("\n") == 1 and call.err.endswith("\n")
+        assert (
+            call.err.startswith("flightid: ")
+            and call.err.count("\n") == 1
+            and call.err.endswith("\n")
+        )
         assert "Traceback" not in call.err and "; " in call.err  # what is wrong; what to do
         return call.err.removeprefix("flightid: ").rstrip("\n")
 
 
 def contents(folder: Path) -> dict[str, bytes]:
     """Every file under a folder with its bytes."""
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }

@@ -1,4 +1,6 @@
-"""What the tests of the command line share: the command itself, one rigid study, its vehicle file."""
+"""What the tests of the command line share: the command itself, one rigid study, its vehicle
+file.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ def flightid(capsys: pytest.CaptureFixture[str]) -> CommandLine:
 @pytest.fixture(scope="session")
 def rigid_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A study of `rigid`, figures included; tests only read it."""
-    return write_study(run_scenario(load_scenario("rigid")), tmp_path_factory.mktemp("study") / "rigid")
+    return write_study(
+        run_scenario(load_scenario("rigid")), tmp_path_factory.mktemp("study") / "rigid"
+    )
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,6 @@
-"""Drag of the elevator, which the longitudinal equations do not have, is not told as an accelerometer away from the centre of gravity."""
+"""Drag of the elevator, which the longitudinal equations do not have, is not told as an
+accelerometer away from the centre of gravity.
+"""
 
 from __future__ import annotations
 
@@ -22,16 +24,33 @@ AXIS = "longitudinal"
 
 def flown_with(effect: Effect, value: float, seed: int) -> Record:
     (parameter,) = effect.parameters
-    model = true_model(AXIS).with_noise(Noise(NOISE[AXIS])).with_effects(effect).with_values({f"{effect.name}.{parameter.name}": value})
-    record, _ = fly(model, maneuvers(AXIS), sample_times(RATE, 24.0), np.random.default_rng(seed), step=0.01, name=f"{seed}.csv")
+    model = (
+        true_model(AXIS)
+        .with_noise(Noise(NOISE[AXIS]))
+        .with_effects(effect)
+        .with_values({f"{effect.name}.{parameter.name}": value})
+    )
+    record, _ = fly(
+        model,
+        maneuvers(AXIS),
+        sample_times(RATE, 24.0),
+        np.random.default_rng(seed),
+        step=0.01,
+        name=f"{seed}.csv",
+    )
     return record
 
 
 def diagnosed(effect: Effect, value: float) -> Diagnosis:
     fitted, held_out = flown_with(effect, value, 1), flown_with(effect, value, 2)
-    start = {name: number * (1.0 + 0.2 * (-1.0) ** i) for i, (name, number) in enumerate(TRUE[AXIS].items())}
+    start = {
+        name: number * (1.0 + 0.2 * (-1.0) ** i)
+        for i, (name, number) in enumerate(TRUE[AXIS].items())
+    }
     begun = {item.name: item.value for item in true_model(AXIS).initial}
-    model = model_from_constants(AXIS, CONSTANTS[AXIS], start, initial=begun).with_biases(fitted.output_names)
+    model = model_from_constants(AXIS, CONSTANTS[AXIS], start, initial=begun).with_biases(
+        fitted.output_names
+    )
     offered = [each for each in effects_for(model.equations) if isinstance(each, Traceable)]
     return diagnose([fitted], model, offered, catch_all_terms_for(model.equations), [held_out])
 
@@ -39,12 +58,16 @@ def diagnosed(effect: Effect, value: float) -> Diagnosis:
 @pytest.mark.slow
 def test_drag_of_the_elevator_is_no_accelerometer() -> None:
     found = diagnosed(ControlDrag(), 0.1)
-    assert found.verdict is Verdict.UNEXPLAINED and not any(claim.claimed for claim in found.effects)
+    assert found.verdict is Verdict.UNEXPLAINED and not any(
+        claim.claimed for claim in found.effects
+    )
 
 
 @pytest.mark.slow
 def test_an_accelerometer_below_the_centre_of_gravity_is_found_beside_it() -> None:
     found = diagnosed(find_effect("accelerometer-offset:nx"), -0.5)
-    assert found.verdict is Verdict.TRACED and [claim.name for claim in found.effects if claim.claimed] == ["accelerometer-offset:nx"]
+    assert found.verdict is Verdict.TRACED and [
+        claim.name for claim in found.effects if claim.claimed
+    ] == ["accelerometer-offset:nx"]
     arm = found.effects[0].parameters["arm"]
     assert abs(arm.value + 0.5) < 3.0 * arm.std

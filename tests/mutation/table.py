@@ -86,7 +86,10 @@ ONCE_UNNOTICED = (
     *changes(
         "scenarios/trials/sweeps/flight.py",
         ("tests/unit/scenarios/trials/sweeps/test_sweeps.py",),
-        ("decay * p + now * late[n + 1] + before * late[n]", "decay * p + now * late[n] + before * late[n + 1]"),
+        (
+            "decay * p + now * late[n + 1] + before * late[n]",
+            "decay * p + now * late[n] + before * late[n + 1]",
+        ),
         ("later ** (whole + 1) * (now", "later ** whole * (now"),
         ("loop.integral / loop.rate / (1.0 - later)", "loop.integral * loop.rate / (1.0 - later)"),
     ),
@@ -94,7 +97,10 @@ ONCE_UNNOTICED = (
         "scenarios/maneuver_design/setting.py",
         ("tests/unit/scenarios/maneuver_design/test_coherence.py",),
         ("room.corner(i) / (low * (high / low) ** at)", "room.corner(i) / low"),
-        ("room.corner(i) * period / (2.0 * math.pi * harmonic)", "room.corner(i) * period / harmonic"),
+        (
+            "room.corner(i) * period / (2.0 * math.pi * harmonic)",
+            "room.corner(i) * period / harmonic",
+        ),
     ),
     *changes(
         "scenarios/maneuver_design/coherence.py",
@@ -163,7 +169,10 @@ SIM = (
         ("tests/unit/sim/vehicles/test_multirotor.py",),
         ("p.M_pr * s.p * s.r", "p.M_pr * s.p * s.q"),
         ("p.Z_0 + p.Z_col * s.thrust_command", "p.Z_0 - p.Z_col * s.thrust_command"),
-        ('ActuatorLag(name, "1", name, LAG) for name in COMMANDS)', 'ActuatorLag(name, "1", name, LAG) for name in COMMANDS[:3])'),
+        (
+            'ActuatorLag(name, "1", name, LAG) for name in COMMANDS)',
+            'ActuatorLag(name, "1", name, LAG) for name in COMMANDS[:3])',
+        ),
     ),
     *changes(
         "sim/declaration/model.py",
@@ -370,7 +379,10 @@ IDENT = (
     *changes(
         "ident/flying_qualities/fitted_forms.py",
         ("tests/unit/ident/flying_qualities/test_fitted_forms.py",),
-        ('p["frequency"] ** 2 * over / p["inv_T_theta2"]', 'p["frequency"] ** 2 * over * p["inv_T_theta2"]'),
+        (
+            'p["frequency"] ** 2 * over / p["inv_T_theta2"]',
+            'p["frequency"] ** 2 * over * p["inv_T_theta2"]',
+        ),
         ('p["inv_T_theta2"] / over', 'p["inv_T_theta2"] * over'),
         ("(2.0 * step))", "step)"),
     ),
@@ -400,9 +412,15 @@ IDENT = (
         ("0.125 * step * (begin_ - end)", "0.125 * step * (end - begin_)"),
         ("less = plain - taken / np.outer(scale, scale)", "less = plain"),
         ("_THIRD = 20.0", "_THIRD = 2.0"),
-        ("np.maximum(found, 1e-3 * max(float(found.max()), floor))", "np.maximum(0.1 * found, 1e-3 * max(float(found.max()), floor))"),
+        (
+            "np.maximum(found, 1e-3 * max(float(found.max()), floor))",
+            "np.maximum(0.1 * found, 1e-3 * max(float(found.max()), floor))",
+        ),
         ("total += 0.5 * alike[k, m] * both.real", "total += 0.1 * alike[k, m] * both.real"),
-        ("np.where(lag >= 0, sums.apart[np.abs(lag)], sums.apart[np.abs(lag)].conj())", "np.where(lag == 0, sums.apart[0], 0.0)"),
+        (
+            "np.where(lag >= 0, sums.apart[np.abs(lag)], sums.apart[np.abs(lag)].conj())",
+            "np.where(lag == 0, sums.apart[0], 0.0)",
+        ),
     ),
     *changes(
         "ident/frequency_domain/online_lag.py",
@@ -692,14 +710,20 @@ RECORDS = (
         "scenarios/preparation/reading.py",
         ("tests/unit/scenarios/preparation/test_gaps.py",),
         ('side="right") - 1, 0, None)', 'side="left") - 1, 0, None)'),
-        ("np.where(known, all_parts[:, before], all_parts.mean", "np.where(~known, all_parts[:, before], all_parts.mean"),
+        (
+            "np.where(known, all_parts[:, before], all_parts.mean",
+            "np.where(~known, all_parts[:, before], all_parts.mean",
+        ),
         ("np.concatenate(values)[before], np.nan)", "np.concatenate(values)[before], 0.0)"),
     ),
     *changes(
         "scenarios/files/formats/ardupilot.py",
         ("tests/unit/scenarios/files/test_forms.py",),
         ('float(f"{float(cells[2]):.7g}")', "1.0"),
-        ('if len(cells := rest.split(",")) == len(layout.columns)', 'if len(cells := rest.split(",")) >= 0'),
+        (
+            'if len(cells := rest.split(",")) == len(layout.columns)',
+            'if len(cells := rest.split(",")) >= 0',
+        ),
     ),
     *changes(
         "scenarios/watching/rows.py",

@@ -1,4 +1,6 @@
-"""Cramer-Rao bounds with priors, from equations written a second time and central differences of a SciPy integration."""
+"""Cramer-Rao bounds with priors, from equations written a second time and central differences of a
+SciPy integration.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +12,16 @@ from scipy.integrate import solve_ivp
 Outputs = Callable[[Mapping[str, float]], np.ndarray]
 
 
-def bound(outputs: Outputs, values: Mapping[str, float], prior_std: Mapping[str, float], noise_std: Sequence[float]) -> dict[str, float]:
+def bound(
+    outputs: Outputs,
+    values: Mapping[str, float],
+    prior_std: Mapping[str, float],
+    noise_std: Sequence[float],
+) -> dict[str, float]:
     """Smallest standard deviations of the quantities named in ``prior_std``.
 
-    ``outputs(values)`` gives the noise-free outputs ``(m, N)``; ``noise_std (m,)``. The information of the prior is added,
-    so that the bound holds for an estimator that is told it.
+    ``outputs(values)`` gives the noise-free outputs ``(m, N)``; ``noise_std (m,)``. The information
+    of the prior is added, so that the bound holds for an estimator that is told it.
     """
     names = list(prior_std)
     columns = []
@@ -28,7 +35,9 @@ def bound(outputs: Outputs, values: Mapping[str, float], prior_std: Mapping[str,
 
 
 def short_period_outputs(time: np.ndarray, switches: Sequence[tuple[float, float]]) -> Outputs:
-    """alpha and q at ``time`` (rad, rad/s); ``switches`` are (time, elevator from then on). Initial states ``alpha``, ``q`` are among the values."""
+    """alpha and q at ``time`` (rad, rad/s); ``switches`` are (time, elevator from then on). Initial
+    states ``alpha``, ``q`` are among the values.
+    """
 
     def outputs(v: Mapping[str, float]) -> np.ndarray:
         V, S, c = v["airspeed"], v["wing_area"], v["chord"]
@@ -44,10 +53,21 @@ def short_period_outputs(time: np.ndarray, switches: Sequence[tuple[float, float
 
         y, x = np.empty((2, len(time))), np.array([v["alpha"], v["q"]])
         y[:, 0] = x
-        for (begin, de), (end, _) in zip(switches, [*switches[1:], (float(time[-1]), 0.0)], strict=True):
+        for (begin, de), (end, _) in zip(
+            switches, [*switches[1:], (float(time[-1]), 0.0)], strict=True
+        ):
             at = np.flatnonzero((time > begin + 1e-9) & (time <= end + 1e-9))
             stops = np.clip(time[at], begin, end)
-            solved = solve_ivp(rates, (begin, end), x, args=(de,), t_eval=stops, rtol=1e-10, atol=1e-12, dense_output=True)
+            solved = solve_ivp(
+                rates,
+                (begin, end),
+                x,
+                args=(de,),
+                t_eval=stops,
+                rtol=1e-10,
+                atol=1e-12,
+                dense_output=True,
+            )
             y[:, at], x = solved.y, solved.sol(end)
         return y
 
@@ -55,7 +75,9 @@ def short_period_outputs(time: np.ndarray, switches: Sequence[tuple[float, float
 
 
 def fall_outputs(time: np.ndarray) -> Outputs:
-    """Altitude at ``time``, m, of a vertical fall; initial ``altitude`` and ``velocity`` (positive up) are among the values."""
+    """Altitude at ``time``, m, of a vertical fall; initial ``altitude`` and ``velocity`` (positive
+    up) are among the values.
+    """
 
     def outputs(v: Mapping[str, float]) -> np.ndarray:
         def rates(t: float, x: np.ndarray) -> list[float]:
@@ -63,6 +85,8 @@ def fall_outputs(time: np.ndarray) -> Outputs:
             return [x[1], 0.5 * rho * x[1] ** 2 / v["beta"] - v["gravity"]]
 
         start = (v["altitude"], v["velocity"])
-        return solve_ivp(rates, (time[0], time[-1]), start, method="DOP853", t_eval=time, rtol=1e-12, atol=1e-9).y[:1]
+        return solve_ivp(
+            rates, (time[0], time[-1]), start, method="DOP853", t_eval=time, rtol=1e-12, atol=1e-9
+        ).y[:1]
 
     return outputs

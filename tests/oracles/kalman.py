@@ -1,6 +1,8 @@
-"""Kalman filter and Rauch-Tung-Striebel smoother of a linear system in covariance form, written for the tests alone.
+"""Kalman filter and Rauch-Tung-Striebel smoother of a linear system in covariance form, written for
+the tests alone.
 
-x_dot = A x + B u + w, z = C x + D u + v. Everything is a plain matrix; integrals are done by quadrature.
+x_dot = A x + B u + w, z = C x + D u + v. Everything is a plain matrix; integrals are done by
+quadrature.
 """
 
 from __future__ import annotations
@@ -13,7 +15,9 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """Matrices, spectral density ``Q (n, n)``, measurement covariance ``R (m, m)``, start ``x0``, ``P0``."""
+    """Matrices, spectral density ``Q (n, n)``, measurement covariance ``R (m, m)``, start ``x0``,
+    ``P0``.
+    """
 
     A: np.ndarray
     B: np.ndarray
@@ -54,7 +58,9 @@ def exponential(M: np.ndarray) -> np.ndarray:
 
 def series(M: np.ndarray, terms: int) -> np.ndarray:
     """The first terms of exp(M)."""
-    return sum((np.linalg.matrix_power(M, k) / math.factorial(k) for k in range(terms)), np.zeros_like(M))
+    return sum(
+        (np.linalg.matrix_power(M, k) / math.factorial(k) for k in range(terms)), np.zeros_like(M)
+    )
 
 
 def fundamental(A: np.ndarray, dt: float, terms: int | None) -> np.ndarray:
@@ -74,7 +80,14 @@ def process_noise(A: np.ndarray, Q: np.ndarray, dt: float, terms: int | None) ->
     return total
 
 
-def mean_step(A: np.ndarray, B: np.ndarray, x: np.ndarray, u: tuple[np.ndarray, np.ndarray, np.ndarray], dt: float, euler: bool) -> np.ndarray:
+def mean_step(
+    A: np.ndarray,
+    B: np.ndarray,
+    x: np.ndarray,
+    u: tuple[np.ndarray, np.ndarray, np.ndarray],
+    dt: float,
+    euler: bool,
+) -> np.ndarray:
     """Euler, or Runge-Kutta with inputs at the beginning, middle and end."""
     k1 = A @ x + B @ u[0]
     if euler:
@@ -97,7 +110,9 @@ def kalman(
     euler: bool,
     ramp: bool,
 ) -> Filtered:
-    """Filter ``z (m, N)`` with inputs ``u (nu, N)`` held between samples or ramped; ``pieces (N - 1,)`` sub-steps an interval."""
+    """Filter ``z (m, N)`` with inputs ``u (nu, N)`` held between samples or ramped; ``pieces (N -
+    1,)`` sub-steps an interval.
+    """
     n, m, N = len(model.x0), len(model.R), len(time)
     out = Filtered(
         np.zeros((N, n)),
@@ -138,7 +153,9 @@ def kalman(
 
 
 def rts(filtered: Filtered) -> tuple[np.ndarray, np.ndarray]:
-    """Smoothed means ``(N, n)`` and covariances ``(N, n, n)``; every predicted covariance must be regular."""
+    """Smoothed means ``(N, n)`` and covariances ``(N, n, n)``; every predicted covariance must be
+    regular.
+    """
     x, P = filtered.x.copy(), filtered.P.copy()
     for k in range(len(x) - 2, -1, -1):
         gain = filtered.P[k] @ filtered.Phi[k + 1].T @ np.linalg.inv(filtered.P_before[k + 1])

@@ -1,4 +1,6 @@
-"""The low-order equivalent system as the paper writes it, with its own sign of the pseudo-control, solved exactly for a held stick."""
+"""The low-order equivalent system as the paper writes it, with its own sign of the pseudo-control,
+solved exactly for a held stick.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +10,12 @@ import numpy as np
 from scipy.linalg import expm
 
 
-def rates_and_readings(v: Mapping[str, float], alpha: float, q: float, delta: float, stick: float) -> tuple[list[float], list[float]]:
-    """Eqs. 5-10 with delta_dot = -(delta + stick)/tau + delta_0: the pseudo-control and its derivatives have the opposite sign here."""
+def rates_and_readings(
+    v: Mapping[str, float], alpha: float, q: float, delta: float, stick: float
+) -> tuple[list[float], list[float]]:
+    """Eqs. 5-10 with delta_dot = -(delta + stick)/tau + delta_0: the pseudo-control and its
+    derivatives have the opposite sign here.
+    """
     d, L_d, M_d, d_0 = -delta, -v["L_delta"], -v["M_delta"], -v["delta_0"]
     alpha_dot = v["L_alpha"] * alpha + v["L_q"] * q + L_d * d + v["L_0"]
     q_dot = v["M_alpha"] * alpha + v["M_q"] * q + M_d * d + v["M_0"]
@@ -20,7 +26,9 @@ def rates_and_readings(v: Mapping[str, float], alpha: float, q: float, delta: fl
 
 
 def exact_response(v: Mapping[str, float], stick: np.ndarray, step: float, late: int) -> np.ndarray:
-    """Outputs ``(3, N)`` from rest for a stick held over ``step`` s and delayed by ``late`` whole steps, by the matrix exponential."""
+    """Outputs ``(3, N)`` from rest for a stick held over ``step`` s and delayed by ``late`` whole
+    steps, by the matrix exponential.
+    """
     block = np.zeros((5, 5))
     for column in range(4):
         alpha, q, delta, stick_now = (1.0 if i == column else 0.0 for i in range(4))

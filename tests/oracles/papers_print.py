@@ -1,4 +1,6 @@
-"""The two papers' tables, written a second time from their text: quantity, true value where there is one, value, and sigma or variance."""
+"""The two papers' tables, written a second time from their text: quantity, true value where there
+is one, value, and sigma or variance.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,8 @@ import re
 from collections.abc import Iterator
 from decimal import Decimal
 
-# Heading of the page and the printed column, then the lines of the table. "v" before a number: a variance.
+# Heading of the page and the printed column, then the lines of the table. "v" before a number: a
+# variance.
 SIMULATED_FLIGHT_DATA = """
 Table 1: two terms
 beta 497.8827 0.290904
@@ -104,32 +107,69 @@ Ceta1_etadot1 -0.00042
 Ceta1_de -0.012835
 """
 
-_STATES = ["alpha", "q", "delta", "L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "L_0", "M_0", "delta_0"]
-# Tables 1 and 2 line by line, and Table 3, each number in the order of its table; "?" where the reading has no number.
+_STATES = [
+    "alpha",
+    "q",
+    "delta",
+    "L_alpha",
+    "M_alpha",
+    "L_delta",
+    "M_delta",
+    "L_q",
+    "M_q",
+    "inv_tau",
+    "L_0",
+    "M_0",
+    "delta_0",
+]
+# Tables 1 and 2 line by line, and Table 3, each number in the order of its table; "?" where the
+# reading has no number.
 SHORT_PERIOD_DYNAMICS = {
-    "Table 1: initial estimate": "0 0 0 -0.191e1 -0.140e2 0.130e-3 -0.377 0.101e1 -0.368e1 0.792e1 0 0 0",
-    "Table 1: final estimate": "0.505e-2 -0.171e-1 0.706e-1 -0.191e1 -0.124e2 -0.249e-4 -0.317 0.101e1 -0.299e1 0.106e2 -0.486e-3 0.187e-1 0.783",
-    "Table 1: initial variance": "0.116e-3 0.119e-3 0.100e-3 0.112 0.536e1 0.625e-3 0.596e-2 0.100e-1 0.266e1 0.156e1 0.100e-3 0.100e-1 0.225e1",
+    "Table 1: initial estimate": (
+        "0 0 0 -0.191e1 -0.140e2 0.130e-3 -0.377 0.101e1 -0.368e1 0.792e1 0 0 0"
+    ),
+    "Table 1: final estimate": (
+        "0.505e-2 -0.171e-1 0.706e-1 -0.191e1 -0.124e2 -0.249e-4 -0.317 0.101e1 -0.299e1 0.106e2 "
+        "-0.486e-3 0.187e-1 0.783"
+    ),
+    "Table 1: initial variance": (
+        "0.116e-3 0.119e-3 0.100e-3 0.112 0.536e1 0.625e-3 0.596e-2 0.100e-1 0.266e1 0.156e1 "
+        "0.100e-3 0.100e-1 0.225e1"
+    ),
     "Table 1: final variance": (
-        "0.404e-9 0.420e-7 0.212e-4 0.385e-5 0.113e-1 0.679e-9 0.120e-4 0.280e-6 0.244e-2 0.209e-1 0.822e-9 0.303e-5 0.232e-2"
+        "0.404e-9 0.420e-7 0.212e-4 0.385e-5 0.113e-1 0.679e-9 0.120e-4 0.280e-6 0.244e-2 0.209e-1 "
+        "0.822e-9 0.303e-5 0.232e-2"
     ),
     "Table 1: process noise": "0 0.500e-4 0 0 0 0 0 0 0 0 0 0 0",
-    "Table 2: initial estimate": "0 0 0 -0.191e1 -0.124e2 -0.249e-4 -0.317 0.101e1 -0.299e1 0.106e2 0 0 0",
-    "Table 2: final estimate": "0.553e-2 -0.611e-2 0.261e-1 -0.210e1 -0.895e1 -0.342e-4 -0.367 0.101e1 -0.619e1 0.146e2 -0.690e-4 0.944e-2 0.402",
-    "Table 2: initial variance": "0.116e-5 0.119e-5 0.100e-3 0.112 0.536e1 0.625e-3 0.596e-2 0.100e-1 0.266e1 0.156e1 0.100e-3 0.100e-1 0.225e1",
+    "Table 2: initial estimate": (
+        "0 0 0 -0.191e1 -0.124e2 -0.249e-4 -0.317 0.101e1 -0.299e1 0.106e2 0 0 0"
+    ),
+    "Table 2: final estimate": (
+        "0.553e-2 -0.611e-2 0.261e-1 -0.210e1 -0.895e1 -0.342e-4 -0.367 0.101e1 -0.619e1 0.146e2 "
+        "-0.690e-4 0.944e-2 0.402"
+    ),
+    "Table 2: initial variance": (
+        "0.116e-5 0.119e-5 0.100e-3 0.112 0.536e1 0.625e-3 0.596e-2 0.100e-1 0.266e1 0.156e1 "
+        "0.100e-3 0.100e-1 0.225e1"
+    ),
     "Table 2: final variance": (
-        "0.297e-8 0.874e-7 0.122e-4 0.725e-4 0.247e-1 0.746e-8 0.492e-4 0.595e-5 0.189e-1 0.891e-1 0.750e-8 0.245e-5 0.263e-2"
+        "0.297e-8 0.874e-7 0.122e-4 0.725e-4 0.247e-1 0.746e-8 0.492e-4 0.595e-5 0.189e-1 0.891e-1 "
+        "0.750e-8 0.245e-5 0.263e-2"
     ),
     "Table 2: process noise": "0 0.500e-4 0 0 0 0 0 0 0 0 0 0 0",
     "Table 3: Time shift": "? ? ? -2.10 -8.42 -6.31e-4 -0.346 1.02 -5.76 16.8 2.34e-5 9.20e-3 4.62",
-    "Table 3: Convergence": "? ? ? -2.09 -8.31 -2.66e-5 -0.370 1.01 -5.36 19.1 -4.75e-5 -2.22e-3 -8.73e-2",
+    "Table 3: Convergence": (
+        "? ? ? -2.09 -8.31 -2.66e-5 -0.370 1.01 -5.36 19.1 -4.75e-5 -2.22e-3 -8.73e-2"
+    ),
     "Table 3: Flight": "? ? ? ? ? -3.24e-5 ? ? ? ? ? ? ?",
 }
-# Measurement noise of alpha, q and nz; undamped natural frequency and damping ratio of both headings.
+# Measurement noise of alpha, q and nz; undamped natural frequency and damping ratio of both
+# headings.
 NOISE = {"Table 1": "0.382e-3 0.391e-3 0.138e-5", "Table 2": "0.382e-2 0.391e-2 0.138e-4"}
 HEADINGS = {"simulation": ("4.2596", "0.5753"), "flight": ("4.6965", "0.8823")}
 
-# Correlation matrices: rows as the text has them, lower triangles, which were read apart from the upper ones.
+# Correlation matrices: rows as the text has them, lower triangles, which were read apart from the
+# upper ones.
 LOWER = {
     "Table 1": """
 q 0.15506
@@ -144,7 +184,7 @@ inv_tau 0.07459 -0.03979 -0.15092 0.06850 0.73953 -0.16148 0.84812 -0.04785 0.73
 L_0 0.74554 -0.01686 -0.34409 0.00178 0.01722 -0.07766 0.07540 -0.05120 0.06831 0.07437
 M_0 -0.17110 0.06768 0.96273 -0.04350 -0.12007 0.14283 -0.31789 0.08488 -0.28246 -0.30871 -0.23452
 delta_0 -0.24041 0.04516 0.98721 -0.01579 0.11690 0.08631 -0.01402 0.05378 -0.00877 0.00863 -0.33607 0.92405
-""",
+""",  # noqa: E501
     "Table 2": """
 q 0.15520
 delta 0.30339 0.01213
@@ -158,9 +198,10 @@ inv_tau 0.01546 -0.02172 0.02419 0.06157 0.67047 -0.13320 0.87585 0.01716 0.8106
 L_0 0.75852 0.03066 0.38338 -0.01968 -0.03501 -0.02950 -0.04645 -0.01880 -0.04257 -0.04749
 M_0 0.48553 0.03982 0.92657 0.00016 -0.05660 0.00150 -0.13821 0.00127 -0.12910 -0.10711 0.62764
 delta_0 0.30227 0.00948 0.99320 0.02351 0.11401 -0.04172 0.09768 -0.02069 0.09529 0.14043 0.37416 0.90518
-""",
+""",  # noqa: E501
 }
-# Read with one sign above the diagonal and another below it; M_q, which goes with M_delta, says which: -0.125 with delta.
+# Read with one sign above the diagonal and another below it; M_q, which goes with M_delta, says
+# which: -0.125 with delta.
 SIGN_LOST = {("Table 1", "delta", "M_delta"): "-0.14909"}
 
 Cell = tuple[Decimal, Decimal | None]
@@ -180,13 +221,19 @@ def first_paper() -> dict[str, dict[str, Cell]]:
 
 def true_values() -> dict[str, Decimal]:
     """The first paper's true values."""
-    return {name: Decimal(value) for name, value in (line.split() for line in TRUE.strip().splitlines())}
+    return {
+        name: Decimal(value) for name, value in (line.split() for line in TRUE.strip().splitlines())
+    }
 
 
 def second_paper() -> dict[str, dict[str, Decimal]]:
     """Numbers by ``"Table 1: final variance"`` and state."""
     return {
-        title: {name: Decimal(word) for name, word in zip(_STATES, line.split(), strict=True) if word != "?"}
+        title: {
+            name: Decimal(word)
+            for name, word in zip(_STATES, line.split(), strict=True)
+            if word != "?"
+        }
         for title, line in SHORT_PERIOD_DYNAMICS.items()
     }
 

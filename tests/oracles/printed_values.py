@@ -1,16 +1,19 @@
-"""Tables 1 to 5 of the paper on simulated flight data, typed a second time as it prints them, and the starts that its scenarios declare."""
+"""Tables 1 to 5 of the paper on simulated flight data, typed a second time as it prints them, and
+the starts that its scenarios declare.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from decimal import Decimal
 
-# A row a line: name, then value and standard deviation of each column. Copied from the paper, not from the project's file.
+# A row a line: name, then value and standard deviation of each column. Copied from the paper, not
+# from the project's file.
 TABLES = {
     "ballistic": """
         -         two_terms          three_terms        process_noise_two_terms  process_noise_three_terms
         beta      497.8827 0.290904  499.8196 0.290046  488.9278 11.07214        488.7636 11.23639
-    """,
+    """,  # noqa: E501
     "rigid": """
         -         none               case_a             case_b
         CL_alpha  2.9096   0.00764   2.8772   0.06228   2.8887   0.08767
@@ -52,20 +55,32 @@ TABLES = {
 # The true values of the same tables, by vehicle.
 TRUE = {
     "ballistic_target": "beta 500 lb/ft2, altitude 200000 ft, velocity -6000 ft/s",
-    "bomber_rigid": "CL_alpha 2.922, CL_q -14.7, CL_de 0.435, Cm_alpha -1.66, Cm_q -34.75, Cm_de -2.578",
-    "bomber_ac1": "CL_eta1 0.0288, CL_etadot1 0.0848, Cm_eta1 0.0025, Cm_etadot1 -0.159, Ceta1_alpha -0.014898, Ceta1_q -0.0949, "
+    "bomber_rigid": (
+        "CL_alpha 2.922, CL_q -14.7, CL_de 0.435, Cm_alpha -1.66, Cm_q -34.75, Cm_de -2.578"
+    ),
+    "bomber_ac1": "CL_eta1 0.0288, CL_etadot1 0.0848, Cm_eta1 0.0025, Cm_etadot1 -0.159, Ceta1_alpha -0.014898, Ceta1_q -0.0949, "  # noqa: E501
     "Ceta1_eta1 0.0000585, Ceta1_etadot1 -0.00042, Ceta1_de -0.012835",
 }
 
-# What the scenarios start from: name, value, standard deviation (the root of P0), with their units where they have one.
+# What the scenarios start from: name, value, standard deviation (the root of P0), with their units
+# where they have one.
 _REST = "alpha 0 | 0.5 deg, q 0 | 0.5 deg/s"
 _FALL = "altitude 200025 ft | 25 ft, velocity -6150 ft/s | 150 ft/s"
-_HANDBOOK = "CL_alpha 3.4 | 1, CL_q -11 | 6, CL_de 0.35 | 0.2, Cm_alpha -1.3 | 0.6, Cm_q -28 | 12, Cm_de -2.1 | 0.8"
-# The true values times 1.1, and a fifth of the true values: the priors that the printed sigmas of Cm_q show.
-_PAPERS = "CL_alpha 3.2142 | 0.5844, CL_q -16.17 | 2.94, CL_de 0.4785 | 0.087, Cm_alpha -1.826 | 0.332, Cm_q -38.225 | 6.95, Cm_de -2.8358 | 0.5156"
+_HANDBOOK = (
+    "CL_alpha 3.4 | 1, CL_q -11 | 6, CL_de 0.35 | 0.2, Cm_alpha -1.3 | 0.6, Cm_q -28 | 12, Cm_de "
+    "-2.1 | 0.8"
+)
+# The true values times 1.1, and a fifth of the true values: the priors that the printed sigmas of
+# Cm_q show.
+_PAPERS = (
+    "CL_alpha 3.2142 | 0.5844, CL_q -16.17 | 2.94, CL_de 0.4785 | 0.087, Cm_alpha -1.826 | 0.332, "
+    "Cm_q -38.225 | 6.95, Cm_de -2.8358 | 0.5156"
+)
 _MODE = (
-    "CL_eta1 0.035 | 0.015, CL_etadot1 0.07 | 0.05, Cm_eta1 -0.026 | 0.012, Cm_etadot1 -0.12 | 0.08, Ceta1_alpha -0.012 | 0.006, "
-    "Ceta1_q -0.07 | 0.04, Ceta1_eta1 0 | 0.0003, Ceta1_etadot1 -0.0006 | 0.0004, Ceta1_de -0.01 | 0.004"
+    "CL_eta1 0.035 | 0.015, CL_etadot1 0.07 | 0.05, Cm_eta1 -0.026 | 0.012, Cm_etadot1 -0.12 | "
+    "0.08, Ceta1_alpha -0.012 | 0.006, "
+    "Ceta1_q -0.07 | 0.04, Ceta1_eta1 0 | 0.0003, Ceta1_etadot1 -0.0006 | 0.0004, Ceta1_de -0.01 | "
+    "0.004"
 )
 _MODAL_REST = f"{_REST}, eta1 0 | 0.02, etadot1 0 | 0.2"
 _FAR = "beta 800 lb/ft2 | 300 lb/ft2"
@@ -73,19 +88,37 @@ _FAR = "beta 800 lb/ft2 | 300 lb/ft2"
 STARTS = {
     "ballistic": {
         "estimate": f"beta 550 lb/ft2 | 110 lb/ft2, {_FALL}",
-        **dict.fromkeys(("paper-two-terms", "paper-three-terms", "paper-true-fall", "paper-start-rk4", "paper-start-cured"), _FAR),
+        **dict.fromkeys(
+            (
+                "paper-two-terms",
+                "paper-three-terms",
+                "paper-true-fall",
+                "paper-start-rk4",
+                "paper-start-cured",
+            ),
+            _FAR,
+        ),
     },
     "ballistic-process-noise": {
         "estimate": f"beta 550 lb/ft2 | 110 lb/ft2, {_FALL}",
         **dict.fromkeys(("paper-two-terms", "paper-three-terms", "paper-true-fall"), _FAR),
     },
-    "flexibility-sweep": {"estimate": f"{_HANDBOOK}, {_REST}", "first-mode": f"{_MODE}, eta1 0 | 0.02, etadot1 0 | 0.2"},
+    "flexibility-sweep": {
+        "estimate": f"{_HANDBOOK}, {_REST}",
+        "first-mode": f"{_MODE}, eta1 0 | 0.02, etadot1 0 | 0.2",
+    },
     "rigid": {"estimate": f"{_HANDBOOK}, {_REST}"},
     "rigid-euler": {"estimate": f"{_PAPERS}, {_REST}"},
     "rigid-process-noise-a": {"estimate": f"{_HANDBOOK}, {_REST}", "paper-filter": _PAPERS},
     "rigid-process-noise-b": {"estimate": f"{_HANDBOOK}, {_REST}", "paper-filter": _PAPERS},
-    **{key: {"estimate": f"{_HANDBOOK}, {_REST}"} for key in ("flexible-ac1-equivalent", "flexible-ac2-equivalent")},
-    **{key: {"estimate": f"{_HANDBOOK}, {_MODE}, {_MODAL_REST}"} for key in ("flexible-ac1-first-mode", "flexible-ac2-first-mode")},
+    **{
+        key: {"estimate": f"{_HANDBOOK}, {_REST}"}
+        for key in ("flexible-ac1-equivalent", "flexible-ac2-equivalent")
+    },
+    **{
+        key: {"estimate": f"{_HANDBOOK}, {_MODE}, {_MODAL_REST}"}
+        for key in ("flexible-ac1-first-mode", "flexible-ac2-first-mode")
+    },
 }
 
 
@@ -110,7 +143,9 @@ def true_values(vehicle: str) -> dict[str, tuple[Decimal, str]]:
 
 
 def declared(scenario: str) -> dict[str, tuple[Decimal, str]]:
-    """Every start and standard deviation of a scenario as number and unit, by ``estimate.name.value`` or ``METHOD.name.std``."""
+    """Every start and standard deviation of a scenario as number and unit, by
+    ``estimate.name.value`` or ``METHOD.name.std``.
+    """
     out = {}
     for place, text in STARTS[scenario].items():
         for entry in text.split(", "):

@@ -1,7 +1,9 @@
-"""Records of aircraft and bodies with something hidden in them, by simulators that share no equation with the project.
+"""Records of aircraft and bodies with something hidden in them, by simulators that share no
+equation with the project.
 
-Runge-Kutta in plain Python at 1 ms or less; what is hidden is a handful of functions. Every effect is written here a second
-time, from its definition in words: an input path as a map of a finely sampled signal, a sensor path likewise.
+Runge-Kutta in plain Python at 1 ms or less; what is hidden is a handful of functions. Every effect
+is written here a second time, from its definition in words: an input path as a map of a finely
+sampled signal, a sensor path likewise.
 """
 
 from __future__ import annotations
@@ -17,8 +19,10 @@ from scipy.signal import cont2discrete, lfilter
 
 G0 = 9.80665
 SIGMA = {"alpha": 0.0012, "q": 0.0015, "nz": 0.012}
-Path1 = Callable[[float, np.ndarray], np.ndarray]  # (fine step, signal held over each fine step) -> the same
-Sensor = Callable[[float, np.ndarray, np.ndarray], np.ndarray]  # (step, values at begin and end of each step) -> what is shown at the begin
+# (fine step, signal held over each fine step) -> the same
+Path1 = Callable[[float, np.ndarray], np.ndarray]
+# (step, values at begin and end of each step) -> what is shown at the begin
+Sensor = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -36,13 +40,34 @@ class Aircraft:
 
 
 TRAINER = Aircraft(
-    "glider tug", 1080.0, 15.3, 1.41, 1640.0, 58.0, 1.05, dict(CL_alpha=5.3, CL_q=7.1, CL_de=0.40, Cm_alpha=-0.88, Cm_q=-15.0, Cm_de=-1.22)
+    "glider tug",
+    1080.0,
+    15.3,
+    1.41,
+    1640.0,
+    58.0,
+    1.05,
+    dict(CL_alpha=5.3, CL_q=7.1, CL_de=0.40, Cm_alpha=-0.88, Cm_q=-15.0, Cm_de=-1.22),
 )
 FIGHTER = Aircraft(
-    "jet trainer", 5200.0, 22.0, 2.1, 18500.0, 145.0, 0.88, dict(CL_alpha=4.6, CL_q=5.2, CL_de=0.48, Cm_alpha=-0.61, Cm_q=-11.5, Cm_de=-1.05)
+    "jet trainer",
+    5200.0,
+    22.0,
+    2.1,
+    18500.0,
+    145.0,
+    0.88,
+    dict(CL_alpha=4.6, CL_q=5.2, CL_de=0.48, Cm_alpha=-0.61, Cm_q=-11.5, Cm_de=-1.05),
 )
 LINER = Aircraft(
-    "twin jet", 54000.0, 110.0, 3.9, 2.7e6, 175.0, 0.78, dict(CL_alpha=5.9, CL_q=9.5, CL_de=0.36, Cm_alpha=-1.35, Cm_q=-26.0, Cm_de=-1.55)
+    "twin jet",
+    54000.0,
+    110.0,
+    3.9,
+    2.7e6,
+    175.0,
+    0.78,
+    dict(CL_alpha=5.9, CL_q=9.5, CL_de=0.36, Cm_alpha=-1.35, Cm_q=-26.0, Cm_de=-1.55),
 )
 
 
@@ -54,9 +79,10 @@ def nothing(t: float, alpha: float, q: float, elevator: float) -> float:
 class Hidden:
     """What the declared model does not know.
 
-    ``lift`` and ``moment`` add to CL and Cm as functions of (t, alpha felt, q, elevator); ``gust`` in m/s up, ``speed`` in m/s over t;
-    ``mode`` an elastic mode: frequency, damping, and the gains lift, moment, gyro of its coordinate, driven by the elevator and ``by_alpha``.
-    ``changed`` are derivatives from a time on. Arms in m ahead; ``gyro_by_load`` in rad/s per g.
+    ``lift`` and ``moment`` add to CL and Cm as functions of (t, alpha felt, q, elevator); ``gust``
+    in m/s up, ``speed`` in m/s over t; ``mode`` an elastic mode: frequency, damping, and the gains
+    lift, moment, gyro of its coordinate, driven by the elevator and ``by_alpha``. ``changed`` are
+    derivatives from a time on. Arms in m ahead; ``gyro_by_load`` in rad/s per g.
     """
 
     command: tuple[Path1, ...] = ()
@@ -159,7 +185,9 @@ def held(period: float, first: float = 0.0) -> Sensor:
 
 
 def shown_lagged(time_constant: float) -> Sensor:
-    """A first-order sensor, exact where its input runs straight within a step and jumps between steps."""
+    """A first-order sensor, exact where its input runs straight within a step and jumps between
+    steps.
+    """
 
     def act(h: float, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
         e = math.exp(-h / time_constant)
@@ -173,7 +201,14 @@ def shown_lagged(time_constant: float) -> Sensor:
     return act
 
 
-def dryden(rng: np.random.Generator, sigma: float, length: float, airspeed: float, duration: float, step: float = 0.01) -> Callable[[float], float]:
+def dryden(
+    rng: np.random.Generator,
+    sigma: float,
+    length: float,
+    airspeed: float,
+    duration: float,
+    step: float = 0.01,
+) -> Callable[[float], float]:
     """One draw of vertical Dryden turbulence, m/s, held over ``step`` s."""
     T = length / airspeed
     b, a = [sigma * math.sqrt(T) * math.sqrt(3.0) * T, sigma * math.sqrt(T)], [T * T, 2.0 * T, 1.0]
@@ -201,8 +236,12 @@ def doublet(amplitude: float, unit: float, start: float) -> list[tuple[float, fl
     return [(start, amplitude), (start + unit, -amplitude), (start + 2 * unit, 0.0)]
 
 
-def fly_aircraft(aircraft: Aircraft, command: np.ndarray, rate: float, hidden: Hidden = Hidden()) -> dict[str, np.ndarray]:
-    """Time, elevator as recorded, alpha, q, nz without noise, ``(N,)`` each; ``command`` is the recorded, held elevator."""
+def fly_aircraft(
+    aircraft: Aircraft, command: np.ndarray, rate: float, hidden: Hidden = Hidden()
+) -> dict[str, np.ndarray]:
+    """Time, elevator as recorded, alpha, q, nz without noise, ``(N,)`` each; ``command`` is the
+    recorded, held elevator.
+    """
     per = max(1, math.ceil(1.0 / (rate * 0.002)))
     fine = 4 * per
     h, hf = 1.0 / (rate * per), 1.0 / (rate * fine)
@@ -210,8 +249,16 @@ def fly_aircraft(aircraft: Aircraft, command: np.ndarray, rate: float, hidden: H
     for act in hidden.command:
         u = act(hf, u)
     held = u[:-1].reshape(-1, 4).mean(axis=1).tolist()  # over each step
-    starts, ends = u[::4].tolist(), u[3::4].tolist()  # in the first and the last quarter of each step
-    d, m, S, c, Iy, rho = dict(aircraft.derivatives), aircraft.mass, aircraft.wing_area, aircraft.chord, aircraft.pitch_inertia, aircraft.air_density
+    # in the first and the last quarter of each step
+    starts, ends = u[::4].tolist(), u[3::4].tolist()
+    d, m, S, c, Iy, rho = (
+        dict(aircraft.derivatives),
+        aircraft.mass,
+        aircraft.wing_area,
+        aircraft.chord,
+        aircraft.pitch_inertia,
+        aircraft.air_density,
+    )
     mode = hidden.mode
     speed, gust, lift, moment = hidden.speed, hidden.gust, hidden.lift, hidden.moment
 
@@ -231,7 +278,11 @@ def fly_aircraft(aircraft: Aircraft, command: np.ndarray, rate: float, hidden: H
         if mode is None:
             return first
         w = mode["frequency"]
-        return (*first, x[3], w * w * (e + mode.get("by_alpha", 0.0) * a - x[2]) - 2.0 * mode["damping"] * w * x[3])
+        return (
+            *first,
+            x[3],
+            w * w * (e + mode.get("by_alpha", 0.0) * a - x[2]) - 2.0 * mode["damping"] * w * x[3],
+        )
 
     x: tuple[float, ...] = (0.0, 0.0) if mode is None else (0.0, 0.0, 0.0, 0.0)
 
@@ -240,7 +291,11 @@ def fly_aircraft(aircraft: Aircraft, command: np.ndarray, rate: float, hidden: H
         Q = 0.5 * rho * V * V * S
         nz = Q * CL / (m * G0)
         gyro = hidden.gyro_by_load * nz + (mode["gyro"] * x[3] if mode is not None else 0.0)
-        return a - hidden.vane_arm / V * x[1], x[1] + gyro, nz + hidden.accelerometer_arm * Q * c * Cm / (Iy * G0)
+        return (
+            a - hidden.vane_arm / V * x[1],
+            x[1] + gyro,
+            nz + hidden.accelerometer_arm * Q * c * Cm / (Iy * G0),
+        )
 
     rows, lasts = [], []
     for i in range(len(held) + 1):
@@ -255,7 +310,10 @@ def fly_aircraft(aircraft: Aircraft, command: np.ndarray, rate: float, hidden: H
         k2 = slope(t + 0.5 * h, [p + 0.5 * h * k for p, k in zip(x, k1, strict=True)], e)
         k3 = slope(t + 0.5 * h, [p + 0.5 * h * k for p, k in zip(x, k2, strict=True)], e)
         k4 = slope(t + h, [p + h * k for p, k in zip(x, k3, strict=True)], e)
-        x = tuple(p + h / 6.0 * (a1 + 2 * a2 + 2 * a3 + a4) for p, a1, a2, a3, a4 in zip(x, k1, k2, k3, k4, strict=True))
+        x = tuple(
+            p + h / 6.0 * (a1 + 2 * a2 + 2 * a3 + a4)
+            for p, a1, a2, a3, a4 in zip(x, k1, k2, k3, k4, strict=True)
+        )
         lasts.append(shown(t + h - 1e-9, ends[i]))
     y, y_end = np.array(rows).T, np.array(lasts).T
     out = {"time": np.arange(len(command)) / rate, "elevator": command}
@@ -266,28 +324,52 @@ def fly_aircraft(aircraft: Aircraft, command: np.ndarray, rate: float, hidden: H
 
 
 def measured(
-    flown: Mapping[str, np.ndarray], rng: np.random.Generator, sigma: Mapping[str, float], hidden: Hidden = Hidden(), tails: float = 0.0
+    flown: Mapping[str, np.ndarray],
+    rng: np.random.Generator,
+    sigma: Mapping[str, float],
+    hidden: Hidden = Hidden(),
+    tails: float = 0.0,
 ) -> dict[str, np.ndarray]:
-    """With white noise of ``sigma``, Student's t of ``tails`` degrees of freedom where that is given (same variance), and spikes."""
-    out = {name: np.array(flown[name]) for name in flown if name in ("time", "elevator") or name in sigma}
+    """With white noise of ``sigma``, Student's t of ``tails`` degrees of freedom where that is
+    given (same variance), and spikes.
+    """
+    out = {
+        name: np.array(flown[name])
+        for name in flown
+        if name in ("time", "elevator") or name in sigma
+    }
     for name, std in sigma.items():
         n = len(out["time"])
-        unit = rng.standard_normal(n) if not tails else rng.standard_t(tails, n) * math.sqrt((tails - 2.0) / tails)
+        unit = (
+            rng.standard_normal(n)
+            if not tails
+            else rng.standard_t(tails, n) * math.sqrt((tails - 2.0) / tails)
+        )
         out[name] = out[name] + std * unit
         for at, size in hidden.spikes.get(name, ()):
             out[name][at] += size
     return out
 
 
-def fly_body(beta: float, duration: float, rate: float, hidden: Mapping[str, float] | None = None, **world: float) -> dict[str, np.ndarray]:
-    """Altitude of a body that falls: hidden ``scale_height`` (m), ``jump_time`` and ``jump_factor``, ``mach_rise`` (drag with speed) as given."""
+def fly_body(
+    beta: float,
+    duration: float,
+    rate: float,
+    hidden: Mapping[str, float] | None = None,
+    **world: float,
+) -> dict[str, np.ndarray]:
+    """Altitude of a body that falls: hidden ``scale_height`` (m), ``jump_time`` and
+    ``jump_factor``, ``mach_rise`` (drag with speed) as given.
+    """
     rho0, H, g = world.get("rho0", 1.225), world.get("H", 7160.0), world.get("g", 9.79)
     extra = dict(hidden or {})
     H = extra.get("scale_height", H)
 
     def drag(t: float, v: float) -> float:
         factor = extra.get("jump_factor", 1.0) if t >= extra.get("jump_time", math.inf) else 1.0
-        return factor * (1.0 + extra.get("mach_rise", 0.0) * math.exp(-(((abs(v) / 320.0) - 1.1) ** 2) / 0.5))
+        return factor * (
+            1.0 + extra.get("mach_rise", 0.0) * math.exp(-(((abs(v) / 320.0) - 1.1) ** 2) / 0.5)
+        )
 
     per = max(1, math.ceil(1.0 / (rate * 0.005)))
     h = 1.0 / (rate * per)
@@ -311,20 +393,33 @@ def fly_body(beta: float, duration: float, rate: float, hidden: Mapping[str, flo
 
 def wrong_start(aircraft: Aircraft, rng: np.random.Generator, by: float = 0.3) -> Aircraft:
     """The aircraft as a handbook has it: every derivative up to ``by`` wrong."""
-    return replace(aircraft, derivatives={name: value * (1.0 + by * rng.uniform(-1.0, 1.0)) for name, value in aircraft.derivatives.items()})
+    return replace(
+        aircraft,
+        derivatives={
+            name: value * (1.0 + by * rng.uniform(-1.0, 1.0))
+            for name, value in aircraft.derivatives.items()
+        },
+    )
 
 
 def write_record(path: Path, columns: Mapping[str, np.ndarray]) -> Path:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
-        writer.writerows([f"{value:.9g}" if math.isfinite(value) else "" for value in row] for row in zip(*columns.values(), strict=True))
+        writer.writerows(
+            [f"{value:.9g}" if math.isfinite(value) else "" for value in row]
+            for row in zip(*columns.values(), strict=True)
+        )
     return path
 
 
 def write_vehicle(path: Path, aircraft: Aircraft) -> Path:
     names = ("mass", "wing_area", "chord", "pitch_inertia", "airspeed", "air_density")
-    lines = [f'name = "{aircraft.name}"', *(f"{name} = {getattr(aircraft, name)!r}" for name in names), "[derivatives]"]
+    lines = [
+        f'name = "{aircraft.name}"',
+        *(f"{name} = {getattr(aircraft, name)!r}" for name in names),
+        "[derivatives]",
+    ]
     lines += [f"{name} = {value!r}" for name, value in aircraft.derivatives.items()]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path

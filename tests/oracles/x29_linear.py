@@ -27,5 +27,7 @@ def closed_loop_poles(x29: X29) -> np.ndarray:
 
 
 def step_response(x29: X29, duration: float, size: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Linear response to a stick step of ``size`` in at time 0, as ``respond`` gives it, over ``duration`` s."""
+    """Linear response to a stick step of ``size`` in at time 0, as ``respond`` gives it, over
+    ``duration`` s.
+    """
     return respond(x29, np.full(round(duration / x29.frame) + 1, size))

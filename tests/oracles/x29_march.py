@@ -1,6 +1,8 @@
-"""The sampled closed loop of the X-29-like aircraft written a second way: difference equations and Runge-Kutta at 0.1 ms.
+"""The sampled closed loop of the X-29-like aircraft written a second way: difference equations and
+Runge-Kutta at 0.1 ms.
 
-Shares the numbers with the package and nothing else: no matrices, no exponentials, limits by clipping inside the derivative.
+Shares the numbers with the package and nothing else: no matrices, no exponentials, limits by
+clipping inside the derivative.
 """
 
 from __future__ import annotations
@@ -13,7 +15,9 @@ from sim.closed_loop.airframe import X29
 
 
 def march(x29: X29, stick: np.ndarray, steps_per_frame: int = 125) -> dict[str, np.ndarray]:
-    """Histories of alpha, q, nz (incremental), canard, flaperon, strake and u_p at the frames of ``stick``."""
+    """Histories of alpha, q, nz (incremental), canard, flaperon, strake and u_p at the frames of
+    ``stick``.
+    """
     a, law, shaping = x29.airframe, x29.law, x29.stick
     T = 1.0 / law.frame_rate
     h = T / steps_per_frame
@@ -21,7 +25,10 @@ def march(x29: X29, stick: np.ndarray, steps_per_frame: int = 125) -> dict[str, 
     high = [s.upper - s.trim for s in x29.surfaces]
 
     def ram_rate(i: int, source: float, position: float) -> float:
-        wanted = max(-x29.surfaces[i].rate, min(x29.surfaces[i].rate, x29.surfaces[i].ram * (source - position)))
+        wanted = max(
+            -x29.surfaces[i].rate,
+            min(x29.surfaces[i].rate, x29.surfaces[i].ram * (source - position)),
+        )
         if (position >= high[i] and wanted > 0.0) or (position <= low[i] and wanted < 0.0):
             return 0.0
         return wanted
@@ -64,7 +71,8 @@ def march(x29: X29, stick: np.ndarray, steps_per_frame: int = 125) -> dict[str, 
     names = ("alpha", "q", "nz", "canard", "flaperon", "strake", "u_p")
     rows: list[list[float]] = []
     for value in stick:
-        # The computer at this frame: read everything, put the new command at the end of the queue, send the oldest.
+        # The computer at this frame: read everything, put the new command at the end of the queue,
+        # send the oldest.
         u_p = commands.pop(0)
         rows.append([x[0], x[1], load(x), x[4], x[7], x[8], u_p])
         e = math.copysign(max(abs(value) - shaping.dead_band, 0.0), value)
@@ -77,7 +85,9 @@ def march(x29: X29, stick: np.ndarray, steps_per_frame: int = 125) -> dict[str, 
         integral += T / 2.0 * (error + old_error)
         old_error = error
         blend = law.Kn * x[11] + law.Kq * x[9]
-        filtered = (blend + old_blend + c / law.lead * (blend - old_blend) - (1.0 - c / law.lag) * filtered) / (1.0 + c / law.lag)
+        filtered = (
+            blend + old_blend + c / law.lead * (blend - old_blend) - (1.0 - c / law.lag) * filtered
+        ) / (1.0 + c / law.lag)
         old_blend = blend
         commands.append(-filtered + law.Ki * integral)
         sent = [max(low[i], min(high[i], x29.surfaces[i].mixing * u_p)) for i in range(3)]
@@ -86,5 +96,8 @@ def march(x29: X29, stick: np.ndarray, steps_per_frame: int = 125) -> dict[str, 
             k2 = slope([p + h / 2.0 * k for p, k in zip(x, k1, strict=True)], sent)
             k3 = slope([p + h / 2.0 * k for p, k in zip(x, k2, strict=True)], sent)
             k4 = slope([p + h * k for p, k in zip(x, k3, strict=True)], sent)
-            x = [p + h / 6.0 * (i + 2.0 * j + 2.0 * k + m) for p, i, j, k, m in zip(x, k1, k2, k3, k4, strict=True)]
+            x = [
+                p + h / 6.0 * (i + 2.0 * j + 2.0 * k + m)
+                for p, i, j, k, m in zip(x, k1, k2, k3, k4, strict=True)
+            ]
     return dict(zip(names, np.array(rows).T, strict=True))

@@ -1,1 +1,3 @@
-"""Small files as recorders write them, made from one record: what the readers of formats are tried on."""
+"""Small files as recorders write them, made from one record: what the readers of formats are tried
+on.
+"""

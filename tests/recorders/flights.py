@@ -1,6 +1,8 @@
-"""One simulated flight of a small aircraft as each kind of recorder stores it: the synthetic twins of real logs.
+"""One simulated flight of a small aircraft as each kind of recorder stores it: the synthetic twins
+of real logs.
 
-The flight is integrated here, apart from the project's own equations, so that what is identified from it can be compared with the truth.
+The flight is integrated here, apart from the project's own equations, so that what is identified
+from it can be compared with the truth.
 """
 
 from __future__ import annotations
@@ -39,7 +41,7 @@ def steps(t: np.ndarray | float) -> np.ndarray:
     at = np.asarray(t)
     two = np.where(at < 10.0, at, at - 10.0)
     size = np.where(at < 10.0, 0.05, -0.04)
-    return size * np.select([(two >= 1) & (two < 1.6), (two >= 1.6) & (two < 2.0), (two >= 2.0) & (two < 2.2), (two >= 2.2) & (two < 2.4)],
+    return size * np.select([(two >= 1) & (two < 1.6), (two >= 1.6) & (two < 2.0), (two >= 2.0) & (two < 2.2), (two >= 2.2) & (two < 2.4)],  # noqa: E501
                             [1.0, -1.0, 1.0, -1.0], 0.0)  # fmt: skip
 
 
@@ -48,7 +50,9 @@ def sweep(t: np.ndarray | float) -> np.ndarray:
     at = np.asarray(t)
     two = np.where(at < 10.0, at, at - 10.0) - 1.0
     phase = 2.0 * np.pi * 0.3 * 8.0 / np.log(10.0) * (10.0 ** (two / 8.0) - 1.0)
-    return np.where((two >= 0.0) & (two <= 8.0), np.where(at < 10.0, 0.03, -0.02) * np.sin(phase), 0.0)
+    return np.where(
+        (two >= 0.0) & (two <= 8.0), np.where(at < 10.0, 0.03, -0.02) * np.sin(phase), 0.0
+    )
 
 
 def flight(
@@ -77,7 +81,12 @@ def flight(
         moment = TRUTH["Cm_alpha"] * x[0] + TRUTH["Cm_q"] * q_hat + TRUTH["Cm_de"] * de
         # The lift that carries the weight grows with the dynamic pressure, the weight does not.
         excess = 9.80665 * (speed**2 / SPEED**2 - 1.0)
-        return np.array([x[1] - q_bar_s * lift / (MASS * speed) - excess / speed, q_bar_s * CHORD * moment / INERTIA])
+        return np.array(
+            [
+                x[1] - q_bar_s * lift / (MASS * speed) - excess / speed,
+                q_bar_s * CHORD * moment / INERTIA,
+            ]
+        )
 
     x, h = np.zeros(2), 1.0 / RATE / STEPS
     states = np.zeros((count, 2))
@@ -107,19 +116,30 @@ def write_all(folder: Path) -> None:
 
 
 def px4(path: Path, columns: dict[str, np.ndarray], every: int = 1) -> Path:
-    """A PX4 log: gyro at full rate, elevons, true airspeed and the angle of attack of a vane at every ``every``-th sample."""
+    """A PX4 log: gyro at full rate, elevons, true airspeed and the angle of attack of a vane at
+    every ``every``-th sample.
+    """
     stamps = np.round(1e6 * (12.0 + columns["time"]))
     slow = slice(None, None, every)
     half = columns["elevator"][slow] / (30.0 * DEGREE)
     zero = 0.0 * stamps
     topics = {
-        "vehicle_angular_velocity": {"timestamp": stamps, "xyz[0]": zero, "xyz[1]": columns["q"], "xyz[2]": zero},
+        "vehicle_angular_velocity": {
+            "timestamp": stamps,
+            "xyz[0]": zero,
+            "xyz[1]": columns["q"],
+            "xyz[2]": zero,
+        },
         "airspeed_validated": {
             "timestamp": stamps[slow],
             "true_airspeed_m_s": columns.get("airspeed", SPEED + zero)[slow],
         },
         "vane": {"timestamp": stamps[slow], "angle_of_attack": columns["alpha"][slow]},
-        "actuator_servos": {"timestamp": stamps[slow], "control[0]": half + 0.05, "control[1]": half - 0.05},
+        "actuator_servos": {
+            "timestamp": stamps[slow],
+            "control[0]": half + 0.05,
+            "control[1]": half - 0.05,
+        },
     }
     return write_ulog(path, topics)
 
@@ -131,7 +151,11 @@ def ardupilot(path: Path, columns: dict[str, np.ndarray]) -> Path:
     angle = columns["elevator"] / DEGREE
     both = np.repeat(stamps, 2)
     messages = {
-        "IMU": {"TimeUS": both, "I": np.tile([0.0, 1.0], stamps.size), "GyrY": np.repeat(columns["q"], 2)},
+        "IMU": {
+            "TimeUS": both,
+            "I": np.tile([0.0, 1.0], stamps.size),
+            "GyrY": np.repeat(columns["q"], 2),
+        },
         "AOA": {"TimeUS": stamps, "AOA": columns["alpha"] / DEGREE},
         "RCOU": {"TimeUS": stamps, "C1": 1500.0 - 10.0 * angle, "C2": 1510.0 + 10.0 * angle},
     }
@@ -150,23 +174,46 @@ def _tables(folder: Path, columns: dict[str, np.ndarray]) -> None:
     from scipy.io import savemat
 
     degrees = {name: values / DEGREE for name, values in columns.items() if name != "time"}
-    sheet = {"Time (s)": columns["time"], "DELV (deg)": degrees["elevator"], "AoA (deg)": degrees["alpha"], "Pitch rate (deg/s)": degrees["q"]}
+    sheet = {
+        "Time (s)": columns["time"],
+        "DELV (deg)": degrees["elevator"],
+        "AoA (deg)": degrees["alpha"],
+        "Pitch rate (deg/s)": degrees["q"],
+    }
     pandas.DataFrame(sheet).to_excel(folder / "uav.xlsx", index=False)
     with MDF() as log:
         units = {"elevator": "deg", "alpha": "deg", "q": "deg/s"}
-        log.append([Signal(degrees[name], columns["time"], name=name, unit=unit) for name, unit in units.items()])
+        log.append(
+            [
+                Signal(degrees[name], columns["time"], name=name, unit=unit)
+                for name, unit in units.items()
+            ]
+        )
         log.save(folder / "uav.mf4", overwrite=True)
     with TdmsWriter(str(folder / "uav.tdms")) as writer:
         told = {"wf_increment": 1.0 / RATE, "wf_start_offset": 0.0}
         names = {"elevator": "deg", "alpha": "deg", "q": "deg/s"}
-        writer.write_segment([ChannelObject("flight", name, degrees[name], {**told, "unit_string": unit}) for name, unit in names.items()])
+        writer.write_segment(
+            [
+                ChannelObject("flight", name, degrees[name], {**told, "unit_string": unit})
+                for name, unit in names.items()
+            ]
+        )
     with h5py.File(folder / "uav.h5", "w") as file:
         for name, values in columns.items():
             file.create_dataset(f"flight/{name}", data=values)
-    savemat(folder / "uav.mat", {"Z": np.column_stack([columns[name] for name in ("time", "elevator", "alpha", "q")])})
-    np.savetxt(folder / "uav.txt", np.column_stack([degrees["elevator"], degrees["alpha"], degrees["q"]]), fmt="%12.6f")
+    savemat(
+        folder / "uav.mat",
+        {"Z": np.column_stack([columns[name] for name in ("time", "elevator", "alpha", "q")])},
+    )
+    np.savetxt(
+        folder / "uav.txt",
+        np.column_stack([degrees["elevator"], degrees["alpha"], degrees["q"]]),
+        fmt="%12.6f",
+    )
     lines = ["# ground station, exported", "UTC;Elevator [deg];Alpha [deg];Q [deg/s]"]
     lines += [
-        f"12:{59 + int(t // 60):02d}:{t % 60:06.3f};{a:.6f};{b:.6f};{c:.6f}" for t, a, b, c in zip(columns["time"], *degrees.values(), strict=True)
+        f"12:{59 + int(t // 60):02d}:{t % 60:06.3f};{a:.6f};{b:.6f};{c:.6f}"
+        for t, a, b, c in zip(columns["time"], *degrees.values(), strict=True)
     ]
     (folder / "uav.csv").write_text("\n".join(lines).replace(".", ",") + "\n", encoding="latin-1")

@@ -1,4 +1,6 @@
-"""A designed maneuver decides between two effects in at least the share of flights that was promised."""
+"""A designed maneuver decides between two effects in at least the share of flights that was
+promised.
+"""
 
 from __future__ import annotations
 
@@ -37,28 +39,56 @@ FLIGHTS = 100
 # Near-aliases by the library's own word, at sizes that a short maneuver finds and hardly tells.
 ROUGH = ("alpha=0.0012", "q=0.0015")
 PAIRS = {
-    "vane ahead or slow": DesignRequest("rigid", tell=("vane-offset", "sensor-lag:alpha"), size="arm=0.5"),
-    "vane ahead or late": DesignRequest("rigid", tell=("vane-offset", "sensor-delay:alpha"), size="arm=0.4"),
-    "late or slow input": DesignRequest("rigid", tell=("input-delay", "actuator-lag"), size="delay=0.01", noise=ROUGH),
-    "stops or break-out": DesignRequest("rigid", tell=("actuator-saturation", "input-deadband"), size="limit=0.0294", amplitude=("elevator=0.03",)),
-    "stops or curve": DesignRequest("rigid", tell=("actuator-saturation", "control-nonlinearity"), size="limit=0.029", amplitude=("elevator=0.03",)),
+    "vane ahead or slow": DesignRequest(
+        "rigid", tell=("vane-offset", "sensor-lag:alpha"), size="arm=0.5"
+    ),
+    "vane ahead or late": DesignRequest(
+        "rigid", tell=("vane-offset", "sensor-delay:alpha"), size="arm=0.4"
+    ),
+    "late or slow input": DesignRequest(
+        "rigid", tell=("input-delay", "actuator-lag"), size="delay=0.01", noise=ROUGH
+    ),
+    "stops or break-out": DesignRequest(
+        "rigid",
+        tell=("actuator-saturation", "input-deadband"),
+        size="limit=0.0294",
+        amplitude=("elevator=0.03",),
+    ),
+    "stops or curve": DesignRequest(
+        "rigid",
+        tell=("actuator-saturation", "control-nonlinearity"),
+        size="limit=0.029",
+        amplitude=("elevator=0.03",),
+    ),
 }
 UNLIKELY = 1e-3  # of fewer decisions than were seen, if the promise holds
 
 
 def flights(found: DesignResult, true: Acting, count: int) -> list[Record]:
-    """The best maneuver flown with an effect, by the truth generator, in finer steps, each with noise of its own."""
+    """The best maneuver flown with an effect, by the truth generator, in finer steps, each with
+    noise of its own.
+    """
     setting = found.setting
     noise = Noise(dict(setting.noise))
     model = setting.model.with_effects(true.effect).with_values(true.full_values).with_noise(noise)
-    record, truth = fly(model, as_held(found.best.flight.planned.record), setting.room.time, np.random.default_rng(0), step=0.002)
+    record, truth = fly(
+        model,
+        as_held(found.best.flight.planned.record),
+        setting.room.time,
+        np.random.default_rng(0),
+        step=0.002,
+    )
     return [remeasure(record, truth, np.random.default_rng(seed)) for seed in range(count)]
 
 
 def decides(record: Record, found: DesignResult, true: Acting, rival: Acting) -> bool:
-    """Whether fits of both effects and of neither, as the loop makes them, find the true one and prefer it by enough."""
+    """Whether fits of both effects and of neither, as the loop makes them, find the true one and
+    prefer it by enough.
+    """
     outputs = tuple(found.setting.noise)
-    data = FitData((record,), (np.ones((len(outputs), len(record)), dtype=bool),), found.setting.model, outputs)
+    data = FitData(
+        (record,), (np.ones((len(outputs), len(record)), dtype=bool),), found.setting.model, outputs
+    )
 
     def fitted(acting: Acting | None) -> FittedModel:
         values = acting.full_values if acting is not None else {}
@@ -83,7 +113,16 @@ def test_the_designed_maneuver_decides_in_the_promised_share(pair: str, tmp_path
     found = design(replace(PAIRS[pair], vehicle=tmp_path / "vehicle.toml"))
     for contest in found.best.contests:
         rival = contest.rival
-        count = sum(decides(record, found, contest.true, rival) for record in flights(found, contest.true, FLIGHTS))
-        told = f"{found.best.kind} | {contest.decision.log_likelihood:.1f} | {100 * contest.chance:.0f} | {100 * count / FLIGHTS:.0f}"
+        count = sum(
+            decides(record, found, contest.true, rival)
+            for record in flights(found, contest.true, FLIGHTS)
+        )
+        told = (
+            f"{found.best.kind} | {contest.decision.log_likelihood:.1f} | "
+            f"{100 * contest.chance:.0f} | {100 * count / FLIGHTS:.0f}"
+        )
         print(f"| {contest.true.effect.name} | {rival.effect.name} | {told} |")
-        assert binomtest(count, FLIGHTS, min(contest.chance, 1.0 - 1e-9), alternative="less").pvalue > UNLIKELY
+        assert (
+            binomtest(count, FLIGHTS, min(contest.chance, 1.0 - 1e-9), alternative="less").pvalue
+            > UNLIKELY
+        )

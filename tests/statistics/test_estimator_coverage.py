@@ -16,7 +16,8 @@ RUNS = 60
 def test_two_sigmas_hold_what_they_should(estimator: str, model: str, noise: str) -> None:
     found = statistics([run_of((estimator, model, noise), run) for run in range(RUNS)])
     assert found["settled"] >= 0.95 * RUNS
-    # The interval of so few runs has to meet 93 to 97 %; no parameter may be off its true value by more than chance.
+    # The interval of so few runs has to meet 93 to 97 %; no parameter may be off its true value by
+    # more than chance.
     assert found["high"] >= LOW and found["low"] <= HIGH, found
     assert found["bias"] < 0.55, found
 
@@ -29,5 +30,7 @@ def test_equation_error_and_filter_error_hold_in_gusts(noise: str) -> None:
 
 
 def test_output_error_in_gusts_is_cautioned() -> None:
-    found = statistics([run_of(("output-error", "lateral", "dryden-gusts"), run) for run in range(30)])
+    found = statistics(
+        [run_of(("output-error", "lateral", "dryden-gusts"), run) for run in range(30)]
+    )
     assert found["cautioned"] >= 0.9 * found["settled"]

@@ -1,4 +1,6 @@
-"""Data with something that the identification side cannot know: it sees CSV files alone, in a process of its own."""
+"""Data with something that the identification side cannot know: it sees CSV files alone, in a
+process of its own.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +25,15 @@ def answer_of(case: Case, folder: Path) -> Answer:
 
 
 @pytest.fixture(scope="module")
-def answers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, concurrent.futures.Future[Answer]]]:
+def answers(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[dict[str, concurrent.futures.Future[Answer]]]:
     """The cheap cases, two at a time."""
     with concurrent.futures.ThreadPoolExecutor(2) as pool:
-        yield {case.name: pool.submit(answer_of, case, tmp_path_factory.mktemp("case")) for case in CHEAP}
+        yield {
+            case.name: pool.submit(answer_of, case, tmp_path_factory.mktemp("case"))
+            for case in CHEAP
+        }
 
 
 def judged(case: Case, answer: Answer) -> None:
@@ -40,7 +47,12 @@ def judged(case: Case, answer: Answer) -> None:
     if "unexplained" in case.verdicts:
         return
     after = answer.content["parameters"]["after"]
-    z = np.array([(after[name]["value"] - true) / after[name]["std"] for name, true in case.aircraft.derivatives.items()])
+    z = np.array(
+        [
+            (after[name]["value"] - true) / after[name]["std"]
+            for name, true in case.aircraft.derivatives.items()
+        ]
+    )
     assert np.max(np.abs(z)) < 4.5
     for name in ("CL_alpha", "Cm_alpha", "Cm_de"):
         assert abs(after[name]["value"] / case.aircraft.derivatives[name] - 1.0) < 0.05, name
@@ -51,7 +63,9 @@ def judged(case: Case, answer: Answer) -> None:
 
 
 @pytest.mark.parametrize("case", CHEAP, ids=lambda case: case.name)
-def test_hidden_effect_is_found_and_named(case: Case, answers: dict[str, concurrent.futures.Future[Answer]]) -> None:
+def test_hidden_effect_is_found_and_named(
+    case: Case, answers: dict[str, concurrent.futures.Future[Answer]]
+) -> None:
     judged(case, answers[case.name].result())
 
 
@@ -67,7 +81,13 @@ def test_body_that_loses_its_heat_shield(tmp_path: Path) -> None:
         hidden = {"jump_time": time, "jump_factor": 1.3}
         flown = flights.fly_body(620.0, 30.0, 10.0, hidden, altitude=56000.0 + drop)
         flights.write_record(tmp_path / f"{stem}.csv", flights.measured(flown, rng, sigma))
-    lines = ["air_density_reference = 1.225", "density_scale_height = 7160.0", "gravity = 9.79", "[derivatives]", "beta = 450.0"]
+    lines = [
+        "air_density_reference = 1.225",
+        "density_scale_height = 7160.0",
+        "gravity = 9.79",
+        "[derivatives]",
+        "beta = 450.0",
+    ]
     (tmp_path / "vehicle.toml").write_text("\n".join(lines))
     answer = diagnosed(tmp_path, "ballistic", sigma)
     assert answer.content["verdict"] in ("traced", "ambiguous")

@@ -1,4 +1,4 @@
-"""Pages of the API: one for each package, with its README first and then every module with its docstrings."""
+"""Pages of the API: one for each package, with its README first and then every module with its docstrings."""  # noqa: E501
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ def packages(root: Path) -> Iterator[Path]:
         top = root / name
         if (top / "__init__.py").is_file():
             yield top
-            yield from sorted(path.parent for path in top.rglob("__init__.py") if path.parent != top)
+            yield from sorted(
+                path.parent for path in top.rglob("__init__.py") if path.parent != top
+            )
 
 
 def page_of(folder: Path, root: Path) -> str:
@@ -28,20 +30,26 @@ def page_of(folder: Path, root: Path) -> str:
 
 
 def modules_of(folder: Path) -> list[Path]:
-    """Its modules, but those that begin with an underscore (``__main__`` is a command) and notebooks, which are no interface."""
-    return sorted(path for path in folder.glob("*.py") if not path.name.startswith("_") and not NOTEBOOK.match(path.name))
+    """Its modules, but those that begin with an underscore (``__main__`` is a command) and notebooks, which are no interface."""  # noqa: E501
+    return sorted(
+        path
+        for path in folder.glob("*.py")
+        if not path.name.startswith("_") and not NOTEBOOK.match(path.name)
+    )
 
 
 def overview(root: Path) -> str:
     """The page that the others stand under."""
     lines = [
         "# API\n",
-        "One page for each package: what lives there and what it may import, then every module with its docstrings. "
-        "The imports run one way: `flightid` and `scenarios` know `ident`, `ident` knows `sim`, nothing points back.\n",
+        "One page for each package: what lives there and what it may import, then every module with its docstrings. "  # noqa: E501
+        "The imports run one way: `flightid` and `scenarios` know `ident`, `ident` knows `sim`, nothing points back.\n",  # noqa: E501
     ]
     for folder in packages(root):
         if folder.parent == root:
-            lines.append(f"- [`{folder.name}`]({page_of(folder, root)[4:]}.md): {summary(folder / '__init__.py')}")
+            lines.append(
+                f"- [`{folder.name}`]({page_of(folder, root)[4:]}.md): {summary(folder / '__init__.py')}"  # noqa: E501
+            )
     return "\n".join(lines) + "\n"
 
 
@@ -56,14 +64,18 @@ def package_page(folder: Path, readme: str, root: Path) -> str:
     Parameters
     ----------
     folder : of the package. readme : its README with links turned, empty where there is none. root : of the checkout.
-    """
+    """  # noqa: E501
     name = folder.relative_to(root).as_posix().replace("/", ".")
     _, _, body = readme.partition("\n") if readme.startswith("# ") else ("", "", readme)
     title = readme.splitlines()[0].removeprefix("# ") if readme.startswith("# ") else name
     parts = [f"# {name}\n", f"*{title}*\n" if title != name else "", body]
     modules = modules_of(folder)
     # A name that the package takes from a module of the same name is told there.
-    parts.append(automodule(name, [path.stem for path in modules]) if has_interface(folder / "__init__.py") else described(name))
+    parts.append(
+        automodule(name, [path.stem for path in modules])
+        if has_interface(folder / "__init__.py")
+        else described(name)
+    )
     parts += [f"## {path.name}\n\n{automodule(f'{name}.{path.stem}')}" for path in modules]
     parts.append(children(folder, root))
     return "\n".join(part for part in parts if part)

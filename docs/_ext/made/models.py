@@ -30,10 +30,14 @@ NOMENCLATURE = Path(__file__).parents[2] / "nomenclature.md"
 
 
 def equations_of(model: str) -> str:
-    """The displayed equations under a model's heading in the nomenclature; empty for a model that it does not have."""
+    """The displayed equations under a model's heading in the nomenclature; empty for a model that it does not have."""  # noqa: E501
     if model not in EQUATIONS:
         return ""
-    part = NOMENCLATURE.read_text(encoding="utf-8").split(f"\n## {EQUATIONS[model]}\n")[1].split("\n## ")[0]
+    part = (
+        NOMENCLATURE.read_text(encoding="utf-8")
+        .split(f"\n## {EQUATIONS[model]}\n")[1]
+        .split("\n## ")[0]
+    )
     return "\n\n".join(re.findall(r"^\$\$.+?\$\$", part, re.MULTILINE | re.DOTALL)) + "\n"
 
 
@@ -45,17 +49,21 @@ def families() -> Families:
 
 
 def models_page() -> str:
-    """Every model: equations, signals, constants, parameters, ports, and the effects that may act on it."""
+    """Every model: equations, signals, constants, parameters, ports, and the effects that may act on it."""  # noqa: E501
     from sim.declaration.effect import Station
     from sim.effects.library import effects_for
 
     parts = [
         "# Models\n",
-        "Made from the declared equations; `flightid models NAME` prints one. `flexible` is `rigid` with elastic modes, each of them the effect "
-        "`elastic-mode` of a declared mode. Symbols and signs: [nomenclature](../nomenclature.md). One of your own: [how](../own-models.md).\n",
+        "Made from the declared equations; `flightid models NAME` prints one. `flexible` is `rigid` with elastic modes, each of them the effect "  # noqa: E501
+        "`elastic-mode` of a declared mode. Symbols and signs: [nomenclature](../nomenclature.md). One of your own: [how](../own-models.md).\n",  # noqa: E501
     ]
     for name, (equations, constants, derivatives) in families().items():
-        parts += [f"## {name}\n", equations_of(name), plain_block(sys.modules[type(equations).__module__].__doc__ or "")]
+        parts += [
+            f"## {name}\n",
+            equations_of(name),
+            plain_block(sys.modules[type(equations).__module__].__doc__ or ""),
+        ]
         for title, signals in (
             ("states", equations.states),
             ("inputs", equations.inputs),
@@ -63,20 +71,34 @@ def models_page() -> str:
             ("ports", equations.ports),
         ):
             parts.append(signals_table(title, signals))
-        parts += [units_table("constant, held", constants), units_table("parameter, estimated", derivatives)]
+        parts += [
+            units_table("constant, held", constants),
+            units_table("parameter, estimated", derivatives),
+        ]
         effects = effects_for(equations)
         rows = []
         for station in Station:
             names = dict.fromkeys(effect.name for effect in effects if effect.station is station)
             rows.append([station.value, ", ".join(map(code, names))])
-        parts.append(table(["station", "effects that may act on it"], (row for row in rows if row[1])))
-    parts += ["## flexible\n", "The rigid aircraft with elastic modes that load it and that it loads.\n", equations_of("flexible")]
+        parts.append(
+            table(["station", "effects that may act on it"], (row for row in rows if row[1]))
+        )
+    parts += [
+        "## flexible\n",
+        "The rigid aircraft with elastic modes that load it and that it loads.\n",
+        equations_of("flexible"),
+    ]
     return "\n".join(parts)
 
 
 def signals_of(equations: Equations) -> tuple[tuple[str, Sequence[Signal]], ...]:
     """The signals that equations declare, by what they are."""
-    return (("state", equations.states), ("input", equations.inputs), ("output", equations.outputs), ("port", equations.ports))
+    return (
+        ("state", equations.states),
+        ("input", equations.inputs),
+        ("output", equations.outputs),
+        ("port", equations.ports),
+    )
 
 
 def signals_table(title: str, signals: Sequence[Signal]) -> str:
@@ -100,12 +122,14 @@ def names_page() -> str:
             entry["models"] += f", {model}"
     rows = (
         [code(name), cell(unit), cell(entry["meaning"]), cell(entry["kind"]), cell(entry["models"])]
-        for (name, unit), entry in sorted(found.items(), key=lambda item: (item[0][0].lower(), item[0]))
+        for (name, unit), entry in sorted(
+            found.items(), key=lambda item: (item[0][0].lower(), item[0])
+        )
     )
     return "\n".join(
         [
             "# Names and units\n",
-            "Every signal, constant and parameter that the built-in models declare, made from the declarations. Symbols, signs and equations: "
+            "Every signal, constant and parameter that the built-in models declare, made from the declarations. Symbols, signs and equations: "  # noqa: E501
             "[nomenclature](../nomenclature.md).\n",
             table(["name", "unit", "meaning", "what it is", "of models"], rows),
         ]

@@ -22,7 +22,12 @@ FROM_CODE: Mapping[str, Callable[[], str]] = {
     "vehicles": vehicles_page,
 }
 # Files outside `docs` that are pages as they stand.
-COPIED = {"CHANGELOG.md": "changelog", "CONTRIBUTING.md": "contributing", "benchmarks/README.md": "benchmarks", "tests/README.md": "tests"}
+COPIED = {
+    "CHANGELOG.md": "changelog",
+    "CONTRIBUTING.md": "contributing",
+    "benchmarks/README.md": "benchmarks",
+    "tests/README.md": "tests",
+}
 
 
 def copied(root: Path) -> Iterator[tuple[str, str]]:
@@ -46,7 +51,10 @@ def page_names(root: Path) -> dict[str, str]:
     for folder in packages(root):
         page, place = f"made/{page_of(folder, root)}", folder.relative_to(root).as_posix()
         found |= {place: page, f"{place}/README.md": page}
-        found |= {f"{place}/{module.name}": f"{page}#{module.name.replace('.', '')}" for module in modules_of(folder)}
+        found |= {
+            f"{place}/{module.name}": f"{page}#{module.name.replace('.', '')}"
+            for module in modules_of(folder)
+        }
     return found
 
 
@@ -62,9 +70,15 @@ def made_pages(root: Path, turn: Callable[[str, str, str], str]) -> dict[str, st
     pages |= {f"made/{name}": text for name, text in scenario_pages().items()}
     pages["made/api/README"] = overview(root)
     for path, page in copied(root):
-        pages[f"made/{page}"] = turn((root / path).read_text(encoding="utf-8"), path, f"made/{page}")
+        pages[f"made/{page}"] = turn(
+            (root / path).read_text(encoding="utf-8"), path, f"made/{page}"
+        )
     for folder in packages(root):
         readme, page = folder / "README.md", f"made/{page_of(folder, root)}"
-        text = turn(readme.read_text(encoding="utf-8"), readme.relative_to(root).as_posix(), page) if readme.is_file() else ""
+        text = (
+            turn(readme.read_text(encoding="utf-8"), readme.relative_to(root).as_posix(), page)
+            if readme.is_file()
+            else ""
+        )
         pages[page] = package_page(folder, text, root)
     return pages

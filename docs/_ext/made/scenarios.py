@@ -21,11 +21,14 @@ def scenarios_page() -> str:
 
     parts = [
         "# Scenarios of the catalogue\n",
-        "Made from `scenarios/catalog`. `flightid run NAME` runs one, `flightid list NAME > mine.toml` copies its file. What the keys mean: "
+        "Made from `scenarios/catalog`. `flightid run NAME` runs one, `flightid list NAME > mine.toml` copies its file. What the keys mean: "  # noqa: E501
         "[scenario files](../scenarios.md).\n",
     ]
     for kind in KINDS:
-        rows = ([f"[`{name}`](scenario/{name}.md)", cell(scenario_title(name))] for name in scenario_names(kind))
+        rows = (
+            [f"[`{name}`](scenario/{name}.md)", cell(scenario_title(name))]
+            for name in scenario_names(kind)
+        )
         parts += [f"## {KIND.get(kind, kind)}\n", table(["scenario", "what it is"], rows)]
     return "\n".join(parts)
 
@@ -39,8 +42,14 @@ def scenario_pages() -> dict[str, str]:
         text = scenario_text(name)
         document = tomllib.loads(text)
         tables = [key for key, value in document.items() if isinstance(value, dict | list)]
-        about = "\n\n".join(paragraph(each) for each in str(document.get("about", "")).strip().split("\n\n"))
-        distance = f"Distance of truth and declared model: {paragraph(str(document['distance']))}.\n" if "distance" in document else ""
+        about = "\n\n".join(
+            paragraph(each) for each in str(document.get("about", "")).strip().split("\n\n")
+        )
+        distance = (
+            f"Distance of truth and declared model: {paragraph(str(document['distance']))}.\n"
+            if "distance" in document
+            else ""
+        )
         keys = f"Its tables: {', '.join(f'`{key}`' for key in tables)}; " if tables else ""
         pages[f"scenario/{name}"] = "\n".join(
             [

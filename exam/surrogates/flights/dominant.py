@@ -1,4 +1,6 @@
-"""The effect that dominates a surrogate flight: drawn by name, of such a size that a given share of the declared model's error is due to it."""
+"""The effect that dominates a surrogate flight: drawn by name, of such a size that a given share of
+the declared model's error is due to it.
+"""
 
 from __future__ import annotations
 
@@ -26,11 +28,13 @@ OF_AXIS = {LONGITUDINAL: KINDS, LATERAL: LATERAL_KINDS}
 
 
 def draw_dominant(drawn: Drawn, rng: np.random.Generator) -> Drawn:
-    """The flight with as many effects as it declares; names whose largest size is still too small are passed over.
+    """The flight with as many effects as it declares; names whose largest size is still too small
+    are passed over.
 
     Raises
     ------
-    DeclarationError : a name that cannot be hidden, or too few of the names make a difference on this flight.
+    DeclarationError : a name that cannot be hidden, or too few of the names make a difference on
+    this flight.
     """
     wanted = drawn.surrogate.hidden
     for name in wanted.names:
@@ -51,14 +55,25 @@ def draw_dominant(drawn: Drawn, rng: np.random.Generator) -> Drawn:
             if len(chosen) == wanted.count:
                 return hiding(drawn, tuple(chosen))
         what = f"only {len(chosen)} of {wanted.count} effects make a difference on this flight"
-        raise DeclarationError(what, where="key hidden", remedy="name more effects, or ask for a smaller reduction")
+        raise DeclarationError(
+            what, where="key hidden", remedy="name more effects, or ask for a smaller reduction"
+        )
     return drawn
 
 
-def sized(drawn: Drawn, name: str, reduction: float, before: np.ndarray, seed: int, rng: np.random.Generator) -> Dominant | None:
-    """An effect for which the error of the declared model, in the channel that shows it most, is that of a flight without it over (1 - reduction).
+def sized(
+    drawn: Drawn,
+    name: str,
+    reduction: float,
+    before: np.ndarray,
+    seed: int,
+    rng: np.random.Generator,
+) -> Dominant | None:
+    """An effect for which the error of the declared model, in the channel that shows it most, is
+    that of a flight without it over (1 - reduction).
 
-    ``before`` is the misfit without it, of the same records with the same random numbers. None where its largest size stays below ``LEAST``.
+    ``before`` is the misfit without it, of the same records with the same random numbers. None
+    where its largest size stays below ``LEAST``.
     """
     at = _kind(drawn, name)(drawn, rng)
     effect: Any = find_effect(name, drawn.model.equations)
@@ -66,7 +81,11 @@ def sized(drawn: Drawn, name: str, reduction: float, before: np.ndarray, seed: i
         reach = _peak(drawn, effect.control) if name.startswith("control") else 0.09
         effect = replace(effect, low=-reach, high=reach)
     count = len(drawn.maneuvers)
-    records = (int(rng.integers(count)),) if effect.traits.per_record and name != SPEED else tuple(range(count))
+    records = (
+        (int(rng.integers(count)),)
+        if effect.traits.per_record and name != SPEED
+        else tuple(range(count))
+    )
     sizing = tuple(range(SIZED_ON)) if len(records) == 1 else records
     model, wanted = declared_model(drawn.declared, drawn.starts), -math.log(1.0 - reduction)
 
@@ -77,7 +96,8 @@ def sized(drawn: Drawn, name: str, reduction: float, before: np.ndarray, seed: i
         except ModelError:
             return math.inf
 
-    # The square of the misfit grows as that of the size; a step is halved where that law leads astray.
+    # The square of the misfit grows as that of the size; a step is halved where that law leads
+    # astray.
     size, low, high = 0.3, 0.0, 1.0
     for _ in range(ROUNDS):
         now = reached(size)
@@ -85,24 +105,40 @@ def sized(drawn: Drawn, name: str, reduction: float, before: np.ndarray, seed: i
             break
         low, high = (size, high) if now < wanted else (low, size)
         step = math.sqrt(math.expm1(2.0 * wanted) / max(math.expm1(2.0 * min(now, 5.0)), 1e-4))
-        size = min(size * step, 1.0) if low < size * step < high or (size * step >= 1.0 and high == 1.0) else 0.5 * (low + high)
+        size = (
+            min(size * step, 1.0)
+            if low < size * step < high or (size * step >= 1.0 and high == 1.0)
+            else 0.5 * (low + high)
+        )
     else:
         now = reached(size)
-    return Dominant(effect, at(size), records) if now > -math.log(1.0 - LEAST) and math.isfinite(now) else None
+    return (
+        Dominant(effect, at(size), records)
+        if now > -math.log(1.0 - LEAST) and math.isfinite(now)
+        else None
+    )
 
 
-def of_declared_size(drawn: Drawn, name: str, before: np.ndarray, seed: int, rng: np.random.Generator) -> Dominant | None:
-    """An effect of a size drawn from its declared span, evenly among those that stand for ``LEAST`` of the error; None where the largest does not.
+def of_declared_size(
+    drawn: Drawn, name: str, before: np.ndarray, seed: int, rng: np.random.Generator
+) -> Dominant | None:
+    """An effect of a size drawn from its declared span, evenly among those that stand for ``LEAST``
+    of the error; None where the largest does not.
 
     ``before`` and ``seed`` as in ``sized``.
     """
     low, high = drawn.surrogate.hidden.sizes[name]
     effect, sign = find_effect(name, drawn.model.equations), float(rng.choice([-1.0, 1.0]))
-    model, records = declared_model(drawn.declared, drawn.starts), tuple(range(len(drawn.maneuvers)))
+    model, records = (
+        declared_model(drawn.declared, drawn.starts),
+        tuple(range(len(drawn.maneuvers))),
+    )
     for left in reversed(range(ROUNDS)):
         size = rng.uniform(low, high) if left else high
         found = Dominant(effect, values_at(drawn, name, size, sign), records)
-        if float(np.max(misfit(_records(hiding(drawn, (found,)), seed), model) / before)) > 1.0 / (1.0 - LEAST):
+        if float(np.max(misfit(_records(hiding(drawn, (found,)), seed), model) / before)) > 1.0 / (
+            1.0 - LEAST
+        ):
             return found
         low = size  # what is larger shows more
     return None
@@ -123,7 +159,10 @@ def group(name: str) -> str:
 
 
 def _records(drawn: Drawn, seed: int) -> list:
-    return [flown.record for flown in fly_drawn(drawn, np.random.default_rng(seed), step=SIZING_STEP, count=SIZED_ON)]
+    return [
+        flown.record
+        for flown in fly_drawn(drawn, np.random.default_rng(seed), step=SIZING_STEP, count=SIZED_ON)
+    ]
 
 
 def _peak(drawn: Drawn, signal: str) -> float:
@@ -133,5 +172,7 @@ def _peak(drawn: Drawn, signal: str) -> float:
 def _kind(drawn: Drawn, name: str) -> Kind:
     kinds = OF_AXIS[drawn.surrogate.flight.axis]
     if name not in kinds:
-        raise DeclarationError(f"{name!r} cannot be hidden", where="key hidden.names", remedy=f"use {', '.join(kinds)}")
+        raise DeclarationError(
+            f"{name!r} cannot be hidden", where="key hidden.names", remedy=f"use {', '.join(kinds)}"
+        )
     return kinds[name]

@@ -1,4 +1,6 @@
-"""What a surrogate flight's seed decides: aircraft, small causes that stay for the whole flight, maneuvers, channels, starting values."""
+"""What a surrogate flight's seed decides: aircraft, small causes that stay for the whole flight,
+maneuvers, channels, starting values.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ from sim.vehicles.factory import RIGID_CONSTANTS, RIGID_DERIVATIVES, linearise, 
 from sim.vehicles.library import read_parameter_set
 
 ELEVATOR, SPEED = "elevator", "speed-variation"
-LATE = LaggedLoads(("1/rad", "1/rad"), (0.0, 0.0), ("Cm_alpha",))  # that guard's equations are those of the downwash
+# that guard's equations are those of the downwash
+LATE = LaggedLoads(("1/rad", "1/rad"), (0.0, 0.0), ("Cm_alpha",))
 WEAK_MODE = ElasticMode(2)
 
 
@@ -47,10 +50,11 @@ class Drawn:
 
     Attributes
     ----------
-    declared : the short period with the true constants and derivatives; nothing else. model : with all that stays for the flight.
-    maneuvers : of the first input, one a record; others : those of further inputs, by name; kinds : what they are.
-    corners : of the filters by channel, Hz, the inputs' among them; empty without.
-    channels : recorded outputs. starts : what the loop is told of the derivatives. hidden : what dominates.
+    declared : the short period with the true constants and derivatives; nothing else. model : with
+    all that stays for the flight. maneuvers : of the first input, one a record; others : those of
+    further inputs, by name; kinds : what they are. corners : of the filters by channel, Hz, the
+    inputs' among them; empty without. channels : recorded outputs. starts : what the loop is told
+    of the derivatives. hidden : what dominates.
     """
 
     surrogate: Surrogate
@@ -87,29 +91,54 @@ def draw(surrogate: Surrogate, rng: np.random.Generator) -> Drawn:
     if flight.once:
         kinds = _with_one(kinds, flight.once, int(rng.integers(count)))
     unit = float(np.clip(1.6 / short_period(declared), 0.2, 1.2))
-    moves = tuple(maneuver(kind, rng, rng.uniform(*flight.amplitude), unit, flight.duration, flight.surface) for kind in kinds)
+    moves = tuple(
+        maneuver(kind, rng, rng.uniform(*flight.amplitude), unit, flight.duration, flight.surface)
+        for kind in kinds
+    )
     rate = float(rng.choice(flight.rates))
     chances = rng.random(len(OPTIONAL))
-    further = (channel for channel, chance in zip(OPTIONAL, chances, strict=True) if chance < flight.optional)
+    further = (
+        channel
+        for channel, chance in zip(OPTIONAL, chances, strict=True)
+        if chance < flight.optional
+    )
     channels = (*MEASURED, *(channel for channel in further if channel not in flight.unrecorded))
     corners = _corners(surrogate.causes, channels, rng)
     model = _with_causes(declared, surrogate.causes, channels, corners, rng)
     model = model.with_values({"trim_alpha": rng.uniform(*flight.trim_alpha)})
     low, high = surrogate.wrong
-    starts = {key: values[key] * (1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(low, high)) for key in RIGID_DERIVATIVES}
+    starts = {
+        key: values[key] * (1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(low, high))
+        for key in RIGID_DERIVATIVES
+    }
     return Drawn(surrogate, name, declared, model, kinds, moves, rate, channels, corners, starts)
 
 
 def drawn_vehicle(name: str, variation: float, rng: np.random.Generator) -> Model:
-    """A named aircraft whose every number is off by up to ``variation``, drawn evenly: constants by half of it, but not the flight condition."""
+    """A named aircraft whose every number is off by up to ``variation``, drawn evenly: constants by
+    half of it, but not the flight condition.
+    """
     if name in AIRCRAFT:
         constants, derivatives = AIRCRAFT[name], USUAL
     else:
         known = read_parameter_set(name).values
-        constants, derivatives = {key: known[key] for key in RIGID_CONSTANTS}, {key: known[key] for key in RIGID_DERIVATIVES}
-    changed = {key: value * rng.uniform(1.0 - variation, 1.0 + variation) for key, value in derivatives.items()}
-    body = {key: value * rng.uniform(1.0 - 0.5 * variation, 1.0 + 0.5 * variation) for key, value in constants.items()}
-    return model_from_constants("rigid", {**body, "airspeed": constants["airspeed"], "air_density": constants["air_density"]}, changed)
+        constants, derivatives = (
+            {key: known[key] for key in RIGID_CONSTANTS},
+            {key: known[key] for key in RIGID_DERIVATIVES},
+        )
+    changed = {
+        key: value * rng.uniform(1.0 - variation, 1.0 + variation)
+        for key, value in derivatives.items()
+    }
+    body = {
+        key: value * rng.uniform(1.0 - 0.5 * variation, 1.0 + 0.5 * variation)
+        for key, value in constants.items()
+    }
+    return model_from_constants(
+        "rigid",
+        {**body, "airspeed": constants["airspeed"], "air_density": constants["air_density"]},
+        changed,
+    )
 
 
 def short_period(declared: Model) -> float:
@@ -118,46 +147,91 @@ def short_period(declared: Model) -> float:
 
 
 def complete(declared: Model, causes: Causes) -> Model:
-    """The short period with speed, pitch angle and the further channels, at the levels of gravity and trim lift."""
+    """The short period with speed, pitch angle and the further channels, at the levels of gravity
+    and trim lift.
+    """
     v = {item.name: item.value for item in declared.parameters}
-    trim_lift = causes.trim_lift * 2.0 * v["mass"] * G0 / (v["air_density"] * v["airspeed"] ** 2 * v["wing_area"])
+    trim_lift = (
+        causes.trim_lift
+        * 2.0
+        * v["mass"]
+        * G0
+        / (v["air_density"] * v["airspeed"] ** 2 * v["wing_area"])
+    )
     added = (
         Parameter("gravity", causes.gravity * G0, "m/s2", free=False),
         Parameter("trim_lift", trim_lift, "1", free=False),
         Parameter("trim_alpha", 0.0, "rad", free=False),
     )
-    initial = declared.initial.joined((Parameter("theta", 0.0, "rad", free=False), Parameter("speed", 0.0, "m/s", free=False)))
-    return Model(LongitudinalFlight(), declared.parameters.joined(added), ParameterSet(tuple(initial)), Noise())
+    initial = declared.initial.joined(
+        (Parameter("theta", 0.0, "rad", free=False), Parameter("speed", 0.0, "m/s", free=False))
+    )
+    return Model(
+        LongitudinalFlight(),
+        declared.parameters.joined(added),
+        ParameterSet(tuple(initial)),
+        Noise(),
+    )
 
 
 def with_term(model: Model, effect: Effect, values: Mapping[str, float]) -> Model:
     """The model with one more term at these local values."""
-    return model.with_effects(effect).with_values({full_name(effect, local): value for local, value in values.items()})
+    return model.with_effects(effect).with_values(
+        {full_name(effect, local): value for local, value in values.items()}
+    )
 
 
-def _with_causes(declared: Model, causes: Causes, channels: tuple[str, ...], corners: Mapping[str, float], rng: np.random.Generator) -> Model:
-    """Small causes that stay for the flight; draws are made for those that are off, too, so that levels do not move each other's draws."""
+def _with_causes(
+    declared: Model,
+    causes: Causes,
+    channels: tuple[str, ...],
+    corners: Mapping[str, float],
+    rng: np.random.Generator,
+) -> Model:
+    """Small causes that stay for the flight; draws are made for those that are off, too, so that
+    levels do not move each other's draws.
+    """
     v = {item.name: item.value for item in declared.parameters}
     model = complete(declared, causes)
     frequency, bent = rng.uniform(20.0, 32.0), rng.uniform(0.3, 1.0, 4) * rng.choice([-1.0, 1.0], 4)
     if causes.downwash:
-        moment = causes.downwash * v["Cm_q"] * v["chord"] / (2.0 * v["airspeed"]) / causes.downwash_lag
+        moment = (
+            causes.downwash * v["Cm_q"] * v["chord"] / (2.0 * v["airspeed"]) / causes.downwash_lag
+        )
         model = with_term(model, LATE, {"lag": causes.downwash_lag, "moment": moment, "lift": 0.0})
     if causes.elastic:
-        loads = {"lift": causes.elastic * v["CL_de"], "moment": causes.elastic * v["Cm_de"], "gyro": 0.1 * causes.elastic}
-        model = with_term(model, WEAK_MODE, {"frequency": frequency, "damping": 0.04, "angle_gain": 0.0, **loads})
+        loads = {
+            "lift": causes.elastic * v["CL_de"],
+            "moment": causes.elastic * v["Cm_de"],
+            "gyro": 0.1 * causes.elastic,
+        }
+        model = with_term(
+            model, WEAK_MODE, {"frequency": frequency, "damping": 0.04, "angle_gain": 0.0, **loads}
+        )
     if causes.moment_curvature or causes.lift_curvature:
-        moment, lift = causes.moment_curvature * v["Cm_alpha"], causes.lift_curvature * v["CL_alpha"]
+        moment, lift = (
+            causes.moment_curvature * v["Cm_alpha"],
+            causes.lift_curvature * v["CL_alpha"],
+        )
         squares, cubes = bent[:2] / 0.1, -np.abs(bent[2:]) / 0.01
         shares = {"moment_square": moment * squares[0], "moment_cube": moment * cubes[0]}
-        model = with_term(model, CurvedLoads(), {**shares, "lift_square": lift * squares[1], "lift_cube": lift * cubes[1]})
+        model = with_term(
+            model,
+            CurvedLoads(),
+            {**shares, "lift_square": lift * squares[1], "lift_cube": lift * cubes[1]},
+        )
     for channel in channels if corners else ():
         model = with_term(model, AntiAliasFilter(channel), {"corner": corners[channel]})
     return model
 
 
-def _corners(causes: Causes, channels: tuple[str, ...], rng: np.random.Generator) -> Mapping[str, float]:
-    odd, spread = rng.random() < causes.anti_alias_odd, rng.standard_normal(1 + len(MEASURED) + len(OPTIONAL))
+def _corners(
+    causes: Causes, channels: tuple[str, ...], rng: np.random.Generator
+) -> Mapping[str, float]:
+    odd, spread = (
+        rng.random() < causes.anti_alias_odd,
+        rng.standard_normal(1 + len(MEASURED) + len(OPTIONAL)),
+    )
     if not causes.anti_alias:
         return {}
     share = causes.anti_alias_spread if odd else 0.0

@@ -20,7 +20,9 @@ AIRCRAFT_TRIED = 5  # of the declared sizes one in thirty aircraft shows none
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """A flown surrogate flight: ``drawn`` is the truth of the whole flight, ``flown`` that of each record with the record itself."""
+    """A flown surrogate flight: ``drawn`` is the truth of the whole flight, ``flown`` that of each
+    record with the record itself.
+    """
 
     drawn: Drawn
     flown: tuple[FlownRecord, ...]
@@ -42,8 +44,12 @@ def fly_surrogate(surrogate: Surrogate, seed: int) -> Flight:
     return Flight(drawn, fly_drawn(drawn, air))
 
 
-def _with_dominant(surrogate: Surrogate, plan: np.random.Generator, dominant: np.random.Generator) -> Drawn:
-    """A flight with what dominates; an aircraft on which no declared size makes a difference is drawn anew."""
+def _with_dominant(
+    surrogate: Surrogate, plan: np.random.Generator, dominant: np.random.Generator
+) -> Drawn:
+    """A flight with what dominates; an aircraft on which no declared size makes a difference is
+    drawn anew.
+    """
     drawn = draw_lateral if surrogate.flight.axis == LATERAL else draw
     for _ in range(AIRCRAFT_TRIED - 1 if surrogate.hidden.sizes else 0):
         try:
@@ -55,15 +61,31 @@ def _with_dominant(surrogate: Surrogate, plan: np.random.Generator, dominant: np
 
 def vehicle_text(drawn: Drawn) -> str:
     """The vehicle file that the loop is given: true nominal constants, derivatives that are off."""
-    lines = [f'name = "{drawn.vehicle}"', *(f"{name} = {drawn.declared.parameters[name].value!r}" for name in drawn.axis.constants)]
-    return "\n".join([*lines, "[derivatives]", *(f"{name} = {float(value)!r}" for name, value in drawn.starts.items())]) + "\n"
+    lines = [
+        f'name = "{drawn.vehicle}"',
+        *(f"{name} = {drawn.declared.parameters[name].value!r}" for name in drawn.axis.constants),
+    ]
+    return (
+        "\n".join(
+            [
+                *lines,
+                "[derivatives]",
+                *(f"{name} = {float(value)!r}" for name, value in drawn.starts.items()),
+            ]
+        )
+        + "\n"
+    )
 
 
 def write_flight(flight: Flight, folder: Path) -> tuple[list[Path], Path]:
-    """``record_1.csv`` and on with their sidecars, and ``vehicle.toml``: all that the loop is told; the paths of records and vehicle file."""
+    """``record_1.csv`` and on with their sidecars, and ``vehicle.toml``: all that the loop is told;
+    the paths of records and vehicle file.
+    """
     from scenarios.files.writing import write_record
 
-    paths = [write_record(folder, record, record.name, simulated=True)[0] for record in flight.records]
+    paths = [
+        write_record(folder, record, record.name, simulated=True)[0] for record in flight.records
+    ]
     vehicle = folder / "vehicle.toml"
     vehicle.write_text(vehicle_text(flight.drawn), encoding="utf-8", newline="\n")
     return paths, vehicle

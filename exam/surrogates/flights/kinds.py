@@ -1,4 +1,6 @@
-"""What can be hidden in the longitudinal surrogate flights: each effect's local values by size, the largest that is drawn at one."""
+"""What can be hidden in the longitudinal surrogate flights: each effect's local values by size, the
+largest that is drawn at one.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ def _limit(local: str, largest: Callable[[Drawn], float]) -> Kind:
 
 
 def _fastest(drawn: Drawn) -> float:
-    return max(float(np.max(np.abs(np.diff(move.values)))) / move.spacing for move in drawn.maneuvers)
+    return max(
+        float(np.max(np.abs(np.diff(move.values)))) / move.spacing for move in drawn.maneuvers
+    )
 
 
 def _late(drawn: Drawn) -> float:
@@ -55,7 +59,10 @@ def scale(drawn: Drawn, rng: np.random.Generator) -> AtSize:
 
 def curve(rms: Callable[[Drawn], float]) -> Kind:
     def kind(drawn: Drawn, rng: np.random.Generator) -> AtSize:
-        shapes = rng.standard_normal(len(shape_names(False))) / (1.0 + np.arange(len(shape_names(False)))) ** 1.5
+        shapes = (
+            rng.standard_normal(len(shape_names(False)))
+            / (1.0 + np.arange(len(shape_names(False)))) ** 1.5
+        )
         shapes *= rms(drawn) / np.linalg.norm(shapes)
         return along(dict(zip(shape_names(False), shapes.tolist(), strict=True)))
 
@@ -73,19 +80,35 @@ def _rate(drawn: Drawn, rng: np.random.Generator) -> AtSize:
 
 def _mode(drawn: Drawn, rng: np.random.Generator) -> AtSize:
     frequency, damping = rng.uniform(max(7.0, 2.2 * _omega(drawn)), 20.0), rng.uniform(0.015, 0.05)
-    most = {"lift": 1.5 * _value(drawn, "CL_de"), "moment": 0.6 * _value(drawn, "Cm_de"), "gyro": 0.06}
+    most = {
+        "lift": 1.5 * _value(drawn, "CL_de"),
+        "moment": 0.6 * _value(drawn, "Cm_de"),
+        "gyro": 0.06,
+    }
     held = {"frequency": frequency, "damping": damping, "angle_gain": 0.0}
     return lambda size: {**held, **{local: size * value for local, value in most.items()}}
 
 
 def _speed(drawn: Drawn, rng: np.random.Generator) -> AtSize:
-    return along({"rate": float(rng.choice([-1.0, 1.0])) * 0.35 * _value(drawn, "airspeed") / drawn.surrogate.flight.duration})
+    return along(
+        {
+            "rate": float(rng.choice([-1.0, 1.0]))
+            * 0.35
+            * _value(drawn, "airspeed")
+            / drawn.surrogate.flight.duration
+        }
+    )
 
 
-def event(most: Callable[[Drawn], Direction], held: Callable[[Drawn, np.random.Generator], Direction]) -> Kind:
+def event(
+    most: Callable[[Drawn], Direction], held: Callable[[Drawn, np.random.Generator], Direction]
+) -> Kind:
     def kind(drawn: Drawn, rng: np.random.Generator) -> AtSize:
         sign, fixed, largest = float(rng.choice([-1.0, 1.0])), held(drawn, rng), most(drawn)
-        return lambda size: {**fixed, **{local: sign * size * value for local, value in largest.items()}}
+        return lambda size: {
+            **fixed,
+            **{local: sign * size * value for local, value in largest.items()},
+        }
 
     return kind
 
@@ -95,7 +118,9 @@ def start(drawn: Drawn, rng: np.random.Generator) -> float:
 
 
 def drift(most: float) -> Kind:
-    return event(lambda drawn: {"slope": most / drawn.surrogate.flight.duration}, lambda drawn, rng: {})
+    return event(
+        lambda drawn: {"slope": most / drawn.surrogate.flight.duration}, lambda drawn, rng: {}
+    )
 
 
 KINDS: Mapping[str, Kind] = {
@@ -110,14 +135,21 @@ KINDS: Mapping[str, Kind] = {
     "control-nonlinearity": _control,
     "elastic-mode": _mode,
     "vane-offset": only("arm", lambda drawn: 3.5 * _value(drawn, "chord")),
-    "accelerometer-offset:nz": event(lambda drawn: {"arm": 2.0 * _value(drawn, "chord")}, lambda drawn, rng: {}),
+    "accelerometer-offset:nz": event(
+        lambda drawn: {"arm": 2.0 * _value(drawn, "chord")}, lambda drawn, rng: {}
+    ),
     **{f"sensor-scale:{channel}": scale for channel in ("alpha", "q", "nz")},
     **{f"sensor-lag:{channel}": only("time_constant", _late) for channel in ("alpha", "q", "nz")},
     **{f"sensor-delay:{channel}": only("delay", _late) for channel in ("alpha", "q", "nz")},
     SPEED: _speed,
     "gust-turbulence": only("sigma", lambda drawn: 0.04 * _value(drawn, "airspeed")),
     "derivative-jump": event(
-        lambda drawn: {"Cm_alpha": 0.8 * _value(drawn, "Cm_alpha"), "Cm_de": 0.0, "Cm_q": 0.0, "CL_alpha": 0.0},
+        lambda drawn: {
+            "Cm_alpha": 0.8 * _value(drawn, "Cm_alpha"),
+            "Cm_de": 0.0,
+            "Cm_q": 0.0,
+            "CL_alpha": 0.0,
+        },
         lambda drawn, rng: {"time": float(rng.uniform(0.2, 0.5) * drawn.surrogate.flight.duration)},
     ),
     "gust-discrete": event(

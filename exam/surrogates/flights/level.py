@@ -1,4 +1,6 @@
-"""The pilot who holds the height while the airspeed changes: the slow elevator that keeps lift and weight equal."""
+"""The pilot who holds the height while the airspeed changes: the slow elevator that keeps lift and
+weight equal.
+"""
 
 from __future__ import annotations
 
@@ -9,23 +11,33 @@ from exam.surrogates.flights.maneuvers import Table
 
 
 def steered(drawn: Drawn, number: int) -> Table:
-    """Elevator of one record, rad: its maneuver, and where the flight is ``level`` what a hidden change of speed asks for beside it."""
+    """Elevator of one record, rad: its maneuver, and where the flight is ``level`` what a hidden
+    change of speed asks for beside it.
+    """
     maneuver, speed = drawn.maneuvers[number], speed_rate(drawn, number)
     if not (drawn.surrogate.flight.level and speed):
         return maneuver
     times = maneuver.start + maneuver.spacing * np.arange(len(maneuver.values))
-    return Table(maneuver.values + level_elevator(drawn, speed * times), maneuver.spacing, maneuver.start)
+    return Table(
+        maneuver.values + level_elevator(drawn, speed * times), maneuver.spacing, maneuver.start
+    )
 
 
 def speed_rate(drawn: Drawn, number: int) -> float:
     """Thrust above drag over the mass that a hidden change of speed means on this record, m/s2."""
-    return sum(dominant.values["rate"] for dominant in drawn.hidden if dominant.name == SPEED and number in dominant.records)
+    return sum(
+        dominant.values["rate"]
+        for dominant in drawn.hidden
+        if dominant.name == SPEED and number in dominant.records
+    )
 
 
 def level_elevator(drawn: Drawn, change: np.ndarray) -> np.ndarray:
-    """Elevator (rad) at which lift is weight and the moment zero, at the declared airspeed plus ``change`` (m/s).
+    """Elevator (rad) at which lift is weight and the moment zero, at the declared airspeed plus
+    ``change`` (m/s).
 
-    Steady flight: Cm_alpha alpha + Cm_de de = 0 and CL_alpha alpha + CL_de de = CL_0 ((V0/V)^2 - 1), CL_0 the trim lift that grows with the speed.
+    Steady flight: Cm_alpha alpha + Cm_de de = 0 and CL_alpha alpha + CL_de de = CL_0 ((V0/V)^2 -
+    1), CL_0 the trim lift that grows with the speed.
     """
     p = {item.name: item.value for item in drawn.model.parameters}
     wanted = p["trim_lift"] * ((p["airspeed"] / (p["airspeed"] + change)) ** 2 - 1.0)

@@ -1,4 +1,6 @@
-"""The elevator of a measured-like record: usual maneuvers and hand-flown ones, rounded by the surface's servo."""
+"""The elevator of a measured-like record: usual maneuvers and hand-flown ones, rounded by the
+surface's servo.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,14 @@ from typing import Any
 import numpy as np
 
 from sim.errors import DeclarationError
-from sim.maneuvers import Maneuver, Sum, alternating, doublet, schroeder_multisine, three_two_one_one
+from sim.maneuvers import (
+    Maneuver,
+    Sum,
+    alternating,
+    doublet,
+    schroeder_multisine,
+    three_two_one_one,
+)
 from sim.record import Hold
 
 CELL = 0.005  # s, of the table
@@ -18,7 +27,9 @@ CELL = 0.005  # s, of the table
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A maneuver that runs straight between the values ``(n,)`` at even times from ``start`` (s) on, constant beyond."""
+    """A maneuver that runs straight between the values ``(n,)`` at even times from ``start`` (s)
+    on, constant beyond.
+    """
 
     values: np.ndarray
     spacing: float
@@ -39,8 +50,12 @@ class Table:
         return self(t)
 
     def mean(self, begin: Any, end: Any) -> np.ndarray:
-        """Exact mean: of a straight piece its middle; the integral up to each time from the trapezoids before it."""
-        begin, end = np.broadcast_arrays(np.asarray(begin, dtype=float), np.asarray(end, dtype=float))
+        """Exact mean: of a straight piece its middle; the integral up to each time from the
+        trapezoids before it.
+        """
+        begin, end = np.broadcast_arrays(
+            np.asarray(begin, dtype=float), np.asarray(end, dtype=float)
+        )
         return (self._integral(end) - self._integral(begin)) / (end - begin)
 
     def _integral(self, t: np.ndarray) -> np.ndarray:
@@ -49,7 +64,9 @@ class Table:
         at = np.clip(((t - self.start) / self.spacing).astype(int), 0, len(v) - 2)
         first = np.minimum(np.maximum(t, times[0]), times[-1]) - times[at]
         inside = whole[at] + first * (v[at] + 0.5 * first * (v[at + 1] - v[at]) / self.spacing)
-        return inside + np.maximum(t - times[-1], 0.0) * v[-1] + np.minimum(t - times[0], 0.0) * v[0]
+        return (
+            inside + np.maximum(t - times[-1], 0.0) * v[-1] + np.minimum(t - times[0], 0.0) * v[0]
+        )
 
     @property
     def _times(self) -> np.ndarray:
@@ -59,17 +76,29 @@ class Table:
 Draw = Callable[[np.random.Generator, float, float, float], Maneuver]
 
 
-def maneuver(kind: str, rng: np.random.Generator, amplitude: float, unit: float, duration: float, surface: float) -> Table:
+def maneuver(
+    kind: str,
+    rng: np.random.Generator,
+    amplitude: float,
+    unit: float,
+    duration: float,
+    surface: float,
+) -> Table:
     """A maneuver as the surface carries it out.
 
-    ``amplitude`` in rad; ``unit`` the step of a 3-2-1-1 that suits the short period, s; ``surface`` the servo's frequency, rad/s.
+    ``amplitude`` in rad; ``unit`` the step of a 3-2-1-1 that suits the short period, s; ``surface``
+    the servo's frequency, rad/s.
 
     Raises
     ------
     DeclarationError : there is no such kind.
     """
     if kind not in KINDS:
-        raise DeclarationError(f"there is no maneuver {kind!r}", where="key flight.maneuvers", remedy=f"use {', '.join(KINDS)}")
+        raise DeclarationError(
+            f"there is no maneuver {kind!r}",
+            where="key flight.maneuvers",
+            remedy=f"use {', '.join(KINDS)}",
+        )
     return carried_out(KINDS[kind](rng, amplitude, unit, duration), surface, duration)
 
 
@@ -86,27 +115,47 @@ def carried_out(commanded: Maneuver, surface: float, duration: float) -> Table:
 
 
 def _steps(rng: np.random.Generator, amplitude: float, unit: float, duration: float) -> Maneuver:
-    return three_two_one_one(_sign(rng) * amplitude, unit * rng.uniform(0.9, 1.1), rng.uniform(1.0, 2.0))
+    return three_two_one_one(
+        _sign(rng) * amplitude, unit * rng.uniform(0.9, 1.1), rng.uniform(1.0, 2.0)
+    )
 
 
 def _doublets(rng: np.random.Generator, amplitude: float, unit: float, duration: float) -> Maneuver:
     sign, start = _sign(rng), rng.uniform(1.0, 2.0)
-    return Sum((doublet(sign * amplitude, 1.8 * unit, start), doublet(-0.7 * sign * amplitude, unit, start + rng.uniform(8.0, 11.0))))
+    return Sum(
+        (
+            doublet(sign * amplitude, 1.8 * unit, start),
+            doublet(-0.7 * sign * amplitude, unit, start + rng.uniform(8.0, 11.0)),
+        )
+    )
 
 
-def _two_doublets(rng: np.random.Generator, amplitude: float, unit: float, duration: float) -> Maneuver:
+def _two_doublets(
+    rng: np.random.Generator, amplitude: float, unit: float, duration: float
+) -> Maneuver:
     """A slow doublet and a quick one, within half of a record."""
     sign, begin = _sign(rng), rng.uniform(1.0, 2.0)
-    return Sum((doublet(sign * amplitude, 1.9 * unit, begin), doublet(-0.7 * sign * amplitude, 1.1 * unit, begin + 0.55 * duration)))
+    return Sum(
+        (
+            doublet(sign * amplitude, 1.9 * unit, begin),
+            doublet(-0.7 * sign * amplitude, 1.1 * unit, begin + 0.55 * duration),
+        )
+    )
 
 
-def _multisine(rng: np.random.Generator, amplitude: float, unit: float, duration: float) -> Maneuver:
+def _multisine(
+    rng: np.random.Generator, amplitude: float, unit: float, duration: float
+) -> Maneuver:
     period = math.floor(duration) - 3.0
     highest = max(5, round(period * rng.uniform(1.2, 1.8)))
-    return schroeder_multisine(0.4 * amplitude, period, range(2, highest, int(rng.integers(2, 4))), 1.0)
+    return schroeder_multisine(
+        0.4 * amplitude, period, range(2, highest, int(rng.integers(2, 4))), 1.0
+    )
 
 
-def _hand_flown(rng: np.random.Generator, amplitude: float, unit: float, duration: float) -> Maneuver:
+def _hand_flown(
+    rng: np.random.Generator, amplitude: float, unit: float, duration: float
+) -> Maneuver:
     """A pilot's idea of a 3-2-1-1, then taps: uneven times and levels, never quite back to zero."""
     parts: list[Maneuver] = []
     start = rng.uniform(1.0, 2.0)
@@ -118,7 +167,11 @@ def _hand_flown(rng: np.random.Generator, amplitude: float, unit: float, duratio
     start += rng.uniform(2.0, 4.0)
     while start < duration - 4.0:
         length = unit * rng.uniform(1.0, 3.0)
-        parts.append(alternating(_sign(rng) * amplitude * rng.uniform(0.2, 0.7), [length, 0.8 * length], start))
+        parts.append(
+            alternating(
+                _sign(rng) * amplitude * rng.uniform(0.2, 0.7), [length, 0.8 * length], start
+            )
+        )
         start += 2.0 * length + rng.uniform(1.0, 3.0)
     return Sum(tuple(parts))
 
@@ -131,12 +184,18 @@ def _two(rng: np.random.Generator, amplitude: float, unit: float, duration: floa
 
 def _step(rng: np.random.Generator, amplitude: float, unit: float, duration: float) -> Maneuver:
     """One level held for 60 to 80 per cent of the record, and back."""
-    return alternating(_sign(rng) * amplitude, [duration * rng.uniform(0.6, 0.8)], rng.uniform(1.0, 2.0))
+    return alternating(
+        _sign(rng) * amplitude, [duration * rng.uniform(0.6, 0.8)], rng.uniform(1.0, 2.0)
+    )
 
 
 def _held(rng: np.random.Generator, amplitude: float, unit: float, duration: float) -> Maneuver:
-    """A third of the level, held for 30 to 40 per cent of the record, and back: held for longer, or further, it ends in a loop."""
-    return alternating(_sign(rng) * amplitude / 3.0, [duration * rng.uniform(0.3, 0.4)], rng.uniform(1.0, 2.0))
+    """A third of the level, held for 30 to 40 per cent of the record, and back: held for longer, or
+    further, it ends in a loop.
+    """
+    return alternating(
+        _sign(rng) * amplitude / 3.0, [duration * rng.uniform(0.3, 0.4)], rng.uniform(1.0, 2.0)
+    )
 
 
 def _sign(rng: np.random.Generator) -> float:

@@ -1,4 +1,6 @@
-"""Many flights of one model at once: the truth generator for campaigns whose flights differ in numbers, inputs and nothing else."""
+"""Many flights of one model at once: the truth generator for campaigns whose flights differ in
+numbers, inputs and nothing else.
+"""
 
 from __future__ import annotations
 
@@ -27,22 +29,26 @@ def fly_side_by_side(
     method: Step = rk4_step,
     outputs: Sequence[str] | None = None,
 ) -> dict[str, np.ndarray]:
-    """Outputs ``(N, B)`` by name of ``B`` flights, without measurement noise: what `sim.truth.flight.fly` gives one by one, to rounding.
+    """Outputs ``(N, B)`` by name of ``B`` flights, without measurement noise: what
+    `sim.truth.flight.fly` gives one by one, to rounding.
 
     Parameters
     ----------
     values : parameters that differ, ``(B,)`` each; none that acts on an input.
-    maneuvers : by input, one a flight; inputs not named rest at zero. The same object is worked out once.
-    time, step, method, outputs : as those of ``fly``.
+    maneuvers : by input, one a flight; inputs not named rest at zero. The same object is worked out
+    once. time, step, method, outputs : as those of ``fly``.
 
     Raises
     ------
-    ModelError : a parameter of the input path that differs, random forcing, a simulation that diverges.
+    ModelError : a parameter of the input path that differs, random forcing, a simulation that
+    diverges.
     """
     system = compile_model(model, outputs)
     grid = make_grid(np.asarray(time, dtype=float), step)
     p: list[Any] = system.parameters.values().tolist()
-    if system.input_parameters.intersection(values) or any(density > 0 for density in system.noise(p)[0]):
+    if system.input_parameters.intersection(values) or any(
+        density > 0 for density in system.noise(p)[0]
+    ):
         what = "random forcing, or an input path that differs from flight to flight"
         raise ModelError(what, where=f"model {model.name}", remedy="fly them one by one")
     drive = _drive(model, system, p, maneuvers, grid)
@@ -52,10 +58,19 @@ def fly_side_by_side(
     refuse_divergence(model, grid, [row.reshape(len(row), -1).sum(axis=1) for row in states])
     observe = _through_sensors if system.sensor_stages else outputs_at_samples
     rows = observe(system, p, states, drive, grid)
-    return {name: np.array(row, dtype=float) for name, row in zip(system.output_names, rows, strict=True)}
+    return {
+        name: np.array(row, dtype=float)
+        for name, row in zip(system.output_names, rows, strict=True)
+    }
 
 
-def _drive(model: Model, system: System, p: Sequence[float], maneuvers: Mapping[str, Sequence[Maneuver]], grid: Grid) -> Drive:
+def _drive(
+    model: Model,
+    system: System,
+    p: Sequence[float],
+    maneuvers: Mapping[str, Sequence[Maneuver]],
+    grid: Grid,
+) -> Drive:
     """Each input by itself, each of its maneuvers once."""
     acted = {effect.signal for effect in model.effects if isinstance(effect, InputEffect)}
     untouched = replace(system, input_path=lambda p, u, edges: list(u))
@@ -67,12 +82,23 @@ def _drive(model: Model, system: System, p: Sequence[float], maneuvers: Mapping[
         take = np.array([column[id(move)] for move in flown])
         rest: tuple[Maneuver, ...] = tuple(Sum() for _ in system.inputs)
         through = system if name in acted else untouched
-        parts = [drive_from_maneuvers(through, p, (*rest[:i], move, *rest[i + 1 :]), grid) for move in one.values()]
-        begin, end = ([_wide([getattr(part, side)[i] for part in parts], take)] for side in ("begin", "end"))
-        first, middle, last = ([_wide([part.stages[s][i] for part in parts], take)] for s in range(3))
+        parts = [
+            drive_from_maneuvers(through, p, (*rest[:i], move, *rest[i + 1 :]), grid)
+            for move in one.values()
+        ]
+        begin, end = (
+            [_wide([getattr(part, side)[i] for part in parts], take)] for side in ("begin", "end")
+        )
+        first, middle, last = (
+            [_wide([part.stages[s][i] for part in parts], take)] for s in range(3)
+        )
         drives.append(Drive((first, middle, last), begin, end))
     stages = [[row for drive in drives for row in drive.stages[s]] for s in range(3)]
-    return Drive((stages[0], stages[1], stages[2]), [row for d in drives for row in d.begin], [row for d in drives for row in d.end])
+    return Drive(
+        (stages[0], stages[1], stages[2]),
+        [row for d in drives for row in d.begin],
+        [row for d in drives for row in d.end],
+    )
 
 
 def _wide(rows: Sequence[np.ndarray], take: np.ndarray) -> np.ndarray:
@@ -80,7 +106,9 @@ def _wide(rows: Sequence[np.ndarray], take: np.ndarray) -> np.ndarray:
     return np.asarray(rows[0], dtype=float) if len(rows) == 1 else np.stack(rows, axis=1)[:, take]
 
 
-def _through_sensors(system: System, p: Sequence[Any], states: Sequence[np.ndarray], drive: Drive, grid: Grid) -> list[np.ndarray]:
+def _through_sensors(
+    system: System, p: Sequence[Any], states: Sequence[np.ndarray], drive: Drive, grid: Grid
+) -> list[np.ndarray]:
     """Sensors with memory, flight by flight: not all of them broadcast."""
     flights = np.shape(states[0])[1:]
     rows = [np.empty((len(grid.sample), *flights)) for _ in system.outputs]
@@ -93,6 +121,10 @@ def _through_sensors(system: System, p: Sequence[Any], states: Sequence[np.ndarr
 
         first, middle, last = (own(stage) for stage in drive.stages)
         alone = Drive((first, middle, last), own(drive.begin), own(drive.end))
-        for row, values in zip(rows, outputs_at_samples(system, mine, [state[at] for state in states], alone, grid), strict=True):
+        for row, values in zip(
+            rows,
+            outputs_at_samples(system, mine, [state[at] for state in states], alone, grid),
+            strict=True,
+        ):
             row[at] = values
     return rows

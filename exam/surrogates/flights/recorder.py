@@ -18,7 +18,9 @@ class _Corner:
 
 
 def recorded(drawn: Drawn, name: str, time: np.ndarray, step: float, maneuver: Table) -> np.ndarray:
-    """An input as its own filtered channel shows it at ``time (N,)``, s, without zero and noise; ``step`` of the filter's grid, s."""
+    """An input as its own filtered channel shows it at ``time (N,)``, s, without zero and noise;
+    ``step`` of the filter's grid, s.
+    """
     if not drawn.corners:
         return maneuver(time)
     grid = make_grid(time, step)

@@ -1,4 +1,6 @@
-"""Effects whose size a surrogate flight may declare in the effect's own unit, instead of by the error that it makes."""
+"""Effects whose size a surrogate flight may declare in the effect's own unit, instead of by the
+error that it makes.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +12,11 @@ from exam.surrogates.flights.drawing import SPEED, Drawn
 
 @dataclass(frozen=True)
 class Size:
-    """What a declared size is: the effect's ``local`` parameter, its ``unit``, the largest that may be declared (``most``).
+    """What a declared size is: the effect's ``local`` parameter, its ``unit``, the largest that may
+    be declared (``most``).
 
-    ``either`` : the sign is drawn. ``speed_share`` : the size is the share of the airspeed lost over a record, the parameter m/s2.
+    ``either`` : the sign is drawn. ``speed_share`` : the size is the share of the airspeed lost
+    over a record, the parameter m/s2.
     """
 
     local: str
@@ -31,8 +35,14 @@ SIZES: Mapping[str, Size] = {
 
 
 def values_at(drawn: Drawn, name: str, size: float, sign: float = 1.0) -> dict[str, float]:
-    """Local values of an effect of this ``size``; ``sign`` is used where the size may go either way."""
+    """Local values of an effect of this ``size``; ``sign`` is used where the size may go either
+    way.
+    """
     what = SIZES[name]
     if what.speed_share:
-        return {what.local: -size * drawn.declared.parameters["airspeed"].value / drawn.surrogate.flight.duration}
+        return {
+            what.local: -size
+            * drawn.declared.parameters["airspeed"].value
+            / drawn.surrogate.flight.duration
+        }
     return {what.local: sign * size if what.either else size}

@@ -1,4 +1,6 @@
-"""Lab 4: an unstable airframe under its control law, and the low-order equivalent system that its pilot flies."""
+"""Lab 4: an unstable airframe under its control law, and the low-order equivalent system that its
+pilot flies.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ DELAYS = (0.10, 0.20, 0.25)  # s, largest of levels 1 to 3: MIL-F-8785C 3.5.3
 
 @dataclass(frozen=True, eq=False)
 class Augmented:
-    """A flight of the closed loop, the low-order system identified from its record, and the one that fits the loop's own frequency response."""
+    """A flight of the closed loop, the low-order system identified from its record, and the one
+    that fits the loop's own frequency response.
+    """
 
     flown: FlownLoop
     found: IdentificationResult
@@ -37,9 +41,15 @@ class Augmented:
 
 
 def changes(
-    airframe: str = "F, flight-like", amplitude: float = 1.0, unit: float = 0.5, dead_band: float = 0.05, noise: bool = True
+    airframe: str = "F, flight-like",
+    amplitude: float = 1.0,
+    unit: float = 0.5,
+    dead_band: float = 0.05,
+    noise: bool = True,
 ) -> tuple[str, ...]:
-    """Changes of the scenario: airframe, amplitude (in) and unit (s) of the 3-2-1-1 on the stick, its dead band (in), telemetry noise."""
+    """Changes of the scenario: airframe, amplitude (in) and unit (s) of the 3-2-1-1 on the stick,
+    its dead band (in), telemetry noise.
+    """
     return (
         f"flight.airframe={AIRFRAMES[airframe]}",
         f"flight.stick.amplitude={amplitude:g}",
@@ -50,16 +60,37 @@ def changes(
 
 
 def vehicle_text(flown: FlownLoop) -> str:
-    """The vehicle file that the identification is given: the flight condition, and starts from the paper's Table 1, rounded."""
-    constants = {"airspeed": flown.x29.airframe.airspeed, "gravity": flown.x29.airframe.gravity, "vane_arm": flown.x29.telemetry.vane_arm}
-    starts = {"L_alpha": -1.9, "M_alpha": -14.0, "L_delta": 0.0, "M_delta": 0.38, "L_q": 1.0, "M_q": -3.7, "inv_tau": 8.0, "delay": 0.08}
-    lines = ['name = "augmented"', *(f"{name} = {value:.6g}" for name, value in constants.items()), "[derivatives]"]
+    """The vehicle file that the identification is given: the flight condition, and starts from the
+    paper's Table 1, rounded.
+    """
+    constants = {
+        "airspeed": flown.x29.airframe.airspeed,
+        "gravity": flown.x29.airframe.gravity,
+        "vane_arm": flown.x29.telemetry.vane_arm,
+    }
+    starts = {
+        "L_alpha": -1.9,
+        "M_alpha": -14.0,
+        "L_delta": 0.0,
+        "M_delta": 0.38,
+        "L_q": 1.0,
+        "M_q": -3.7,
+        "inv_tau": 8.0,
+        "delay": 0.08,
+    }
+    lines = [
+        'name = "augmented"',
+        *(f"{name} = {value:.6g}" for name, value in constants.items()),
+        "[derivatives]",
+    ]
     return "\n".join([*lines, *(f"{name} = {value!r}" for name, value in starts.items())]) + "\n"
 
 
 @lru_cache(KEPT)
 def study(asked: tuple[str, ...], seed: int = 1) -> Augmented:
-    """Fly the loop, and identify its record as ``flightid identify --model loes`` does. Errors as these."""
+    """Fly the loop, and identify its record as ``flightid identify --model loes`` does. Errors as
+    these.
+    """
     from ident.flying_qualities.levels import levels, qualities
     from scenarios.x29.declaration import fly_loop
     from scenarios.x29.study import loop_scenario
@@ -69,7 +100,9 @@ def study(asked: tuple[str, ...], seed: int = 1) -> Augmented:
     found = _identified(flown)
     airframe = flown.x29.airframe
     of_flying = qualities(found.estimate, airframe.airspeed, airframe.gravity)
-    judged = tuple(level for level in levels(of_flying) if level.criterion.category in (CATEGORY, ""))
+    judged = tuple(
+        level for level in levels(of_flying) if level.criterion.category in (CATEGORY, "")
+    )
     return Augmented(flown, found, equivalent_system(flown.x29), of_flying, judged)
 
 
@@ -88,7 +121,13 @@ def _identified(flown: FlownLoop) -> IdentificationResult:
         (folder / "augmented.toml").write_text(vehicle_text(flown), encoding="utf-8", newline="\n")
         request = Request((folder / "flight.csv",), "loes", folder / "augmented.toml")
         vehicle = read_vehicle(request.vehicle, request.model)
-        ready = prepare(read_record_files(request.records), model_of_file(vehicle), request.plan, column_choices(request), flow=True)
+        ready = prepare(
+            read_record_files(request.records),
+            model_of_file(vehicle),
+            request.plan,
+            column_choices(request),
+            flow=True,
+        )
         return identify(ready.fitted[0], vehicle, "output-error", (), ready.model)
 
 
@@ -104,12 +143,17 @@ def doubling_time(flown: FlownLoop) -> float:
 
 
 def responses(each: Augmented, omega: np.ndarray) -> dict[str, np.ndarray]:
-    """Pitch rate per stick (rad/s per inch), complex ``(n,)`` at frequencies (rad/s): the whole loop, and the equivalent system from the record."""
+    """Pitch rate per stick (rad/s per inch), complex ``(n,)`` at frequencies (rad/s): the whole
+    loop, and the equivalent system from the record.
+    """
     from sim.closed_loop.linear import equivalent_response, frequency_response
 
     values, airframe = each.found.estimate.as_dict(), each.flown.x29.airframe
     low = equivalent_response(values, omega, airframe.airspeed, airframe.gravity, values["L_q"])
-    return {"the whole loop": frequency_response(each.flown.x29, omega, recorded=True)[1], "equivalent system, from the record": low[1]}
+    return {
+        "the whole loop": frequency_response(each.flown.x29, omega, recorded=True)[1],
+        "equivalent system, from the record": low[1],
+    }
 
 
 def quality(each: Augmented, name: str) -> float:
@@ -118,7 +162,12 @@ def quality(each: Augmented, name: str) -> float:
 
 
 def numbers(
-    airframe: str = "F, flight-like", amplitude: float = 1.0, unit: float = 0.5, dead_band: float = 0.05, noise: bool = True, seed: int = 1
+    airframe: str = "F, flight-like",
+    amplitude: float = 1.0,
+    unit: float = 0.5,
+    dead_band: float = 0.05,
+    noise: bool = True,
+    seed: int = 1,
 ) -> dict[str, float]:
     """What the key expects of one flight; delays in ms, moments per inch of stick."""
     each = study(changes(airframe, amplitude, unit, dead_band, noise), seed)
@@ -138,12 +187,24 @@ def numbers(
 def level_of_delay() -> str:
     """The level that the delay of the flight-like airframe allows."""
     delay = numbers()["delay"] / 1000.0
-    return next((f"Level {level}" for level, bound in enumerate(DELAYS, start=1) if delay <= bound), "none")
+    return next(
+        (f"Level {level}" for level, bound in enumerate(DELAYS, start=1) if delay <= bound), "none"
+    )
 
 
 def most_constant() -> str:
-    """Which of four quantities changes the least, in per cent, between maneuvers of units of 0.2, 0.5 and 1 s."""
+    """Which of four quantities changes the least, in per cent, between maneuvers of units of 0.2,
+    0.5 and 1 s.
+    """
     found = [numbers(unit=unit) for unit in (0.2, 0.5, 1.0)]
-    words = {"inv_tau": "inv_tau", "M_q": "M_q", "delay and lag together": "total delay", "M_alpha": "M_alpha"}
-    spread = {word: np.ptp([each[name] for each in found]) / abs(found[1][name]) for word, name in words.items()}
+    words = {
+        "inv_tau": "inv_tau",
+        "M_q": "M_q",
+        "delay and lag together": "total delay",
+        "M_alpha": "M_alpha",
+    }
+    spread = {
+        word: np.ptp([each[name] for each in found]) / abs(found[1][name])
+        for word, name in words.items()
+    }
     return min(spread, key=lambda word: spread[word])

@@ -17,8 +17,12 @@ SCENARIO = "ballistic"
 FOOT, POUND_PER_SQUARE_FOOT = 0.3048, 4.88242764  # m; kg/m2
 
 
-def changes(start: float = 800.0, spread: float = 300.0, passes: int = 1, noise: float = 25.0) -> tuple[str, ...]:
-    """Changes of the scenario: start of beta and its standard deviation (lb/ft2), passes of the filter, noise of the radar (ft)."""
+def changes(
+    start: float = 800.0, spread: float = 300.0, passes: int = 1, noise: float = 25.0
+) -> tuple[str, ...]:
+    """Changes of the scenario: start of beta and its standard deviation (lb/ft2), passes of the
+    filter, noise of the radar (ft).
+    """
     return (
         ALONE,
         f"flight.noise_std.altitude={noise:g} ft",
@@ -46,7 +50,9 @@ def history_of(found: StudyResult) -> FilterHistory:
 
 
 def awakening(found: StudyResult) -> tuple[float, float]:
-    """Time (s) and true altitude (m) at which the filter has halved the sigma that it began with."""
+    """Time (s) and true altitude (m) at which the filter has halved the sigma that it began
+    with.
+    """
     history = history_of(found)
     std = history.std[history.names.index("beta")]
     at = int(np.argmax(std < 0.5 * std[0]))
@@ -54,8 +60,17 @@ def awakening(found: StudyResult) -> tuple[float, float]:
     return time, float(np.interp(time, found.record.time, found.record["altitude"].values))
 
 
-def numbers(start: float = 800.0, spread: float = 300.0, passes: int = 1, noise: float = 25.0, seed: int = 1, runs: int = 200) -> dict[str, float]:
-    """What the key expects: of one fall and of ``runs``; beta in lb/ft2, altitude in km, shares in per cent."""
+def numbers(
+    start: float = 800.0,
+    spread: float = 300.0,
+    passes: int = 1,
+    noise: float = 25.0,
+    seed: int = 1,
+    runs: int = 200,
+) -> dict[str, float]:
+    """What the key expects: of one fall and of ``runs``; beta in lb/ft2, altitude in km, shares in
+    per cent.
+    """
     asked = changes(start, spread, passes, noise)
     one, many = study(asked, seed), campaign(asked, runs)
     row, (time, altitude) = row_of(one.main, "beta"), awakening(one)
@@ -72,14 +87,22 @@ def numbers(start: float = 800.0, spread: float = 300.0, passes: int = 1, noise:
 
 
 def passes_needed(start: float, spread: float, share: float = 0.9, most: int = 5) -> int:
-    """The fewest passes with which that share of the 2-sigma intervals of 200 falls hold the truth; ``most`` where none do."""
-    shares = {passes: campaign(changes(start, spread, passes)).pooled.within_two for passes in range(1, most + 1)}
+    """The fewest passes with which that share of the 2-sigma intervals of 200 falls hold the truth;
+    ``most`` where none do.
+    """
+    shares = {
+        passes: campaign(changes(start, spread, passes)).pooled.within_two
+        for passes in range(1, most + 1)
+    }
     return next((passes for passes, found in shares.items() if found >= share), most)
 
 
 def worse_prior() -> str:
-    """Which of two priors about 800 lb/ft2 biases one pass more, in reported sigmas; words as the question has them."""
+    """Which of two priors about 800 lb/ft2 biases one pass more, in reported sigmas; words as the
+    question has them.
+    """
     found = {
-        f"{word} one: 800 ± {spread:g}": abs(campaign(changes(spread=spread)).pooled.bias) for word, spread in (("a wide", 300.0), ("a narrow", 30.0))
+        f"{word} one: 800 ± {spread:g}": abs(campaign(changes(spread=spread)).pooled.bias)
+        for word, spread in (("a wide", 300.0), ("a narrow", 30.0))
     }
     return max(found, key=lambda words: found[words])

@@ -1,4 +1,6 @@
-"""Lab 3: a rigid model on the record of a flexible aircraft, whose structure is made stiffer or softer."""
+"""Lab 3: a rigid model on the record of a flexible aircraft, whose structure is made stiffer or
+softer.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ MODES = (12.57, 14.07, 21.17, 22.05)  # rad/s in vacuo, as `flightid vehicles bo
 
 
 def changes(factor: float = 1.0, density: float = 0.0, unit: float = 0.5) -> tuple[str, ...]:
-    """Changes of the scenario: factor of all modal frequencies, process noise of the filter on pitch rate ((deg/s)^2/s), unit of the 3-2-1-1 (s)."""
+    """Changes of the scenario: factor of all modal frequencies, process noise of the filter on
+    pitch rate ((deg/s)^2/s), unit of the 3-2-1-1 (s).
+    """
     believed = f'{{alpha = "{OF_ALPHA}", q = "{density:g} (deg/s)^2/s"}}' if density else "{}"
     return (
         ALONE,
@@ -36,11 +40,19 @@ def marks(factor: float) -> list[float]:
     return [factor * mode for mode in MODES]
 
 
-def numbers(factor: float = 1.0, density: float = 0.0, unit: float = 0.5, seed: int = 1) -> dict[str, float]:
-    """What the key expects: shares of the rigid value that a derivative has lost, errors against the condensed values in sigmas, tests failed."""
+def numbers(
+    factor: float = 1.0, density: float = 0.0, unit: float = 0.5, seed: int = 1
+) -> dict[str, float]:
+    """What the key expects: shares of the rigid value that a derivative has lost, errors against
+    the condensed values in sigmas, tests failed.
+    """
     found = study(changes(factor, density, unit), seed)
     rows = {row.name: row for row in found.main.rows}
-    lost = {f"{name} lost, %": 100.0 * (1.0 - row.estimate / row.true) for name, row in rows.items() if row.true}
+    lost = {
+        f"{name} lost, %": 100.0 * (1.0 - row.estimate / row.true)
+        for name, row in rows.items()
+        if row.true
+    }
     return {
         **lost,
         **{f"error of {name}, sigmas": sigmas_off(row) for name, row in rows.items()},
@@ -55,7 +67,9 @@ def nearer(factor: float = 1.0, name: str = "Cm_alpha") -> str:
     """Whether an estimate lies nearer to the rigid or to the condensed value."""
     row = row_of(study(changes(factor)).main, name)
     assert row.true is not None and row.condensed is not None
-    return "rigid" if abs(row.estimate - row.true) < abs(row.estimate - row.condensed) else "condensed"
+    return (
+        "rigid" if abs(row.estimate - row.true) < abs(row.estimate - row.condensed) else "condensed"
+    )
 
 
 def worst(factor: float = 1.0) -> str:

@@ -1,4 +1,6 @@
-"""Lab 5: a record with something hidden, drawn from a seed; what a student sees of it, what the loop says, and the truth, which is opened last."""
+"""Lab 5: a record with something hidden, drawn from a seed; what a student sees of it, what the
+loop says, and the truth, which is opened last.
+"""
 
 from __future__ import annotations
 
@@ -16,16 +18,18 @@ if TYPE_CHECKING:
     import flightid
     from sim.record import Record
 
-BASE = {True: "trace-delay", False: "trace-nothing"}  # what is hidden is replaced; the scenario of nothing declares so
-# Twenty samples a second and short records, so that the loop answers while a class waits; every maneuver still switches at a sample.
+# what is hidden is replaced; the scenario of nothing declares so
+BASE = {True: "trace-delay", False: "trace-nothing"}
+# Twenty samples a second and short records, so that the loop answers while a class waits; every
+# maneuver still switches at a sample.
 SHORT = ("flight.rate=20 Hz", "flight.train.duration=18 s", "flight.validate.duration=14 s")
 NOTHING = "nothing: noise alone"
 
 
 @dataclass(frozen=True)
 class Suspect:
-    """An effect that may be hidden: ``name`` as ``flightid effects`` lists it, values drawn between two numbers each (SI), values of the
-    second record where they differ, and how it shows."""
+    """An effect that may be hidden: ``name`` as ``flightid effects`` lists it, values drawn between
+    two numbers each (SI), values of the second record where they differ, and how it shows."""
 
     name: str
     shows: str
@@ -37,15 +41,24 @@ class Suspect:
 SUSPECTS: Mapping[str, Suspect] = {
     NOTHING: Suspect("", "white residuals of the size of the noise, in all channels"),
     "the elevator acts later than recorded": Suspect(
-        "input-delay", "a spike in **all** channels after each switch of the elevator, strongest in q", {"delay": (0.05, 0.09)}
+        "input-delay",
+        "a spike in **all** channels after each switch of the elevator, strongest in q",
+        {"delay": (0.05, 0.09)},
     ),
-    "the pitch-rate gyro is late": Suspect("sensor-delay:q", "spikes after each switch in **q**, hardly any in α and nz", {"delay": (0.07, 0.12)}),
+    "the pitch-rate gyro is late": Suspect(
+        "sensor-delay:q",
+        "spikes after each switch in **q**, hardly any in α and nz",
+        {"delay": (0.07, 0.12)},
+    ),
     "the α vane sits ahead of the centre of gravity": Suspect(
-        "vane-offset", "a residual of **α** that looks like q itself: the vane measures α − (arm/V) q", {"arm": (8.0, 14.0)}
+        "vane-offset",
+        "a residual of **α** that looks like q itself: the vane measures α − (arm/V) q",
+        {"arm": (8.0, 14.0)},
     ),
     "a dead band in the elevator linkage": Suspect(
         "input-deadband",
-        "errors that depend on the **size** of the deflection: large and small maneuvers cannot both be fitted",
+        "errors that depend on the **size** of the deflection: large and small maneuvers cannot "
+        "both be fitted",
         {"half_width": (0.01, 0.016)},
     ),
     "one vertical gust": Suspect(
@@ -54,23 +67,36 @@ SUSPECTS: Mapping[str, Suspect] = {
         {"peak": (3.0, 5.0), "start": (12.8, 13.6), "duration": (1.0, 1.4)},
         {"start": 11.0},
     ),
-    "the α sensor drifts": Suspect("sensor-drift:alpha", "a slow slope in the residual of **α** alone, at low frequency", {"slope": (0.0012, 0.002)}),
+    "the α sensor drifts": Suspect(
+        "sensor-drift:alpha",
+        "a slow slope in the residual of **α** alone, at low frequency",
+        {"slope": (0.0012, 0.002)},
+    ),
     "the static stability changes during the flight": Suspect(
         "derivative-jump",
-        "two halves that each could be fitted alone; the swing has another frequency **from one time on**",
+        "two halves that each could be fitted alone; the swing has another frequency **from one "
+        "time on**",
         {"time": (8.5, 9.5), "Cm_alpha": (0.25, 0.4)},
         {"time": 6.0},
     ),
-    "an elastic mode rings": Suspect("elastic-mode", "a ringing after each switch at **one frequency** well above the short period"),
-    "the air is rough": Suspect("gust-turbulence", "a coloured residual in α and nz **all the time**, maneuver or not"),
+    "an elastic mode rings": Suspect(
+        "elastic-mode",
+        "a ringing after each switch at **one frequency** well above the short period",
+    ),
+    "the air is rough": Suspect(
+        "gust-turbulence", "a coloured residual in α and nz **all the time**, maneuver or not"
+    ),
 }
-FIRST = "the α vane sits ahead of the centre of gravity"  # of the seed that the lab begins with, so that all of a class begin with one they can find
+# of the seed that the lab begins with, so that all of a class begin with one they can find
+FIRST = "the α vane sits ahead of the centre of gravity"
 FIRST_SEED = 1
 
 
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """Both records, the vehicle file and the sensors' noise, in a folder that lives as long as this; nothing in it tells what is hidden."""
+    """Both records, the vehicle file and the sensors' noise, in a folder that lives as long as
+    this; nothing in it tells what is hidden.
+    """
 
     folder: Scratch
     train: Record
@@ -82,11 +108,15 @@ class Flown:
 
 
 def drawn(seed: int) -> tuple[str, dict[str, float]]:
-    """What is hidden under a seed, in the words of the lab, and its values, SI. The truth: to be called when all else is said."""
+    """What is hidden under a seed, in the words of the lab, and its values, SI. The truth: to be
+    called when all else is said.
+    """
     rng = np.random.default_rng([seed, 5])
     hidden = [words for words, suspect in SUSPECTS.items() if suspect.values or words == NOTHING]
     words = FIRST if seed == FIRST_SEED else hidden[int(rng.integers(len(hidden)))]
-    return words, {name: float(rng.uniform(*bounds)) for name, bounds in SUSPECTS[words].values.items()}
+    return words, {
+        name: float(rng.uniform(*bounds)) for name, bounds in SUSPECTS[words].values.items()
+    }
 
 
 def changes(seed: int) -> tuple[str, tuple[str, ...]]:
@@ -97,7 +127,11 @@ def changes(seed: int) -> tuple[str, tuple[str, ...]]:
         return BASE[False], SHORT
     inside = ", ".join(f"{name} = {value!r}" for name, value in values.items())
     elsewhere = ", ".join(f"{name} = {value!r}" for name, value in suspect.elsewhere.items())
-    table = f'{{name = "{suspect.name}", values = {{{inside}}}' + (f", elsewhere = {{{elsewhere}}}" if elsewhere else "") + "}"
+    table = (
+        f'{{name = "{suspect.name}", values = {{{inside}}}'
+        + (f", elsewhere = {{{elsewhere}}}" if elsewhere else "")
+        + "}"
+    )
     return BASE[True], (*SHORT, f"hidden=[{table}]")
 
 
@@ -120,14 +154,25 @@ def fitted(seed: int) -> flightid.Identification:
     import flightid
 
     given = flown(seed)
-    return flightid.identify(given.path("train.csv"), "rigid", given.path("vehicle.toml"), validate=given.path("validate.csv"))
+    return flightid.identify(
+        given.path("train.csv"),
+        "rigid",
+        given.path("vehicle.toml"),
+        validate=given.path("validate.csv"),
+    )
 
 
 def residuals(seed: int) -> dict[str, np.ndarray]:
     """What the rigid model leaves of each output ``(N,)``, SI."""
     inner = fitted(seed).details.found
     z, valid = inner.record.output_array(inner.estimate.output_names)
-    return dict(zip(inner.estimate.output_names, np.where(valid, z - inner.estimate.fitted[0], 0.0), strict=True))
+    return dict(
+        zip(
+            inner.estimate.output_names,
+            np.where(valid, z - inner.estimate.fitted[0], 0.0),
+            strict=True,
+        )
+    )
 
 
 @lru_cache(16)
@@ -136,7 +181,12 @@ def diagnosed(seed: int) -> flightid.Diagnosis:
     import flightid
 
     given = flown(seed)
-    return flightid.diagnose(given.path("train.csv"), "rigid", given.path("vehicle.toml"), validate=given.path("validate.csv"))
+    return flightid.diagnose(
+        given.path("train.csv"),
+        "rigid",
+        given.path("vehicle.toml"),
+        validate=given.path("validate.csv"),
+    )
 
 
 def names_of_loop(seed: int) -> tuple[str, ...]:

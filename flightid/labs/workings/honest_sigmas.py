@@ -1,4 +1,6 @@
-"""Lab 6: many runs of one flight, and whether the sigmas that an estimator reports are those with which it scatters."""
+"""Lab 6: many runs of one flight, and whether the sigmas that an estimator reports are those with
+which it scatters.
+"""
 
 from __future__ import annotations
 
@@ -23,15 +25,25 @@ METHODS = {"extended Kalman filter": "ekf", "output error": "output-error"}
 DENSITIES = (0.0, 0.003, 0.01, 0.03, 0.1)  # (deg/s)^2/s on pitch rate
 
 
-def changes(believed: float = 1.0, acting: float = 0.0, told: float = 0.0, method: str = "extended Kalman filter") -> tuple[str, ...]:
-    """Changes of the scenario: sensors' noise that the estimator believes in over the true one, process noise on pitch rate that acts
-    and that the filter is told ((deg/s)^2/s), and the estimator."""
+def changes(
+    believed: float = 1.0,
+    acting: float = 0.0,
+    told: float = 0.0,
+    method: str = "extended Kalman filter",
+) -> tuple[str, ...]:
+    """Changes of the scenario: sensors' noise that the estimator believes in over the true one,
+    process noise on pitch rate that acts and that the filter is told ((deg/s)^2/s), and the
+    estimator."""
     variance = VARIANCE * believed**2
-    of_filter = {"ekf": f'{{q = "{told:g} (deg/s)^2/s"}}' if told else "{}"}.get(METHODS[method], "{}")
+    of_filter = {"ekf": f'{{q = "{told:g} (deg/s)^2/s"}}' if told else "{}"}.get(
+        METHODS[method], "{}"
+    )
     return (
         "flight.rate=50 Hz",
         "flight.step=0.01 s",
-        f'flight.process_noise={{q = "{acting:g} (deg/s)^2/s"}}' if acting else "flight.process_noise={}",
+        f'flight.process_noise={{q = "{acting:g} (deg/s)^2/s"}}'
+        if acting
+        else "flight.process_noise={}",
         f"estimate.method={METHODS[method]}",
         f'estimate.noise_variance={{alpha = "{variance:g} deg^2", q = "{variance:g} (deg/s)^2"}}',
         f"estimate.process_noise={of_filter}",
@@ -51,13 +63,16 @@ def study(asked: tuple[str, ...], seed: int = 1) -> StudyResult:
 def errors(found: CampaignRuns) -> dict[str, np.ndarray]:
     """Errors of each parameter in its reported sigmas, ``(N,)``."""
     return {
-        name: (found.values[i] - spread.reference) / found.std[i] for i, (name, spread) in enumerate(zip(found.names, found.spreads, strict=True))
+        name: (found.values[i] - spread.reference) / found.std[i]
+        for i, (name, spread) in enumerate(zip(found.names, found.spreads, strict=True))
     }
 
 
 @cache
 def bound() -> Mapping[str, float]:
-    """Cramer-Rao bound of each derivative from the sensors' noise alone, by differences of whole noise-free flights: no estimator takes part."""
+    """Cramer-Rao bound of each derivative from the sensors' noise alone, by differences of whole
+    noise-free flights: no estimator takes part.
+    """
     from scenarios.studies.campaign_statistics import cramer_rao
     from scenarios.studies.catalogue import load_scenario
     from scenarios.studies.estimating import maneuvers_by_input, true_model
@@ -69,16 +84,31 @@ def bound() -> Mapping[str, float]:
     by_input = maneuvers_by_input(flight.maneuvers, {"elevator"}, "key flight")
 
     def again(model: Model) -> Record:
-        record, _ = fly(model.with_noise(Noise()), by_input, time, np.random.default_rng(0), step=flight.step, outputs=list(flight.noise_std))
+        record, _ = fly(
+            model.with_noise(Noise()),
+            by_input,
+            time,
+            np.random.default_rng(0),
+            step=flight.step,
+            outputs=list(flight.noise_std),
+        )
         return record
 
-    return cramer_rao(true_model(flight), again, flight.noise_std, tuple(scenario.estimations[0].start), {})
+    return cramer_rao(
+        true_model(flight), again, flight.noise_std, tuple(scenario.estimations[0].start), {}
+    )
 
 
 def numbers(
-    believed: float = 1.0, acting: float = 0.0, told: float = 0.0, method: str = "extended Kalman filter", runs: int = 50
+    believed: float = 1.0,
+    acting: float = 0.0,
+    told: float = 0.0,
+    method: str = "extended Kalman filter",
+    runs: int = 50,
 ) -> dict[str, float]:
-    """What the key expects of a campaign: shares in per cent, scatter over reported sigma and sizes of single derivatives."""
+    """What the key expects of a campaign: shares in per cent, scatter over reported sigma and sizes
+    of single derivatives.
+    """
     found = campaign(changes(believed, acting, told, method), runs)
     of = {spread.name: spread for spread in found.spreads}
     return {

@@ -1,4 +1,6 @@
-"""Lab 7: a user's own files, read, checked, identified and diagnosed; and an example of such files, as a flight-test system might export them."""
+"""Lab 7: a user's own files, read, checked, identified and diagnosed; and an example of such files,
+as a flight-test system might export them.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,12 @@ VEHICLES = {
 }
 SHORT = ("flight.rate=20 Hz", "flight.train.duration=18 s", "flight.validate.duration=14 s")
 EXAMPLE = "trace-vane"  # of two records of a flight whose vane sits far ahead
-HEADERS = {"elevator": ("Elev pos", "deg"), "alpha": ("AoA1", "deg"), "q": ("Pitch Rate [deg/s]", "deg/s"), "nz": ("N_z", "g")}
+HEADERS = {
+    "elevator": ("Elev pos", "deg"),
+    "alpha": ("AoA1", "deg"),
+    "q": ("Pitch Rate [deg/s]", "deg/s"),
+    "nz": ("N_z", "g"),
+}
 MAP = """time = {column = "Stamp (ms)", unit = "ms"}
 elevator = {column = "Elev pos", unit = "deg"}
 alpha = {column = "AoA1", unit = "deg"}
@@ -70,7 +77,8 @@ Z_0 = 0.0
 motor_time_constant = 0.04
 delay = 0.01
 """
-_SCRATCH = re.compile(rf"\S*/{PREFIX}[^/\s]+/")  # where uploaded files lie, which says nothing to who uploaded them
+# where uploaded files lie, which says nothing to who uploaded them
+_SCRATCH = re.compile(rf"\S*/{PREFIX}[^/\s]+/")
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +92,9 @@ class Kept:
 
 
 def vehicle_text(model: str) -> str:
-    """A vehicle file to begin with: of ``rigid`` the example's, whose starts are 30 % off, else of the library."""
+    """A vehicle file to begin with: of ``rigid`` the example's, whose starts are 30 % off, else of
+    the library.
+    """
     import flightid
 
     if model == "rigid":
@@ -94,7 +104,8 @@ def vehicle_text(model: str) -> str:
 
 
 def kept(records: Sequence[tuple[str, bytes]], vehicle: str, channels: str = "") -> Kept:
-    """Files as they came (name and content), the text of the vehicle file, and that of a channel map, where there is one.
+    """Files as they came (name and content), the text of the vehicle file, and that of a channel
+    map, where there is one.
 
     Raises
     ------
@@ -113,7 +124,12 @@ def kept(records: Sequence[tuple[str, bytes]], vehicle: str, channels: str = "")
     (home / "vehicle.toml").write_text(vehicle, encoding="utf-8", newline="\n")
     if channels.strip():
         (home / "map.toml").write_text(channels, encoding="utf-8", newline="\n")
-    return Kept(folder, tuple(home / name for name in names), home / "vehicle.toml", home / "map.toml" if channels.strip() else None)
+    return Kept(
+        folder,
+        tuple(home / name for name in names),
+        home / "vehicle.toml",
+        home / "map.toml" if channels.strip() else None,
+    )
 
 
 def tried(what: Callable[[], Found]) -> tuple[Found | None, str]:
@@ -144,7 +160,9 @@ def identified(given: Kept, model: str, method: str = "output-error") -> flighti
     """Parameters from all records together."""
     import flightid
 
-    return flightid.identify(given.records, model, given.vehicle, method=method, channels=given.channels)
+    return flightid.identify(
+        given.records, model, given.vehicle, method=method, channels=given.channels
+    )
 
 
 def diagnosed(given: Kept, model: str) -> flightid.Diagnosis:
@@ -166,7 +184,16 @@ def channel_rows(records: Sequence[flightid.Record]) -> list[list[str]]:
     for record in records:
         for name, unit in record.units.items():
             values: Any = record[name]
-            rows.append([record.name, name, unit, str(int(np.isfinite(values).sum())), f"{np.nanmin(values):.4g}", f"{np.nanmax(values):.4g}"])
+            rows.append(
+                [
+                    record.name,
+                    name,
+                    unit,
+                    str(int(np.isfinite(values).sum())),
+                    f"{np.nanmin(values):.4g}",
+                    f"{np.nanmax(values):.4g}",
+                ]
+            )
     return rows
 
 
@@ -180,7 +207,9 @@ def _flown() -> FlownTrace:
 
 
 def example() -> tuple[tuple[str, bytes], ...]:
-    """Two records as a flight-test system exports them: milliseconds, degrees, headers of its own, values rounded, some missing."""
+    """Two records as a flight-test system exports them: milliseconds, degrees, headers of its own,
+    values rounded, some missing.
+    """
     found = _flown()
     return (("point_1.csv", exported(found.train)), ("point_2.csv", exported(found.validate)))
 
@@ -192,11 +221,18 @@ def exported(record: Record, missing: Mapping[str, int] | None = None) -> bytes:
 
     holes = {"alpha": 37} if missing is None else missing
     out = io.StringIO()
-    out.write(",".join(["Stamp (ms)", *(HEADERS[channel.name][0] for channel in record.channels)]) + "\n")
-    factors = {c.name: float(to_si(1.0, HEADERS[c.name][1], c.unit, c.name, DeclarationError)) for c in record.channels}
+    out.write(
+        ",".join(["Stamp (ms)", *(HEADERS[channel.name][0] for channel in record.channels)]) + "\n"
+    )
+    factors = {
+        c.name: float(to_si(1.0, HEADERS[c.name][1], c.unit, c.name, DeclarationError))
+        for c in record.channels
+    }
     for at, time in enumerate(record.time):
         cells = [
-            "" if channel.name in holes and at % holes[channel.name] == 5 else f"{channel.values[at] / factors[channel.name]:.4f}"
+            ""
+            if channel.name in holes and at % holes[channel.name] == 5
+            else f"{channel.values[at] / factors[channel.name]:.4f}"
             for channel in record.channels
         ]
         out.write(",".join([f"{100000 + 1000 * time:.0f}", *cells]) + "\n")

@@ -1,4 +1,6 @@
-"""Lab 2: the short period of a bomber from a 3-2-1-1 of its elevator, and what the maneuver must excite."""
+"""Lab 2: the short period of a bomber from a 3-2-1-1 of its elevator, and what the maneuver must
+excite.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +16,21 @@ if TYPE_CHECKING:
 
 SCENARIO = "rigid"
 OUTPUTS = {"alpha and q": '["alpha", "q"]', "alpha alone": '["alpha"]', "q alone": '["q"]'}
-PEAK_OF_DOUBLET = 2.3311  # omega T at which sin(omega T / 2)^2 / omega, the size of a doublet's spectrum, is largest: tan(x) = 2 x at x = omega T / 2
+# omega T at which sin(omega T / 2)^2 / omega, the size of a doublet's spectrum, is largest: tan(x)
+# = 2 x at x = omega T / 2
+PEAK_OF_DOUBLET = 2.3311
 
 
-def changes(kind: str = "3-2-1-1", amplitude: float = 6.0, unit: float = 0.5, rate: int = 100, outputs: str = "alpha and q") -> tuple[str, ...]:
-    """Changes of the scenario: kind of maneuver, its amplitude (deg) and unit (s), samples a second, outputs that the estimator sees."""
+def changes(
+    kind: str = "3-2-1-1",
+    amplitude: float = 6.0,
+    unit: float = 0.5,
+    rate: int = 100,
+    outputs: str = "alpha and q",
+) -> tuple[str, ...]:
+    """Changes of the scenario: kind of maneuver, its amplitude (deg) and unit (s), samples a
+    second, outputs that the estimator sees.
+    """
     return (
         "flight.duration=12 s",
         f"flight.rate={rate:d} Hz",
@@ -40,13 +52,26 @@ def largest_alpha(found: StudyResult) -> float:
 
 
 def numbers(
-    kind: str = "3-2-1-1", amplitude: float = 6.0, unit: float = 0.5, rate: int = 100, outputs: str = "alpha and q", seed: int = 1
+    kind: str = "3-2-1-1",
+    amplitude: float = 6.0,
+    unit: float = 0.5,
+    rate: int = 100,
+    outputs: str = "alpha and q",
+    seed: int = 1,
 ) -> dict[str, float]:
-    """What the key expects: sigmas in per cent of the true value, errors in sigmas, the short period's frequency and damping with sigmas."""
+    """What the key expects: sigmas in per cent of the true value, errors in sigmas, the short
+    period's frequency and damping with sigmas.
+    """
     found = study(changes(kind, amplitude, unit, rate, outputs), seed)
     rows = {row.name: row for row in found.main.rows}
-    frequency, damping = found.main.derived["natural_frequency"], found.main.derived["damping_ratio"]
-    shares = {f"sigma of {name}, %": 100.0 * row.std / abs(row.true or math.nan) for name, row in rows.items()}
+    frequency, damping = (
+        found.main.derived["natural_frequency"],
+        found.main.derived["damping_ratio"],
+    )
+    shares = {
+        f"sigma of {name}, %": 100.0 * row.std / abs(row.true or math.nan)
+        for name, row in rows.items()
+    }
     return {
         **shares,
         "error of Cm_alpha, sigmas": sigmas_off(rows["Cm_alpha"]),
@@ -59,9 +84,15 @@ def numbers(
 
 
 def longest_unit(limit: float, amplitude: float = 6.0) -> float:
-    """The longest unit, in steps of 0.1 s from 0.1 to 1.2, whose 3-2-1-1 keeps alpha within ``limit`` (deg); seen on the flights themselves."""
+    """The longest unit, in steps of 0.1 s from 0.1 to 1.2, whose 3-2-1-1 keeps alpha within
+    ``limit`` (deg); seen on the flights themselves.
+    """
     units = [0.1 * step for step in range(1, 13)]
-    kept = [unit for unit in units if largest_alpha(study(changes(amplitude=amplitude, unit=round(unit, 1)))) <= limit]
+    kept = [
+        unit
+        for unit in units
+        if largest_alpha(study(changes(amplitude=amplitude, unit=round(unit, 1)))) <= limit
+    ]
     return round(max(kept), 1)
 
 

@@ -1,4 +1,6 @@
-"""Lab 8: a sweep of a small aircraft's roll loop, its response and its margins, with and without the excitation."""
+"""Lab 8: a sweep of a small aircraft's roll loop, its response and its margins, with and without
+the excitation.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,12 @@ DELAYS = (12.0, 22.0, 32.0, 42.0, 52.0)  # ms
 ENOUGH = 45.0  # deg, of MIL-F-9490D
 
 
-def changes(gain: float = 0.22, delay: float = 32.0, amplitude: float = 0.15, gyro: float = 1.0) -> tuple[str, ...]:
-    """Changes of the scenario: gain of the law, delay (ms), amplitude of the sweep (of a full command), gyro noise (deg/s)."""
+def changes(
+    gain: float = 0.22, delay: float = 32.0, amplitude: float = 0.15, gyro: float = 1.0
+) -> tuple[str, ...]:
+    """Changes of the scenario: gain of the law, delay (ms), amplitude of the sweep (of a full
+    command), gyro noise (deg/s).
+    """
     return (
         f"loop.proportional={gain:g}",
         f"loop.delay={delay:g} ms",
@@ -41,7 +47,9 @@ def study(asked: tuple[str, ...], seed: int = 1) -> SweepStudy:
 
 @lru_cache(KEPT)
 def without_excitation(asked: tuple[str, ...], seed: int = 1) -> ResponseEstimates:
-    """The broken-loop response of the same flights by the direct estimate, which does not know the sweep."""
+    """The broken-loop response of the same flights by the direct estimate, which does not know the
+    sweep.
+    """
     from scenarios.files.writing import write_record
     from scenarios.preparation.plan import Request
     from scenarios.responses.analysis import ResponseOptions, responses_of
@@ -49,13 +57,23 @@ def without_excitation(asked: tuple[str, ...], seed: int = 1) -> ResponseEstimat
 
     found = study(asked, seed)
     with TemporaryDirectory(prefix="flightid-") as folder:
-        paths = tuple(write_record(Path(folder), record, f"flight{n}", simulated=True)[0] for n, record in enumerate(found.records, 1))
-        return responses_of(Request(paths), Names(("command",), ("returned",)), ResponseOptions(found.scenario.band), margins="minus")
+        paths = tuple(
+            write_record(Path(folder), record, f"flight{n}", simulated=True)[0]
+            for n, record in enumerate(found.records, 1)
+        )
+        return responses_of(
+            Request(paths),
+            Names(("command",), ("returned",)),
+            ResponseOptions(found.scenario.band),
+            margins="minus",
+        )
 
 
-def numbers(gain: float = 0.22, delay: float = 32.0, amplitude: float = 0.15, gyro: float = 1.0) -> dict[str, float]:
-    """What the key expects: margins, true and estimated, the model's numbers, the distance without the
-    excitation; zero for what the usable band does not show."""
+def numbers(
+    gain: float = 0.22, delay: float = 32.0, amplitude: float = 0.15, gyro: float = 1.0
+) -> dict[str, float]:
+    """What the key expects: margins, true and estimated, the model's numbers, the distance without
+    the excitation; zero for what the usable band does not show."""
     asked = changes(gain, delay, amplitude, gyro)
     found = study(asked)
     rows = {row.name: row for row in found.rows}

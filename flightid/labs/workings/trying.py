@@ -1,4 +1,6 @@
-"""A scenario tried with other values, remembered so that a slider moved back answers at once; and the command line that does the same."""
+"""A scenario tried with other values, remembered so that a slider moved back answers at once; and
+the command line that does the same.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ class Scratch:
 
 @lru_cache(KEPT)
 def tried(name: str, changes: tuple[str, ...] = (), seed: int | None = None) -> StudyResult:
-    """A scenario of estimators flown and estimated with changes as ``--set`` makes them. Errors as ``run_scenario``."""
+    """A scenario of estimators flown and estimated with changes as ``--set`` makes them. Errors as
+    ``run_scenario``.
+    """
     from scenarios.studies.catalogue import load_scenario
     from scenarios.studies.study import run_scenario
 
@@ -41,8 +45,12 @@ def tried(name: str, changes: tuple[str, ...] = (), seed: int | None = None) -> 
 
 
 @lru_cache(KEPT)
-def repeated(name: str, changes: tuple[str, ...], runs: int, seed: int | None = None) -> CampaignRuns:
-    """The same flight measured ``runs`` times and estimated by the main method. Errors as ``fly_campaign``."""
+def repeated(
+    name: str, changes: tuple[str, ...], runs: int, seed: int | None = None
+) -> CampaignRuns:
+    """The same flight measured ``runs`` times and estimated by the main method. Errors as
+    ``fly_campaign``.
+    """
     from scenarios.studies.campaign import fly_campaign
     from scenarios.studies.catalogue import load_scenario
 
@@ -50,8 +58,15 @@ def repeated(name: str, changes: tuple[str, ...], runs: int, seed: int | None = 
 
 
 def command(verb: str, name: str, changes: Sequence[str] = (), *options: str) -> str:
-    """The command line that does what the lab shows, quoted for a shell, each ``--set`` on a line of its own."""
-    return " \\\n  ".join([shlex.join(["flightid", verb, name, *options]), *(f"--set {shlex.quote(change)}" for change in changes)])
+    """The command line that does what the lab shows, quoted for a shell, each ``--set`` on a line
+    of its own.
+    """
+    return " \\\n  ".join(
+        [
+            shlex.join(["flightid", verb, name, *options]),
+            *(f"--set {shlex.quote(change)}" for change in changes),
+        ]
+    )
 
 
 def row_of(method: MethodResult, name: str) -> Row:

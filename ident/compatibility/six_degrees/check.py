@@ -1,4 +1,6 @@
-"""Data compatibility in six degrees of freedom: biases, findings and the check of a set of records."""
+"""Data compatibility in six degrees of freedom: biases, findings and the check of a set of
+records.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +13,40 @@ import numpy as np
 from ident.compatibility.fault_sets import chance_of, charge_of, probabilities, same_lateness
 from ident.compatibility.fitting import KinematicFit, difference_in_sigmas, unobservable_faults
 from ident.compatibility.kinematics import BIAS, BOOM, DELAY, DRIFT, LAG, PACKAGE, SensorFault
-from ident.compatibility.signals import KinematicSignals, instruments_of, smoothed_walk, weigher, whitener
-from ident.compatibility.six_degrees.fitting import Linear, NormalEquations, added, by_output_error, coloured, fit, linear, output_error_gram
-from ident.compatibility.six_degrees.kinematics import BEYOND, LEVEL, faults_of, ready, recorded, relations, unknowns_of
-from ident.compatibility.six_degrees.search import SECANT, SixDegreeSearch, alike, clocks, fitted, search
+from ident.compatibility.signals import (
+    KinematicSignals,
+    instruments_of,
+    smoothed_walk,
+    weigher,
+    whitener,
+)
+from ident.compatibility.six_degrees.fitting import (
+    Linear,
+    NormalEquations,
+    added,
+    by_output_error,
+    coloured,
+    fit,
+    linear,
+    output_error_gram,
+)
+from ident.compatibility.six_degrees.kinematics import (
+    BEYOND,
+    LEVEL,
+    faults_of,
+    ready,
+    recorded,
+    relations,
+    unknowns_of,
+)
+from ident.compatibility.six_degrees.search import (
+    SECANT,
+    SixDegreeSearch,
+    alike,
+    clocks,
+    fitted,
+    search,
+)
 from ident.compatibility.trials import (
     CheckResult,
     Compatibility,
@@ -43,7 +75,9 @@ def bias_estimates(found: KinematicFit, r: int) -> tuple[SensorEstimate, ...]:
     inverse = bounded_inverse(flat.T @ flat + np.diag(prior))
     scatter = sum(coloured(white[i], left[i]) for i in range(len(left))) + np.diag(prior)
     wide = np.maximum(np.diag(inverse @ scatter @ inverse), np.diag(inverse))
-    gram, gradient, spread = output_error_gram(s, found, r, np.concatenate([slopes, found.residuals[r][:, :, None]], axis=2))
+    gram, gradient, spread = output_error_gram(
+        s, found, r, np.concatenate([slopes, found.residuals[r][:, :, None]], axis=2)
+    )
     gradient[:n] -= prior[:n] * own
     other = bounded_inverse(gram + np.diag(prior))
     step, other_variance = other @ gradient, np.diag(other @ (spread + np.diag(prior)) @ other)
@@ -52,35 +86,73 @@ def bias_estimates(found: KinematicFit, r: int) -> tuple[SensorEstimate, ...]:
         if item.key[1] == BIAS:
             fault = SensorFault(item.key[0], BIAS)
             value, variance = float(own[i]), float(wide[i])
-            by_other, its_variance = float(own[i] + step[i]), max(float(other_variance[i]), variance)
+            by_other, its_variance = (
+                float(own[i] + step[i]),
+                max(float(other_variance[i]), variance),
+            )
             told = 0.0 < variance < fault.plausible**2
             apart = difference_in_sigmas(by_other, its_variance, value, variance) if told else 0.0
             gain = 0.5 * value**2 / variance if variance > 0 else 0.0
-            quantities = FaultQuantity(by_other, math.sqrt(its_variance)), FaultQuantity(value, math.sqrt(variance))
-            out.append(SensorEstimate(fault.name, fault.channel, BIAS, fault.unit, *quantities, apart, gain, p_value(gain, value, fault), told))
+            quantities = (
+                FaultQuantity(by_other, math.sqrt(its_variance)),
+                FaultQuantity(value, math.sqrt(variance)),
+            )
+            out.append(
+                SensorEstimate(
+                    fault.name,
+                    fault.channel,
+                    BIAS,
+                    fault.unit,
+                    *quantities,
+                    apart,
+                    gain,
+                    p_value(gain, value, fault),
+                    told,
+                )
+            )
     return tuple(out)
 
 
-def bias_findings(lines: Linear, r: int, estimates: Sequence[SensorEstimate], false_alarm: float) -> tuple[SensorFinding, ...]:
-    """Biases of record r that are worth a word and beyond chance, the share of false alarms over all of them together; each with the faults
-    that would do as well in its place."""
+def bias_findings(
+    lines: Linear, r: int, estimates: Sequence[SensorEstimate], false_alarm: float
+) -> tuple[SensorFinding, ...]:
+    """Biases of record r that are worth a word and beyond chance, the share of false alarms over
+    all of them together; each with the faults that would do as well in its place."""
     out = []
     for item in estimates:
         fault, size = SensorFault(item.channel, BIAS), item.smoother
-        # Beyond what is worth a word too: the earth turns and is round, and gravity lessens with height.
+        # Beyond what is worth a word too: the earth turns and is round, and gravity lessens with
+        # height.
         excess = max(abs(size.value) - fault.worth, 0.0)
         p = p_value(0.5 * (excess / size.std) ** 2, excess, fault)
         if item.told and item.agrees and p * len(estimates) < false_alarm:
             group = instead_of(lines, r, item.channel, false_alarm)
-            out.append(SensorFinding(item.channel, BIAS, size.value, size.std, item.unit, item.gain, True, group, item.name))
+            out.append(
+                SensorFinding(
+                    item.channel,
+                    BIAS,
+                    size.value,
+                    size.std,
+                    item.unit,
+                    item.gain,
+                    True,
+                    group,
+                    item.name,
+                )
+            )
     return tuple(out)
 
 
 def instead_of(lines: Linear, r: int, channel: str, false_alarm: float) -> tuple[str, ...]:
-    """Faults beside those that stand which leave no more than chance of what record r has for the bias of a channel, that bias being zero."""
+    """Faults beside those that stand which leave no more than chance of what record r has for the
+    bias of a channel, that bias being zero.
+    """
     information, gradient = lines.whole[r]
     own, faults = lines.found.own[r], lines.faults
-    n, b = len(own), [item.key for item in unknowns_of(lines.found.signals[r])].index((channel, BIAS))
+    n, b = (
+        len(own),
+        [item.key for item in unknowns_of(lines.found.signals[r])].index((channel, BIAS)),
+    )
     members = [n + faults.index(fault) for fault in lines.found.faults]
     best, _, _ = _least([*range(n), *members], information, gradient)
     # The bias held at zero: a step of minus its value.
@@ -97,7 +169,9 @@ def instead_of(lines: Linear, r: int, channel: str, false_alarm: float) -> tuple
     return tuple(name for loss, name in sorted(losses) if loss <= chance)
 
 
-def _least(free: Sequence[int], information: np.ndarray, gradient: np.ndarray) -> tuple[float, float, float]:
+def _least(
+    free: Sequence[int], information: np.ndarray, gradient: np.ndarray
+) -> tuple[float, float, float]:
     """Gain of least squares over some unknowns, and value and variance of the last of them."""
     inverse = bounded_inverse(information[np.ix_(free, free)])
     values = inverse @ gradient[list(free)]
@@ -107,7 +181,9 @@ def _least(free: Sequence[int], information: np.ndarray, gradient: np.ndarray) -
 # ---- Every fault by both methods beside what a search has found
 
 
-def estimates_and_findings(found: SixDegreeSearch) -> tuple[tuple[SensorEstimate, ...], tuple[SensorFinding, ...]]:
+def estimates_and_findings(
+    found: SixDegreeSearch,
+) -> tuple[tuple[SensorEstimate, ...], tuple[SensorFinding, ...]]:
     """Every fault by both methods, and the findings, those that stand first."""
     lines, faults = found.lines, found.lines.faults
     stood = _stood(found)
@@ -124,26 +200,48 @@ def estimates_and_findings(found: SixDegreeSearch) -> tuple[tuple[SensorEstimate
         for j, loss in group:
             if j not in said and stood[j][0] == group[0][0]:
                 others = tuple(name for name in names if name != faults[j].name)
-                findings.append(replace(_finding(estimates[j], faults[j], others, loss, stands=True), probabilities=shares))
+                findings.append(
+                    replace(
+                        _finding(estimates[j], faults[j], others, loss, stands=True),
+                        probabilities=shares,
+                    )
+                )
                 said.add(j)
     rest = sorted((j for j in found.common if j not in said), key=lambda j: estimates[j].p_value)
-    findings += [replace(_finding(estimates[j], faults[j], (), lost[j], stands=False), replicates=j not in found.refused) for j in rest]
+    findings += [
+        replace(
+            _finding(estimates[j], faults[j], (), lost[j], stands=False),
+            replicates=j not in found.refused,
+        )
+        for j in rest
+    ]
     return tuple(estimates.values()), tuple(findings)
 
 
 def _stood(found: SixDegreeSearch) -> dict[int, tuple[int, float]]:
-    """For each fault that stands, or would in its place, the one that stands and what is lost; of two such places the first."""
-    stood = {j: (i, lost) for i, group in reversed(list(zip(found.standing, found.groups, strict=True))) for j, lost in group}
+    """For each fault that stands, or would in its place, the one that stands and what is lost; of
+    two such places the first.
+    """
+    stood = {
+        j: (i, lost)
+        for i, group in reversed(list(zip(found.standing, found.groups, strict=True)))
+        for j, lost in group
+    }
     return stood | {i: (i, 0.0) for i in found.standing}
 
 
-def _context(found: SixDegreeSearch, j: int, stood: dict[int, tuple[int, float]]) -> tuple[list[int], float | None]:
-    """The set in which a fault is judged, itself last: in the place of what it could stand for, else beside all; and what is lost in place."""
+def _context(
+    found: SixDegreeSearch, j: int, stood: dict[int, tuple[int, float]]
+) -> tuple[list[int], float | None]:
+    """The set in which a fault is judged, itself last: in the place of what it could stand for,
+    else beside all; and what is lost in place.
+    """
     faults = found.lines.faults
     in_place = [
         (i, (found.lines.joint, [*(k for k in found.standing if k != i), j]))
         for i in found.standing
-        if j in (member for member, _ in found.groups[found.standing.index(i)]) or same_lateness(faults[i], faults[j])
+        if j in (member for member, _ in found.groups[found.standing.index(i)])
+        or same_lateness(faults[i], faults[j])
     ]
     if j in stood:
         return [*(k for k in found.standing if k != stood[j][0] and k != j), j], stood[j][1]
@@ -151,13 +249,19 @@ def _context(found: SixDegreeSearch, j: int, stood: dict[int, tuple[int, float]]
         i, (_, members) = in_place[0]
         if (i, j) in found.lateness:
             return members, max(found.lateness[i, j], 0.0) / found.widening
-        pair = fitted(found.lines.joint, faults, np.array([[*members[:-1], i], members]), early=False)
+        pair = fitted(
+            found.lines.joint, faults, np.array([[*members[:-1], i], members]), early=False
+        )
         return members, float(pair.gain[0] - pair.gain[1]) / found.widening
     return [*found.standing, j], None
 
 
 def _estimate(
-    smoother: NormalEquations, output_error: NormalEquations, faults: Sequence[SensorFault], context: Sequence[int], j: int
+    smoother: NormalEquations,
+    output_error: NormalEquations,
+    faults: Sequence[SensorFault],
+    context: Sequence[int],
+    j: int,
 ) -> SensorEstimate:
     fault, members = faults[j], np.array([context])
     one = fitted(smoother, faults, members, early=False)
@@ -171,8 +275,21 @@ def _estimate(
     by_other = float(np.clip(other.sizes[0, -1], -fault.largest, fault.largest))
     size = float(np.clip(size, -fault.largest, fault.largest))
     apart = difference_in_sigmas(by_other, own, size, variance) if told else 0.0
-    quantities = FaultQuantity(by_other + fault.offset, math.sqrt(own)), FaultQuantity(size + fault.offset, math.sqrt(max(variance, 0.0)))
-    return SensorEstimate(fault.name, fault.channel, fault.kind, fault.unit, *quantities, apart, gain, p_value(gain, size, fault), told)
+    quantities = (
+        FaultQuantity(by_other + fault.offset, math.sqrt(own)),
+        FaultQuantity(size + fault.offset, math.sqrt(max(variance, 0.0))),
+    )
+    return SensorEstimate(
+        fault.name,
+        fault.channel,
+        fault.kind,
+        fault.unit,
+        *quantities,
+        apart,
+        gain,
+        p_value(gain, size, fault),
+        told,
+    )
 
 
 def _sandwich(normal: NormalEquations, context: Sequence[int]) -> float:
@@ -180,13 +297,34 @@ def _sandwich(normal: NormalEquations, context: Sequence[int]) -> float:
     at = np.ix_(context, context)
     diagonal = np.diag(normal.information[at])
     scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-    inverse = np.linalg.inv(normal.information[at] * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))) * np.outer(scale, scale)
+    inverse = np.linalg.inv(
+        normal.information[at] * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
+    ) * np.outer(scale, scale)
     return float(inverse[-1] @ normal.scatter[at] @ inverse[-1])
 
 
-def _finding(item: SensorEstimate, fault: SensorFault, group: tuple[str, ...], lost: float | None, *, stands: bool) -> SensorFinding:
+def _finding(
+    item: SensorEstimate,
+    fault: SensorFault,
+    group: tuple[str, ...],
+    lost: float | None,
+    *,
+    stands: bool,
+) -> SensorFinding:
     size = item.smoother
-    return SensorFinding(fault.channel, fault.kind, size.value, size.std, fault.unit, item.gain, stands, group, fault.name, True, lost)
+    return SensorFinding(
+        fault.channel,
+        fault.kind,
+        size.value,
+        size.std,
+        fault.unit,
+        item.gain,
+        stands,
+        group,
+        fault.name,
+        True,
+        lost,
+    )
 
 
 def by_itself(found: SixDegreeSearch, r: int) -> tuple[SensorEstimate, ...]:
@@ -194,21 +332,38 @@ def by_itself(found: SixDegreeSearch, r: int) -> tuple[SensorEstimate, ...]:
     lines = found.lines
     stood = _stood(found)
     one, other = lines.smoother[r], found.output_error[r]
-    return tuple(_estimate(one, other, lines.faults, _context(found, j, stood)[0], j) for j in found.common)
+    return tuple(
+        _estimate(one, other, lines.faults, _context(found, j, stood)[0], j) for j in found.common
+    )
 
 
 def drift_of(found: SixDegreeSearch, r: int, false_alarm: float) -> tuple[SensorFinding, ...]:
-    """The drift that one record of several has, if any, beside all that stands, which this record is asked again for; ``false_alarm``: its own."""
+    """The drift that one record of several has, if any, beside all that stands, which this record
+    is asked again for; ``false_alarm``: its own.
+    """
     lines, faults, members = found.lines, found.lines.faults, found.standing
     drifts = [j for j, fault in enumerate(faults) if fault.kind == DRIFT]
     # Without the colour that the drift itself makes, to begin with.
-    sets = fitted(replace(lines.smoother[r], scatter=lines.smoother[r].information), faults, np.array([[*members, j] for j in drifts]), early=False)
+    sets = fitted(
+        replace(lines.smoother[r], scatter=lines.smoother[r].information),
+        faults,
+        np.array([[*members, j] for j in drifts]),
+        early=False,
+    )
     j = drifts[int(np.argmax(np.where(sets.sound, sets.gain, 0.0)))]
     charge = charge_of(false_alarm, len(drifts))
-    if float(np.max(np.where(sets.sound, sets.gain, 0.0))) - _gain_of(lines.smoother[r], faults, members) < charge:
+    if (
+        float(np.max(np.where(sets.sound, sets.gain, 0.0)))
+        - _gain_of(lines.smoother[r], faults, members)
+        < charge
+    ):
         return ()
     begin = replace(lines.found, signals=(lines.found.signals[r],), own=(lines.found.own[r],))
-    beside = linear(fit(begin.signals, [faults[i] for i in (*members, j)], begin), faults, np.full(len(faults), SECANT))
+    beside = linear(
+        fit(begin.signals, [faults[i] for i in (*members, j)], begin),
+        faults,
+        np.full(len(faults), SECANT),
+    )
     item = _estimate(beside.joint, by_output_error(beside, 0), faults, [*members, j], j)
     if not item.told or item.gain < charge or abs(item.smoother.value) < faults[j].worth:
         return ()
@@ -216,8 +371,12 @@ def drift_of(found: SixDegreeSearch, r: int, false_alarm: float) -> tuple[Sensor
     return (_finding(item, faults[j], tuple(faults[k].name for k in rivals), 0.0, stands=True),)
 
 
-def _gain_of(normal: NormalEquations, faults: Sequence[SensorFault], members: Sequence[int]) -> float:
-    return float(fitted(normal, faults, np.array([members], dtype=int).reshape(1, -1), early=False).gain[0])
+def _gain_of(
+    normal: NormalEquations, faults: Sequence[SensorFault], members: Sequence[int]
+) -> float:
+    return float(
+        fitted(normal, faults, np.array([members], dtype=int).reshape(1, -1), early=False).gain[0]
+    )
 
 
 def late(faults: Sequence[SensorFault]) -> set[str]:
@@ -227,7 +386,9 @@ def late(faults: Sequence[SensorFault]) -> set[str]:
 
 # ---- Data compatibility in six degrees of freedom of records of one set of sensors
 
-STEADY_WIND = "a steady wind along the ground leaves no trace: no channel is measured against the ground"
+STEADY_WIND = (
+    "a steady wind along the ground leaves no trace: no channel is measured against the ground"
+)
 
 
 def channels_of(records: Sequence[Record]) -> tuple[str, ...]:
@@ -237,26 +398,47 @@ def channels_of(records: Sequence[Record]) -> tuple[str, ...]:
 
 
 def has_six_degrees(records: Sequence[Record], settings: CompatibilitySettings) -> bool:
-    """Whether some relation closes that longitudinal motion does not have: of sideslip, bank, heading or height."""
+    """Whether some relation closes that longitudinal motion does not have: of sideslip, bank,
+    heading or height.
+    """
     channels = channels_of(records)
-    return any(name in BEYOND for name in relations(channels, speed=settings.airspeed is not None or "airspeed" in channels))
+    return any(
+        name in BEYOND
+        for name in relations(
+            channels, speed=settings.airspeed is not None or "airspeed" in channels
+        )
+    )
 
 
-def check(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool) -> Compatibility:
-    """As ``ident.compatibility.check.compatibility``, for records of which ``has_six_degrees`` says so."""
+def check(
+    records: Sequence[Record], settings: CompatibilitySettings, *, each: bool
+) -> Compatibility:
+    """As ``ident.compatibility.check.compatibility``, for records of which ``has_six_degrees`` says
+    so.
+    """
     channels = channels_of(records)
     known_speed = settings.airspeed is not None or "airspeed" in channels
     joined = relations(channels, speed=known_speed)
-    made = [ready(record, channels, settings.airspeed, settings.gravity, settings.vane_arm) for record in records]
+    made = [
+        ready(record, channels, settings.airspeed, settings.gravity, settings.vane_arm)
+        for record in records
+    ]
     signals, notes = tuple(s for s, _ in made), [note for _, told in made for note in told]
     controls = [instruments_of(record, every=2) for record in records]
     if all(columns.shape[1] for columns in controls):
-        signals = tuple(replace(s, instruments=columns) for s, columns in zip(signals, controls, strict=True))
+        signals = tuple(
+            replace(s, instruments=columns) for s, columns in zip(signals, controls, strict=True)
+        )
     for s in signals:
-        notes += [f"{count} isolated wrong sample{'s' * (count > 1)} of {name} in {s.name} set aside" for name, count in s.spikes.items() if count]
+        notes += [
+            f"{count} isolated wrong sample{'s' * (count > 1)} of {name} in {s.name} set aside"
+            for name, count in s.spikes.items()
+            if count
+        ]
     if not known_speed:
         notes.append(
-            "neither a recorded nor a given airspeed: the relations of alpha and beta cannot be used; record it, or name a vehicle file that has it"
+            "neither a recorded nor a given airspeed: the relations of alpha and beta cannot be "
+            "used; record it, or name a vehicle file that has it"
         )
     if "phi" not in channels:
         notes.append(LEVEL)
@@ -270,26 +452,55 @@ def check(records: Sequence[Record], settings: CompatibilitySettings, *, each: b
     biases = [bias_estimates(final, r) for r in range(len(signals))]
     noise = final.noise
     # An output that is integrated elsewhere has its own white noise here.
-    levels = dict(zip((*noise.inputs, *noise.outputs), np.sqrt([*noise.density, *noise.white]).tolist(), strict=True))
+    levels = dict(
+        zip(
+            (*noise.inputs, *noise.outputs),
+            np.sqrt([*noise.density, *noise.white]).tolist(),
+            strict=True,
+        )
+    )
     if together:
         joint = CheckResult(names, estimates, (), findings, levels)
         single = tuple(
-            CheckResult((names[r],), by_itself(found, r), biases[r], _of_one(found, r, biases[r], settings.false_alarm, len(signals)), levels)
+            CheckResult(
+                (names[r],),
+                by_itself(found, r),
+                biases[r],
+                _of_one(found, r, biases[r], settings.false_alarm, len(signals)),
+                levels,
+            )
             for r in (range(len(signals)) if each else ())
         )
     else:
-        joint = CheckResult(names, estimates, biases[0], (*bias_findings(found.lines, 0, biases[0], settings.false_alarm), *findings), levels)
+        joint = CheckResult(
+            names,
+            estimates,
+            biases[0],
+            (*bias_findings(found.lines, 0, biases[0], settings.false_alarm), *findings),
+            levels,
+        )
         single = (joint,)
     notes += _notes(found, signals)
     told = (*_unreached(channels, joined), *_unobservable(found, signals[0]), STEADY_WIND)
-    return Compatibility(channels, joined, joint, single, _reconstructions(base, final), told, tuple(notes))
+    return Compatibility(
+        channels, joined, joint, single, _reconstructions(base, final), told, tuple(notes)
+    )
 
 
-def _of_one(found: SixDegreeSearch, r: int, biases: Sequence[SensorEstimate], false_alarm: float, count: int) -> tuple[SensorFinding, ...]:
+def _of_one(
+    found: SixDegreeSearch, r: int, biases: Sequence[SensorEstimate], false_alarm: float, count: int
+) -> tuple[SensorFinding, ...]:
     """Biases and the drift of one record of several."""
     drift = drift_of(found, r, false_alarm / count)
     drifts = {finding.name for finding in drift}
-    return (*(bias for bias in bias_findings(found.lines, r, biases, false_alarm) if not drifts.intersection(bias.group)), *drift)
+    return (
+        *(
+            bias
+            for bias in bias_findings(found.lines, r, biases, false_alarm)
+            if not drifts.intersection(bias.group)
+        ),
+        *drift,
+    )
 
 
 def _notes(found: SixDegreeSearch, signals: Sequence[KinematicSignals]) -> list[str]:
@@ -297,13 +508,18 @@ def _notes(found: SixDegreeSearch, signals: Sequence[KinematicSignals]) -> list[
     if found.early is not None:
         channel, ahead = found.early
         out.append(
-            f"{channel} recorded {-1000.0 * ahead:.0f} ms before it happens would explain more than any sensor fault: something acts that the "
-            "kinematics do not know, a gust on vane and load most likely, so that nothing more stands"
+            f"{channel} recorded {-1000.0 * ahead:.0f} ms before it happens would explain more "
+            "than any sensor fault: something acts that the "
+            "kinematics do not know, a gust on vane and load most likely, so that nothing more "
+            "stands"
         )
     behind = late([found.lines.faults[i] for i in found.standing])
     on_time = [name for name in clocks(tuple(signals[0].channels)) if name not in behind]
     if behind & set(clocks(tuple(signals[0].channels))) and on_time:
-        out.append(f"times count from {', '.join(on_time)}, which agree: what all channels are late by against the inputs, kinematics cannot see")
+        out.append(
+            f"times count from {', '.join(on_time)}, which agree: what all channels are late by "
+            "against the inputs, kinematics cannot see"
+        )
     return out
 
 
@@ -312,7 +528,11 @@ def _unobservable(found: SixDegreeSearch, s: KinematicSignals) -> tuple[str, ...
     size = np.array([fault.plausible for fault in faults])
     several = [name for name in (PACKAGE, BOOM) if _has_fault(name, faults)]
     channels = (*s.channels, *several, "wind")
-    return unobservable_faults(found.lines.free * np.outer(size, size), faults, [name for name in channels if _has_fault(name, faults)])
+    return unobservable_faults(
+        found.lines.free * np.outer(size, size),
+        faults,
+        [name for name in channels if _has_fault(name, faults)],
+    )
 
 
 def _has_fault(name: str, faults: Sequence[SensorFault]) -> bool:
@@ -321,12 +541,18 @@ def _has_fault(name: str, faults: Sequence[SensorFault]) -> bool:
 
 def _unreached(channels: Sequence[str], joined: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
     reached = {name for names in joined.values() for name in names}
-    return tuple(f"{name}: nothing can be told, no relation that these channels close has it" for name in channels if name not in reached)
+    return tuple(
+        f"{name}: nothing can be told, no relation that these channels close has it"
+        for name in channels
+        if name not in reached
+    )
 
 
 def _reconstructions(base: KinematicFit, final: KinematicFit) -> tuple[Reconstruction, ...]:
     out = []
-    for s, plain, y, residual in zip(final.signals, base.outputs, final.outputs, final.residuals, strict=True):
+    for s, plain, y, residual in zip(
+        final.signals, base.outputs, final.outputs, final.residuals, strict=True
+    ):
         smooth = y + smoothed_walk(s, final.noise, residual)
         rows = list(enumerate(s.outputs))
         measured = {name: s.channels[name] for name in s.outputs}

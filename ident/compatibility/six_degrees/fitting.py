@@ -34,36 +34,57 @@ from ident.statistics.residual_spectrum import autocovariance
 
 # ---- Variances of white noise and walk
 
-_RATIOS = np.logspace(-6.0, 4.0, 21)  # walk over one second squared to white variance, times the step: the whole range there can be
+# walk over one second squared to white variance, times the step: the whole range there can be
+_RATIOS = np.logspace(-6.0, 4.0, 21)
 _ALIKE = 1e-10
-_LEAST = 0.1  # of what a channel's roughness says: no walk is smaller than its inputs' own noise by more
-_BELOW, _ABOVE = 0.5, 3.0  # standard deviations of the walk's logarithm about that: noise of the inputs adds, and more may come on top
+# of what a channel's roughness says: no walk is smaller than its inputs' own noise by more
+_LEAST = 0.1
+# standard deviations of the walk's logarithm about that: noise of the inputs adds, and more may
+# come on top
+_BELOW, _ABOVE = 0.5, 3.0
 
 
 def inputs_among(s: KinematicSignals) -> tuple[str, ...]:
-    """Channels whose noise walks in some output: those of which each output's relation is an integral."""
-    return tuple(dict.fromkeys(name for output in s.outputs for name in inputs_of(output) if name in s.channels))
+    """Channels whose noise walks in some output: those of which each output's relation is an
+    integral.
+    """
+    return tuple(
+        dict.fromkeys(
+            name for output in s.outputs for name in inputs_of(output) if name in s.channels
+        )
+    )
 
 
 def first_noise(signals: Sequence[KinematicSignals]) -> RelationNoise:
     """A start from the roughness of the channels."""
     outputs, inputs = signals[0].outputs, inputs_among(signals[0])
-    rough = [float(np.mean([roughness(s.channels[name]) for s in signals])) for name in (*outputs, *inputs)]
-    return RelationNoise(outputs, inputs, np.array(rough[: len(outputs)]), np.array(rough[len(outputs) :]))
+    rough = [
+        float(np.mean([roughness(s.channels[name]) for s in signals]))
+        for name in (*outputs, *inputs)
+    ]
+    return RelationNoise(
+        outputs, inputs, np.array(rough[: len(outputs)]), np.array(rough[len(outputs) :])
+    )
 
 
 def settled_noise(
-    signals: Sequence[KinematicSignals], residuals: Sequence[np.ndarray], columns: Sequence[np.ndarray], begun: RelationNoise
+    signals: Sequence[KinematicSignals],
+    residuals: Sequence[np.ndarray],
+    columns: Sequence[np.ndarray],
+    begun: RelationNoise,
 ) -> RelationNoise:
     """Variances of greatest restricted likelihood, each output by itself.
 
-    residuals ``(m, N)`` and sensitivities ``(m, N, c)`` to what was fitted, of each record. The walk of an output is laid to its inputs: those
-    that another output shows by itself keep that value, the first other one has the rest.
+    residuals ``(m, N)`` and sensitivities ``(m, N, c)`` to what was fitted, of each record. The
+    walk of an output is laid to its inputs: those that another output shows by itself keep that
+    value, the first other one has the rest.
     """
     white, walk = np.empty(len(begun.outputs)), np.empty(len(begun.outputs))
     gains = np.mean([walk_gains(s, begun) for s in signals], axis=0)
     for i in range(len(begun.outputs)):
-        white[i], walk[i] = _of_output(i, signals, residuals, columns, begun.white[i], float(gains[i] ** 2 @ begun.density))
+        white[i], walk[i] = _of_output(
+            i, signals, residuals, columns, begun.white[i], float(gains[i] ** 2 @ begun.density)
+        )
     density, alone = begun.density.copy(), np.count_nonzero(gains, axis=1) == 1
     known: set[int] = set()
     for i in np.flatnonzero(alone).tolist():
@@ -72,23 +93,36 @@ def settled_noise(
         known.add(j)
     for i in np.flatnonzero(~alone).tolist():
         free = [j for j in np.flatnonzero(gains[i]) if j not in known]
-        rest = walk[i] - sum(gains[i, j] ** 2 * density[j] for j in np.flatnonzero(gains[i]) if j in known)
+        rest = walk[i] - sum(
+            gains[i, j] ** 2 * density[j] for j in np.flatnonzero(gains[i]) if j in known
+        )
         if free:
-            # The load's noise walks least of all: what is left beyond a rate's is shared as the channels are rough.
+            # The load's noise walks least of all: what is left beyond a rate's is shared as the
+            # channels are rough.
             share = gains[i, free] ** 2 * begun.density[free]
             density[free] = np.maximum(rest / float(share.sum()), _LEAST) * begun.density[free]
         elif rest > 0:
             factor = walk[i] / (walk[i] - rest)
             density[np.flatnonzero(gains[i])] *= factor
     # A record cannot show less noise than its columns resolve.
-    white, density = np.maximum(white, floors(signals, begun.outputs)), np.maximum(density, floors(signals, begun.inputs))
+    white, density = (
+        np.maximum(white, floors(signals, begun.outputs)),
+        np.maximum(density, floors(signals, begun.inputs)),
+    )
     return RelationNoise(begun.outputs, begun.inputs, white, density)
 
 
 def _of_output(
-    i: int, signals: Sequence[KinematicSignals], residuals: Sequence[np.ndarray], columns: Sequence[np.ndarray], rough: float, expected: float
+    i: int,
+    signals: Sequence[KinematicSignals],
+    residuals: Sequence[np.ndarray],
+    columns: Sequence[np.ndarray],
+    rough: float,
+    expected: float,
 ) -> tuple[float, float]:
-    """White variance and walk variance over one second, of one output of all records; what its inputs' roughness makes is ``expected``."""
+    """White variance and walk variance over one second, of one output of all records; what its
+    inputs' roughness makes is ``expected``.
+    """
     parts = []
     for s, residual, slopes in zip(signals, residuals, columns, strict=True):
         basis = _spanned(np.where(s.valid[i][:, None], slopes[i], 0.0))
@@ -118,8 +152,12 @@ def _of_output(
     return white, max(ratio * white, _LEAST * expected)
 
 
-def _cost(parts: Sequence[tuple[KinematicSignals, np.ndarray, np.ndarray]], count: int, ratio: float) -> tuple[float, float]:
-    """Minus the restricted log likelihood at a ratio of walk to white variance, and the white variance that is best there."""
+def _cost(
+    parts: Sequence[tuple[KinematicSignals, np.ndarray, np.ndarray]], count: int, ratio: float
+) -> tuple[float, float]:
+    """Minus the restricted log likelihood at a ratio of walk to white variance, and the white
+    variance that is best there.
+    """
     from scipy.linalg.lapack import dpbtrf, dtbtrs
 
     squares = logs = 0.0
@@ -136,7 +174,11 @@ def _cost(parts: Sequence[tuple[KinematicSignals, np.ndarray, np.ndarray]], coun
         e, q = white[:, 0], white[:, 1:]
         gram, right = q.T @ q, q.T @ e
         squares += float(e @ e) - float(right @ np.linalg.solve(gram, right))
-        logs += 2.0 * float(np.sum(np.log(factor[0]))) + float(np.linalg.slogdet(gram)[1]) - 18.42 * float(np.count_nonzero(~valid))
+        logs += (
+            2.0 * float(np.sum(np.log(factor[0])))
+            + float(np.linalg.slogdet(gram)[1])
+            - 18.42 * float(np.count_nonzero(~valid))
+        )
     variance = max(squares / count, 1e-30)
     return 0.5 * (count * math.log(variance) + logs), variance
 
@@ -158,33 +200,62 @@ _SMALL = 2e-3  # twice the gain of a step that is not worth taking
 _SETTLED = 0.05  # change of the logarithm of a variance
 
 
-def fit(signals: Sequence[KinematicSignals], faults: Sequence[SensorFault] = (), begin: KinematicFit | None = None) -> KinematicFit:
-    """Fit of R records with some faults; ``begin`` gives starts for all that it has, and the noise."""
+def fit(
+    signals: Sequence[KinematicSignals],
+    faults: Sequence[SensorFault] = (),
+    begin: KinematicFit | None = None,
+) -> KinematicFit:
+    """Fit of R records with some faults; ``begin`` gives starts for all that it has, and the
+    noise.
+    """
     unknowns = [unknowns_of(s) for s in signals]
-    own = [np.array(begin.own[r]) if begin is not None else start_of(s, unknowns[r]) for r, s in enumerate(signals)]
+    own = [
+        np.array(begin.own[r]) if begin is not None else start_of(s, unknowns[r])
+        for r, s in enumerate(signals)
+    ]
     known = dict(zip(begin.faults, begin.sizes.tolist(), strict=True)) if begin is not None else {}
     sizes = np.array([known.get(fault, 0.0) for fault in faults])
     begun = first_noise(signals)
     noise = begin.noise if begin is not None else begun
     priors = [np.array([item.prior**-2 for item in u]) for u in unknowns]
-    lines = [linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)]
+    lines = [
+        linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)
+    ]
     for _ in range(_PASSES):
         own, sizes, lines = _descended(signals, faults, priors, own, sizes, lines, noise)
         residuals = [residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True)]
-        before, noise = noise, settled_noise(signals, residuals, [slope for _, slope in lines], begun)
+        before, noise = (
+            noise,
+            settled_noise(signals, residuals, [slope for _, slope in lines], begun),
+        )
         if np.all(np.abs(noise.logs - before.logs) < _SETTLED):
             break
     residuals = [residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True)]
     whiteners = [shortened(s, noise) for s in signals]
     cost = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
     slopes, outputs = tuple(slope for _, slope in lines), tuple(y for y, _ in lines)
-    return KinematicFit(tuple(signals), tuple(faults), sizes, tuple(own), noise, cost, tuple(residuals), slopes, outputs)
+    return KinematicFit(
+        tuple(signals),
+        tuple(faults),
+        sizes,
+        tuple(own),
+        noise,
+        cost,
+        tuple(residuals),
+        slopes,
+        outputs,
+    )
 
 
 def likelihoods(fits: Sequence[KinematicFit]) -> np.ndarray:
-    """Minus the log likelihood of each of some fits of the same records, but for a constant; with instruments half their misfit's projection, all
-    under the noise of the likeliest."""
-    whole = np.array([each.cost + 0.5 * sum(whitener(s, each.noise).log_determinant for s in each.signals) for each in fits])
+    """Minus the log likelihood of each of some fits of the same records, but for a constant; with
+    instruments half their misfit's projection, all under the noise of the likeliest."""
+    whole = np.array(
+        [
+            each.cost + 0.5 * sum(whitener(s, each.noise).log_determinant for s in each.signals)
+            for each in fits
+        ]
+    )
     if not instrumented(fits[0].signals):
         return whole
     whiteners = [shortened(s, fits[int(np.argmin(whole))].noise) for s in fits[0].signals]
@@ -192,11 +263,15 @@ def likelihoods(fits: Sequence[KinematicFit]) -> np.ndarray:
 
 
 def _least_misfit(found: KinematicFit, whiteners: Sequence[Weigher]) -> float:
-    """Half the sum of squares that the unknowns of a fit leave under another noise, priors included; to first order."""
+    """Half the sum of squares that the unknowns of a fit leave under another noise, priors
+    included; to first order.
+    """
     priors = [np.array([item.prior**-2 for item in unknowns_of(s)]) for s in found.signals]
     lines = list(zip(found.outputs, found.jacobians, strict=True))
     information, gradient = _normal(found.signals, priors, found.own, lines, whiteners)
-    return misfit(found.signals, priors, found.own, found.outputs, whiteners) - 0.5 * float(gradient @ bounded_inverse(information) @ gradient)
+    return misfit(found.signals, priors, found.own, found.outputs, whiteners) - 0.5 * float(
+        gradient @ bounded_inverse(information) @ gradient
+    )
 
 
 def _descended(
@@ -209,7 +284,10 @@ def _descended(
     noise: RelationNoise,
 ) -> tuple[list[np.ndarray], np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
     """Unknowns and sizes of least squares under a given noise, and the lines there."""
-    unknowns, largest = [unknowns_of(s) for s in signals], np.array([fault.largest for fault in faults])
+    unknowns, largest = (
+        [unknowns_of(s) for s in signals],
+        np.array([fault.largest for fault in faults]),
+    )
     whiteners = [shortened(s, noise) for s in signals]
     here = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
     for _ in range(_STEPS):
@@ -219,15 +297,24 @@ def _descended(
             break
         for share in (1.0, 0.5, 0.2, 0.05):
             moved = np.split(share * step, np.cumsum([len(o) for o in own]))
-            trial, size = [o + d for o, d in zip(own, moved, strict=False)], np.clip(sizes + moved[-1], -largest, largest)
-            shown = [evaluate(s, u, faults, o[None], size[None])[:, 0] for s, u, o in zip(signals, unknowns, trial, strict=True)]
+            trial, size = (
+                [o + d for o, d in zip(own, moved, strict=False)],
+                np.clip(sizes + moved[-1], -largest, largest),
+            )
+            shown = [
+                evaluate(s, u, faults, o[None], size[None])[:, 0]
+                for s, u, o in zip(signals, unknowns, trial, strict=True)
+            ]
             there = misfit(signals, priors, trial, shown, whiteners)
             if there < here:
                 break
         else:
             break
         own, sizes, gained, here = trial, size, here - there, there
-        lines = [linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)]
+        lines = [
+            linearised(s, u, faults, o, sizes)
+            for s, u, o in zip(signals, unknowns, own, strict=True)
+        ]
         if gained < _SMALL:
             break
     return own, sizes, lines
@@ -243,9 +330,15 @@ def _normal(
     """Information ``(n, n)`` and gradient ``(n,)``, own unknowns of each record first."""
     total = sum(len(o) for o in own)
     faults = lines[0][1].shape[2] - len(own[0])
-    information, gradient, at = np.zeros((total + faults, total + faults)), np.zeros(total + faults), 0
+    information, gradient, at = (
+        np.zeros((total + faults, total + faults)),
+        np.zeros(total + faults),
+        0,
+    )
     for s, prior, o, (y, slope), white in zip(signals, priors, own, lines, whiteners, strict=True):
-        columns = np.concatenate([residual_of(s, y)[:, :, None], np.where(s.valid[:, :, None], slope, 0.0)], axis=2)
+        columns = np.concatenate(
+            [residual_of(s, y)[:, :, None], np.where(s.valid[:, :, None], slope, 0.0)], axis=2
+        )
         flat = white(columns)
         product = flat.T @ flat
         where = np.concatenate([np.arange(at, at + len(o)), total + np.arange(faults)])
@@ -267,7 +360,8 @@ LEAST_SECANT = 0.02  # s
 class NormalEquations:
     """Normal equations of k faults where each record's own unknowns are free.
 
-    ``information (k, k)`` and ``gradient (k,)`` count from sensors without a fault; ``scatter (k, k)`` is the covariance of the gradient.
+    ``information (k, k)`` and ``gradient (k,)`` count from sensors without a fault; ``scatter (k,
+    k)`` is the covariance of the gradient.
     """
 
     information: np.ndarray
@@ -276,15 +370,22 @@ class NormalEquations:
 
     def plus(self, other: NormalEquations) -> NormalEquations:
         """Of two records together."""
-        return NormalEquations(self.information + other.information, self.gradient + other.gradient, self.scatter + other.scatter)
+        return NormalEquations(
+            self.information + other.information,
+            self.gradient + other.gradient,
+            self.scatter + other.scatter,
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """First order of all ``faults`` beside a fit, of each record: ``smoother`` in the metric of its noise.
+    """First order of all ``faults`` beside a fit, of each record: ``smoother`` in the metric of its
+    noise.
 
-    ``free``: the smoother's information ``(k + b, k + b)`` of faults and of biases (``biases``), whose priors do not count, starts and levels free.
-    ``whole``: of each record information and gradient of its own unknowns, then the faults, priors included; from no fault, own unknowns as found.
+    ``free``: the smoother's information ``(k + b, k + b)`` of faults and of biases (``biases``),
+    whose priors do not count, starts and levels free. ``whole``: of each record information and
+    gradient of its own unknowns, then the faults, priors included; from no fault, own unknowns as
+    found.
     """
 
     found: KinematicFit
@@ -302,7 +403,9 @@ class Linear:
 
 
 def linear(found: KinematicFit, faults: Sequence[SensorFault], secants: np.ndarray) -> Linear:
-    """All ``faults`` beside a fit; ``secants (k,)``: the size to which the secant of a time is drawn, s."""
+    """All ``faults`` beside a fit; ``secants (k,)``: the size to which the secant of a time is
+    drawn, s.
+    """
     smoother, free, whole, kept = [], [], [], []
     biases: tuple[SensorFault, ...] = ()
     for r, s in enumerate(found.signals):
@@ -312,9 +415,15 @@ def linear(found: KinematicFit, faults: Sequence[SensorFault], secants: np.ndarr
         at = [faults.index(fault) for fault in found.faults]
         residual = np.where(s.valid, found.residuals[r] + extra[:, :, at] @ found.sizes, 0.0)
         prior = np.array([item.prior**-2 for item in unknowns])
-        columns = np.concatenate([np.where(s.valid[:, :, None], slopes, 0.0), residual[:, :, None]], axis=2)
+        columns = np.concatenate(
+            [np.where(s.valid[:, :, None], slopes, 0.0), residual[:, :, None]], axis=2
+        )
         more = np.where(s.valid[:, :, None], at_rest, 0.0)
-        white, other = np.split(weigher(s, found.noise)(np.concatenate([columns, more], axis=2)), [columns.shape[2]], axis=2)
+        white, other = np.split(
+            weigher(s, found.noise)(np.concatenate([columns, more], axis=2)),
+            [columns.shape[2]],
+            axis=2,
+        )
         left = whitener(s, found.noise)(found.residuals[r][:, :, None])[:, :, 0]
         smoother.append(_linear_normal(white, prior, own, left))
         kept.append(columns)
@@ -322,15 +431,34 @@ def linear(found: KinematicFit, faults: Sequence[SensorFault], secants: np.ndarr
         biases = tuple(SensorFault(unknowns[i].key[0], BIAS) for i in named)
         flat = white.reshape(-1, white.shape[2])
         gram = flat.T @ flat
-        flat[:, [len(own) + j for j, fault in enumerate(faults) if fault.kind == DELAY]] = other.reshape(len(flat), -1)
+        flat[:, [len(own) + j for j, fault in enumerate(faults) if fault.kind == DELAY]] = (
+            other.reshape(len(flat), -1)
+        )
         free.append(_without(flat[:, :-1].T @ flat[:, :-1], prior, named))
         extended = np.append(prior, np.zeros(len(faults)))
-        whole.append((gram[:-1, :-1] + np.diag(extended), gram[:-1, -1] - extended * np.append(own, np.zeros(len(faults)))))
-    return Linear(found, tuple(faults), tuple(smoother), biases, np.sum(free, axis=0), tuple(whole), tuple(kept))
+        whole.append(
+            (
+                gram[:-1, :-1] + np.diag(extended),
+                gram[:-1, -1] - extended * np.append(own, np.zeros(len(faults))),
+            )
+        )
+    return Linear(
+        found,
+        tuple(faults),
+        tuple(smoother),
+        biases,
+        np.sum(free, axis=0),
+        tuple(whole),
+        tuple(kept),
+    )
 
 
-def _slopes(found: KinematicFit, r: int, faults: Sequence[SensorFault], secants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes ``(m, N, n + k)`` with secants of times, and of the delays by themselves those at what stands: secants of a common delay differ."""
+def _slopes(
+    found: KinematicFit, r: int, faults: Sequence[SensorFault], secants: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes ``(m, N, n + k)`` with secants of times, and of the delays by themselves those at what
+    stands: secants of a common delay differ.
+    """
     s, own = found.signals[r], found.own[r]
     unknowns = unknowns_of(s)
     sizes = np.zeros(len(faults))
@@ -341,16 +469,25 @@ def _slopes(found: KinematicFit, r: int, faults: Sequence[SensorFault], secants:
     at_rest = slopes[:, :, [n + j for j, fault in enumerate(faults) if fault.kind == DELAY]]
     for j, fault in enumerate(faults):
         if fault.kind in (DELAY, LAG):
-            # From none to its size, the others as they stand but for other ways in which the same channel is late.
-            ends = np.where([other.channel == fault.channel and other.kind in (DELAY, LAG) for other in faults], 0.0, np.stack([sizes, sizes]))
+            # From none to its size, the others as they stand but for other ways in which the same
+            # channel is late.
+            ends = np.where(
+                [other.channel == fault.channel and other.kind in (DELAY, LAG) for other in faults],
+                0.0,
+                np.stack([sizes, sizes]),
+            )
             ends[1, j] = secants[j]
             y = evaluate(s, unknowns, faults, np.repeat(own[None], 2, axis=0), ends)
             slopes[:, :, n + j] = (y[:, 1] - y[:, 0]) / secants[j]
     return slopes, at_rest
 
 
-def _linear_normal(white: np.ndarray, prior: np.ndarray, own: np.ndarray, left: np.ndarray) -> NormalEquations:
-    """Normal equations of the faults from whitened columns ``(m, N, n + k + 1)``, the last one the residual; own unknowns projected out."""
+def _linear_normal(
+    white: np.ndarray, prior: np.ndarray, own: np.ndarray, left: np.ndarray
+) -> NormalEquations:
+    """Normal equations of the faults from whitened columns ``(m, N, n + k + 1)``, the last one the
+    residual; own unknowns projected out.
+    """
     n = len(prior)
     flat = white.reshape(-1, white.shape[2])
     gram = flat.T @ flat
@@ -370,14 +507,20 @@ def _onto(gram: np.ndarray, prior: np.ndarray) -> np.ndarray:
     return np.hstack([-gram[n:, :n] @ inverse, np.eye(len(gram) - n)])
 
 
-def _projected(gram: np.ndarray, gradient: np.ndarray, scatter: np.ndarray, onto: np.ndarray) -> NormalEquations:
+def _projected(
+    gram: np.ndarray, gradient: np.ndarray, scatter: np.ndarray, onto: np.ndarray
+) -> NormalEquations:
     n = gram.shape[0] - onto.shape[0]
     information = gram[n:, n:] + onto[:, :n] @ gram[:n, n:]
-    return NormalEquations(0.5 * (information + information.T), onto @ gradient, onto @ scatter @ onto.T)
+    return NormalEquations(
+        0.5 * (information + information.T), onto @ gradient, onto @ scatter @ onto.T
+    )
 
 
 def coloured(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """Covariance of the gradient of one output for a residual of this colour: ``(c, c)``, as ``corrected_covariance`` has it."""
+    """Covariance of the gradient of one output for a residual of this colour: ``(c, c)``, as
+    ``corrected_covariance`` has it.
+    """
     lags = min(max(10, len(residual) // 5), len(residual) - 1)
     covariance = autocovariance(residual, lags) * (1.0 - np.arange(lags + 1) / (lags + 1.0))
     n = len(columns)
@@ -400,10 +543,14 @@ def by_output_error(lines: Linear, r: int) -> NormalEquations:
     return _projected(gram, gradient, scatter, _onto(gram, prior))
 
 
-def output_error_gram(s: KinematicSignals, found: KinematicFit, r: int, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Information, gradient and its covariance with each output's residual weighed by its mean square, without priors.
+def output_error_gram(
+    s: KinematicSignals, found: KinematicFit, r: int, columns: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Information, gradient and its covariance with each output's residual weighed by its mean
+    square, without priors.
 
-    ``columns (m, N, c + 1)``: slopes and, last, the residual. The covariance is that which such weights give under the smoother's noise.
+    ``columns (m, N, c + 1)``: slopes and, last, the residual. The covariance is that which such
+    weights give under the smoother's noise.
     """
     part = part_of_controls(s)
     count = np.maximum(s.valid.sum(axis=1), 1)
@@ -414,7 +561,9 @@ def output_error_gram(s: KinematicSignals, found: KinematicFit, r: int, columns:
     gram, gradient = flat.T @ slopes.reshape(-1, c), flat.T @ residual.ravel()
     scatter = flat.T @ (weighed * found.noise.white[:, None, None]).reshape(-1, c)
     ahead = np.cumsum(weighed[:, ::-1], axis=1)[:, ::-1][:, 1:] * s.steps[None, :, None]
-    for gains, density in zip(walk_gains(s, found.noise).T, found.noise.density.tolist(), strict=True):
+    for gains, density in zip(
+        walk_gains(s, found.noise).T, found.noise.density.tolist(), strict=True
+    ):
         walk = np.tensordot(gains, ahead, axes=1)
         scatter += density * walk.T @ walk
     return gram, gradient, scatter
@@ -426,7 +575,10 @@ def _without(gram: np.ndarray, prior: np.ndarray, named: Sequence[int]) -> np.nd
     kept = [*range(n, len(gram)), *named]
     gone = [i for i in range(n) if i not in named]
     inner = gram[np.ix_(gone, gone)] + np.diag(prior[gone])
-    return np.asarray(gram[np.ix_(kept, kept)] - gram[np.ix_(kept, gone)] @ bounded_inverse(inner) @ gram[np.ix_(gone, kept)])
+    return np.asarray(
+        gram[np.ix_(kept, kept)]
+        - gram[np.ix_(kept, gone)] @ bounded_inverse(inner) @ gram[np.ix_(gone, kept)]
+    )
 
 
 def added(parts: Sequence[NormalEquations]) -> NormalEquations:

@@ -1,18 +1,21 @@
-"""Kinematics of six degrees of freedom: channels, relations, unknowns, records without a bank angle.
+"""Kinematics of six degrees of freedom: channels, relations, unknowns, records without a bank
+angle.
 
-Body axes, x forward, y to the right, z down; flat earth, wind that does not change (Klein and Morelli, Aircraft System Identification, AIAA
-2006, ch. 10; Jategaonkar, Flight Vehicle System Identification, AIAA 2006, ch. 10):
+Body axes, x forward, y to the right, z down; flat earth, wind that does not change (Klein and
+Morelli, Aircraft System Identification, AIAA 2006, ch. 10; Jategaonkar, Flight Vehicle System
+Identification, AIAA 2006, ch. 10):
 
-phi_dot = p + tan(theta) (q sin(phi) + r cos(phi)),  theta_dot = q cos(phi) - r sin(phi),  psi_dot = (q sin(phi) + r cos(phi))/cos(theta),
-V alpha_dot cos(beta) = V [q cos(beta) - sin(beta) (p cos(alpha) + r sin(alpha))] + Z cos(alpha) - X sin(alpha),
-V beta_dot = V [p sin(alpha) - r cos(alpha)] - X cos(alpha) sin(beta) + Y cos(beta) - Z sin(alpha) sin(beta),
-V_dot = X cos(alpha) cos(beta) + Y sin(beta) + Z sin(alpha) cos(beta),
-h_dot = V [cos(alpha) cos(beta) sin(theta) - sin(beta) sin(phi) cos(theta) - sin(alpha) cos(beta) cos(phi) cos(theta)] + w,
-X = ax - g sin(theta), Y = ay + g cos(theta) sin(phi), Z = az + g cos(theta) cos(phi); w is the wind's climb.
+phi_dot = p + tan(theta) (q sin(phi) + r cos(phi)), theta_dot = q cos(phi) - r sin(phi), psi_dot =
+(q sin(phi) + r cos(phi))/cos(theta), V alpha_dot cos(beta) = V [q cos(beta) - sin(beta) (p
+cos(alpha) + r sin(alpha))] + Z cos(alpha) - X sin(alpha), V beta_dot = V [p sin(alpha) - r
+cos(alpha)] - X cos(alpha) sin(beta) + Y cos(beta) - Z sin(alpha) sin(beta), V_dot = X cos(alpha)
+cos(beta) + Y sin(beta) + Z sin(alpha) cos(beta), h_dot = V [cos(alpha) cos(beta) sin(theta) -
+sin(beta) sin(phi) cos(theta) - sin(alpha) cos(beta) cos(phi) cos(theta)] + w, X = ax - g
+sin(theta), Y = ay + g cos(theta) sin(phi), Z = az + g cos(theta) cos(phi); w is the wind's climb.
 
-What is not recorded is taken as follows. theta, alpha: constants of the record, fitted. phi, beta: zero. p: the change of phi. r in
-phi_dot = p + psi_dot sin(theta): a coordinated turn, psi_dot = g tan(phi)/V. q: what holds theta. ax: what holds the airspeed. A load's
-other terms without it: none.
+What is not recorded is taken as follows. theta, alpha: constants of the record, fitted. phi, beta:
+zero. p: the change of phi. r in phi_dot = p + psi_dot sin(theta): a coordinated turn, psi_dot = g
+tan(phi)/V. q: what holds theta. ax: what holds the airspeed. A load's other terms without it: none.
 """
 
 from __future__ import annotations
@@ -52,7 +55,24 @@ from sim.record import Record
 
 HEIGHTS = ("height", "altitude")
 AXES: Mapping[str, tuple[str, ...]] = {"x": ("ax", "nx"), "y": ("ay", "ny"), "z": ("nz", "az")}
-CHANNELS = ("alpha", "q", "nz", "az", "theta", "airspeed", "ax", "nx", "beta", "p", "r", "ay", "ny", "phi", "psi", *HEIGHTS)
+CHANNELS = (
+    "alpha",
+    "q",
+    "nz",
+    "az",
+    "theta",
+    "airspeed",
+    "ax",
+    "nx",
+    "beta",
+    "p",
+    "r",
+    "ay",
+    "ny",
+    "phi",
+    "psi",
+    *HEIGHTS,
+)
 BEYOND = ("beta", "phi", "psi", *HEIGHTS)  # outputs that the longitudinal relations do not have
 WRAPPED = ("phi", "psi")
 _INCREMENTAL = 0.5  # g: a mean load below is one without the weight
@@ -60,8 +80,14 @@ _STEEPEST = 1.4  # rad: nearer to the vertical Euler angles are no measurement
 
 
 def recorded(record: Record) -> tuple[str, ...]:
-    """Channels of a record that the kinematics know, of an acceleration one for each axis, of a height one."""
-    have = [name for name in CHANNELS if name in record.output_names and np.count_nonzero(record[name].valid) > 1]
+    """Channels of a record that the kinematics know, of an acceleration one for each axis, of a
+    height one.
+    """
+    have = [
+        name
+        for name in CHANNELS
+        if name in record.output_names and np.count_nonzero(record[name].valid) > 1
+    ]
     for several in (*AXES.values(), HEIGHTS):
         for name in [name for name in several if name in have][1:]:
             have.remove(name)
@@ -74,7 +100,8 @@ def load_on(axis: str, names: Sequence[str]) -> str | None:
 
 
 def relations(names: Sequence[str], *, speed: bool) -> dict[str, tuple[str, ...]]:
-    """Output of each relation that these channels close, and the channels that it joins; ``speed``: an airspeed is recorded or given.
+    """Output of each relation that these channels close, and the channels that it joins; ``speed``:
+    an airspeed is recorded or given.
 
     What a relation needs comes first, then what it takes along where it is there.
     """
@@ -100,7 +127,8 @@ def relations(names: Sequence[str], *, speed: bool) -> dict[str, tuple[str, ...]
 def ready(
     record: Record, channels: Sequence[str], airspeed: float | None, gravity: float, vane_arm: float
 ) -> tuple[KinematicSignals, tuple[str, ...]]:
-    """Signals of a record for its ``channels``, those common to all records; and sentences on what was done to them.
+    """Signals of a record for its ``channels``, those common to all records; and sentences on what
+    was done to them.
 
     Angles that wrap around are unwrapped; a vertical load without the weight gets it.
 
@@ -118,7 +146,11 @@ def ready(
         there[np.flatnonzero(there)[wrong]] = False
         if name == "theta" and np.any(np.abs(values[there]) > _STEEPEST):
             where = f"{record.name}, channel theta"
-            raise RecordError("an attitude near the vertical, where bank and heading mean nothing", where=where, remedy="cut the record there")
+            raise RecordError(
+                "an attitude near the vertical, where bank and heading mean nothing",
+                where=where,
+                remedy="cut the record there",
+            )
         raw[name], valid[name] = np.interp(record.time, record.time[there], values[there]), there
     if (z := load_on("z", channels)) is not None:
         weight = 1.0 if z == "nz" else -G0
@@ -129,10 +161,25 @@ def ready(
     used = {name for joined in found.values() for name in joined}
     edge = EDGE if record.time[-1] - record.time[0] > 50.0 * EDGE else 0.0
     inside = (record.time >= record.time[0] + edge) & (record.time <= record.time[-1] - edge)
-    speed = raw["airspeed"] if "airspeed" in raw else np.full(len(record), airspeed if airspeed is not None else np.inf)
+    speed = (
+        raw["airspeed"]
+        if "airspeed" in raw
+        else np.full(len(record), airspeed if airspeed is not None else np.inf)
+    )
     measured = np.array([valid[name] & inside for name in found]).reshape(len(found), len(record))
     kept = {name: raw[name] for name in channels if name in used}
-    return KinematicSignals(record.name, record.time, kept, tuple(found), measured, speed, gravity, vane_arm, np.zeros(0), spikes), tuple(notes)
+    return KinematicSignals(
+        record.name,
+        record.time,
+        kept,
+        tuple(found),
+        measured,
+        speed,
+        gravity,
+        vane_arm,
+        np.zeros(0),
+        spikes,
+    ), tuple(notes)
 
 
 # ---- Records without a bank angle
@@ -141,29 +188,43 @@ LEVEL = "no bank angle is recorded: the wings are taken as level"
 _RATES = ("p", "r")
 
 
-def misled_by_bank(records: Sequence[Record], airspeed: float | None, gravity: float) -> tuple[str, ...]:
-    """A sentence on each record in which level wings would mislead the relations of alpha and theta; ``airspeed`` (m/s) where none is recorded.
+def misled_by_bank(
+    records: Sequence[Record], airspeed: float | None, gravity: float
+) -> tuple[str, ...]:
+    """A sentence on each record in which level wings would mislead the relations of alpha and
+    theta; ``airspeed`` (m/s) where none is recorded.
 
-    Of p the integral about its median is the bank, of r the bank of a coordinated turn. What such a bank would add to the integrals of
-    theta and alpha, less a constant and a trend, which starts and biases take, is more than the size from which a bias is worth a word.
+    Of p the integral about its median is the bank, of r the bank of a coordinated turn. What such a
+    bank would add to the integrals of theta and alpha, less a constant and a trend, which starts
+    and biases take, is more than the size from which a bias is worth a word.
     """
     out = []
     for record in records:
-        rates = [name for name in _RATES if name in record.output_names and np.count_nonzero(record[name].valid) > 1]
+        rates = [
+            name
+            for name in _RATES
+            if name in record.output_names and np.count_nonzero(record[name].valid) > 1
+        ]
         if "phi" in record.output_names or "q" not in record.output_names or not rates:
             continue
         phi = _bank(record, rates, airspeed, gravity)
-        worst = max(np.std(_left(record.time, wrong)) for wrong in _wrong_rates(record, rates, phi, airspeed, gravity))
+        worst = max(
+            np.std(_left(record.time, wrong))
+            for wrong in _wrong_rates(record, rates, phi, airspeed, gravity)
+        )
         if worst > SensorFault("alpha", BIAS).worth:
             lean, say = np.degrees(np.max(np.abs(phi))), "say" if len(rates) > 1 else "says"
             out.append(
-                f"no bank angle is recorded in {record.name}, and {' and '.join(rates)} {say} that the wings were up to {lean:.0f} deg from level: "
+                f"no bank angle is recorded in {record.name}, and {' and '.join(rates)} {say} that "
+                f"the wings were up to {lean:.0f} deg from level: "
                 "nothing is told of alpha, q, theta and the loads, whose relations need it"
             )
     return tuple(out)
 
 
-def _bank(record: Record, rates: Sequence[str], airspeed: float | None, gravity: float) -> np.ndarray:
+def _bank(
+    record: Record, rates: Sequence[str], airspeed: float | None, gravity: float
+) -> np.ndarray:
     """About the bank angle ``(N,)``, rad."""
     turn = np.zeros(len(record))
     speed = _speed(record, airspeed)
@@ -176,18 +237,28 @@ def _bank(record: Record, rates: Sequence[str], airspeed: float | None, gravity:
     return np.asarray(rolled - np.median(rolled) + np.median(turn))
 
 
-def _wrong_rates(record: Record, rates: Sequence[str], phi: np.ndarray, airspeed: float | None, gravity: float) -> tuple[np.ndarray, ...]:
-    """By what level wings are wrong in the rates of theta and, where an airspeed is known, of alpha."""
+def _wrong_rates(
+    record: Record, rates: Sequence[str], phi: np.ndarray, airspeed: float | None, gravity: float
+) -> tuple[np.ndarray, ...]:
+    """By what level wings are wrong in the rates of theta and, where an airspeed is known, of
+    alpha.
+    """
     speed = _speed(record, airspeed)
     q = _filled(record, "q") if "q" in record.output_names else np.zeros(len(record))
-    r = _filled(record, "r") if "r" in rates else np.tan(phi) * (gravity / speed if speed is not None else 0.0)
+    r = (
+        _filled(record, "r")
+        if "r" in rates
+        else np.tan(phi) * (gravity / speed if speed is not None else 0.0)
+    )
     pitch = q * (np.cos(phi) - 1.0) - r * np.sin(phi)
     return (pitch,) if speed is None else (pitch, gravity / speed * (np.cos(phi) - 1.0))
 
 
 def _speed(record: Record, airspeed: float | None) -> float | None:
     if "airspeed" in record.output_names:
-        return float(np.nanmean(np.where(record["airspeed"].valid, record["airspeed"].values, np.nan)))
+        return float(
+            np.nanmean(np.where(record["airspeed"].valid, record["airspeed"].values, np.nan))
+        )
     return airspeed
 
 
@@ -213,7 +284,9 @@ _TO_BODY = {"nx": G0, "ny": G0, "nz": -G0}
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """What is measured, less the faults: samples ``(P, N)`` of angles and speed, and increments ``(P, N - 1)`` of rates and loads."""
+    """What is measured, less the faults: samples ``(P, N)`` of angles and speed, and increments
+    ``(P, N - 1)`` of rates and loads.
+    """
 
     phi: np.ndarray
     theta: np.ndarray
@@ -225,10 +298,11 @@ class _Motion:
 
 
 def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
-    """What the outputs should read if the sensors have these faults: ``(m, P, N)`` for sizes ``(P, 1)``.
+    """What the outputs should read if the sensors have these faults: ``(m, P, N)`` for sizes ``(P,
+    1)``.
 
-    Besides the faults, ``value`` gives ``("start", STATE)``, ``("level", "theta")`` and ``("level", "alpha")`` where these are not recorded,
-    and ``("wind", "bias")``, m/s upward.
+    Besides the faults, ``value`` gives ``("start", STATE)``, ``("level", "theta")`` and ``("level",
+    "alpha")`` where these are not recorded, and ``("wind", "bias")``, m/s upward.
     """
     rates = {name: samples(s, name, value) for name in ("p", "q", "r") if name in s.channels}
     motion = _motion(s, value, rates)
@@ -242,11 +316,17 @@ def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
 
 def _motion(s: KinematicSignals, value: Values, rates: dict[str, np.ndarray]) -> _Motion:
     h, none = s.steps, np.zeros((1, len(s.time)))
-    speed = samples(s, "airspeed", value) if "airspeed" in s.channels else s.speed[None] / (1.0 + value("airspeed", SCALE))
+    speed = (
+        samples(s, "airspeed", value)
+        if "airspeed" in s.channels
+        else s.speed[None] / (1.0 + value("airspeed", SCALE))
+    )
     angles = {}
     for name in ("phi", "theta", "alpha", "beta"):
         if name in s.channels:
-            angles[name] = _at_vane(s, name, samples(s, name, value), value, rates, speed, back=True)
+            angles[name] = _at_vane(
+                s, name, samples(s, name, value), value, rates, speed, back=True
+            )
         else:
             angles[name] = none + value("level", name)
     turned = {name: increments(s, name, value, h) for name in rates}
@@ -255,24 +335,44 @@ def _motion(s: KinematicSignals, value: Values, rates: dict[str, np.ndarray]) ->
     pushed = {}
     for axis in "xyz":
         if (channel := load_on(axis, tuple(s.channels))) is not None:
-            pushed[axis] = _TO_BODY.get(channel, 1.0) * increments(s, channel, value, h) - _lever(s, axis, channel, value, rates)
-    return _Motion(angles["phi"], angles["theta"], angles["alpha"], angles["beta"], speed, turned, pushed)
+            pushed[axis] = _TO_BODY.get(channel, 1.0) * increments(s, channel, value, h) - _lever(
+                s, axis, channel, value, rates
+            )
+    return _Motion(
+        angles["phi"], angles["theta"], angles["alpha"], angles["beta"], speed, turned, pushed
+    )
 
 
 def _at_vane(
-    s: KinematicSignals, name: str, angle: np.ndarray, value: Values, rates: dict[str, np.ndarray], speed: np.ndarray, *, back: bool = False
+    s: KinematicSignals,
+    name: str,
+    angle: np.ndarray,
+    value: Values,
+    rates: dict[str, np.ndarray],
+    speed: np.ndarray,
+    *,
+    back: bool = False,
 ) -> np.ndarray:
-    """A flow angle where its vane is, from that at the centre of gravity; ``back``: the other way."""
+    """A flow angle where its vane is, from that at the centre of gravity; ``back``: the other
+    way.
+    """
     ahead = value(name, ARM) + value(BOOM, ARM) + (s.vane_arm if name == "alpha" else 0.0)
-    terms = {"alpha": (("q", -ahead), ("p", value(name, RIGHT))), "beta": (("r", ahead), ("p", -value(name, BELOW)))}.get(name, ())
+    terms = {
+        "alpha": (("q", -ahead), ("p", value(name, RIGHT))),
+        "beta": (("r", ahead), ("p", -value(name, BELOW))),
+    }.get(name, ())
     for rate, arm in terms:
         if rate in rates and np.any(arm):
             angle = angle + (-arm if back else arm) / speed * rates[rate]
     return angle
 
 
-def _lever(s: KinematicSignals, axis: str, channel: str, value: Values, rates: dict[str, np.ndarray]) -> np.ndarray:
-    """Integral over each interval of what an accelerometer away from the centre of gravity feels more: ``(P, N - 1)``, m/s."""
+def _lever(
+    s: KinematicSignals, axis: str, channel: str, value: Values, rates: dict[str, np.ndarray]
+) -> np.ndarray:
+    """Integral over each interval of what an accelerometer away from the centre of gravity feels
+    more: ``(P, N - 1)``, m/s.
+    """
     x, y, z = (value(channel, kind) + value(PACKAGE, kind) for kind in (ARM, RIGHT, BELOW))
     if not (np.any(x) or np.any(y) or np.any(z)):
         return np.zeros((1, 1))
@@ -283,41 +383,78 @@ def _lever(s: KinematicSignals, axis: str, channel: str, value: Values, rates: d
         return h * middle(product)
 
     if axis == "x":
-        felt = -x * whole(q * q + r * r) + y * (whole(p * q) - np.diff(r)) + z * (whole(p * r) + np.diff(q))
+        felt = (
+            -x * whole(q * q + r * r)
+            + y * (whole(p * q) - np.diff(r))
+            + z * (whole(p * r) + np.diff(q))
+        )
     elif axis == "y":
-        felt = x * (whole(p * q) + np.diff(r)) - y * whole(p * p + r * r) + z * (whole(q * r) - np.diff(p))
+        felt = (
+            x * (whole(p * q) + np.diff(r))
+            - y * whole(p * p + r * r)
+            + z * (whole(q * r) - np.diff(p))
+        )
     else:
-        felt = x * (whole(p * r) - np.diff(q)) + y * (whole(q * r) + np.diff(p)) - z * whole(p * p + q * q)
+        felt = (
+            x * (whole(p * r) - np.diff(q))
+            + y * (whole(q * r) + np.diff(p))
+            - z * whole(p * p + q * q)
+        )
     return np.asarray(felt)
 
 
 def _theta(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     q = m.turned["q"]
-    return np.asarray(q * middle(np.cos(m.phi)) - m.turned["r"] * middle(np.sin(m.phi)) if "r" in m.turned and "phi" in s.channels else q)
+    return np.asarray(
+        q * middle(np.cos(m.phi)) - m.turned["r"] * middle(np.sin(m.phi))
+        if "r" in m.turned and "phi" in s.channels
+        else q
+    )
 
 
 def _phi(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     tan = np.tan(m.theta)
     if "r" not in m.turned:
-        return np.asarray(m.turned["p"] + s.gravity * s.steps * middle(np.sin(m.theta) * np.tan(m.phi) / m.speed))
+        return np.asarray(
+            m.turned["p"] + s.gravity * s.steps * middle(np.sin(m.theta) * np.tan(m.phi) / m.speed)
+        )
     if "q" not in m.turned:
         return np.asarray(m.turned["p"] + m.turned["r"] * middle(tan / np.cos(m.phi)))
-    return np.asarray(m.turned["p"] + m.turned["q"] * middle(tan * np.sin(m.phi)) + m.turned["r"] * middle(tan * np.cos(m.phi)))
+    return np.asarray(
+        m.turned["p"]
+        + m.turned["q"] * middle(tan * np.sin(m.phi))
+        + m.turned["r"] * middle(tan * np.cos(m.phi))
+    )
 
 
 def _psi(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     if "q" not in m.turned:
         return np.asarray(m.turned["r"] * middle(1.0 / (np.cos(m.phi) * np.cos(m.theta))))
-    return np.asarray(m.turned["q"] * middle(np.sin(m.phi) / np.cos(m.theta)) + m.turned["r"] * middle(np.cos(m.phi) / np.cos(m.theta)))
+    return np.asarray(
+        m.turned["q"] * middle(np.sin(m.phi) / np.cos(m.theta))
+        + m.turned["r"] * middle(np.cos(m.phi) / np.cos(m.theta))
+    )
 
 
-def _forces(s: KinematicSignals, m: _Motion, axes: tuple[tuple[str, np.ndarray], ...]) -> np.ndarray:
-    """Sum over axes of load and weight times a coefficient at the samples, integrated over each interval."""
-    weight = {"x": -np.sin(m.theta), "y": np.cos(m.theta) * np.sin(m.phi), "z": np.cos(m.theta) * np.cos(m.phi)}
+def _forces(
+    s: KinematicSignals, m: _Motion, axes: tuple[tuple[str, np.ndarray], ...]
+) -> np.ndarray:
+    """Sum over axes of load and weight times a coefficient at the samples, integrated over each
+    interval.
+    """
+    weight = {
+        "x": -np.sin(m.theta),
+        "y": np.cos(m.theta) * np.sin(m.phi),
+        "z": np.cos(m.theta) * np.cos(m.phi),
+    }
     total = np.zeros((1, 1))
     for axis, coefficient in axes:
         if axis in m.pushed:
-            total = total + m.pushed[axis] * middle(coefficient) + s.gravity * s.steps * middle(weight[axis] * coefficient)
+            total = (
+                total
+                + m.pushed[axis] * middle(coefficient)
+                + s.gravity * s.steps * middle(weight[axis] * coefficient)
+            )
     return total
 
 
@@ -337,24 +474,39 @@ def _alpha(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
 def _beta(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     cos, sin = np.cos(m.alpha), np.sin(m.alpha)
     slip, over = np.sin(m.beta), 1.0 / m.speed
-    change = _forces(s, m, (("y", np.cos(m.beta) * over), ("x", -cos * slip * over), ("z", -sin * slip * over)))
+    change = _forces(
+        s, m, (("y", np.cos(m.beta) * over), ("x", -cos * slip * over), ("z", -sin * slip * over))
+    )
     change = change - m.turned["r"] * middle(cos)
     return np.asarray(change + m.turned["p"] * middle(sin) if "p" in m.turned else change)
 
 
 def _airspeed(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     cos = np.cos(m.beta)
-    return _forces(s, m, (("x", np.cos(m.alpha) * cos), ("y", np.sin(m.beta)), ("z", np.sin(m.alpha) * cos)))
+    return _forces(
+        s, m, (("x", np.cos(m.alpha) * cos), ("y", np.sin(m.beta)), ("z", np.sin(m.alpha) * cos))
+    )
 
 
 def _height(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     cos, level = np.cos(m.beta), np.cos(m.theta)
-    rise = np.cos(m.alpha) * cos * np.sin(m.theta) - np.sin(m.beta) * np.sin(m.phi) * level - np.sin(m.alpha) * cos * np.cos(m.phi) * level
+    rise = (
+        np.cos(m.alpha) * cos * np.sin(m.theta)
+        - np.sin(m.beta) * np.sin(m.phi) * level
+        - np.sin(m.alpha) * cos * np.cos(m.phi) * level
+    )
     return np.asarray(s.steps * (middle(m.speed * rise) + value("wind", BIAS)))
 
 
 _CHANGES: dict[str, Callable[[KinematicSignals, _Motion, Values], np.ndarray]] = {
-    **{"theta": _theta, "phi": _phi, "psi": _psi, "alpha": _alpha, "beta": _beta, "airspeed": _airspeed},
+    **{
+        "theta": _theta,
+        "phi": _phi,
+        "psi": _psi,
+        "alpha": _alpha,
+        "beta": _beta,
+        "airspeed": _airspeed,
+    },
 }
 
 
@@ -362,13 +514,14 @@ _CHANGES: dict[str, Callable[[KinematicSignals, _Motion, Values], np.ndarray]] =
 
 _LEVEL = 0.15  # rad: an angle that is not recorded, of which the record's constant is fitted
 _SPEED = 0.015  # share by which an airspeed that is not recorded may be off
-_LOOSE = 5.0  # of the size that is worth a word: the standard deviation of a bias before the record is seen
+# of the size that is worth a word: the standard deviation of a bias before the record is seen
+_LOOSE = 5.0
 _WITHOUT_BIAS = ("psi", *HEIGHTS)  # where it is another start
 
 
 def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
-    """Starts; a bias of every channel whose bias has a trace at all, and of the wind's climb, each under a loose prior; constants for what
-    is not recorded."""
+    """Starts; a bias of every channel whose bias has a trace at all, and of the wind's climb, each
+    under a loose prior; constants for what is not recorded."""
     out = [Unknown(("start", name), 1e-3) for name in s.outputs]
     for name in s.channels:
         if name not in _WITHOUT_BIAS:
@@ -392,12 +545,18 @@ def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
     for i, item in enumerate(unknowns):
         if item.key[0] == "start":
             row = s.outputs.index(item.key[1])
-            out[i] = float(np.median(s.channels[item.key[1]][np.flatnonzero(s.valid[row])[:5]])) if np.any(s.valid[row]) else 0.0
+            out[i] = (
+                float(np.median(s.channels[item.key[1]][np.flatnonzero(s.valid[row])[:5]]))
+                if np.any(s.valid[row])
+                else 0.0
+            )
     return out
 
 
 def faults_of(s: KinematicSignals, chord: float = 0.0) -> tuple[SensorFault, ...]:
-    """All faults that the sensors of a record may have, of an aircraft of that chord (m); biases are unknowns of each record."""
+    """All faults that the sensors of a record may have, of an aircraft of that chord (m); biases
+    are unknowns of each record.
+    """
     channels = tuple(s.channels)
     out = [SensorFault(name, kind) for name in channels for kind in (SCALE, DELAY, LAG, DRIFT)]
     felt: dict[str, list[str]] = {"alpha": [ARM, RIGHT], "beta": [ARM, BELOW]}
@@ -409,15 +568,32 @@ def faults_of(s: KinematicSignals, chord: float = 0.0) -> tuple[SensorFault, ...
         felt[PACKAGE] = [ARM, RIGHT, BELOW]
     if {"alpha", "beta"} <= set(channels):
         felt[BOOM] = [ARM]
-    rates = {BOOM: {ARM: "qr"}, "alpha": {ARM: "q", RIGHT: "p"}, "beta": {ARM: "r", BELOW: "p"}, PACKAGE: {ARM: "qr", RIGHT: "pr", BELOW: "pq"}}
-    rates |= dict(zip((loads[axis] or "" for axis in "xyz"), ({RIGHT: "r", BELOW: "q"}, {ARM: "r", BELOW: "p"}, {ARM: "q", RIGHT: "p"}), strict=True))
+    rates = {
+        BOOM: {ARM: "qr"},
+        "alpha": {ARM: "q", RIGHT: "p"},
+        "beta": {ARM: "r", BELOW: "p"},
+        PACKAGE: {ARM: "qr", RIGHT: "pr", BELOW: "pq"},
+    }
+    rates |= dict(
+        zip(
+            (loads[axis] or "" for axis in "xyz"),
+            ({RIGHT: "r", BELOW: "q"}, {ARM: "r", BELOW: "p"}, {ARM: "q", RIGHT: "p"}),
+            strict=True,
+        )
+    )
     for name, kinds in felt.items():
         if name in channels or name in (PACKAGE, BOOM):
-            out += [SensorFault(name, kind, chord) for kind in kinds if any(rate in channels for rate in rates[name][kind])]
+            out += [
+                SensorFault(name, kind, chord)
+                for kind in kinds
+                if any(rate in channels for rate in rates[name][kind])
+            ]
     return tuple(out)
 
 
-def values_of(unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray) -> Values:
+def values_of(
+    unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray
+) -> Values:
     """The table of the kinematics for rows of values: ``own (P, n)``, ``sizes (P, k)``."""
     table = {item.key: own[:, i : i + 1] for i, item in enumerate(unknowns)}
     for j, fault in enumerate(faults):
@@ -429,25 +605,39 @@ def values_of(unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: n
     return lambda channel, kind: table.get((channel, kind), none)
 
 
-def evaluate(s: KinematicSignals, unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+def evaluate(
+    s: KinematicSignals,
+    unknowns: Sequence[Unknown],
+    faults: Sequence[SensorFault],
+    own: np.ndarray,
+    sizes: np.ndarray,
+) -> np.ndarray:
     """Outputs for rows of values: ``own (P, n)``, ``sizes (P, k)`` to ``(m, P, N)``."""
     found = reconstructed(s, values_of(unknowns, faults, own, sizes))
     return np.broadcast_to(found, (len(s.outputs), len(own), len(s.time)))
 
 
 def linearised(
-    s: KinematicSignals, unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray
+    s: KinematicSignals,
+    unknowns: Sequence[Unknown],
+    faults: Sequence[SensorFault],
+    own: np.ndarray,
+    sizes: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs ``(m, N)`` and their slopes ``(m, N, n + k)``: one-sided differences for a record's own, central ones for faults.
+    """Outputs ``(m, N)`` and their slopes ``(m, N, n + k)``: one-sided differences for a record's
+    own, central ones for faults.
 
-    Rows are gone through channel by channel, so that what a channel does not touch is computed once for all its rows.
+    Rows are gone through channel by channel, so that what a channel does not touch is computed once
+    for all its rows.
     """
     n, k = len(unknowns), len(faults)
     step = np.array([item.step for item in unknowns] + [difference_step(fault) for fault in faults])
     centre = np.concatenate([own, sizes])
     y = evaluate(s, unknowns, faults, own[None], sizes[None])[:, 0]
     slope = np.empty((len(s.outputs), len(s.time), n + k))
-    sides = [item.key[0] if item.key[0] != "start" else "" for item in unknowns] + [fault.channel for fault in faults]
+    sides = [item.key[0] if item.key[0] != "start" else "" for item in unknowns] + [
+        fault.channel for fault in faults
+    ]
     for channel in dict.fromkeys(sides):
         at = np.array([i for i, side in enumerate(sides) if side == channel])
         moved = np.repeat(centre[None], 2 * len(at), axis=0)
@@ -456,5 +646,7 @@ def linearised(
         moved[len(at) + np.flatnonzero(behind), at[behind]] -= step[at[behind]]
         both = evaluate(s, unknowns, faults, moved[:, :n], moved[:, n:])
         width = np.where(behind, 2.0, 1.0) * step[at]
-        slope[:, :, at] = ((both[:, : len(at)] - both[:, len(at) :]) / width[:, None]).transpose(0, 2, 1)
+        slope[:, :, at] = ((both[:, : len(at)] - both[:, len(at) :]) / width[:, None]).transpose(
+            0, 2, 1
+        )
     return y, slope

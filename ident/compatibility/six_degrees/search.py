@@ -14,7 +14,15 @@ from ident.compatibility.fault_sets import TIE, chance_of, charge_of, same_laten
 from ident.compatibility.fitting import KinematicFit
 from ident.compatibility.kinematics import DELAY, DRIFT, LAG, SensorFault
 from ident.compatibility.signals import KinematicSignals, instrumented
-from ident.compatibility.six_degrees.fitting import LEAST_SECANT, Linear, NormalEquations, by_output_error, fit, likelihoods, linear
+from ident.compatibility.six_degrees.fitting import (
+    LEAST_SECANT,
+    Linear,
+    NormalEquations,
+    by_output_error,
+    fit,
+    likelihoods,
+    linear,
+)
 from ident.compatibility.trials import CompatibilitySettings
 
 # ---- Which sets of faults the records ask for
@@ -22,13 +30,16 @@ from ident.compatibility.trials import CompatibilitySettings
 LOADS = ("nz", "az", "ny", "ay")
 _SLOW = ("airspeed", "height", "altitude")  # no clocks: they change too slowly
 _RIDGE = 1e-9  # of the scaled information: alike columns give a large variance, not a failure
-_PROMISING = 24  # faults that a set of three is made of, beside the best pairs: all of them cost as much as everything else
+# faults that a set of three is made of, beside the best pairs: all of them cost as much as
+# everything else
+_PROMISING = 24
 
 
 @dataclass(frozen=True, eq=False)
 class Sets:
-    """M sets of s faults each fitted to first order: ``members (M, s)``; ``sizes``, ``white`` variances and ``widening`` of these ``(M, s)``;
-    ``gain (M,)`` of log likelihood. ``sound``: each fault determined, worth having, possible; ``early``: but for a load ahead of its time."""
+    """M sets of s faults each fitted to first order: ``members (M, s)``; ``sizes``, ``white``
+    variances and ``widening`` of these ``(M, s)``; ``gain (M,)`` of log likelihood. ``sound``: each
+    fault determined, worth having, possible; ``early``: but for a load ahead of its time."""
 
     members: np.ndarray
     sizes: np.ndarray
@@ -44,8 +55,12 @@ class Sets:
         return self.white * self.widening
 
 
-def fitted(normal: NormalEquations, faults: Sequence[SensorFault], members: np.ndarray, *, early: bool) -> Sets:
-    """Sets of faults by their places ``members (M, s)``; ``early``: whether a load ahead of its time is looked for."""
+def fitted(
+    normal: NormalEquations, faults: Sequence[SensorFault], members: np.ndarray, *, early: bool
+) -> Sets:
+    """Sets of faults by their places ``members (M, s)``; ``early``: whether a load ahead of its
+    time is looked for.
+    """
     members = np.atleast_2d(members)
     rows, s = members[:, :, None], members.shape[1]
     if not s:
@@ -59,14 +74,31 @@ def fitted(normal: NormalEquations, faults: Sequence[SensorFault], members: np.n
     inverse = np.linalg.inv(information) * both
     gradient = normal.gradient[members]
     sizes = np.einsum("mij,mj->mi", inverse, gradient)
-    corrected = np.einsum("mij,mjk,mki->mi", inverse, normal.scatter[rows, members[:, None, :]], inverse, optimize=True)
+    corrected = np.einsum(
+        "mij,mjk,mki->mi",
+        inverse,
+        normal.scatter[rows, members[:, None, :]],
+        inverse,
+        optimize=True,
+    )
     white = np.einsum("mii->mi", inverse).copy()
     widening = np.maximum(corrected / np.where(white > 0, white, 1.0), 1.0)
     plausible, worth, largest, one_sided, load = (
         np.array(column)[members]
-        for column in zip(*((f.plausible, f.worth, 0.99 * f.largest, f.one_sided, _is_load_time(f)) for f in faults), strict=True)
+        for column in zip(
+            *(
+                (f.plausible, f.worth, 0.99 * f.largest, f.one_sided, _is_load_time(f))
+                for f in faults
+            ),
+            strict=True,
+        )
     )
-    determined = (diagonal[members] > 0) & (white * widening < plausible**2) & (np.abs(sizes) > worth) & (np.abs(sizes) < largest)
+    determined = (
+        (diagonal[members] > 0)
+        & (white * widening < plausible**2)
+        & (np.abs(sizes) > worth)
+        & (np.abs(sizes) < largest)
+    )
     possible = (sizes > 0) | ~one_sided
     allowed = _leave_a_clock(faults, members)
     ahead = determined.all(axis=1) & allowed & (possible | load).all(axis=1) & ~possible.all(axis=1)
@@ -76,13 +108,22 @@ def fitted(normal: NormalEquations, faults: Sequence[SensorFault], members: np.n
 
 
 def best_set(
-    normal: NormalEquations, faults: Sequence[SensorFault], among: Sequence[int], charge: float, most: int, *, early: bool
+    normal: NormalEquations,
+    faults: Sequence[SensorFault],
+    among: Sequence[int],
+    charge: float,
+    most: int,
+    *,
+    early: bool,
 ) -> tuple[Sets, int]:
-    """The set, and its row, of greatest gain over the colour of what is left less ``charge`` for each fault, each of them needed.
+    """The set, and its row, of greatest gain over the colour of what is left less ``charge`` for
+    each fault, each of them needed.
 
-    Arms count by how far such sensors usually are from the centre of gravity, too (``SensorFault.surprise``).
+    Arms count by how far such sensors usually are from the centre of gravity, too
+    (``SensorFault.surprise``).
 
-    All sets of up to two faults are compared, and those of three that hold one of the better pairs or are made of the better faults.
+    All sets of up to two faults are compared, and those of three that hold one of the better pairs
+    or are made of the better faults.
     """
     found = [fitted(normal, faults, np.zeros((1, 0), dtype=int), early=early)]
     level = np.array([[i] for i in among], dtype=int).reshape(-1, 1)
@@ -96,11 +137,20 @@ def best_set(
     return _assessed(found, faults, charge)
 
 
-def needed(normal: NormalEquations, faults: Sequence[SensorFault], members: tuple[int, ...], charge: float) -> tuple[int, ...]:
-    """A set less every fault that gains no more than ``charge`` beside the others, over its own colour."""
+def needed(
+    normal: NormalEquations, faults: Sequence[SensorFault], members: tuple[int, ...], charge: float
+) -> tuple[int, ...]:
+    """A set less every fault that gains no more than ``charge`` beside the others, over its own
+    colour.
+    """
     while members:
         whole = fitted(normal, faults, np.array([members]), early=False)
-        less = [fitted(normal, faults, np.array([[j for j in members if j != i]], dtype=int), early=False).gain[0] for i in members]
+        less = [
+            fitted(
+                normal, faults, np.array([[j for j in members if j != i]], dtype=int), early=False
+            ).gain[0]
+            for i in members
+        ]
         gains = (whole.gain[0] - np.array(less)) / whole.widening[0]
         least = int(np.argmin(gains))
         if gains[least] >= charge:
@@ -118,13 +168,23 @@ def _larger(sets: Sets, among: Sequence[int], size: int) -> np.ndarray:
     return np.array(sorted(larger), dtype=int).reshape(-1, size + 1)
 
 
-def _assessed(found: Sequence[Sets], faults: Sequence[SensorFault], charge: float) -> tuple[Sets, int]:
+def _assessed(
+    found: Sequence[Sets], faults: Sequence[SensorFault], charge: float
+) -> tuple[Sets, int]:
     best = max(found, key=lambda sets: float(np.max(np.where(sets.sound, sets.gain, 0.0))))
-    widening = float(np.mean(best.widening[int(np.argmax(np.where(best.sound, best.gain, 0.0)))])) if best.members.shape[1] else 1.0
+    widening = (
+        float(np.mean(best.widening[int(np.argmax(np.where(best.sound, best.gain, 0.0)))]))
+        if best.members.shape[1]
+        else 1.0
+    )
     rare = np.array([fault.rare for fault in faults])
     chosen, least = (found[0], 0), 0.0
     for sets in found[1:]:
-        score = charge * sets.members.shape[1] - sets.gain / widening + TIE * (sets.early + rare[sets.members].sum(axis=1))
+        score = (
+            charge * sets.members.shape[1]
+            - sets.gain / widening
+            + TIE * (sets.early + rare[sets.members].sum(axis=1))
+        )
         score = score + surprises(sets, faults)
         score = np.where(sets.sound | sets.early, score, np.inf)
         row = int(np.argmin(score))
@@ -144,13 +204,20 @@ def _is_load_time(fault: SensorFault) -> bool:
 
 
 def clocks(channels: Sequence[str]) -> tuple[str, ...]:
-    """Channels of which one at least has to be on time: those that the relations tie within a fraction of a second."""
+    """Channels of which one at least has to be on time: those that the relations tie within a
+    fraction of a second.
+    """
     return tuple(name for name in channels if name not in _SLOW)
 
 
 def _leave_a_clock(faults: Sequence[SensorFault], members: np.ndarray) -> np.ndarray:
     timed = clocks(tuple(dict.fromkeys(fault.channel for fault in faults if fault.kind == DELAY)))
-    late = np.array([[fault.kind in (DELAY, LAG) and fault.channel == name for name in timed] for fault in faults])
+    late = np.array(
+        [
+            [fault.kind in (DELAY, LAG) and fault.channel == name for name in timed]
+            for fault in faults
+        ]
+    )
     if not len(timed):
         return np.ones(len(members), dtype=bool)
     return ~np.any(late[members], axis=1).all(axis=1)
@@ -168,10 +235,12 @@ _DEMANDED = 3.0  # standard deviations
 
 @dataclass(frozen=True, eq=False)
 class SixDegreeSearch:
-    """What a search has found: the ``lines`` around the joint fit of the ``standing`` faults (places in ``lines.faults``), the ``groups`` of
-    each with what is lost with it, faults that were ``refused`` since records disagree. ``early``: a load and by how much it is ahead of its
-    time, s, where that explains more than any fault. ``common``: places of the faults that all records may share. ``lateness``: what is lost
-    with another way for a channel to be late in the place of one that stands, by both places, each fitted in full."""
+    """What a search has found: the ``lines`` around the joint fit of the ``standing`` faults
+    (places in ``lines.faults``), the ``groups`` of each with what is lost with it, faults that were
+    ``refused`` since records disagree. ``early``: a load and by how much it is ahead of its time,
+    s, where that explains more than any fault. ``common``: places of the faults that all records
+    may share. ``lateness``: what is lost with another way for a channel to be late in the place of
+    one that stands, by both places, each fitted in full."""
 
     lines: Linear
     standing: tuple[int, ...]
@@ -185,28 +254,45 @@ class SixDegreeSearch:
 
 
 def search(
-    signals: Sequence[KinematicSignals], base: KinematicFit, faults: Sequence[SensorFault], settings: CompatibilitySettings
+    signals: Sequence[KinematicSignals],
+    base: KinematicFit,
+    faults: Sequence[SensorFault],
+    settings: CompatibilitySettings,
 ) -> SixDegreeSearch:
-    """The set of faults that the records ask for, each with its group; beside the faults of ``base``, which are none."""
+    """The set of faults that the records ask for, each with its group; beside the faults of
+    ``base``, which are none.
+    """
     # A drift belongs to one record.
     common = [i for i, fault in enumerate(faults) if len(signals) == 1 or fault.kind != DRIFT]
     charge, early = charge_of(settings.false_alarm, len(common)), not instrumented(signals)
     chance = chance_of(settings.false_alarm, len(common))
     refused: set[int] = set()
     while True:
-        lines, members, ahead, lateness = _settled(signals, base, faults, [i for i in common if i not in refused], charge, settings.most, early)
+        lines, members, ahead, lateness = _settled(
+            signals,
+            base,
+            faults,
+            [i for i in common if i not in refused],
+            charge,
+            settings.most,
+            early,
+        )
         failing = {i for i in members if not _replicates(lines, members, i)}
         if not failing:
             break
         # What looks like it fails with it, and need not be tried one after the other.
         near = {(i, j) for i in failing for j in alike(lines, members, i, chance, common, lateness)}
-        refused |= failing | {j for i, j in near if not _replicates(lines, _instead(members, i, j), j)}
+        refused |= failing | {
+            j for i, j in near if not _replicates(lines, _instead(members, i, j), j)
+        }
     sets = fitted(lines.joint, faults, np.array([members], dtype=int).reshape(1, -1), early=False)
     widening = float(np.mean(sets.widening)) if members else 1.0
     among = [i for i in common if i not in refused]
     groups = tuple(_group(lines, members, i, chance, widening, among, lateness) for i in members)
     other = tuple(by_output_error(lines, r) for r in range(len(signals)))
-    return SixDegreeSearch(lines, members, groups, frozenset(refused), ahead, widening, other, tuple(common), lateness)
+    return SixDegreeSearch(
+        lines, members, groups, frozenset(refused), ahead, widening, other, tuple(common), lateness
+    )
 
 
 def _settled(
@@ -218,8 +304,8 @@ def _settled(
     most: int,
     early: bool,
 ) -> tuple[Linear, tuple[int, ...], tuple[str, float] | None, Mapping[tuple[int, int], float]]:
-    """Sets chosen and fitted in turn until the same one comes again, and once more from another way to be late where that is likelier; with what is
-    lost with each such way (``_late_instead``)."""
+    """Sets chosen and fitted in turn until the same one comes again, and once more from another way
+    to be late where that is likelier; with what is lost with each such way (``_late_instead``)."""
     lines, members, ahead = _in_turn(signals, base, (), faults, among, charge, most, early)
     likeliest, lateness = _late_instead(signals, lines, members, among)
     if likeliest[1] != members:
@@ -250,7 +336,9 @@ def _in_turn(
         sets, row = best_set(normal, faults, among, charge, most, early=early)
         chosen, ahead = tuple(int(i) for i in sets.members[row]), None
         if sets.early[row]:
-            late = [k for k, i in enumerate(chosen) if sets.sizes[row, k] < 0 and faults[i].one_sided]
+            late = [
+                k for k, i in enumerate(chosen) if sets.sizes[row, k] < 0 and faults[i].one_sided
+            ]
             ahead = (faults[chosen[late[0]]].channel, float(sets.sizes[row, late[0]]))
             chosen = tuple(i for k, i in enumerate(chosen) if k not in late)
         chosen = needed(normal, faults, chosen, charge)
@@ -273,22 +361,41 @@ def _secant(size: float) -> float:
 def _late_instead(
     signals: Sequence[KinematicSignals], lines: Linear, members: Sequence[int], among: Sequence[int]
 ) -> tuple[tuple[KinematicFit, tuple[int, ...]], dict[tuple[int, int], float]]:
-    """The likeliest of a set and of those with another way to be late, or the arm of the same trace, in the place of one, and what is lost with
-    each of these: by the two places. What is known of sizes beforehand counts.
+    """The likeliest of a set and of those with another way to be late, or the arm of the same
+    trace, in the place of one, and what is lost with each of these: by the two places. What is
+    known of sizes beforehand counts.
 
-    To first order they would be compared under the noise of the one that stands, which has taken for noise what it does not explain, and as if
-    both acted: a late reading of what an arm adds is no small thing.
+    To first order they would be compared under the noise of the one that stands, which has taken
+    for noise what it does not explain, and as if both acted: a late reading of what an arm adds is
+    no small thing.
     """
     found, faults = lines.found, lines.faults
     places = [(place, i, j) for place, i in enumerate(members) for j in among if j not in members]
-    pairs = [(place, j) for place, i, j in places if same_lateness(faults[i], faults[j]) or same_trace(faults[i], faults[j])]
+    pairs = [
+        (place, j)
+        for place, i, j in places
+        if same_lateness(faults[i], faults[j]) or same_trace(faults[i], faults[j])
+    ]
     sets = [tuple(members), *((*members[:place], j, *members[place + 1 :]) for place, j in pairs)]
     fits = [found, *(fit(signals, [faults[k] for k in chosen], found) for chosen in sets[1:])]
     left = likelihoods(fits) if pairs else np.zeros(1)
-    widening = float(np.mean(fitted(lines.joint, faults, np.array([list(members)]), early=False).widening)) if pairs else 1.0
-    known = [sum(float(fault.surprise(size, 0.0)) for fault, size in zip(each.faults, each.sizes.tolist(), strict=True)) for each in fits]
+    widening = (
+        float(np.mean(fitted(lines.joint, faults, np.array([list(members)]), early=False).widening))
+        if pairs
+        else 1.0
+    )
+    known = [
+        sum(
+            float(fault.surprise(size, 0.0))
+            for fault, size in zip(each.faults, each.sizes.tolist(), strict=True)
+        )
+        for each in fits
+    ]
     best = int(np.argmin(left + widening * np.array(known)))
-    return (fits[best], sets[best]), {(members[place], j): float(lost) for (place, j), lost in zip(pairs, left[1:] - left[0], strict=True)}
+    return (fits[best], sets[best]), {
+        (members[place], j): float(lost)
+        for (place, j), lost in zip(pairs, left[1:] - left[0], strict=True)
+    }
 
 
 def _secants(lines: Linear, members: Sequence[int]) -> np.ndarray:
@@ -305,7 +412,9 @@ def _secants(lines: Linear, members: Sequence[int]) -> np.ndarray:
 
 
 def _replicates(lines: Linear, members: Sequence[int], i: int) -> bool:
-    """Whether the records by themselves agree on a fault, the others as they stand, and demand it together."""
+    """Whether the records by themselves agree on a fault, the others as they stand, and demand it
+    together.
+    """
     from scipy.special import chdtrc
 
     if len(lines.smoother) < 2:
@@ -316,7 +425,9 @@ def _replicates(lines: Linear, members: Sequence[int], i: int) -> bool:
         return False
     v, w = values[told], weights[told]
     mean = float(np.sum(w * v) / np.sum(w))
-    joint = fitted(lines.joint, lines.faults, np.array([members]), early=False).sizes[0, list(members).index(i)]
+    joint = fitted(lines.joint, lines.faults, np.array([members]), early=False).sizes[
+        0, list(members).index(i)
+    ]
     agree = float(chdtrc(len(v) - 1.0, float(np.sum(w * (v - mean) ** 2)))) > _REPLICATION
     return agree and mean * math.copysign(1.0, joint) > _DEMANDED / math.sqrt(float(np.sum(w)))
 
@@ -327,7 +438,11 @@ def _alone(lines: Linear, members: Sequence[int], i: int) -> tuple[np.ndarray, n
     values, weights = [], []
     for normal in lines.smoother:
         own = normal.information[i, i]
-        others = sum(normal.information[i, j] * size for j, size in zip(members, sizes.tolist(), strict=True) if j != i)
+        others = sum(
+            normal.information[i, j] * size
+            for j, size in zip(members, sizes.tolist(), strict=True)
+            if j != i
+        )
         wide = max(normal.scatter[i, i] / own, 1.0) if own > 0 else 1.0
         values.append((normal.gradient[i] - others) / own if own > 0 else 0.0)
         weights.append(own / wide)
@@ -335,27 +450,61 @@ def _alone(lines: Linear, members: Sequence[int], i: int) -> tuple[np.ndarray, n
 
 
 def _group(
-    lines: Linear, members: Sequence[int], i: int, chance: float, widening: float, among: Sequence[int], lateness: Mapping[tuple[int, int], float]
+    lines: Linear,
+    members: Sequence[int],
+    i: int,
+    chance: float,
+    widening: float,
+    among: Sequence[int],
+    lateness: Mapping[tuple[int, int], float],
 ) -> tuple[tuple[int, float], ...]:
-    """A fault that stands and what does as well in its place: places and losses of log likelihood."""
+    """A fault that stands and what does as well in its place: places and losses of log
+    likelihood.
+    """
     near = alike(lines, members, i, chance * widening, among, lateness)
-    return ((i, 0.0), *((j, lost / widening) for j, lost in near.items() if _replicates(lines, _instead(members, i, j), j)))
+    return (
+        (i, 0.0),
+        *(
+            (j, lost / widening)
+            for j, lost in near.items()
+            if _replicates(lines, _instead(members, i, j), j)
+        ),
+    )
 
 
 def alike(
-    lines: Linear, members: Sequence[int], i: int, chance: float, among: Sequence[int], lateness: Mapping[tuple[int, int], float] = NOTHING_LATE
+    lines: Linear,
+    members: Sequence[int],
+    i: int,
+    chance: float,
+    among: Sequence[int],
+    lateness: Mapping[tuple[int, int], float] = NOTHING_LATE,
 ) -> dict[int, float]:
-    """Sound faults that lose no more than ``chance`` of log likelihood in the place of one that stands, the nearest first; ``lateness``: what is
-    known of such losses by fits in full."""
+    """Sound faults that lose no more than ``chance`` of log likelihood in the place of one that
+    stands, the nearest first; ``lateness``: what is known of such losses by fits in full."""
     rivals = [j for j in among if j not in members]
-    sets = fitted(lines.joint, lines.faults, np.array([_instead(members, i, j) for j in rivals]).reshape(len(rivals), -1), early=False)
+    sets = fitted(
+        lines.joint,
+        lines.faults,
+        np.array([_instead(members, i, j) for j in rivals]).reshape(len(rivals), -1),
+        early=False,
+    )
     own = fitted(lines.joint, lines.faults, np.array([_instead(members, i, i)]), early=False)
     losses = own.gain[0] - sets.gain + TIE * np.array([lines.faults[j].rare for j in rivals])
     full = {j: lateness[i, j] for j in rivals if (i, j) in lateness}
     # Of two arms of one trace the records may prefer the less common one.
     least = [-np.inf if same_trace(lines.faults[i], lines.faults[j]) else 0.0 for j in rivals]
-    losses = np.array([max(full.get(j, lost), low if j in full else lost) for j, lost, low in zip(rivals, losses.tolist(), least, strict=True)])
-    return {rivals[k]: float(losses[k]) for k in np.argsort(losses) if losses[k] <= chance and sets.sound[k]}
+    losses = np.array(
+        [
+            max(full.get(j, lost), low if j in full else lost)
+            for j, lost, low in zip(rivals, losses.tolist(), least, strict=True)
+        ]
+    )
+    return {
+        rivals[k]: float(losses[k])
+        for k in np.argsort(losses)
+        if losses[k] <= chance and sets.sound[k]
+    }
 
 
 def _instead(members: Sequence[int], i: int, j: int) -> tuple[int, ...]:

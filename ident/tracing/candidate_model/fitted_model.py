@@ -25,8 +25,8 @@ from sim.record import Record
 class Values:
     """Values of unknowns by name, so that they can be carried from one model to another.
 
-    ``shared`` by parameter; ``own`` by parameter and ``STATE(0)``, one mapping a record; ``states`` trajectories at the nodes
-    by state, one mapping a record.
+    ``shared`` by parameter; ``own`` by parameter and ``STATE(0)``, one mapping a record; ``states``
+    trajectories at the nodes by state, one mapping a record.
     """
 
     shared: Mapping[str, float]
@@ -36,7 +36,8 @@ class Values:
 
 @dataclass(frozen=True, eq=False)
 class FitData:
-    """What sets of effects are fitted to: records, which of their samples count ``(m, N)`` each, the declared model, its outputs by name.
+    """What sets of effects are fitted to: records, which of their samples count ``(m, N)`` each,
+    the declared model, its outputs by name.
 
     ``least_noise`` : smallest measurement noise by output, of fits with process noise.
     """
@@ -50,7 +51,9 @@ class FitData:
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where a fit begins: values of another fit, values of parameters that it lacks, noise levels of a fit with process noise."""
+    """Where a fit begins: values of another fit, values of parameters that it lacks, noise levels
+    of a fit with process noise.
+    """
 
     values: Values | None = None
     added: Mapping[str, float] = field(default_factory=dict)
@@ -88,7 +91,13 @@ class FittedModel:
     def trained(self) -> Trained:
         """What a free simulation of another record takes from it."""
         values = self.values
-        return Trained(self.effects, self.system.output_names, values.shared, values.own, self.fit.layout.settings)
+        return Trained(
+            self.effects,
+            self.system.output_names,
+            values.shared,
+            values.own,
+            self.fit.layout.settings,
+        )
 
     @property
     def values(self) -> Values:
@@ -101,7 +110,9 @@ class FittedModel:
             names = [*layout.local, *(f"{layout.system.state_names[i]}(0)" for i in layout.starts)]
             own.append(dict(zip(names, mine.tolist(), strict=True)))
             states.append(dict(zip(layout.system.state_names, fit.lines[r].states, strict=True)))
-        return Values(dict(zip(layout.shared, fit.theta[:n].tolist(), strict=True)), tuple(own), tuple(states))
+        return Values(
+            dict(zip(layout.shared, fit.theta[:n].tolist(), strict=True)), tuple(own), tuple(states)
+        )
 
 
 def belongs_to_record(effect: Traceable) -> bool:
@@ -118,10 +129,14 @@ def local_names(effect: Traceable) -> list[str]:
 
 
 def added_parameters(effect: Traceable, records: int) -> int:
-    """Number of parameters that an effect adds to a fit of so many records, those that any aircraft has left out."""
+    """Number of parameters that an effect adds to a fit of so many records, those that any aircraft
+    has left out.
+    """
     known = {full_name(effect, local) for local in effect.traits.of_aircraft}
     own = local_names(effect)
-    return len(own) * records + sum(1 for name in free_names(effect) if name not in known and name not in own)
+    return len(own) * records + sum(
+        1 for name in free_names(effect) if name not in known and name not in own
+    )
 
 
 def is_event(effect: Traceable) -> bool:
@@ -130,8 +145,13 @@ def is_event(effect: Traceable) -> bool:
 
 
 def never_together(one: Traceable, other: Traceable) -> bool:
-    """Whether two effects are never in one set: two words for one fault, or laws of which a record shows no more than one."""
-    return other.name in (*one.traits.twins, *one.traits.never_beside) or one.name in other.traits.never_beside
+    """Whether two effects are never in one set: two words for one fault, or laws of which a record
+    shows no more than one.
+    """
+    return (
+        other.name in (*one.traits.twins, *one.traits.never_beside)
+        or one.name in other.traits.never_beside
+    )
 
 
 def free_names(effect: Effect) -> list[str]:
@@ -139,7 +159,9 @@ def free_names(effect: Effect) -> list[str]:
     return [full_name(effect, item.name) for item in effect.parameters if item.free]
 
 
-def compiled_with(model: Model, effects: Sequence[Traceable], outputs: Sequence[str]) -> tuple[Model, System]:
+def compiled_with(
+    model: Model, effects: Sequence[Traceable], outputs: Sequence[str]
+) -> tuple[Model, System]:
     """The model with effects, and its System."""
     full = model.with_effects(*effects)
     return full, compile_model(full, outputs)
@@ -153,7 +175,8 @@ def fit_set(
     *,
     apart: Collection[str] = (),
 ) -> FittedModel | None:
-    """Fit a set of effects; of the parameters in ``apart`` each record has its own although all of them would share it.
+    """Fit a set of effects; of the parameters in ``apart`` each record has its own although all of
+    them would share it.
 
     None where the fit found no finite cost.
     """
@@ -166,24 +189,40 @@ def fit_set(
     if start.values is not None or start.added:
         first, guesses = carried(plain, start.values, start.added)
         plain = lay_out(data.records, system, settings, local=local, masks=data.masks, start=first)
-    fit = fit_as_declared(replace(plain, prior=known_beforehand(data.model, effects, plain)), guesses, start.levels, data.least_noise)
+    fit = fit_as_declared(
+        replace(plain, prior=known_beforehand(data.model, effects, plain)),
+        guesses,
+        start.levels,
+        data.least_noise,
+    )
     return None if fit is None else FittedModel(tuple(effects), data.model, full, system, fit)
 
 
 def fit_as_declared(
-    layout: FitLayout, guesses: list[np.ndarray] | None, levels: Mapping[str, float] | None, least: Mapping[str, float] | None = None
+    layout: FitLayout,
+    guesses: list[np.ndarray] | None,
+    levels: Mapping[str, float] | None,
+    least: Mapping[str, float] | None = None,
 ) -> Fit | None:
     """A whole-record fit, with a filter where the system has process noise."""
     if has_process_noise(layout.system):
         return fit_with_process_noise(layout, guesses, levels, least)
     if projectable(layout) and not quiet(layout):
-        return fit_from_best_start(layout) if guesses is None and layout.prior is None else fit_projected(layout, guesses)
+        return (
+            fit_from_best_start(layout)
+            if guesses is None and layout.prior is None
+            else fit_projected(layout, guesses)
+        )
     return fit_whole_records(FitProblem(layout), guesses)
 
 
 def start_from(fitted: FittedModel | None, added: Mapping[str, float] | None = None) -> Start:
     """A start from another fitted model, or from the declared values where there is none."""
-    return Start(added=added or {}) if fitted is None else Start(fitted.values, added or {}, levels_of(fitted))
+    return (
+        Start(added=added or {})
+        if fitted is None
+        else Start(fitted.values, added or {}, levels_of(fitted))
+    )
 
 
 def levels_of(fitted: FittedModel) -> Mapping[str, float] | None:
@@ -192,10 +231,12 @@ def levels_of(fitted: FittedModel) -> Mapping[str, float] | None:
 
 
 def known_beforehand(model: Model, effects: Sequence[Traceable], layout: FitLayout) -> Prior | None:
-    """Gaussian priors that a fit without process noise needs to be determined at all; None where it needs none.
+    """Gaussian priors that a fit without process noise needs to be determined at all; None where it
+    needs none.
 
-    Effects declare some for their parameters, which keeps what no record excites from running away; a model some for its biases. One with
-    structural modes takes all that are declared: several directions of its parameters leave no trace in alpha, q and nz.
+    Effects declare some for their parameters, which keeps what no record excites from running away;
+    a model some for its biases. One with structural modes takes all that are declared: several
+    directions of its parameters leave no trace in alpha, q and nz.
     """
     known = {
         full_name(effect, item.name): (effect.absent.get(item.name, item.value), item.prior_std)
@@ -209,7 +250,11 @@ def known_beforehand(model: Model, effects: Sequence[Traceable], layout: FitLayo
             for item in model.parameters
             if item.free and np.isfinite(item.prior_std) and not item.name.startswith("bias_")
         }
-    known |= {f"bias_{name}": (0.0, std) for name in model.biases if np.isfinite(std := model.parameters[f"bias_{name}"].prior_std)}
+    known |= {
+        f"bias_{name}": (0.0, std)
+        for name in model.biases
+        if np.isfinite(std := model.parameters[f"bias_{name}"].prior_std)
+    }
     tried = {full_name(effect, local) for effect in effects for local in effect.traits.tried}
     at, means, weights = [], [], []
     for position, name in enumerate(layout.names):
@@ -222,7 +267,9 @@ def known_beforehand(model: Model, effects: Sequence[Traceable], layout: FitLayo
     return Prior(np.array(at), np.array(means), np.diag(weights)) if at else None
 
 
-def carried(layout: FitLayout, values: Values | None, added: Mapping[str, float]) -> tuple[np.ndarray, list[np.ndarray] | None]:
+def carried(
+    layout: FitLayout, values: Values | None, added: Mapping[str, float]
+) -> tuple[np.ndarray, list[np.ndarray] | None]:
     """Start and trajectory guesses for a layout from values by name."""
     start = layout.start.copy()
     n = len(layout.shared)
@@ -239,5 +286,12 @@ def carried(layout: FitLayout, values: Values | None, added: Mapping[str, float]
         if guesses is not None and values is not None:
             states = values.states[r]
             nodes = len(layout.problems[r].grid.nodes)
-            guesses.append(np.array([states[name] if name in states else np.zeros(nodes) for name in layout.system.state_names]))
+            guesses.append(
+                np.array(
+                    [
+                        states[name] if name in states else np.zeros(nodes)
+                        for name in layout.system.state_names
+                    ]
+                )
+            )
     return start, guesses

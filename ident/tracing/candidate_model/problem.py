@@ -23,7 +23,9 @@ def untold(text: str, share: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Ended:
-    """A fit to the end, and what was asked for: the form of a claimed curve is asked for twice, when sets are compared and when sigmas are told."""
+    """A fit to the end, and what was asked for: the form of a claimed curve is asked for twice,
+    when sets are compared and when sigmas are told.
+    """
 
     start: FittedModel | None
     effects: tuple[Traceable, ...]
@@ -35,9 +37,10 @@ class _Ended:
 class TraceProblem:
     """Records, the samples that count, the declared model, and what may be added to it.
 
-    ``masks`` ``(m, N)`` a record, True where a sample counts. ``candidates`` : effects and guards. ``predicted`` : records that will be
-    predicted; only the ranges they fly through are used. ``least_noise`` : by output, smallest measurement noise.
-    ``progress`` is told what is done, and which share of the work that is.
+    ``masks`` ``(m, N)`` a record, True where a sample counts. ``candidates`` : effects and guards.
+    ``predicted`` : records that will be predicted; only the ranges they fly through are used.
+    ``least_noise`` : by output, smallest measurement noise. ``progress`` is told what is done, and
+    which share of the work that is.
     """
 
     records: Sequence[Record]
@@ -63,13 +66,28 @@ class TraceProblem:
 
     @property
     def roughly(self) -> FitSettings:
-        """How a set is fitted that is only compared: twice the step moves no output of an aircraft by a hundredth of its noise."""
-        return FitSettings(max_step=2.0 * self.settings.max_step, iterations=14, tolerance=0.03, enough=0.2, quick=True)
+        """How a set is fitted that is only compared: twice the step moves no output of an aircraft
+        by a hundredth of its noise.
+        """
+        return FitSettings(
+            max_step=2.0 * self.settings.max_step,
+            iterations=14,
+            tolerance=0.03,
+            enough=0.2,
+            quick=True,
+        )
 
     def fit(
-        self, effects: Sequence[Traceable], start: FittedModel | None, added: Mapping[str, float] | None = None, *, rough: bool = False
+        self,
+        effects: Sequence[Traceable],
+        start: FittedModel | None,
+        added: Mapping[str, float] | None = None,
+        *,
+        rough: bool = False,
     ) -> FittedModel | None:
-        """Fit a set from another one's values; roughly while searching, to the end for what is kept. None where no cost is finite."""
+        """Fit a set from another one's values; roughly while searching, to the end for what is
+        kept. None where no cost is finite.
+        """
         if rough:
             return self._fit(effects, self.roughly, start, added)
         asked = (start, tuple(effects), dict(added or {}))
@@ -81,10 +99,16 @@ class TraceProblem:
         return self._ended[-1].fitted
 
     def _fit(
-        self, effects: Sequence[Traceable], settings: FitSettings, start: FittedModel | None, added: Mapping[str, float] | None
+        self,
+        effects: Sequence[Traceable],
+        settings: FitSettings,
+        start: FittedModel | None,
+        added: Mapping[str, float] | None,
     ) -> FittedModel | None:
         return fit_set(self.data, effects, settings, start_from(start, added))
 
     def with_masks(self, masks: Sequence[np.ndarray]) -> TraceProblem:
-        """The same question with other samples set aside: another problem, to which no earlier fit belongs."""
+        """The same question with other samples set aside: another problem, to which no earlier fit
+        belongs.
+        """
         return replace(self, masks=tuple(masks))

@@ -1,9 +1,11 @@
-"""How the outputs of a fitted model would change under many alternative parameter values, in one batch.
+"""How the outputs of a fitted model would change under many alternative parameter values, in one
+batch.
 
-Every alternative is integrated over all intervals from the fitted trajectory; the defects that this leaves
-are joined with the base model's transition matrices. States that the alternatives add (a mode, a lagged load)
-are first driven by the fitted trajectory, each with its own dynamics: what they feed back is of second order
-where they begin without influence. Exact for equations linear in the states, first order else: enough to rank candidates.
+Every alternative is integrated over all intervals from the fitted trajectory; the defects that this
+leaves are joined with the base model's transition matrices. States that the alternatives add (a
+mode, a lagged load) are first driven by the fitted trajectory, each with its own dynamics: what
+they feed back is of second order where they begin without influence. Exact for equations linear in
+the states, first order else: enough to rank candidates.
 """
 
 from __future__ import annotations
@@ -15,26 +17,37 @@ from typing import Any
 import numpy as np
 
 from ident.whole_record.linearise import join_intervals
-from ident.whole_record.record_problem import INCREMENT, RecordProblem, changed_rows, interval_ends, sample_outputs
+from ident.whole_record.record_problem import (
+    INCREMENT,
+    RecordProblem,
+    changed_rows,
+    interval_ends,
+    sample_outputs,
+)
 from sim.propagation import Drive, drive_from_record
 
-_AT_ONCE = 60_000  # numbers of an output that are worked out together: more do not stay in a processor's cache
+# numbers of an output that are worked out together: more do not stay in a processor's cache
+_AT_ONCE = 60_000
 
 
 @dataclass(frozen=True, eq=False)
 class BaseMotion:
     """The motion about which alternatives are looked at.
 
-    ``slopes (known, known, K)`` of the states after each interval by those before; ``states (known, K + 1)`` as the equations have them
-    with the steps of this grid.
+    ``slopes (known, known, K)`` of the states after each interval by those before; ``states (known,
+    K + 1)`` as the equations have them with the steps of this grid.
     """
 
     slopes: np.ndarray
     states: np.ndarray
 
 
-def base_motion(problem: RecordProblem, p: np.ndarray, states: np.ndarray, known: int, drive: Drive) -> BaseMotion:
-    """About parameters ``p (np,)`` and a trajectory ``states (nx, K + 1)``, of which the first ``known`` are not added; ``drive`` rows ``(M,)``."""
+def base_motion(
+    problem: RecordProblem, p: np.ndarray, states: np.ndarray, known: int, drive: Drive
+) -> BaseMotion:
+    """About parameters ``p (np,)`` and a trajectory ``states (nx, K + 1)``, of which the first
+    ``known`` are not added; ``drive`` rows ``(M,)``.
+    """
     size = np.sqrt(np.mean(states[:known] ** 2, axis=1))
     steps = INCREMENT * np.where(size > 0, size, 1.0)
     start = np.repeat(states[:, None, :-1], 1 + known, axis=1)
@@ -43,21 +56,28 @@ def base_motion(problem: RecordProblem, p: np.ndarray, states: np.ndarray, known
         ends = interval_ends(problem, list(start), drive, p.tolist())[:known]
         A = (ends[:, 1:] - ends[:, :1]) / steps[:, None]
         defects = ends[:, 0] - states[:known, 1:]
-        return BaseMotion(A, states[:known] + join_intervals(A, A[:, :0], defects, (), np.zeros(known))[:, 0])
+        return BaseMotion(
+            A, states[:known] + join_intervals(A, A[:, :0], defects, (), np.zeros(known))[:, 0]
+        )
 
 
 def alternative_outputs(
-    problem: RecordProblem, p: np.ndarray, states: np.ndarray, alternatives: np.ndarray, known: int, base: BaseMotion | None = None
+    problem: RecordProblem,
+    p: np.ndarray,
+    states: np.ndarray,
+    alternatives: np.ndarray,
+    known: int,
+    base: BaseMotion | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs at the samples for alternative parameters.
 
     Parameters
     ----------
     problem : the record laid out for a System. p : ``(np,)`` parameters of the base.
-    states : ``(nx, K + 1)`` trajectory of the base, which obeys its equations; added states are zero in it.
-    alternatives : ``(np, a)`` all parameters, a column an alternative.
-    known : the first so many states are the base's own, the others are added.
-    base : its motion under these inputs, where that is known already.
+    states : ``(nx, K + 1)`` trajectory of the base, which obeys its equations; added states are
+    zero in it. alternatives : ``(np, a)`` all parameters, a column an alternative. known : the
+    first so many states are the base's own, the others are added. base : its motion under these
+    inputs, where that is known already.
 
     Returns
     -------
@@ -65,11 +85,16 @@ def alternative_outputs(
     """
     few = max(1, _AT_ONCE // states.shape[1])
     varied = np.flatnonzero(np.any(alternatives != p[:, None], axis=1))
-    outputs = np.empty((len(problem.system.outputs), alternatives.shape[1], len(problem.grid.sample)))
-    with np.errstate(all="ignore"):  # an alternative may run away; its signature is then not finite, and dropped
+    outputs = np.empty(
+        (len(problem.system.outputs), alternatives.shape[1], len(problem.grid.sample))
+    )
+    # an alternative may run away; its signature is then not finite, and dropped
+    with np.errstate(all="ignore"):
         for first in range(0, alternatives.shape[1], few):
             some = slice(first, first + few)
-            y, outputs[:, some], base = _outputs_of_some(problem, p, states, alternatives[:, some], varied, known, base)
+            y, outputs[:, some], base = _outputs_of_some(
+                problem, p, states, alternatives[:, some], varied, known, base
+            )
     return y, outputs.swapaxes(1, 2)
 
 
@@ -82,32 +107,59 @@ def _outputs_of_some(
     known: int,
     base: BaseMotion | None,
 ) -> tuple[np.ndarray, np.ndarray, BaseMotion]:
-    """The same for a few alternatives, whose outputs are ``(m, a, N)``; ``varied`` parameters of all; and the base's motion, for the others."""
+    """The same for a few alternatives, whose outputs are ``(m, a, N)``; ``varied`` parameters of
+    all; and the base's motion, for the others.
+    """
     n_x, a, K = len(states), alternatives.shape[1], states.shape[1] - 1
     rows: list[Any] = p.tolist()
     for index in varied:
         rows[index] = np.concatenate([[p[index]], alternatives[index]])
     drive = _drive(problem, rows, varied)
-    base = base or base_motion(problem, p, states, known, changed_rows(drive, lambda row: row[0] if np.ndim(row) == 2 else row))
+    base = base or base_motion(
+        problem,
+        p,
+        states,
+        known,
+        changed_rows(drive, lambda row: row[0] if np.ndim(row) == 2 else row),
+    )
     X = np.zeros((n_x, 1 + a, K + 1))
     X[:known] = base.states[:, None]
     if n_x > known:
         X[known:, 1:] = _added_states(problem, alternatives, varied, states, known)
     # Alternatives that differ only after the dynamics all move as the base does.
-    after = all(problem.system.parameters.items[index].name in problem.system.output_parameters for index in varied)
+    after = all(
+        problem.system.parameters.items[index].name in problem.system.output_parameters
+        for index in varied
+    )
     moving = 0 if after and n_x == known else a
     if moving:
         start = [*(row[None, :-1] for row in states[:known]), *(row[1:, :-1] for row in X[known:])]
         own = [value[1:] if np.ndim(value) else value for value in rows]
-        ends = interval_ends(problem, start, changed_rows(drive, lambda row: row[1:] if np.ndim(row) == 2 else row), own, a)[:known]
+        ends = interval_ends(
+            problem,
+            start,
+            changed_rows(drive, lambda row: row[1:] if np.ndim(row) == 2 else row),
+            own,
+            a,
+        )[:known]
         ends -= states[:known, None, 1:]
-        X[:known, 1:] = states[:known, None] + join_intervals(base.slopes, ends[:, 1:], ends[:, 0], (), np.zeros(known))
+        X[:known, 1:] = states[:known, None] + join_intervals(
+            base.slopes, ends[:, 1:], ends[:, 0], (), np.zeros(known)
+        )
     full = sample_outputs(problem, rows, list(X), drive, range(1 + moving))
     return full[:, 0], full[:, 1:], base
 
 
-def _added_states(problem: RecordProblem, alternatives: np.ndarray, varied: np.ndarray, states: np.ndarray, known: int) -> np.ndarray:
-    """Trajectories of the added states under the base's motion, ``(nx - known, a, K + 1)``; alike alternatives share one."""
+def _added_states(
+    problem: RecordProblem,
+    alternatives: np.ndarray,
+    varied: np.ndarray,
+    states: np.ndarray,
+    known: int,
+) -> np.ndarray:
+    """Trajectories of the added states under the base's motion, ``(nx - known, a, K + 1)``; alike
+    alternatives share one.
+    """
     from scipy.linalg.lapack import dtbtrs
 
     added, intervals = len(states) - known, states.shape[1] - 1
@@ -124,7 +176,9 @@ def _added_states(problem: RecordProblem, alternatives: np.ndarray, varied: np.n
     for j in range(added):
         moved[j, 1 + j :: 1 + added] += step
     start = [*(row[None, :-1] for row in states[:known]), *moved]
-    ends = interval_ends(problem, start, _drive(problem, rows, varied), rows, width)[known:].reshape(added, count, 1 + added, intervals)
+    ends = interval_ends(problem, start, _drive(problem, rows, varied), rows, width)[
+        known:
+    ].reshape(added, count, 1 + added, intervals)
     found = np.empty((added, alternatives.shape[1], intervals + 1))
     columns = np.arange(intervals) * added
     for k in range(count):
@@ -143,7 +197,13 @@ def _added_states(problem: RecordProblem, alternatives: np.ndarray, varied: np.n
     return found
 
 
-def _acting(problem: RecordProblem, alternatives: np.ndarray, varied: np.ndarray, states: np.ndarray, known: int) -> list[int]:
+def _acting(
+    problem: RecordProblem,
+    alternatives: np.ndarray,
+    varied: np.ndarray,
+    states: np.ndarray,
+    known: int,
+) -> list[int]:
     """Which of the varied parameters move the rates of the added states."""
     system = problem.system
     x = states[:, states.shape[1] // 2] + 1e-2
@@ -154,16 +214,23 @@ def _acting(problem: RecordProblem, alternatives: np.ndarray, varied: np.ndarray
     for index in varied:
         other = list(base)
         other[index] = base[index] + max(1e-3, 0.1 * abs(base[index]))
-        if any(a != b for a, b in zip(system.f(0.0, x.tolist(), u, other)[known:], reference, strict=True)):
+        if any(
+            a != b
+            for a, b in zip(system.f(0.0, x.tolist(), u, other)[known:], reference, strict=True)
+        ):
             out.append(int(index))
     return out
 
 
-def _drive(problem: RecordProblem, rows: Sequence[Any], varied: Sequence[int] | np.ndarray) -> Drive:
+def _drive(
+    problem: RecordProblem, rows: Sequence[Any], varied: Sequence[int] | np.ndarray
+) -> Drive:
     """Inputs at the vehicle, rows ``(M,)`` or ``(c, M)``."""
     system, record = problem.system, problem.record
     moved = any(system.parameters.items[index].name in system.input_parameters for index in varied)
     if problem.drive is not None and not moved:
         return problem.drive
-    drive = drive_from_record(system, rows, record.input_array(system.input_names), record.time, record.hold, problem.grid)
+    drive = drive_from_record(
+        system, rows, record.input_array(system.input_names), record.time, record.hold, problem.grid
+    )
     return changed_rows(drive, np.transpose)

@@ -15,11 +15,14 @@ _AROUND = 801  # bins of a smoothed spectrum, a hundred of a record's own
 _SLOWEST = 2.0  # Hz: slower updates are motion
 
 
-def search_context(fitted: FittedModel, predicted: Sequence[Record] = (), which: Sequence[int] | None = None) -> SearchContext:
-    """The common search context of a fitted model's records, or ``which`` of them: the longest span, the largest inputs, the ranges as fitted.
+def search_context(
+    fitted: FittedModel, predicted: Sequence[Record] = (), which: Sequence[int] | None = None
+) -> SearchContext:
+    """The common search context of a fitted model's records, or ``which`` of them: the longest
+    span, the largest inputs, the ranges as fitted.
 
-    ``predicted`` are further records that the model must predict: what they fly through widens the ranges (the outermost
-    hundredth of an output's samples left out, against spikes).
+    ``predicted`` are further records that the model must predict: what they fly through widens the
+    ranges (the outermost hundredth of an output's samples left out, against spikes).
     """
     fit, layout = fitted.fit, fitted.fit.layout
     numbers = range(len(layout.problems)) if which is None else which
@@ -32,11 +35,16 @@ def search_context(fitted: FittedModel, predicted: Sequence[Record] = (), which:
     flown: dict[str, tuple[float, float]] = {}
     for record in records:
         for channel in record.inputs:
-            peak[channel.name] = max(peak.get(channel.name, 0.0), float(np.max(np.abs(channel.values))))
+            peak[channel.name] = max(
+                peak.get(channel.name, 0.0), float(np.max(np.abs(channel.values)))
+            )
             steps = np.abs(np.diff(channel.values)) / np.diff(record.time)
             rate[channel.name] = max(rate.get(channel.name, 0.0), float(steps.max()))
             low, high = flown.get(channel.name, (np.inf, -np.inf))
-            flown[channel.name] = (min(low, float(channel.values.min())), max(high, float(channel.values.max())))
+            flown[channel.name] = (
+                min(low, float(channel.values.min())),
+                max(high, float(channel.values.max())),
+            )
     for names, rows in (
         (layout.system.state_names, [line.states for line in lines]),
         (layout.system.output_names, [line.y for line in lines]),
@@ -51,7 +59,10 @@ def search_context(fitted: FittedModel, predicted: Sequence[Record] = (), which:
             edges = (0.0, 1.0) if channel.name in record.input_names else (0.005, 0.995)
             low, high = (float(v) for v in np.quantile(values, edges))
             if channel.name in flown:
-                flown[channel.name] = (min(low, flown[channel.name][0]), max(high, flown[channel.name][1]))
+                flown[channel.name] = (
+                    min(low, flown[channel.name][0]),
+                    max(high, flown[channel.name][1]),
+                )
     return SearchContext(
         begin=float(longest.time[0]),
         end=float(longest.time[-1]),
@@ -60,21 +71,42 @@ def search_context(fitted: FittedModel, predicted: Sequence[Record] = (), which:
         input_rate=rate,
         state_peak=states,
         flown=flown,
-        residual_peaks=spectral_peaks(records, [fit.residuals[r] for r in numbers], [problem.valid for problem in problems], fit.variance),
+        residual_peaks=spectral_peaks(
+            records,
+            [fit.residuals[r] for r in numbers],
+            [problem.valid for problem in problems],
+            fit.variance,
+        ),
         update_periods={
-            name: update_period([record.time for record in records], [line.y[i] for line in lines], [fit.residuals[r][i] for r in numbers])
+            name: update_period(
+                [record.time for record in records],
+                [line.y[i] for line in lines],
+                [fit.residuals[r][i] for r in numbers],
+            )
             for i, name in enumerate(layout.system.output_names)
         },
-        airspeed=next((fitted.model.parameters[name].value for name in AIRSPEEDS if name in fitted.model.parameters), 0.0),
-        values=dict(zip(layout.system.parameters.names, layout.split(fit.theta, 0)[0].tolist(), strict=True)),
+        airspeed=next(
+            (
+                fitted.model.parameters[name].value
+                for name in AIRSPEEDS
+                if name in fitted.model.parameters
+            ),
+            0.0,
+        ),
+        values=dict(
+            zip(layout.system.parameters.names, layout.split(fit.theta, 0)[0].tolist(), strict=True)
+        ),
     )
 
 
-def update_period(times: Sequence[np.ndarray], predicted: Sequence[np.ndarray], residuals: Sequence[np.ndarray]) -> float:
+def update_period(
+    times: Sequence[np.ndarray], predicted: Sequence[np.ndarray], residuals: Sequence[np.ndarray]
+) -> float:
     """The period, s, at which an output is most likely held between updates.
 
-    A held output is late by a sawtooth that grows from nothing to the period: its residual is minus that times the output's slope. The
-    product of residual and slope has a line at the frequency of the updates.
+    A held output is late by a sawtooth that grows from nothing to the period: its residual is minus
+    that times the output's slope. The product of residual and slope has a line at the frequency of
+    the updates.
 
     Parameters
     ----------
@@ -88,7 +120,9 @@ def update_period(times: Sequence[np.ndarray], predicted: Sequence[np.ndarray], 
     power = np.zeros(size // 2 + 1)
     for values, residual in zip(predicted, residuals, strict=True):
         product = residual * np.gradient(values)
-        power += np.abs(np.fft.rfft((product - product.mean()) * np.hanning(len(product)), size)) ** 2
+        power += (
+            np.abs(np.fft.rfft((product - product.mean()) * np.hanning(len(product)), size)) ** 2
+        )
     frequency = np.fft.rfftfreq(size, interval)
     # What the maneuver itself brings falls with frequency: a line stands out of what is around it.
     around = uniform_filter1d(power, _AROUND)
@@ -99,17 +133,26 @@ def update_period(times: Sequence[np.ndarray], predicted: Sequence[np.ndarray], 
 
 
 def spectral_peaks(
-    records: Sequence[Record], residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray], variance: np.ndarray, count: int = 3
+    records: Sequence[Record],
+    residuals: Sequence[np.ndarray],
+    valid: Sequence[np.ndarray],
+    variance: np.ndarray,
+    count: int = 3,
 ) -> tuple[float, ...]:
-    """Frequencies (rad/s) at which the normalised residuals hold most power, strongest first, at least three bins apart.
+    """Frequencies (rad/s) at which the normalised residuals hold most power, strongest first, at
+    least three bins apart.
 
-    Missing samples count as zero; uneven sampling is read as even at its mean interval, which serves for a start.
+    Missing samples count as zero; uneven sampling is read as even at its mean interval, which
+    serves for a start.
     """
     best: dict[float, float] = {}
     for record, residual, mask in zip(records, residuals, valid, strict=True):
         n = residual.shape[1]
         interval = float((record.time[-1] - record.time[0]) / (n - 1))
-        power = np.sum(np.abs(np.fft.rfft(np.where(mask, residual, 0.0), axis=1)) ** 2 / variance[:, None], axis=0)
+        power = np.sum(
+            np.abs(np.fft.rfft(np.where(mask, residual, 0.0), axis=1)) ** 2 / variance[:, None],
+            axis=0,
+        )
         omega = 2.0 * np.pi * np.fft.rfftfreq(n, interval)
         smooth = np.convolve(power, [0.25, 0.5, 0.25], mode="same")
         for k in range(2, len(smooth) - 1):

@@ -1,4 +1,6 @@
-"""A signature put to many places of the records: what share of the residual it explains there, and with which amplitudes."""
+"""A signature put to many places of the records: what share of the residual it explains there, and
+with which amplitudes.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +14,15 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from sim.declaration.proposal import Probe
 
-_AT_ONCE = 200_000  # numbers of moved signatures that are whitened together: more do not stay in a processor's cache
+# numbers of moved signatures that are whitened together: more do not stay in a processor's cache
+_AT_ONCE = 200_000
 
 
 @dataclass(frozen=True, eq=False)
 class Whitened:
-    """The fitted model's residual ``e (D,)``, orthonormal basis of its Jacobian ``Q (D, n)``, and the rows of each record."""
+    """The fitted model's residual ``e (D,)``, orthonormal basis of its Jacobian ``Q (D, n)``, and
+    the rows of each record.
+    """
 
     e: np.ndarray
     Q: np.ndarray
@@ -26,7 +31,8 @@ class Whitened:
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """A signature of ``k`` columns at some places, in samples: whitened ``flat (places k, D)``, ``gains (places,)``, ``amplitudes (places, k)``.
+    """A signature of ``k`` columns at some places, in samples: whitened ``flat (places k, D)``,
+    ``gains (places,)``, ``amplitudes (places, k)``.
 
     ``each`` : rows of the outputs, and the amplitudes there.
     """
@@ -41,7 +47,13 @@ class Weighed:
         """The same of one place alone, which no longer holds what the others need."""
         k, here = self.amplitudes.shape[1], slice(place, place + 1)
         flat = self.flat if len(self.places) == 1 else self.flat[place * k : (place + 1) * k].copy()
-        return Weighed(self.places[here], flat, self.gains[here], self.amplitudes[here], tuple((rows, a[here]) for rows, a in self.each))
+        return Weighed(
+            self.places[here],
+            flat,
+            self.gains[here],
+            self.amplitudes[here],
+            tuple((rows, a[here]) for rows, a in self.each),
+        )
 
 
 def whitened(fitted: FittedModel) -> Whitened:
@@ -62,7 +74,9 @@ def whitened(fitted: FittedModel) -> Whitened:
 
 
 def places_of(fitted: FittedModel, probe: Probe, onset: str) -> list[int]:
-    """By how many samples a probe's signature is moved: over the whole record where it merely shifts with the onset."""
+    """By how many samples a probe's signature is moved: over the whole record where it merely
+    shifts with the onset.
+    """
     if not (probe.shifts and onset):
         return [0]
     longest = max(len(problem.record) for problem in fitted.fit.layout.problems)
@@ -76,13 +90,27 @@ def closer_places(weighed: Weighed) -> list[int]:
     return list(range(places[max(at - 1, 0)], places[min(at + 1, len(places) - 1)] + 1))
 
 
-def weigh(fitted: FittedModel, parts: Sequence[np.ndarray], white: Whitened, spans: Sequence[slice], places: Sequence[int]) -> Weighed:
-    """A signature at each of some places, acting on each of ``spans`` by itself; one whose square leaves the range of numbers counts as none."""
+def weigh(
+    fitted: FittedModel,
+    parts: Sequence[np.ndarray],
+    white: Whitened,
+    spans: Sequence[slice],
+    places: Sequence[int],
+) -> Weighed:
+    """A signature at each of some places, acting on each of ``spans`` by itself; one whose square
+    leaves the range of numbers counts as none.
+    """
     with counted_numerics():
         return _weighed(fitted, parts, white, spans, places)
 
 
-def _weighed(fitted: FittedModel, parts: Sequence[np.ndarray], white: Whitened, spans: Sequence[slice], places: Sequence[int]) -> Weighed:
+def _weighed(
+    fitted: FittedModel,
+    parts: Sequence[np.ndarray],
+    white: Whitened,
+    spans: Sequence[slice],
+    places: Sequence[int],
+) -> Weighed:
     total, N = float(white.e @ white.e), float(fitted.fit.counts.sum())
     flat = _placed(fitted, parts, white, places)
     beyond = ~(np.einsum("ij,ij->i", flat, flat) < LARGEST**2)
@@ -99,10 +127,14 @@ def _weighed(fitted: FittedModel, parts: Sequence[np.ndarray], white: Whitened, 
     return Weighed(tuple(places), flat, gains, amplitudes, tuple(each))
 
 
-def _placed(fitted: FittedModel, parts: Sequence[np.ndarray], white: Whitened, places: Sequence[int]) -> np.ndarray:
-    """Whitened signature at each place, ``(places k, D)``, the columns of a place one behind the other.
+def _placed(
+    fitted: FittedModel, parts: Sequence[np.ndarray], white: Whitened, places: Sequence[int]
+) -> np.ndarray:
+    """Whitened signature at each place, ``(places k, D)``, the columns of a place one behind the
+    other.
 
-    A later onset only shifts a signature, by whole samples here: the fit that follows moves it by fractions.
+    A later onset only shifts a signature, by whole samples here: the fit that follows moves it by
+    fractions.
     """
     k = parts[0].shape[2]
     out = np.empty((len(places) * k, len(white.e)))
@@ -115,14 +147,20 @@ def _placed(fitted: FittedModel, parts: Sequence[np.ndarray], white: Whitened, p
             for number, shift in enumerate(some):
                 moved[number, :, :, shift:] = turned[:, :, : max(N - shift, 0)]
             whitened = fitted.fit.whiten(r, moved.reshape(-1, m, N).transpose(1, 2, 0))
-            out[first * k : (first + len(some)) * k, rows] = whitened.transpose(2, 0, 1).reshape(-1, m * N)
+            out[first * k : (first + len(some)) * k, rows] = whitened.transpose(2, 0, 1).reshape(
+                -1, m * N
+            )
     return out
 
 
-def _explained(white: Whitened, rows: slice, flat: np.ndarray, k: int, total: float) -> tuple[np.ndarray, np.ndarray]:
-    """For each place, acting on ``rows`` alone: share of the residual that its columns explain, and their amplitudes ``(places, k)``.
+def _explained(
+    white: Whitened, rows: slice, flat: np.ndarray, k: int, total: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """For each place, acting on ``rows`` alone: share of the residual that its columns explain, and
+    their amplitudes ``(places, k)``.
 
-    The residual is orthogonal to the fitted model's Jacobian, so that only sizes of the projected columns are needed.
+    The residual is orthogonal to the fitted model's Jacobian, so that only sizes of the projected
+    columns are needed.
     """
     block, Q, e = flat[:, rows], white.Q[rows], white.e[rows]
     places = len(block) // k
@@ -135,7 +173,10 @@ def _explained(white: Whitened, rows: slice, flat: np.ndarray, k: int, total: fl
     scale = np.where(sound, 1.0 / np.where(sound, size, 1.0), 0.0)
     b = (block @ e).reshape(places, k) * scale
     unit = gram * scale[:, :, None] * scale[:, None, :] + np.eye(k) * (1e-9 + ~sound[:, None, :])
-    coefficients = np.linalg.solve(np.where(np.isfinite(unit), unit, 0.0) + np.eye(k) * ~np.isfinite(unit), np.nan_to_num(b)[:, :, None])[:, :, 0]
+    coefficients = np.linalg.solve(
+        np.where(np.isfinite(unit), unit, 0.0) + np.eye(k) * ~np.isfinite(unit),
+        np.nan_to_num(b)[:, :, None],
+    )[:, :, 0]
     share = np.clip(np.einsum("pk,pk->p", coefficients, np.nan_to_num(b)) / total, 0.0, 1.0)
     return share, coefficients * scale
 

@@ -1,4 +1,6 @@
-"""How far do the peaks of a curve stand out? Their prominence, without the half second that loading scipy.signal takes."""
+"""How far do the peaks of a curve stand out? Their prominence, without the half second that loading
+scipy.signal takes.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +8,13 @@ import numpy as np
 
 
 def prominent_peaks(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places of the inner peaks of a curve and their prominences, the most prominent first, the earlier of two equal ones first.
+    """Places of the inner peaks of a curve and their prominences, the most prominent first, the
+    earlier of two equal ones first.
 
-    A peak is a place higher than its neighbour before and no lower than the one after, from which the curve falls before it rises
-    again; a level top counts at its first place. Its prominence is its height above the higher of the two lowest places between it
-    and whatever is higher on either side, or the end.
+    A peak is a place higher than its neighbour before and no lower than the one after, from which
+    the curve falls before it rises again; a level top counts at its first place. Its prominence is
+    its height above the higher of the two lowest places between it and whatever is higher on either
+    side, or the end.
 
     Parameters
     ----------
@@ -18,7 +22,8 @@ def prominent_peaks(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     Returns
     -------
-    Places ``(k,)`` and prominences ``(k,)`` in the unit of ``y``; both empty where the curve has no inner peak.
+    Places ``(k,)`` and prominences ``(k,)`` in the unit of ``y``; both empty where the curve has no
+    inner peak.
     """
     y = np.asarray(y, dtype=float)
     places, heights = [], []

@@ -1,7 +1,8 @@
-"""Isolated wrong samples: found and set aside before anything is ranked, claimed only against the final residual.
+"""Isolated wrong samples: found and set aside before anything is ranked, claimed only against the
+final residual.
 
-One spike dominates every score; but in runs, or all over a channel, large residuals are a model's fault or
-heavy-tailed noise, and neither is a spike.
+One spike dominates every score; but in runs, or all over a channel, large residuals are a model's
+fault or heavy-tailed noise, and neither is a spike.
 """
 
 from __future__ import annotations
@@ -30,7 +31,9 @@ class Spikes:
 
 
 def provisional_mask(residual: np.ndarray, valid: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """False at samples that stand alone above their six neighbours, ``(m, N)``; ``edges (N,)`` True near a switch of an input."""
+    """False at samples that stand alone above their six neighbours, ``(m, N)``; ``edges (N,)`` True
+    near a switch of an input.
+    """
     keep = np.ones_like(valid)
     for i in range(len(residual)):
         away = from_neighbours(residual[i], valid[i])
@@ -41,16 +44,22 @@ def provisional_mask(residual: np.ndarray, valid: np.ndarray, edges: np.ndarray)
 
 
 def final_spikes(
-    records: Sequence[Record], channels: Sequence[str], residuals: Sequence[np.ndarray], measured: Sequence[np.ndarray], blocked: Sequence[np.ndarray]
+    records: Sequence[Record],
+    channels: Sequence[str],
+    residuals: Sequence[np.ndarray],
+    measured: Sequence[np.ndarray],
+    blocked: Sequence[np.ndarray],
 ) -> tuple[list[np.ndarray], list[Spikes]]:
     """Masks rebuilt from the final residuals of all samples, and the spikes that may be claimed.
 
-    ``residuals`` and ``measured`` (validity) are ``(m, N)`` a record, ``blocked (N,)`` True near the edge of a fitted event:
-    a sample there is set aside but not claimed.
+    ``residuals`` and ``measured`` (validity) are ``(m, N)`` a record, ``blocked (N,)`` True near
+    the edge of a fitted event: a sample there is set aside but not claimed.
     """
     masks, claims = [np.ones_like(valid) for valid in measured], []
     for i, channel in enumerate(channels):
-        pooled = np.concatenate([residual[i][valid[i]] for residual, valid in zip(residuals, measured, strict=True)])
+        pooled = np.concatenate(
+            [residual[i][valid[i]] for residual, valid in zip(residuals, measured, strict=True)]
+        )
         sigma = robust_sigma(pooled)
         if sigma == 0.0:
             continue
@@ -63,19 +72,32 @@ def final_spikes(
             masks[r][i] = ~alone
             samples = np.flatnonzero(alone & ~blocked[r])
             if samples.size:
-                claims.append(Spikes(r, channel, tuple(samples.tolist()), tuple(residual[i][samples].tolist())))
+                claims.append(
+                    Spikes(
+                        r, channel, tuple(samples.tolist()), tuple(residual[i][samples].tolist())
+                    )
+                )
     return masks, claims
 
 
-def isolated_wrong(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray], edges: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """True at the isolated wrong samples of one channel in each record, ``(N,)``, from the residuals of a fit that may lack something.
+def isolated_wrong(
+    residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray], edges: Sequence[np.ndarray]
+) -> list[np.ndarray]:
+    """True at the isolated wrong samples of one channel in each record, ``(N,)``, from the
+    residuals of a fit that may lack something.
 
-    A sample that is alone above its neighbours, as while searching, or above the residual, as at the end; none where the residual has heavy
-    tails. Near the ``edges`` of an input, where a model that lacks something is off every time, it is compared with the other edges.
+    A sample that is alone above its neighbours, as while searching, or above the residual, as at
+    the end; none where the residual has heavy tails. Near the ``edges`` of an input, where a model
+    that lacks something is off every time, it is compared with the other edges.
     """
-    away = [from_neighbours(residual, known) for residual, known in zip(residuals, valid, strict=True)]
+    away = [
+        from_neighbours(residual, known) for residual, known in zip(residuals, valid, strict=True)
+    ]
     wrong = [np.zeros(len(residual), dtype=bool) for residual in residuals]
-    for series, times in ((away, thresholds.SPIKE_WHILE_SEARCHING), (residuals, thresholds.SPIKE_AT_THE_END)):
+    for series, times in (
+        (away, thresholds.SPIKE_WHILE_SEARCHING),
+        (residuals, thresholds.SPIKE_AT_THE_END),
+    ):
         pooled = np.concatenate([some[known] for some, known in zip(series, valid, strict=True)])
         sigma = robust_sigma(pooled)
         if sigma == 0.0 or _heavy_tailed(pooled / sigma):
@@ -84,13 +106,18 @@ def isolated_wrong(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray],
             found | (_isolated(known & (np.abs(some) > times * sigma)) & ~near)
             for found, some, known, near in zip(wrong, series, valid, edges, strict=True)
         ]
-        at_edges = np.concatenate([some[known & near] for some, known, near in zip(series, valid, edges, strict=True)])
+        at_edges = np.concatenate(
+            [some[known & near] for some, known, near in zip(series, valid, edges, strict=True)]
+        )
         if at_edges.size < FEWEST_AT_EDGES:
             continue
         largest = float(np.max(np.abs(at_edges)))
         others = float(np.sqrt((np.sum(at_edges**2) - largest**2) / (at_edges.size - 1)))
         if largest > times * max(others, sigma):
-            wrong = [found | (known & near & (np.abs(some) >= largest)) for found, some, known, near in zip(wrong, series, valid, edges, strict=True)]
+            wrong = [
+                found | (known & near & (np.abs(some) >= largest))
+                for found, some, known, near in zip(wrong, series, valid, edges, strict=True)
+            ]
     return wrong
 
 
@@ -109,12 +136,16 @@ def input_edges(record: Record, reach: int = 1) -> np.ndarray:
 
 
 def input_spikes(values: np.ndarray) -> np.ndarray:
-    """Samples of a recorded input that differ from both neighbours alike, while these agree: no held maneuver does that."""
+    """Samples of a recorded input that differ from both neighbours alike, while these agree: no
+    held maneuver does that.
+    """
     before, after = values[:-2], values[2:]
     height = values[1:-1] - 0.5 * (before + after)
     wander = np.abs(after - before)
     usual = max(robust_sigma(np.diff(values)), 1e-3 * float(np.ptp(values)))
-    found = (np.abs(height) > thresholds.SPIKE_WHILE_SEARCHING * usual) & (wander < 0.25 * np.abs(height))
+    found = (np.abs(height) > thresholds.SPIKE_WHILE_SEARCHING * usual) & (
+        wander < 0.25 * np.abs(height)
+    )
     return np.flatnonzero(found) + 1
 
 
@@ -132,15 +163,21 @@ def from_neighbours(series: np.ndarray, valid: np.ndarray) -> np.ndarray:
 
 
 def _isolated(large: np.ndarray) -> np.ndarray:
-    """Large samples without a large neighbour within two samples: outliers in runs are no spikes."""
+    """Large samples without a large neighbour within two samples: outliers in runs are no
+    spikes.
+    """
     count = np.convolve(np.pad(large, 2), np.ones(5), mode="valid")
     return large & (count < 1.5)
 
 
 def _heavy_tailed(normalised: np.ndarray) -> bool:
-    """Whether more samples lie in the tail's range than Gaussian noise explains, at one in a thousand (Poisson)."""
+    """Whether more samples lie in the tail's range than Gaussian noise explains, at one in a
+    thousand (Poisson).
+    """
     (low, high), size = thresholds.HEAVY_TAIL, np.abs(normalised)
     count = int(np.sum((size > low) & (size < high)))
     expected = len(normalised) * (math.erfc(low / math.sqrt(2)) - math.erfc(high / math.sqrt(2)))
-    tail = 1.0 - sum(math.exp(k * math.log(expected) - expected - math.lgamma(k + 1)) for k in range(count))
+    tail = 1.0 - sum(
+        math.exp(k * math.log(expected) - expected - math.lgamma(k + 1)) for k in range(count)
+    )
     return tail < thresholds.HEAVY_TAIL_CHANCE

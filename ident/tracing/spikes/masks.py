@@ -1,4 +1,6 @@
-"""Wrong samples on the way through the loop: masks while searching, claims at the end, recorded inputs mended."""
+"""Wrong samples on the way through the loop: masks while searching, claims at the end, recorded
+inputs mended.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,13 @@ from ident.tracing.diagnosis import Claim, Quantity, Step
 from ident.tracing.evidence.evidence import evidence_of
 from ident.tracing.evidence.priors import FEWEST, ODDS
 from ident.tracing.screening.context import search_context
-from ident.tracing.spikes.detection import Spikes, final_spikes, input_edges, input_spikes, provisional_mask
+from ident.tracing.spikes.detection import (
+    Spikes,
+    final_spikes,
+    input_edges,
+    input_spikes,
+    provisional_mask,
+)
 from ident.tracing.validation.held_out import HeldOut
 from sim.declaration.effect import full_name
 from sim.record import Channel, Record
@@ -28,20 +36,31 @@ def measured_masks(records: Sequence[Record], outputs: Sequence[str]) -> list[np
 
 
 def spike_masks(problem: TraceProblem, fitted: FittedModel) -> list[np.ndarray]:
-    """Provisional masks from a fitted model's residuals: what stands alone above its neighbours is set aside while searching."""
+    """Provisional masks from a fitted model's residuals: what stands alone above its neighbours is
+    set aside while searching.
+    """
     masks = []
-    for laid, line, record in zip(fitted.fit.layout.problems, fitted.fit.lines, problem.records, strict=True):
+    for laid, line, record in zip(
+        fitted.fit.layout.problems, fitted.fit.lines, problem.records, strict=True
+    ):
         measured = record.output_array(problem.outputs)[1]
         residual = np.where(measured, laid.z - line.y, 0.0)
         masks.append(measured & provisional_mask(residual, measured, input_edges(record)))
     return masks
 
 
-def spike_claims(problem: TraceProblem, fitted: FittedModel) -> tuple[list[np.ndarray], list[Claim]]:
-    """Final masks, rebuilt from zero on the fitted model's residuals, and the spikes to claim where a candidate describes them."""
+def spike_claims(
+    problem: TraceProblem, fitted: FittedModel
+) -> tuple[list[np.ndarray], list[Claim]]:
+    """Final masks, rebuilt from zero on the fitted model's residuals, and the spikes to claim where
+    a candidate describes them.
+    """
     measured = measured_masks(problem.records, problem.outputs)
     residuals = [
-        np.where(valid, laid.z - line.y, 0.0) for valid, laid, line in zip(measured, fitted.fit.layout.problems, fitted.fit.lines, strict=True)
+        np.where(valid, laid.z - line.y, 0.0)
+        for valid, laid, line in zip(
+            measured, fitted.fit.layout.problems, fitted.fit.lines, strict=True
+        )
     ]
     blocked = [_near_events(fitted, r, record) for r, record in enumerate(problem.records)]
     masks, spikes = final_spikes(problem.records, problem.outputs, residuals, measured, blocked)
@@ -50,16 +69,26 @@ def spike_claims(problem: TraceProblem, fitted: FittedModel) -> tuple[list[np.nd
     for spike in spikes:
         by_channel.setdefault(spike.channel, []).append(spike)
     names = _claimable(problem)
-    claims = [_claim(names[channel], found, units[channel], _sigma(fitted, channel)) for channel, found in by_channel.items() if channel in names]
+    claims = [
+        _claim(names[channel], found, units[channel], _sigma(fitted, channel))
+        for channel, found in by_channel.items()
+        if channel in names
+    ]
     return [mask & valid for mask, valid in zip(masks, measured, strict=True)], claims
 
 
-def held_out_masks(out: HeldOut, records: Sequence[Record], outputs: Sequence[str]) -> list[np.ndarray] | None:
-    """Validity of held-out samples without what stands alone above its neighbours; None where the fit failed."""
+def held_out_masks(
+    out: HeldOut, records: Sequence[Record], outputs: Sequence[str]
+) -> list[np.ndarray] | None:
+    """Validity of held-out samples without what stands alone above its neighbours; None where the
+    fit failed.
+    """
     if out.frozen is None:
         return None
     masks = []
-    for residual, problem, record in zip(out.frozen.residuals, out.frozen.layout.problems, records, strict=True):
+    for residual, problem, record in zip(
+        out.frozen.residuals, out.frozen.layout.problems, records, strict=True
+    ):
         masks.append(problem.valid & provisional_mask(residual, problem.valid, input_edges(record)))
     return masks
 
@@ -67,7 +96,9 @@ def held_out_masks(out: HeldOut, records: Sequence[Record], outputs: Sequence[st
 def mended_inputs(problem: TraceProblem, record: Record, claims: Sequence[Claim]) -> Record:
     """A held-out record with spikes of those inputs mended that were claimed to have some."""
     names, claimed = _claimable(problem), {claim.name for claim in claims}
-    return with_mended(record, [channel.name for channel in record.inputs if names.get(channel.name) in claimed])
+    return with_mended(
+        record, [channel.name for channel in record.inputs if names.get(channel.name) in claimed]
+    )
 
 
 def with_mended(record: Record, names: Sequence[str]) -> Record:
@@ -78,8 +109,12 @@ def with_mended(record: Record, names: Sequence[str]) -> Record:
     return record
 
 
-def cleaned_inputs(problem: TraceProblem, root: FittedModel) -> tuple[TraceProblem, FittedModel, list[Claim], list[Step]]:
-    """Spikes in a recorded input that the vehicle never saw: mended where that makes the fit better, and claimed."""
+def cleaned_inputs(
+    problem: TraceProblem, root: FittedModel
+) -> tuple[TraceProblem, FittedModel, list[Claim], list[Step]]:
+    """Spikes in a recorded input that the vehicle never saw: mended where that makes the fit
+    better, and claimed.
+    """
     claims: list[Claim] = []
     steps: list[Step] = []
     names = _claimable(problem)
@@ -87,13 +122,26 @@ def cleaned_inputs(problem: TraceProblem, root: FittedModel) -> tuple[TraceProbl
         found = [input_spikes(record[name].values) for record in problem.records]
         if not any(samples.size for samples in found):
             continue
-        trial = replace(problem, records=[_mended(record, name, samples) for record, samples in zip(problem.records, found, strict=True)])
+        trial = replace(
+            problem,
+            records=[
+                _mended(record, name, samples)
+                for record, samples in zip(problem.records, found, strict=True)
+            ],
+        )
         fitted = trial.fit((), root)
         brought = root.fit.cost - fitted.fit.cost if fitted is not None else 0.0
         if fitted is not None and brought > -math.log(ODDS / FEWEST):
             unit = root.system.inputs[root.system.input_names.index(name)].unit
             known_to = max(float(np.ptp(problem.records[0][name].values)) * 1e-3, 1e-12)
-            claims.append(_claim(names[name], _differences(problem.records, trial.records, name, found), unit, known_to))
+            claims.append(
+                _claim(
+                    names[name],
+                    _differences(problem.records, trial.records, name, found),
+                    unit,
+                    known_to,
+                )
+            )
             sentence = f"spikes of {name} mended: the log likelihood rises by {brought:.1f}"
             evidence, _, _ = evidence_of(fitted, search_context(fitted, problem.predicted))
             steps.append(Step((), evidence, fitted.fit.log_likelihood, sentence))
@@ -101,18 +149,31 @@ def cleaned_inputs(problem: TraceProblem, root: FittedModel) -> tuple[TraceProbl
     return problem, root, claims, steps
 
 
-def _differences(records: Sequence[Record], mended: Sequence[Record], name: str, found: Sequence[np.ndarray]) -> list[Spikes]:
+def _differences(
+    records: Sequence[Record], mended: Sequence[Record], name: str, found: Sequence[np.ndarray]
+) -> list[Spikes]:
     """What mending took away from a channel of each record."""
     return [
-        Spikes(r, name, tuple(samples.tolist()), tuple((record[name].values - other[name].values)[samples].tolist()))
+        Spikes(
+            r,
+            name,
+            tuple(samples.tolist()),
+            tuple((record[name].values - other[name].values)[samples].tolist()),
+        )
         for r, (record, other, samples) in enumerate(zip(records, mended, found, strict=True))
         if samples.size
     ]
 
 
 def _claimable(problem: TraceProblem) -> dict[str, str]:
-    """By channel the name of the candidate that describes its isolated wrong samples: the rule finds them, the effect names them."""
-    return {candidate.traits.wrong_samples_of: candidate.name for candidate in problem.candidates if candidate.traits.wrong_samples_of}
+    """By channel the name of the candidate that describes its isolated wrong samples: the rule
+    finds them, the effect names them.
+    """
+    return {
+        candidate.traits.wrong_samples_of: candidate.name
+        for candidate in problem.candidates
+        if candidate.traits.wrong_samples_of
+    }
 
 
 def _mended(record: Record, name: str, samples: np.ndarray) -> Record:
@@ -121,7 +182,12 @@ def _mended(record: Record, name: str, samples: np.ndarray) -> Record:
     values = record[name].values.copy()
     values[samples] = 0.5 * (values[samples - 1] + values[samples + 1])
     old = record[name]
-    return replace(record, inputs=tuple(Channel.of(name, old.unit, values) if c.name == name else c for c in record.inputs))
+    return replace(
+        record,
+        inputs=tuple(
+            Channel.of(name, old.unit, values) if c.name == name else c for c in record.inputs
+        ),
+    )
 
 
 def _claim(name: str, spikes: Sequence[Spikes], unit: str, sigma: float) -> Claim:
@@ -133,7 +199,10 @@ def _claim(name: str, spikes: Sequence[Spikes], unit: str, sigma: float) -> Clai
         "size": Quantity(size, sigma / np.sqrt(count), unit),
     }
     records = tuple(sorted({spike.record for spike in spikes}))
-    text = f"{count} isolated sample(s) of the channel are wrong, by {size:.3g} {unit} (root mean square); they were set aside in every fit"
+    text = (
+        f"{count} isolated sample(s) of the channel are wrong, by {size:.3g} {unit} (root mean "
+        "square); they were set aside in every fit"
+    )
     return Claim(name, parameters, (), True, records, text)
 
 
@@ -148,7 +217,12 @@ def _near_events(fitted: FittedModel, r: int, record: Record) -> np.ndarray:
     for effect in fitted.effects:
         if not is_event(effect):
             continue
-        known = {item.name: own.get(full_name(effect, item.name), shared.get(full_name(effect, item.name), item.value)) for item in effect.parameters}
+        known = {
+            item.name: own.get(
+                full_name(effect, item.name), shared.get(full_name(effect, item.name), item.value)
+            )
+            for item in effect.parameters
+        }
         onset = known[effect.traits.onset]
         for edge in (onset, onset + known.get("duration", 0.0)):
             blocked |= np.abs(record.time - edge) < thresholds.NEAR_EVENT

@@ -1,9 +1,11 @@
-"""What one record says of a derivative and another does not: the scatter between records, and what it makes of a sigma.
+"""What one record says of a derivative and another does not: the scatter between records, and what
+it makes of a sigma.
 
-Mass, trim and speed differ from record to record, and small causes act differently in each: residuals of one record, however their
-colour is allowed for, do not tell of that. Differences between records do (Birge, Physical Review 40, 207, 1932). Few records give few
-differences, so that each derivative borrows from the others (Smyth, Stat. Appl. Genet. Mol. Biol. 3(1), 2004), and two sigmas
-hold what Student's t holds for as many.
+Mass, trim and speed differ from record to record, and small causes act differently in each:
+residuals of one record, however their colour is allowed for, do not tell of that. Differences
+between records do (Birge, Physical Review 40, 207, 1932). Few records give few differences, so that
+each derivative borrows from the others (Smyth, Stat. Appl. Genet. Mol. Biol. 3(1), 2004), and two
+sigmas hold what Student's t holds for as many.
 """
 
 from __future__ import annotations
@@ -24,26 +26,32 @@ from sim.record import Record
 
 TWO_SIGMA = 0.9772498680518208  # probability below two sigmas
 FEWEST_RECORDS = 3  # two have one degree of freedom, which is no scatter to print
-BORROWED = 6.0  # degrees of freedom from the other derivatives: two sigmas hold 93 to 98 of 100 simulated flights with two to five records
+# degrees of freedom from the other derivatives: two sigmas hold 93 to 98 of 100 simulated flights
+# with two to five records
+BORROWED = 6.0
 
 
 @dataclass(frozen=True)
 class RecordScatter:
-    """``scatter`` : standard deviation of a derivative between fits of single records, what a user would see who flew again.
+    """``scatter`` : standard deviation of a derivative between fits of single records, what a user
+    would see who flew again.
 
-    ``inflation`` : by derivative, the factor (one at least) that differences between records put on its corrected sigma. Both empty where
-    records do not tell.
+    ``inflation`` : by derivative, the factor (one at least) that differences between records put on
+    its corrected sigma. Both empty where records do not tell.
     """
 
     scatter: Mapping[str, float] = field(default_factory=dict)
     inflation: Mapping[str, float] = field(default_factory=dict)
 
 
-def scatter_between_records(problem: TraceProblem, fitted: FittedModel, held: HeldOutData) -> RecordScatter:
-    """Compare all records, fitted or held out: each has its derivatives for itself, the effects of the set are in common.
+def scatter_between_records(
+    problem: TraceProblem, fitted: FittedModel, held: HeldOutData
+) -> RecordScatter:
+    """Compare all records, fitted or held out: each has its derivatives for itself, the effects of
+    the set are in common.
 
-    Nothing with one record, of which a held-out part is no second one. With process noise each record is fitted by itself under the noise
-    levels and effects of all.
+    Nothing with one record, of which a held-out part is no second one. With process noise each
+    record is fitted by itself under the noise levels and effects of all.
     """
     others = held.records if held.masks is not None else ()
     records, masks = [*problem.records, *others], [*problem.masks, *(held.masks or ())]
@@ -51,39 +59,82 @@ def scatter_between_records(problem: TraceProblem, fitted: FittedModel, held: He
     if unpredictable or len({record.name for record in records}) < 2:
         return RecordScatter()
     names = [name for name in fitted.values.shared if name in problem.model.parameters]
-    found = (_one_by_one if has_process_noise(fitted.system) else _together)(problem, fitted, names, records, masks)
+    found = (_one_by_one if has_process_noise(fitted.system) else _together)(
+        problem, fitted, names, records, masks
+    )
     if found is None:
         return RecordScatter()
     values, sigma = found
     factors = inflation(values, sigma)
-    spread = {name: float(np.std(row, ddof=1)) for name, row in zip(names, values, strict=True)} if values.shape[1] >= FEWEST_RECORDS else {}
+    spread = (
+        {name: float(np.std(row, ddof=1)) for name, row in zip(names, values, strict=True)}
+        if values.shape[1] >= FEWEST_RECORDS
+        else {}
+    )
     return RecordScatter(spread, dict(zip(names, factors.tolist(), strict=True)))
 
 
 def _together(
-    problem: TraceProblem, fitted: FittedModel, names: Sequence[str], records: Sequence[Record], masks: Sequence[np.ndarray]
+    problem: TraceProblem,
+    fitted: FittedModel,
+    names: Sequence[str],
+    records: Sequence[Record],
+    masks: Sequence[np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Values and sigmas ``(n, records)`` of a fit of all records in which each has these parameters for itself."""
+    """Values and sigmas ``(n, records)`` of a fit of all records in which each has these parameters
+    for itself.
+    """
     data = FitData(records, masks, problem.model, problem.outputs)
-    apart = fit_set(data, fitted.effects, replace(problem.roughly, iterations=20), Start(added=fitted.values.shared), apart=names)
+    apart = fit_set(
+        data,
+        fitted.effects,
+        replace(problem.roughly, iterations=20),
+        Start(added=fitted.values.shared),
+        apart=names,
+    )
     if apart is None:
         return None
-    at = np.array([[apart.fit.layout.names.index(f"{name}, record {r + 1}") for r in range(len(records))] for name in names])
+    at = np.array(
+        [
+            [apart.fit.layout.names.index(f"{name}, record {r + 1}") for r in range(len(records))]
+            for name in names
+        ]
+    )
     variance = np.maximum(np.diag(fit_covariance(apart.fit)[0]), 1e-300)
     return apart.fit.theta[at], np.sqrt(variance[at])
 
 
 def _one_by_one(
-    problem: TraceProblem, fitted: FittedModel, names: Sequence[str], records: Sequence[Record], masks: Sequence[np.ndarray]
+    problem: TraceProblem,
+    fitted: FittedModel,
+    names: Sequence[str],
+    records: Sequence[Record],
+    masks: Sequence[np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Values and sigmas ``(n, records)`` under the noise levels and effects of all, of the records that can be fitted so; None of fewer than two."""
-    own = [name for name in fitted.fit.layout.local if name in fitted.system.parameters and not name.startswith("bias_")]
+    """Values and sigmas ``(n, records)`` under the noise levels and effects of all, of the records
+    that can be fitted so; None of fewer than two.
+    """
+    own = [
+        name
+        for name in fitted.fit.layout.local
+        if name in fitted.system.parameters and not name.startswith("bias_")
+    ]
     levels, begun = noise_levels(fitted.fit), (*fitted.values.own, *({} for _ in records))
     settings = replace(problem.roughly, iterations=20)
     values, sigma = [], []
     for record, mask, begin in zip(records, masks, begun, strict=False):
         shared = fitted.values.shared
-        fit = fit_under_held_noise([record], fitted.system, shared, levels, settings, local=own, masks=[mask], begin=[begin], freed=names)
+        fit = fit_under_held_noise(
+            [record],
+            fitted.system,
+            shared,
+            levels,
+            settings,
+            local=own,
+            masks=[mask],
+            begin=[begin],
+            freed=names,
+        )
         if fit is None or fit.outcome is not Outcome.CONVERGED:
             continue
         variance = np.maximum(np.diag(fit_covariance(fit)[0]), 1e-300)
@@ -94,10 +145,12 @@ def _one_by_one(
 
 
 def inflation(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Factors ``(n,)`` on the sigmas of means of values ``(n, records)`` that claim to be known to ``sigma (n, records)``.
+    """Factors ``(n,)`` on the sigmas of means of values ``(n, records)`` that claim to be known to
+    ``sigma (n, records)``.
 
-    The root of chi-squared over its degrees of freedom, of each row as far as it can tell and of the middle one of all for the rest;
-    times what Student's t is wider by at two sigmas. Never below one.
+    The root of chi-squared over its degrees of freedom, of each row as far as it can tell and of
+    the middle one of all for the rest; times what Student's t is wider by at two sigmas. Never
+    below one.
     """
     from scipy.special import chdtri, stdtrit
 
@@ -105,7 +158,8 @@ def inflation(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     mean = np.sum(weight * values, axis=1, keepdims=True) / np.sum(weight, axis=1, keepdims=True)
     freedom = values.shape[1] - 1
     own = np.sum(((values - mean) / sigma) ** 2, axis=1) / freedom
-    shared = float(np.median(own)) * freedom / float(chdtri(freedom, 0.5))  # the median of chi-squared lies below its mean
+    # the median of chi-squared lies below its mean
+    shared = float(np.median(own)) * freedom / float(chdtri(freedom, 0.5))
     borrowed = min(BORROWED, float(freedom * (len(values) - 1)))  # there is no more to borrow
     squared = (freedom * own + borrowed * shared) / (freedom + borrowed)
     wider = float(stdtrit(freedom + borrowed, TWO_SIGMA)) / 2.0

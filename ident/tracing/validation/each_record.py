@@ -1,4 +1,6 @@
-"""What each fitted record by itself says of an effect, all else in common: one Gauss-Newton step."""
+"""What each fitted record by itself says of an effect, all else in common: one Gauss-Newton
+step.
+"""
 
 from __future__ import annotations
 
@@ -46,5 +48,10 @@ def of_each_record(fitted: FittedModel, effect: Traceable) -> tuple[Mapping[str,
         mine = first + r * k + np.arange(k)
         sigma = np.sqrt(np.maximum(np.diag(covariance)[mine], 1e-300))
         values = start[mine] + step[mine]
-        found.append({item.name: Quantity(float(value), float(std), item.unit) for item, value, std in zip(items, values, sigma, strict=True)})
+        found.append(
+            {
+                item.name: Quantity(float(value), float(std), item.unit)
+                for item, value, std in zip(items, values, sigma, strict=True)
+            }
+        )
     return tuple(found)

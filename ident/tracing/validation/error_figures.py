@@ -1,4 +1,6 @@
-"""Error of a free simulation, channel by channel: root mean square, share of the spread, R squared, Theil's coefficient."""
+"""Error of a free simulation, channel by channel: root mean square, share of the spread, R squared,
+Theil's coefficient.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +13,32 @@ from ident.whole_record.gauss_newton import Fit
 from sim.record import Record
 
 
-def prediction(fit: Fit | None, record_number: int, record: Record, channels: Sequence[str]) -> np.ndarray:
+def prediction(
+    fit: Fit | None, record_number: int, record: Record, channels: Sequence[str]
+) -> np.ndarray:
     """Free simulation at every row of a record, ``(m, N)``; where the fit failed the mean of the
     measurement, zero without one."""
     if fit is not None:
         rows = dict(zip(fit.layout.system.output_names, fit.lines[record_number].y, strict=True))
         return np.array([rows[name] for name in channels])
-    means = [float(record[name].values[record[name].valid].mean()) if name in record.output_names else 0.0 for name in channels]
+    means = [
+        float(record[name].values[record[name].valid].mean())
+        if name in record.output_names
+        else 0.0
+        for name in channels
+    ]
     return np.array([np.full(len(record), mean) for mean in means])
 
 
-def error_figures(predictions: Sequence[np.ndarray], records: Sequence[Record], masks: Sequence[np.ndarray], channels: Sequence[str]) -> ErrorFigures:
-    """RMSE, NRMSE (over the measured spread), R squared and Theil's inequality coefficient, samples set aside left out."""
+def error_figures(
+    predictions: Sequence[np.ndarray],
+    records: Sequence[Record],
+    masks: Sequence[np.ndarray],
+    channels: Sequence[str],
+) -> ErrorFigures:
+    """RMSE, NRMSE (over the measured spread), R squared and Theil's inequality coefficient, samples
+    set aside left out.
+    """
     rmse, nrmse, r2, theil = {}, {}, {}, {}
     for i, name in enumerate(channels):
         pairs = [

@@ -1,8 +1,9 @@
 """Data that were not fitted: what a fitted model predicts there, and whether what remains is noise.
 
-Two fits of a held-out record: one frozen (only initial states, biases and what belongs to one record are fitted),
-for the errors that are reported; and one with everything else under the Gaussian knowledge that training left,
-for the verdict, since frozen values reject right sets whose parameters trade off.
+Two fits of a held-out record: one frozen (only initial states, biases and what belongs to one
+record are fitted), for the errors that are reported; and one with everything else under the
+Gaussian knowledge that training left, for the verdict, since frozen values reject right sets whose
+parameters trade off.
 """
 
 from __future__ import annotations
@@ -37,7 +38,9 @@ from sim.record import Record
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """A fitted model on records that were not fitted: the frozen fit and the one under the training's knowledge."""
+    """A fitted model on records that were not fitted: the frozen fit and the one under the
+    training's knowledge.
+    """
 
     frozen: Fit | None
     informed: Fit | None
@@ -47,8 +50,8 @@ class HeldOut:
 class HeldOutData:
     """Records that are not fitted, with spikes of their inputs mended; empty where there are none.
 
-    ``masks`` ``(m, N)`` a record, True where a sample counts; None where the declared model cannot be simulated on them. ``declared`` : what
-    that model does there.
+    ``masks`` ``(m, N)`` a record, True where a sample counts; None where the declared model cannot
+    be simulated on them. ``declared`` : what that model does there.
     """
 
     records: Sequence[Record] = ()
@@ -58,24 +61,51 @@ class HeldOutData:
 
 def predicted_by(fitted: FittedModel, held: HeldOutData, *, informed: bool = True) -> HeldOut:
     """``held_out`` on all of these records; nothing where there are none."""
-    return held_out(fitted, held.records, held.masks, informed=informed) if held.records else HeldOut(None, None)
+    return (
+        held_out(fitted, held.records, held.masks, informed=informed)
+        if held.records
+        else HeldOut(None, None)
+    )
 
 
-def held_out(fitted: FittedModel, records: Sequence[Record], masks: Sequence[np.ndarray] | None, *, informed: bool = True) -> HeldOut:
+def held_out(
+    fitted: FittedModel,
+    records: Sequence[Record],
+    masks: Sequence[np.ndarray] | None,
+    *,
+    informed: bool = True,
+) -> HeldOut:
     """Fit a fitted model's model to other records, frozen and, if wanted, informed.
 
-    What belongs to one record (events, drifts) is looked for anew in each: an event of the training record need not be there.
+    What belongs to one record (events, drifts) is looked for anew in each: an event of the training
+    record need not be there.
     """
     frozen = _others(fitted, records, masks).fit_event_by_event()
     if not informed:
         return HeldOut(None if frozen is None else frozen.fit, None)
-    freer = None if frozen is None else _others(fitted, records, masks, training_prior(fitted)).fit(fitted.effects, frozen)
+    freer = (
+        None
+        if frozen is None
+        else _others(fitted, records, masks, training_prior(fitted)).fit(fitted.effects, frozen)
+    )
     if freer is None or doubted(HeldOut(None, freer.fit)):
         by_event = _others(fitted, records, masks, training_prior(fitted)).fit_event_by_event()
-        freer = min((each for each in (freer, by_event) if each is not None), key=lambda each: each.fit.cost, default=None)
-    if freer is not None and not has_process_noise(fitted.system) and doubted(HeldOut(None, freer.fit)):
+        freer = min(
+            (each for each in (freer, by_event) if each is not None),
+            key=lambda each: each.fit.cost,
+            default=None,
+        )
+    if (
+        freer is not None
+        and not has_process_noise(fitted.system)
+        and doubted(HeldOut(None, freer.fit))
+    ):
         prior = prior_where_both_meet(fitted, freer, masks)
-        nearer = _others(fitted, records, masks, prior).fit_event_by_event() if prior is not None else None
+        nearer = (
+            _others(fitted, records, masks, prior).fit_event_by_event()
+            if prior is not None
+            else None
+        )
         freer = freer if nearer is None or nearer.fit.cost >= freer.fit.cost else nearer
     if freer is not None and any(belongs_to_record(effect) for effect in fitted.effects):
         # Where the freer fit found an event, the frozen one may have missed it.
@@ -89,22 +119,42 @@ def doubted(out: HeldOut) -> bool:
     """Whether what remains on held-out data under training's knowledge is hardly noise."""
     if out.informed is None:
         return False
-    return min((test.p_value for test in whiteness(out.informed, "informed")), default=1.0) < thresholds.COLOURED
+    return (
+        min((test.p_value for test in whiteness(out.informed, "informed")), default=1.0)
+        < thresholds.COLOURED
+    )
 
 
-def frozen_on(trained: Trained, declared: Model, records: Sequence[Record], masks: Sequence[np.ndarray] | None) -> HeldOut:
-    """What was learnt from other records, frozen on these: initial states, biases and what belongs to one record alone are fitted."""
+def frozen_on(
+    trained: Trained, declared: Model, records: Sequence[Record], masks: Sequence[np.ndarray] | None
+) -> HeldOut:
+    """What was learnt from other records, frozen on these: initial states, biases and what belongs
+    to one record alone are fitted.
+    """
     frozen = _Others(trained, declared, records, masks).fit_event_by_event()
     return HeldOut(None if frozen is None else frozen.fit, None)
 
 
-def _others(fitted: FittedModel, records: Sequence[Record], masks: Sequence[np.ndarray] | None, prior: Prior | None = None) -> _Others:
-    return _Others(fitted.trained, fitted.declared, records, masks, prior, levels_of(fitted) if prior is not None else None)
+def _others(
+    fitted: FittedModel,
+    records: Sequence[Record],
+    masks: Sequence[np.ndarray] | None,
+    prior: Prior | None = None,
+) -> _Others:
+    return _Others(
+        fitted.trained,
+        fitted.declared,
+        records,
+        masks,
+        prior,
+        levels_of(fitted) if prior is not None else None,
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class _Others:
-    """Records that were not fitted, and the model that was: its shared parameters frozen there, or free under a prior.
+    """Records that were not fitted, and the model that was: its shared parameters frozen there, or
+    free under a prior.
 
     ``levels`` : noise levels of the fit where it has process noise.
     """
@@ -117,7 +167,10 @@ class _Others:
     levels: Mapping[str, float] | None = None
 
     def fit(
-        self, effects: Sequence[Traceable], from_model: FittedModel | None = None, added: Mapping[str, float] | None = None
+        self,
+        effects: Sequence[Traceable],
+        from_model: FittedModel | None = None,
+        added: Mapping[str, float] | None = None,
     ) -> FittedModel | None:
         """The fitted model's set, or a part of it, on these records."""
         trained, prior = self.trained, self.prior
@@ -128,30 +181,56 @@ class _Others:
         system = replace(system, parameters=parameters.hold(known) if prior is None else parameters)
         local = [name for effect in effects for name in local_names(effect)]
         layout = lay_out(self.records, system, settings, local=local, masks=self.masks)
-        begin, guesses = carried(layout, None if from_model is None else from_model.values, added or {})
+        begin, guesses = carried(
+            layout, None if from_model is None else from_model.values, added or {}
+        )
         layout = lay_out(self.records, system, settings, local=local, masks=self.masks, start=begin)
         if prior is not None:
             layout = replace(layout, prior=prior)
-        # A free simulation has no filter; under training's knowledge the process noise is that of training.
-        fit = fit_whole_records(FitProblem(layout), guesses) if prior is None else fit_as_declared(layout, guesses, self.levels)
-        return None if fit is None else FittedModel(tuple(effects), self.declared, full, system, fit)
+        # A free simulation has no filter; under training's knowledge the process noise is that of
+        # training.
+        fit = (
+            fit_whole_records(FitProblem(layout), guesses)
+            if prior is None
+            else fit_as_declared(layout, guesses, self.levels)
+        )
+        return (
+            None if fit is None else FittedModel(tuple(effects), self.declared, full, system, fit)
+        )
 
     def _usual_biases(self) -> dict[str, float]:
-        """Biases of the sensors as the fitted records have them in the mean: trim is among them, far from where a slow motion could begin."""
+        """Biases of the sensors as the fitted records have them in the mean: trim is among them,
+        far from where a slow motion could begin.
+        """
         own = self.trained.own
         names = [name for name in own[0] if name.startswith("bias_")] if own else []
-        return {name: float(np.mean([values[name] for values in own if name in values])) for name in names}
+        return {
+            name: float(np.mean([values[name] for values in own if name in values]))
+            for name in names
+        }
 
     def fit_event_by_event(self) -> FittedModel | None:
-        """Fit without what belongs to one record, then add that, one after the other, from where the records themselves point to.
+        """Fit without what belongs to one record, then add that, one after the other, from where
+        the records themselves point to.
 
-        What any record may have is there from the start: without it a fit would bend the rest in its place.
+        What any record may have is there from the start: without it a fit would bend the rest in
+        its place.
         """
         effects = self.trained.effects
-        own = [effect for effect in effects if not effect.traits.background and belongs_to_record(effect)]
+        own = [
+            effect
+            for effect in effects
+            if not effect.traits.background and belongs_to_record(effect)
+        ]
         present = [effect for effect in effects if effect not in own]
-        slow = {name for effect in effects if effect.traits.background for name in local_names(effect)}
-        best = self.fit(present, None, {name: value for name, value in self.trained.own[0].items() if name in slow})
+        slow = {
+            name for effect in effects if effect.traits.background for name in local_names(effect)
+        }
+        best = self.fit(
+            present,
+            None,
+            {name: value for name, value in self.trained.own[0].items() if name in slow},
+        )
         for effect in own:
             if best is None:
                 return None
@@ -160,18 +239,33 @@ class _Others:
         return best if best is None or len(own) < 2 else self._each_placed_again(best, own)
 
     def _each_placed_again(self, best: FittedModel, own: Sequence[Traceable]) -> FittedModel:
-        """What belongs to one record, each looked for again beside all others: the first was placed while theirs was still unexplained."""
+        """What belongs to one record, each looked for again beside all others: the first was placed
+        while theirs was still unexplained.
+        """
         for effect in own:
             rest = [other for other in best.effects if other is not effect]
             base = self.fit(rest, best)
             if base is None:
                 continue
             again = self._with(base, rest, effect)
-            best = again if again is not None and again.fit.cost < best.fit.cost - 0.5 else best  # less is the same optimum
+            # less is the same optimum
+            best = again if again is not None and again.fit.cost < best.fit.cost - 0.5 else best
         return best
 
-    def _with(self, base: FittedModel, rest: Sequence[Traceable], effect: Traceable, *further: Mapping[str, float]) -> FittedModel | None:
-        """What belongs to one record added to a fit of ``rest``, from where the records point to and from ``further`` starts: the best of these."""
-        starts = [start for found in screen(base, [effect], search_context(base)) for start in found.starts[:2]]
+    def _with(
+        self,
+        base: FittedModel,
+        rest: Sequence[Traceable],
+        effect: Traceable,
+        *further: Mapping[str, float],
+    ) -> FittedModel | None:
+        """What belongs to one record added to a fit of ``rest``, from where the records point to
+        and from ``further`` starts: the best of these.
+        """
+        starts = [
+            start
+            for found in screen(base, [effect], search_context(base))
+            for start in found.starts[:2]
+        ]
         tries = [self.fit([*rest, effect], base, start) for start in [*starts, *further]]
         return min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)

@@ -10,7 +10,9 @@ from ident.tracing.candidate_model.fitted_model import FittedModel, local_names
 from ident.tracing.validation.held_out import HeldOut, HeldOutData
 
 
-def predictive_gains(less: FittedModel, more: FittedModel, held: HeldOutData, out: HeldOut) -> tuple[float, ...]:
+def predictive_gains(
+    less: FittedModel, more: FittedModel, held: HeldOutData, out: HeldOut
+) -> tuple[float, ...]:
     """Rise of the log density of held-out data from one fitted set to another.
 
     Of free simulations where neither has process noise, all records together; else of predictions

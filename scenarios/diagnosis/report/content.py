@@ -7,7 +7,15 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Quantity, Requirement, Step
+from ident.tracing.diagnosis import (
+    Candidate,
+    Claim,
+    Diagnosis,
+    ErrorFigures,
+    Quantity,
+    Requirement,
+    Step,
+)
 from scenarios.diagnosis.noise_words import residual_levels
 from scenarios.diagnosis.report.data_words import record_labels
 from scenarios.diagnosis.report.evidence import warnings_of
@@ -31,9 +39,11 @@ DECIDES = "decides.csv"  # the input to be flown, beside the diagnosis
 
 
 def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
-    """Everything of a diagnosis but its time series. ``created`` is the time stamp, the one entry that differs between two runs.
+    """Everything of a diagnosis but its time series. ``created`` is the time stamp, the one entry
+    that differs between two runs.
 
-    A standard deviation that is not finite (the data say nothing of the parameter) is written as ``LARGEST`` and told in ``warnings``.
+    A standard deviation that is not finite (the data say nothing of the parameter) is written as
+    ``LARGEST`` and told in ``warnings``.
     """
     d, wording = tracing.diagnosis, wording_of(tracing)
     derived_before, derived_after = derived_of(d)
@@ -50,8 +60,14 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
         "parameters": {"before": quantities(d.before), "after": quantities(d.after)},
         "scatter": {name: positive(std) for name, std in d.scatter.items()},
         "growth": {name: bounded(factor) for name, factor in d.inflation.items()},
-        "derived": {name: {"estimate": entry["value"], **entry} for name, entry in quantities(derived_after).items()},
-        "derived_before": {name: {"estimate": entry["value"], **entry} for name, entry in quantities(derived_before).items()},
+        "derived": {
+            name: {"estimate": entry["value"], **entry}
+            for name, entry in quantities(derived_after).items()
+        },
+        "derived_before": {
+            name: {"estimate": entry["value"], **entry}
+            for name, entry in quantities(derived_before).items()
+        },
         **levels_both(tracing),
         "error": {
             "held_out": d.held_out,
@@ -61,10 +77,18 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
             "noise_floor": _finite_only(d.noise_floor),
             "residual": _finite_only(residual_levels(d)),
         },
-        "residual_tests": {"before": [test_content(test) for test in d.tests_before], "after": [test_content(test) for test in d.tests_after]},
+        "residual_tests": {
+            "before": [test_content(test) for test in d.tests_before],
+            "after": [test_content(test) for test in d.tests_after],
+        },
         "steps": [_step(step) for step in d.steps],
         "candidates": [_candidate(candidate) for candidate in d.candidates],
-        "warnings": [*tracing.doubts, *tracing.look.set_aside, *warnings_of(tracing), *_undetermined(d)],
+        "warnings": [
+            *tracing.doubts,
+            *tracing.look.set_aside,
+            *warnings_of(tracing),
+            *_undetermined(d),
+        ],
         **({"not_met": [_not_met(requirement) for requirement in d.not_met]} if d.not_met else {}),
         "notes": list(tracing.notes),
         "record": record_content(tracing.look),
@@ -77,7 +101,11 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
     if tracing.decides is not None:
         content |= {"decides": _decides(tracing.decides)}
     kinematics = tracing.kinematics
-    return content | ({"compatibility": kinematics_content(kinematics, d.effects, wording)} if kinematics is not None else {})
+    return content | (
+        {"compatibility": kinematics_content(kinematics, d.effects, wording)}
+        if kinematics is not None
+        else {}
+    )
 
 
 def _decides(found: DesignResult) -> dict[str, Any]:
@@ -86,12 +114,21 @@ def _decides(found: DesignResult) -> dict[str, Any]:
 
     names = [each.effect.name for each in found.acting]
     best = found.best
-    return {"tell": names, "chance": best.chance, "maneuver": maneuver_content(found, best), "file": DECIDES, "command": found.asked.command()}
+    return {
+        "tell": names,
+        "chance": best.chance,
+        "maneuver": maneuver_content(found, best),
+        "file": DECIDES,
+        "command": found.asked.command(),
+    }
 
 
 def quantities(some: Mapping[str, Quantity]) -> dict[str, dict[str, Any]]:
     """Name -> value, std, unit."""
-    return {name: {"value": bounded(q.value), "std": positive(q.std), "unit": q.unit} for name, q in some.items()}
+    return {
+        name: {"value": bounded(q.value), "std": positive(q.std), "unit": q.unit}
+        for name, q in some.items()
+    }
 
 
 def bounded(value: float) -> float:
@@ -107,7 +144,9 @@ def positive(std: float) -> float:
 
 
 def _not_met(requirement: Requirement) -> dict[str, Any]:
-    """A requirement on a claim that was not met: what was asked, the number found, the number required."""
+    """A requirement on a claim that was not met: what was asked, the number found, the number
+    required.
+    """
     return {
         "asked": requirement.asked,
         "value": bounded(requirement.value),
@@ -131,14 +170,33 @@ def _claim(claim: Claim, wording: Wording, records: Sequence[str]) -> dict[str, 
     out |= {"probability": shown_probability(claim)} if claim.probability else {}
     out |= {"one_step_gains": list(claim.one_step_gains)} if claim.one_step_gains else {}
     out |= {"records": list(claim.records)} if claim.records else {}
-    out |= {"derivatives_under": {member: quantities(each) for member, each in claim.derivatives_under.items()}} if claim.derivatives_under else {}
+    out |= (
+        {
+            "derivatives_under": {
+                member: quantities(each) for member, each in claim.derivatives_under.items()
+            }
+        }
+        if claim.derivatives_under
+        else {}
+    )
     out |= {"spread": bounded(claim.spread)} if claim.spread is not None else {}
-    out |= {"by_record": {label: quantities(each) for label, each in zip(records, claim.by_record, strict=False)}} if claim.by_record else {}
+    out |= (
+        {
+            "by_record": {
+                label: quantities(each)
+                for label, each in zip(records, claim.by_record, strict=False)
+            }
+        }
+        if claim.by_record
+        else {}
+    )
     return out | ({"explanation": claim.explanation} if claim.explanation else {})
 
 
 def _errors(figures: ErrorFigures) -> dict[str, dict[str, float]]:
-    """Root mean squares are there for every channel; the relative figures where they can be formed."""
+    """Root mean squares are there for every channel; the relative figures where they can be
+    formed.
+    """
     return {
         "rmse": {name: bounded(value) for name, value in figures.rmse.items()},
         "nrmse": _finite_only(figures.nrmse),
@@ -186,8 +244,16 @@ def _candidate(c: Candidate) -> dict[str, Any]:
 
 
 def _undetermined(d: Diagnosis) -> list[str]:
-    names = [name for name, q in {**d.before, **d.after}.items() if not (math.isfinite(q.std) and math.isfinite(q.value))]
-    return [f"{', '.join(names)}: these data do not determine {'it' if len(names) == 1 else 'them'}"] if names else []
+    names = [
+        name
+        for name, q in {**d.before, **d.after}.items()
+        if not (math.isfinite(q.std) and math.isfinite(q.value))
+    ]
+    return (
+        [f"{', '.join(names)}: these data do not determine {'it' if len(names) == 1 else 'them'}"]
+        if names
+        else []
+    )
 
 
 def _inputs(tracing: Tracing) -> dict[str, Any]:
@@ -205,4 +271,6 @@ def _inputs(tracing: Tracing) -> dict[str, Any]:
     if inputs.model is not None:
         out |= {"model": inputs.model.name, "model_sha256": inputs.model.sha256}
     out |= {"held_out": [record.name for record in tracing.validation]}
-    return out | ({"held_out_from": tracing.held_out_from} if tracing.held_out_from is not None else {})
+    return out | (
+        {"held_out_from": tracing.held_out_from} if tracing.held_out_from is not None else {}
+    )

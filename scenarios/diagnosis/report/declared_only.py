@@ -1,4 +1,6 @@
-"""What is shown of a diagnosis whose cause nobody can name: the declared model alone; what hints would change is no result."""
+"""What is shown of a diagnosis whose cause nobody can name: the declared model alone; what hints
+would change is no result.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,8 @@ from dataclasses import replace
 
 from ident.tracing.diagnosis import Diagnosis, ErrorFigures, Verdict
 
-DECLARED = "declared model"  # heading of the one column that stands where before and after do otherwise
+# heading of the one column that stands where before and after do otherwise
+DECLARED = "declared model"
 AFTER, MOVED = "after", "moved by"
 NO_AFTER = (AFTER, MOVED, "run-to-run")
 
@@ -21,11 +24,19 @@ def shown_columns(d: Diagnosis, headings: Sequence[str]) -> tuple[str, ...]:
     """Headings of a table; under ``unexplained`` without those that a further model would fill."""
     if not nothing_stands(d):
         return tuple(headings)
-    return tuple(DECLARED if heading == "before" else heading for heading in headings if heading not in NO_AFTER)
+    return tuple(
+        DECLARED if heading == "before" else heading
+        for heading in headings
+        if heading not in NO_AFTER
+    )
 
 
-def shown_rows(d: Diagnosis, headings: Sequence[str], cells: Sequence[Sequence[str]]) -> list[tuple[str, ...]]:
-    """Rows of the table with ``headings``, their cells of the same columns left out as in ``shown_columns``."""
+def shown_rows(
+    d: Diagnosis, headings: Sequence[str], cells: Sequence[Sequence[str]]
+) -> list[tuple[str, ...]]:
+    """Rows of the table with ``headings``, their cells of the same columns left out as in
+    ``shown_columns``.
+    """
     if not nothing_stands(d):
         return [tuple(row) for row in cells]
     kept = [i for i, heading in enumerate(headings) if heading not in NO_AFTER]
@@ -33,7 +44,9 @@ def shown_rows(d: Diagnosis, headings: Sequence[str], cells: Sequence[Sequence[s
 
 
 def as_declared(d: Diagnosis) -> Diagnosis:
-    """The diagnosis as its figures show it: under ``unexplained`` residuals and predictions of the declared model alone, no derivatives after it."""
+    """The diagnosis as its figures show it: under ``unexplained`` residuals and predictions of the
+    declared model alone, no derivatives after it.
+    """
     if not nothing_stands(d):
         return d
     return replace(

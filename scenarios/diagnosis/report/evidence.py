@@ -1,4 +1,6 @@
-"""What speaks for an effect where what remains is not noise, in words; and what remains, condensed."""
+"""What speaks for an effect where what remains is not noise, in words; and what remains,
+condensed.
+"""
 
 from __future__ import annotations
 
@@ -18,17 +20,30 @@ from scenarios.files.user_models import is_of_aircraft
 from scenarios.terminal.quantities import CHANNELS, displayed, shown_in, spaced, value_text
 
 FEW = 2  # parameters whose values are worth comparing between records
-FORMS = {"itself": "{}", "rate": "the rate of {}", "square": "the square of {}", "product": "the product of {} and the {control}"}
-APART = 2.0  # of both spreads together, from which a joint value and the mean of the records do not agree
+FORMS = {
+    "itself": "{}",
+    "rate": "the rate of {}",
+    "square": "the square of {}",
+    "product": "the product of {} and the {control}",
+}
+# of both spreads together, from which a joint value and the mean of the records do not agree
+APART = 2.0
 LARGEST = 1e30
 EVEN = 1.6  # times the rms, up to which no moment stands out
 
 
 def evidence_sentences(claim: Claim) -> list[str]:
-    """How the evidence for an effect is spread, and its values from each record; nothing where what remains is noise."""
+    """How the evidence for an effect is spread, and its values from each record; nothing where what
+    remains is noise.
+    """
     if claim.spread is None:
         return []
-    told = f"its log evidence is {claim.spread:.1f} times the scatter of that between blocks of a second" if math.isfinite(claim.spread) else ""
+    told = (
+        f"its log evidence is {claim.spread:.1f} times the scatter of that between blocks of a "
+        "second"
+        if math.isfinite(claim.spread)
+        else ""
+    )
     values, apart = by_record_text(claim.by_record), apart_text(claim)
     each = f"from each of {len(claim.by_record)} records: {values}" if values else ""
     return [part for part in (told, f"{each}, but {apart}" if each and apart else each) if part]
@@ -39,7 +54,10 @@ def apart_text(claim: Claim) -> str:
     told = []
     for name in claim.by_record[0] if len(claim.by_record) > 1 else ():
         each = [found[name] for found in claim.by_record]
-        values, sigmas = np.array([q.value for q in each]), np.minimum([q.std for q in each], LARGEST)
+        values, sigmas = (
+            np.array([q.value for q in each]),
+            np.minimum([q.std for q in each], LARGEST),
+        )
         weight = sigmas**-2
         mean = float(values @ weight / weight.sum())
         scatter = math.sqrt(float(np.sum(((values - mean) / sigmas) ** 2)) / (len(values) - 1))
@@ -49,7 +67,9 @@ def apart_text(claim: Claim) -> str:
 
 
 def by_record_text(by_record: Sequence[Mapping[str, Quantity]]) -> str:
-    """Values from each record with their unit: ``"0.058, 0.063, 0.060 s"``; empty for a curve, whose numbers trade off."""
+    """Values from each record with their unit: ``"0.058, 0.063, 0.060 s"``; empty for a curve,
+    whose numbers trade off.
+    """
     names = list(by_record[0]) if by_record else []
     if not 0 < len(names) <= FEW:
         return ""
@@ -60,12 +80,15 @@ def by_record_text(by_record: Sequence[Mapping[str, Quantity]]) -> str:
         digits = max(0, -math.floor(math.log10(min(known)))) if known else 3
         unit = shown[0][2] if shown[0][2] not in ("", "1") else ""
         values = ", ".join(f"{value:.{min(digits, 6)}f}" for value, _, _ in shown)
-        told.append(f"{f'{name} ' if len(names) > 1 or not unit else ''}{values}{f' {unit}' if unit else ''}")
+        told.append(
+            f"{f'{name} ' if len(names) > 1 or not unit else ''}{values}{f' {unit}' if unit else ''}"  # noqa: E501
+        )
     return "; ".join(told)
 
 
 def member_derivatives(claim: Claim, after: Mapping[str, Quantity]) -> list[tuple[str, ...]]:
-    """Derivatives under each member of a group, one row each: name, unit, value +- sigma under the members in order; none for one alone.
+    """Derivatives under each member of a group, one row each: name, unit, value +- sigma under the
+    members in order; none for one alone.
 
     A star marks a value that is more than two of both sigmas from that under the first.
     """
@@ -73,27 +96,44 @@ def member_derivatives(claim: Claim, after: Mapping[str, Quantity]) -> list[tupl
     if len(members) < 2:
         return []
     return [
-        (name, _unit(after[name]), *(_member(each[name], members[0].get(name)) if name in each else "-" for each in members))
+        (
+            name,
+            _unit(after[name]),
+            *(
+                _member(each[name], members[0].get(name)) if name in each else "-"
+                for each in members
+            ),
+        )
         for name in after
         if any(name in each for each in members)
     ]
 
 
 def _member(quantity: Quantity, first: Quantity | None) -> str:
-    apart = first is not None and abs(quantity.value - first.value) > APART * math.hypot(quantity.std, first.std)
+    apart = first is not None and abs(quantity.value - first.value) > APART * math.hypot(
+        quantity.std, first.std
+    )
     return f"{value_text(quantity.value, quantity.std)}{'*' if apart else ''}"
 
 
 def member_tables(d: Diagnosis) -> list[tuple[tuple[str, ...], list[tuple[str, ...]]]]:
-    """For each effect with alternatives: their names, and the rows of the derivatives under each of them."""
-    shown = [] if nothing_stands(d) else [(claim, member_derivatives(claim, d.after)) for claim in d.effects]
+    """For each effect with alternatives: their names, and the rows of the derivatives under each of
+    them.
+    """
+    shown = (
+        []
+        if nothing_stands(d)
+        else [(claim, member_derivatives(claim, d.after)) for claim in d.effects]
+    )
     return [(tuple(claim.derivatives_under), rows) for claim, rows in shown if rows]
 
 
 def warnings_of(tracing: Tracing) -> list[str]:
-    """The warnings with a description of what is left in each channel, in place of long lists of tests that failed.
+    """The warnings with a description of what is left in each channel, in place of long lists of
+    tests that failed.
 
-    Where nothing stands, what the declared model leaves is described: what hints would leave is no result.
+    Where nothing stands, what the declared model leaves is described: what hints would leave is no
+    result.
     """
     d = tracing.diagnosis
     if nothing_stands(d):
@@ -103,14 +143,27 @@ def warnings_of(tracing: Tracing) -> list[str]:
         ]
         declared = [replace(item, after=item.before) for item in d.fitted]
         open_channels = _channels([test for test in d.tests_before if not test.passed])
-        return [*told, *(f"with the declared model, {line}" for line in _left(tracing, declared, open_channels))]
+        return [
+            *told,
+            *(
+                f"with the declared model, {line}"
+                for line in _left(tracing, declared, open_channels)
+            ),
+        ]
     cautions = [caution for caution in d.warnings if caution.test is not None]
     failed = [caution.test for caution in cautions if caution.test is not None]
     lines = cautions if len(failed) > FEW else []
     told = [caution.sentence for caution in d.warnings if caution not in lines]
     told += [overflow_sentence(tracing.overflows)] if tracing.overflows else []
     if failed:
-        share = [f"{len(failed)} of {len(d.tests_after)} tests for whiteness fail in {', '.join(_channels(failed))}"] if lines else []
+        share = (
+            [
+                f"{len(failed)} of {len(d.tests_after)} tests for whiteness fail in "
+                f"{', '.join(_channels(failed))}"
+            ]
+            if lines
+            else []
+        )
         return [*told, *share, *_left(tracing, d.fitted, _channels(failed))]
     return told
 
@@ -134,15 +187,24 @@ def leftover_sentence(left: Leftover, tracing: Tracing) -> str:
     ]
     if left.times > EVEN:
         record = tracing.diagnosis.fitted[left.record].record.name
-        parts.append(f"largest in {record} from {left.begin:.1f} to {left.end:.1f} s, {left.times:.1f} times its rms")
+        parts.append(
+            f"largest in {record} from {left.begin:.1f} to {left.end:.1f} s, {left.times:.1f} "
+            "times its rms"
+        )
     else:
         parts.append("about alike everywhere")
     if left.company is None:
-        return "; ".join([*parts, "goes with no input and no channel, nor their rates, squares and products"])
+        return "; ".join(
+            [*parts, "goes with no input and no channel, nor their rates, squares and products"]
+        )
     company = left.company
     control = next(iter(tracing.records[0].input_names), "input")
     what = FORMS[company.form].format(f"the {_spoken(company.name, tracing)}", control=control)
-    later = f", {abs(company.later):.2g} s {'later' if company.later > 0 else 'earlier'}" if abs(company.later) > 1e-9 else ""
+    later = (
+        f", {abs(company.later):.2g} s {'later' if company.later > 0 else 'earlier'}"
+        if abs(company.later) > 1e-9
+        else ""
+    )
     return "; ".join([*parts, f"goes with {what} (correlation {company.correlation:+.2f}{later})"])
 
 

@@ -1,4 +1,6 @@
-"""The study folder of a diagnosis: JSON, predictions, residuals, evidence, figures and a report to read."""
+"""The study folder of a diagnosis: JSON, predictions, residuals, evidence, figures and a report to
+read.
+"""
 
 from __future__ import annotations
 
@@ -42,9 +44,9 @@ def write_diagnosis(
 ) -> Path:
     """Write a diagnosis into ``folder``, whole or not at all; returns the folder.
 
-    Files: ``validate_prediction.csv`` (further records ``validate_prediction_2.csv`` ...), ``residuals.csv`` (likewise),
-    ``evidence.csv``, ``decides.csv`` of an ambiguous one, figures in the formats ``figures``,
-    ``report.html`` and ``report.json``, ``diagnosis.json`` last.
+    Files: ``validate_prediction.csv`` (further records ``validate_prediction_2.csv`` ...),
+    ``residuals.csv`` (likewise), ``evidence.csv``, ``decides.csv`` of an ambiguous one, figures in
+    the formats ``figures``, ``report.html`` and ``report.json``, ``diagnosis.json`` last.
     ``drawer`` draws the figures if it can; ``dressed`` adds to the page what else is known.
     """
     from scenarios.diagnosis.report.page import diagnosis_page
@@ -53,7 +55,9 @@ def write_diagnosis(
     with study_folder(folder, MAIN) as scratch:
         with drawing(pictured(tracing), scratch, drawer, figures) if figures else nullcontext():
             for number, prediction in enumerate(d.predictions):
-                write_prediction(scratch / f"{numbered('validate_prediction', number)}.csv", prediction)
+                write_prediction(
+                    scratch / f"{numbered('validate_prediction', number)}.csv", prediction
+                )
             for number, fitted in enumerate(d.fitted):
                 write_residuals(scratch / f"{numbered('residuals', number)}.csv", fitted)
             write_evidence(scratch / "evidence.csv", d.candidates)
@@ -73,14 +77,26 @@ def write_diagnosis(
 
 
 def write_prediction(path: Path, prediction: Prediction) -> None:
-    """One row for each row of the record, missing samples included: ``time``, ``before_CHANNEL``, ``after_CHANNEL``, SI (nz in g)."""
-    header = ["time", *(f"{when}_{name}" for when in ("before", "after") for name in prediction.channels)]
-    rows = np.concatenate([prediction.record.time[None, :], bounded_series(prediction.before), bounded_series(prediction.after)])
+    """One row for each row of the record, missing samples included: ``time``, ``before_CHANNEL``,
+    ``after_CHANNEL``, SI (nz in g).
+    """
+    header = [
+        "time",
+        *(f"{when}_{name}" for when in ("before", "after") for name in prediction.channels),
+    ]
+    rows = np.concatenate(
+        [
+            prediction.record.time[None, :],
+            bounded_series(prediction.before),
+            bounded_series(prediction.after),
+        ]
+    )
     _write(path, header, ([repr(cell) for cell in row] for row in rows.T.tolist()))
 
 
 def write_residuals(path: Path, fitted: FittedRecord) -> None:
-    """Residuals of a fitted record, measured minus simulated: ``time``, then ``before_CHANNEL after_CHANNEL used_CHANNEL``.
+    """Residuals of a fitted record, measured minus simulated: ``time``, then ``before_CHANNEL
+    after_CHANNEL used_CHANNEL``.
 
     Cells of a missing sample are empty; ``used`` is 0 where a sample is missing or was set aside.
     """
@@ -91,7 +107,12 @@ def write_residuals(path: Path, fitted: FittedRecord) -> None:
         valid = fitted.record[name].valid
         header += [f"before_{name}", f"after_{name}", f"used_{name}"]
         for residual in (fitted.before[row], fitted.after[row]):
-            columns.append([repr(value) if there else "" for value, there in zip(bounded_series(residual).tolist(), valid, strict=True)])
+            columns.append(
+                [
+                    repr(value) if there else ""
+                    for value, there in zip(bounded_series(residual).tolist(), valid, strict=True)
+                ]
+            )
         columns.append(["1" if used else "0" for used in (fitted.used[row] & valid).tolist()])
     _write(path, header, zip(*columns, strict=True))
 
@@ -103,7 +124,16 @@ def write_evidence(path: Path, candidates: Sequence[Candidate]) -> None:
     for c in candidates:
         parameters = "; ".join(_cell(name, q) for name, q in c.parameters.items())
         numbers = [repr(bounded(c.gain)), repr(bounded(c.weight)), str(int(c.fitted))]
-        rows.append([str(c.round), " ".join(c.within), c.name, *numbers, " ".join(c.collinear_with), parameters])
+        rows.append(
+            [
+                str(c.round),
+                " ".join(c.within),
+                c.name,
+                *numbers,
+                " ".join(c.collinear_with),
+                parameters,
+            ]
+        )
     _write(path, header, rows)
 
 

@@ -9,20 +9,30 @@ from ident.compatibility.kinematics import ARMS
 from ident.compatibility.six_degrees.kinematics import LEVEL
 from ident.compatibility.trials import SensorFinding
 from ident.tracing.diagnosis import Claim, Quantity
-from scenarios.diagnosis.kinematics import BIAS, PARAMETERS, Kinematics, _finite, agreements, unnamed
+from scenarios.diagnosis.kinematics import (
+    BIAS,
+    PARAMETERS,
+    Kinematics,
+    _finite,
+    agreements,
+    unnamed,
+)
 from scenarios.diagnosis.report.wording import Wording, group_sentence
 from scenarios.terminal.quantities import with_sigma
 
 FREE = "the fits of a diagnosis leave a bias of each channel free"
 
 
-def kinematics_lines(kinematics: Kinematics, claims: Sequence[Claim], wording: Wording) -> list[str]:
+def kinematics_lines(
+    kinematics: Kinematics, claims: Sequence[Claim], wording: Wording
+) -> list[str]:
     """All of it in sentences, one a line."""
     if kinematics.result is None:
         return [kinematics.why]
     lines = [each.sentence for each in agreements(kinematics, claims)]
     lines += [
-        f"kinematics alone say: {finding_sentence(finding, wording)}; {FREE if finding.kind == BIAS else 'the diagnosis does not name it'}"
+        f"kinematics alone say: {finding_sentence(finding, wording)}; "
+        f"{FREE if finding.kind == BIAS else 'the diagnosis does not name it'}"
         for finding in unnamed(kinematics, claims)
     ]
     lines = lines or ["kinematics alone find no fault of a sensor, and the diagnosis names none"]
@@ -34,9 +44,12 @@ def finding_sentence(finding: SensorFinding, wording: Wording) -> str:
     """One finding: name, value and sigma, and what that is in the words of its effect and group."""
     quantity = Quantity(finding.value, finding.std, finding.unit)
     if wording.traits(finding.name).sentences:
-        words = group_sentence(Claim(finding.name, {_parameter(finding): quantity}, finding.group), wording)
+        words = group_sentence(
+            Claim(finding.name, {_parameter(finding): quantity}, finding.group), wording
+        )
         return f"{finding.name} {with_sigma(quantity)}, {words}"
-    # What is no effect of the library, a bias or the place of all accelerometers together, has the words of a check.
+    # What is no effect of the library, a bias or the place of all accelerometers together, has the
+    # words of a check.
     from scenarios.compatibility.report import fault_text
 
     group = f" ({' or '.join(finding.group)} would do as well)" if finding.group else ""
@@ -48,12 +61,18 @@ def _parameter(finding: SensorFinding) -> str:
     return "arm" if finding.kind in ARMS else PARAMETERS.get(finding.kind, finding.kind)
 
 
-def kinematics_content(kinematics: Kinematics, claims: Sequence[Claim], wording: Wording) -> dict[str, Any]:
+def kinematics_content(
+    kinematics: Kinematics, claims: Sequence[Claim], wording: Wording
+) -> dict[str, Any]:
     """The entry ``compatibility`` of a study; numbers that are not finite are left out."""
     lines = kinematics_lines(kinematics, claims, wording)
     if kinematics.result is None:
         return {"records": list(kinematics.records), "checked": False, "sentences": lines}
-    findings = [finding for finding in kinematics.result.findings if finding.stands and _finite(finding.value, finding.std, finding.gain)]
+    findings = [
+        finding
+        for finding in kinematics.result.findings
+        if finding.stands and _finite(finding.value, finding.std, finding.gain)
+    ]
     return {
         "records": list(kinematics.records),
         "checked": True,
@@ -61,7 +80,9 @@ def kinematics_content(kinematics: Kinematics, claims: Sequence[Claim], wording:
             {
                 "name": finding.name,
                 "channel": finding.channel,
-                "parameters": {_parameter(finding): _number(Quantity(finding.value, finding.std, finding.unit))},
+                "parameters": {
+                    _parameter(finding): _number(Quantity(finding.value, finding.std, finding.unit))
+                },
                 "alternatives": list(finding.group),
                 "gain": finding.gain,
                 "replicates": finding.replicates,
@@ -70,7 +91,12 @@ def kinematics_content(kinematics: Kinematics, claims: Sequence[Claim], wording:
             for finding in findings
         ],
         "agreement": [
-            {"effect": each.effect, "says": each.says, "sentence": each.sentence, **({"found": _number(each.found)} if each.found else {})}
+            {
+                "effect": each.effect,
+                "says": each.says,
+                "sentence": each.sentence,
+                **({"found": _number(each.found)} if each.found else {}),
+            }
             for each in agreements(kinematics, claims)
         ],
         "cannot_tell": list(kinematics.result.cannot_tell),

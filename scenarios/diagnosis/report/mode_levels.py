@@ -1,4 +1,6 @@
-"""Levels of flying qualities before and after: an effect that was missing may have been told as a level that the aircraft does not have."""
+"""Levels of flying qualities before and after: an effect that was missing may have been told as a
+level that the aircraft does not have.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +9,27 @@ from typing import Any
 from ident.flying_qualities.levels import ModeLevel, mode_levels
 from scenarios.diagnosis.report.declared_only import nothing_stands
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.terminal.summary import changes, level_text, levels_content, levels_heading, limit_text
+from scenarios.terminal.summary import (
+    changes,
+    level_text,
+    levels_content,
+    levels_heading,
+    limit_text,
+)
 
 LEVEL_HEADINGS = ("before", "after", "remarks")
 Levels = tuple[ModeLevel, ...]
 
 
 def levels_of(tracing: Tracing) -> tuple[Levels, Levels]:
-    """Levels under the declared model and under the one with the effects; empty where a model has no mode that the standard speaks of."""
+    """Levels under the declared model and under the one with the effects; empty where a model has
+    no mode that the standard speaks of.
+    """
     d = tracing.diagnosis
-    before, after = (mode_levels(some, tracing.flown) if some is not None else () for some in (d.modes_before, d.modes_after))
+    before, after = (
+        mode_levels(some, tracing.flown) if some is not None else ()
+        for some in (d.modes_before, d.modes_after)
+    )
     return before, after
 
 
@@ -30,7 +43,14 @@ def level_rows(tracing: Tracing) -> list[tuple[str, ...]]:
     before, after = levels_of(tracing)
     old, new = ({level.mode: level for level in levels} for levels in (before, after))
     last = old if nothing_stands(tracing.diagnosis) else new
-    return [(mode, *(level_text(some[mode]) if mode in some else "-" for some in (old, new)), _missed(last.get(mode))) for mode in {**old, **new}]
+    return [
+        (
+            mode,
+            *(level_text(some[mode]) if mode in some else "-" for some in (old, new)),
+            _missed(last.get(mode)),
+        )
+        for mode in {**old, **new}
+    ]
 
 
 def level_changes(tracing: Tracing) -> list[str]:
@@ -43,7 +63,12 @@ def levels_both(tracing: Tracing) -> dict[str, Any]:
     before, after = levels_of(tracing)
     if not before and not after:
         return {}
-    return {"flying_qualities": {"before": levels_content(before, tracing.flown), "after": levels_content(after, tracing.flown)}}
+    return {
+        "flying_qualities": {
+            "before": levels_content(before, tracing.flown),
+            "after": levels_content(after, tracing.flown),
+        }
+    }
 
 
 def _missed(level: ModeLevel | None) -> str:

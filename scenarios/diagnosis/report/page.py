@@ -9,7 +9,12 @@ from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
 from scenarios.diagnosis.effort import effort_sentence
 from scenarios.diagnosis.report import tables, text
 from scenarios.diagnosis.report.data_words import kind_of_predicted
-from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands, shown_columns, shown_rows
+from scenarios.diagnosis.report.declared_only import (
+    DECLARED,
+    nothing_stands,
+    shown_columns,
+    shown_rows,
+)
 from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.mode_levels import LEVEL_HEADINGS, level_rows, levels_title
@@ -19,7 +24,20 @@ from scenarios.diagnosis.report.wording import parameter_text
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.user_models import channel_units
 from scenarios.pages.folder import figures
-from scenarios.pages.model import PURE, Block, Bullets, Column, Figure, Fold, Page, Prose, Section, Table, reproduction, section
+from scenarios.pages.model import (
+    PURE,
+    Block,
+    Bullets,
+    Column,
+    Figure,
+    Fold,
+    Page,
+    Prose,
+    Section,
+    Table,
+    reproduction,
+    section,
+)
 from scenarios.pages.tables import p_value, rows_table
 from scenarios.plots.formats import Drawn
 from scenarios.preparation.recording import record_table
@@ -35,18 +53,27 @@ TONES = {
 PRINTED = 10  # candidates that stand on paper
 CANDIDATES = ("round", "candidate", "gain", "with odds", "parameters", "remarks")
 CANDIDATES_NOTE = (
-    "Gain of the log evidence, and the same with the prior odds: above zero it is more probable that the candidate acts than that it does not. "
+    "Gain of the log evidence, and the same with the prior odds: above zero it is more probable "
+    "that the candidate acts than that it does not. "
     "Where it is linearised, both are those of its signature, and it was not fitted."
 )
 REPLICATION_NOTE = (
-    "What remains is not noise. So the evidence for an effect has to be spread over the records: its sum over its scatter between blocks of a "
+    "What remains is not noise. So the evidence for an effect has to be spread over the records: "
+    "its sum over its scatter between blocks of a "
     "second is z of Vuong's test. Values from each record have the derivatives in common."
 )
-GUARD_NOTE = "A name that begins with guard: is a term that no effect of the library has; it competes, and where it wins nothing is claimed."
+GUARD_NOTE = (
+    "A name that begins with guard: is a term that no effect of the library has; it competes, and "
+    "where it wins nothing is claimed."
+)
 
 
-def diagnosis_page(tracing: Tracing, warnings: Sequence[str], drawn: Sequence[Drawn] = (), created: str = "") -> Page:
-    """The page of a diagnosis with the figures ``drawn``; that of the replication stands in its section."""
+def diagnosis_page(
+    tracing: Tracing, warnings: Sequence[str], drawn: Sequence[Drawn] = (), created: str = ""
+) -> Page:
+    """The page of a diagnosis with the figures ``drawn``; that of the replication stands in its
+    section.
+    """
     d = tracing.diagnosis
     pictures = {each.name: each for each in figures(drawn)}
     replication = pictures.pop("figure-replication", None)
@@ -77,7 +104,9 @@ def diagnosis_page(tracing: Tracing, warnings: Sequence[str], drawn: Sequence[Dr
 
 
 def _effects(tracing: Tracing) -> tuple[Section, ...]:
-    advice = [Prose(f"Not claimed: {reason}.") for reason in text.unclaimed_reasons(tracing.diagnosis)]
+    advice = [
+        Prose(f"Not claimed: {reason}.") for reason in text.unclaimed_reasons(tracing.diagnosis)
+    ]
     advice += [Prose(f"{line}.") for line in text.verdict_advice(tracing)]
     cards = tuple(_effect(claim, tracing) for claim in tracing.diagnosis.effects)
     return section("Effects", *advice, parts=cards) if cards or advice else ()
@@ -90,14 +119,22 @@ def _effect(claim: Claim, tracing: Tracing) -> Section:
     blocks += [Prose(f"{probability}.")] if probability else []
     blocks += [Prose(parameters)] if parameters else []
     blocks += [Prose(f"Not claimed: {reason}.") for reason in claim.reasons]
-    blocks += [Prose(f"These data fit as well: {', '.join(claim.alternatives)}.")] if claim.alternatives else []
+    blocks += (
+        [Prose(f"These data fit as well: {', '.join(claim.alternatives)}.")]
+        if claim.alternatives
+        else []
+    )
     explanation = claim.explanation or tracing.explanations.get(claim.name, "")
     blocks += [Fold("What this effect is", (explanation,))] if explanation else []
     return Section(claim.name, tuple(blocks), card="claim" if claim.claimed else "hint")
 
 
 def _replication(d: Diagnosis, figure: Figure | None) -> tuple[Section, ...]:
-    told = [Prose(f"{_capital('; '.join(evidence_sentences(claim)))}.", term=f"{claim.name}:") for claim in d.effects if evidence_sentences(claim)]
+    told = [
+        Prose(f"{_capital('; '.join(evidence_sentences(claim)))}.", term=f"{claim.name}:")
+        for claim in d.effects
+        if evidence_sentences(claim)
+    ]
     return section("Replication", *told, figure, Prose(REPLICATION_NOTE, "note")) if told else ()
 
 
@@ -107,20 +144,31 @@ def _kinematics(tracing: Tracing) -> tuple[Section, ...]:
         return ()
     lines = kinematics_lines(some, tracing.diagnosis.effects, text.wording_of(tracing))
     limits = tuple(some.result.cannot_tell) if some.result is not None else ()
-    records = Prose(f"Without any aerodynamics, from {', '.join(some.records)}.", "note") if some.records else None
+    records = (
+        Prose(f"Without any aerodynamics, from {', '.join(some.records)}.", "note")
+        if some.records
+        else None
+    )
     fold = Fold("What these channels cannot tell", limits) if limits else None
-    return section("Kinematics alone", *(Prose(f"{_capital(line)}.") for line in lines), records, fold)
+    return section(
+        "Kinematics alone", *(Prose(f"{_capital(line)}.") for line in lines), records, fold
+    )
 
 
 def _errors(tracing: Tracing) -> tuple[Section, ...]:
     d = tracing.diagnosis
-    rows = shown_rows(d, ("", *tables.error_headings(d)), tables.error_rows(d, channel_units(tracing.model)))
+    rows = shown_rows(
+        d, ("", *tables.error_headings(d)), tables.error_rows(d, channel_units(tracing.model))
+    )
     after = "No effect stands as the cause, so there is nothing to hold against the declared model."
     note = after if nothing_stands(d) else "Before: the declared model; after: with the effects."
     told = (
-        f"Root mean square of measured minus simulated on {text.where_predicted(tracing)}; only initial states and biases were fitted there. {note}"
+        f"Root mean square of measured minus simulated on {text.where_predicted(tracing)}; only "
+        f"initial states and biases were fitted there. {note}"
     )
-    table = rows_table("Simulation error", ("channel", *shown_columns(d, tables.error_headings(d))), rows)
+    table = rows_table(
+        "Simulation error", ("channel", *shown_columns(d, tables.error_headings(d))), rows
+    )
     return section("Simulation error", table, Prose(told, "note"))
 
 
@@ -134,16 +182,35 @@ def _derivatives(tracing: Tracing) -> tuple[Section, ...]:
     scatter = " Run-to-run: standard deviation between fits of single records." if d.scatter else ""
     levels = shown_rows(d, ("", *LEVEL_HEADINGS), level_rows(tracing))
     heading = _capital(levels_title(tracing))
-    parts = section(heading, rows_table("Levels of flying qualities", ("mode", *shown_columns(d, LEVEL_HEADINGS)), levels)) if levels else ()
-    alike = Prose("These data cannot tell them apart. * more than two of both sigmas from the first.", "note")
+    parts = (
+        section(
+            heading,
+            rows_table(
+                "Levels of flying qualities", ("mode", *shown_columns(d, LEVEL_HEADINGS)), levels
+            ),
+        )
+        if levels
+        else ()
+    )
+    alike = Prose(
+        "These data cannot tell them apart. * more than two of both sigmas from the first.", "note"
+    )
     for members, cells in member_tables(d):
-        parts += section("Under each member of the group", alike, rows_table("Derivatives by member", ("name", "unit", *members), cells))
+        parts += section(
+            "Under each member of the group",
+            alike,
+            rows_table("Derivatives by member", ("name", "unit", *members), cells),
+        )
     return section(
         _capital(brief),
         Prose(f"{_capital(told.removesuffix(')'))}.", "note") if told else None,
         rows_table("Derivatives", ("name", *shown_columns(d, headings)), rows),
-        rows_table("What follows from them", ("name", *shown_columns(d, tables.DERIVED_HEADINGS)), derived),
-        Prose(f"{note}; those of the frequency, the damping and the like follow.{scatter}", "note") if note else None,
+        rows_table(
+            "What follows from them", ("name", *shown_columns(d, tables.DERIVED_HEADINGS)), derived
+        ),
+        Prose(f"{note}; those of the frequency, the damping and the like follow.{scatter}", "note")
+        if note
+        else None,
         parts=parts,
     )
 
@@ -153,12 +220,32 @@ def _search(tracing: Tracing) -> tuple[Section, ...]:
     effort = Prose(f"{_capital(effort_sentence(tracing.effort, d))}.", "note")
     steps = Bullets(tuple(step.sentence for step in d.steps), numbered=True)
     guarded = any(candidate.name.startswith(GUARD) for candidate in d.candidates)
-    table = rows_table("Every candidate, the best of each round first", CANDIDATES, candidate_rows(d, len(d.candidates)), PRINTED)
+    table = rows_table(
+        "Every candidate, the best of each round first",
+        CANDIDATES,
+        candidate_rows(d, len(d.candidates)),
+        PRINTED,
+    )
     note = Prose(f"{CANDIDATES_NOTE} {GUARD_NOTE}" if guarded else CANDIDATES_NOTE, "note")
-    columns = (Column("model"), Column("test"), Column("channel"), Column("p", PURE), Column("result"))
-    rows = tuple((when, test.name, test.channel, p_value(test.p_value), test.sentence) for when, tests in _tests(d) for test in tests)
+    columns = (
+        Column("model"),
+        Column("test"),
+        Column("channel"),
+        Column("p", PURE),
+        Column("result"),
+    )
+    rows = tuple(
+        (when, test.name, test.channel, p_value(test.p_value), test.sentence)
+        for when, tests in _tests(d)
+        for test in tests
+    )
     parts = section("Every candidate", table, note) if d.candidates else ()
-    return section("How it was found", steps, effort, parts=parts + section("Residual tests", Table("Residual tests", columns, rows)))
+    return section(
+        "How it was found",
+        steps,
+        effort,
+        parts=parts + section("Residual tests", Table("Residual tests", columns, rows)),
+    )
 
 
 def _tests(d: Diagnosis) -> list[tuple[str, tuple[ResidualTest, ...]]]:
@@ -169,8 +256,12 @@ def _tests(d: Diagnosis) -> list[tuple[str, tuple[ResidualTest, ...]]]:
 
 def _inputs(tracing: Tracing) -> list[tuple[str, str, str]]:
     kind = kind_of_predicted(tracing.diagnosis)
-    files = [("fitted", file) for file in tracing.inputs.records] + [(kind, file) for file in tracing.inputs.validation]
-    files += [("vehicle", tracing.inputs.vehicle)] + [("effects", file) for file in tracing.inputs.effects]
+    files = [("fitted", file) for file in tracing.inputs.records] + [
+        (kind, file) for file in tracing.inputs.validation
+    ]
+    files += [("vehicle", tracing.inputs.vehicle)] + [
+        ("effects", file) for file in tracing.inputs.effects
+    ]
     return [(use, file.name, file.sha256) for use, file in files]
 
 
@@ -178,9 +269,17 @@ def _command(tracing: Tracing) -> list[str]:
     """What would be typed for this, as far as the result tells."""
     inputs = tracing.inputs
     own = tracing.vehicle.own_file
-    command = ["flightid", "diagnose", *(file.name for file in inputs.records), "--model", own.name if own is not None else tracing.vehicle.model]
+    command = [
+        "flightid",
+        "diagnose",
+        *(file.name for file in inputs.records),
+        "--model",
+        own.name if own is not None else tracing.vehicle.model,
+    ]
     command += ["--vehicle", inputs.vehicle.name]
-    return command + (["--validate", *(file.name for file in inputs.validation)] if inputs.validation else [])
+    return command + (
+        ["--validate", *(file.name for file in inputs.validation)] if inputs.validation else []
+    )
 
 
 def _capital(sentence: str) -> str:

@@ -1,4 +1,6 @@
-"""How probable the name of a claimed effect is: the numbers for ``diagnosis.json`` and the line for readers."""
+"""How probable the name of a claimed effect is: the numbers for ``diagnosis.json`` and the line for
+readers.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +12,16 @@ LEAST = 0.005  # half a per cent rounds to nothing
 
 
 def shown_probability(claim: Claim) -> dict[str, float]:
-    """The claimed name first, then what could take its place, the likeliest first; three digits, without what is below ``LEAST``.
+    """The claimed name first, then what could take its place, the likeliest first; three digits,
+    without what is below ``LEAST``.
 
     Empty of hints.
     """
     found = {name: p for name, p in claim.probability.items() if math.isfinite(p) and p >= LEAST}
-    return {name: round(found[name], 3) for name in sorted(found, key=lambda name: (name != claim.name, -found[name], name))}
+    return {
+        name: round(found[name], 3)
+        for name in sorted(found, key=lambda name: (name != claim.name, -found[name], name))
+    }
 
 
 def probability_sentence(claim: Claim) -> str:
@@ -23,7 +29,11 @@ def probability_sentence(claim: Claim) -> str:
     mine = claim.probability.get(claim.name, math.nan)
     if not math.isfinite(mine):
         return ""
-    rest = ", ".join(f"{name} {_percent(p)}" for name, p in shown_probability(claim).items() if name != claim.name)
+    rest = ", ".join(
+        f"{name} {_percent(p)}"
+        for name, p in shown_probability(claim).items()
+        if name != claim.name
+    )
     return f"Probability that this is its name: {_percent(mine)}{f'; {rest}' if rest else ''}"
 
 

@@ -8,9 +8,19 @@ from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
 from scenarios.diagnosis.effort import effort_sentence
 from scenarios.diagnosis.noise_words import noise_word
 from scenarios.diagnosis.report.declared_only import nothing_stands, shown_columns, shown_rows
-from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables, scatter_text, warnings_of
+from scenarios.diagnosis.report.evidence import (
+    evidence_sentences,
+    member_tables,
+    scatter_text,
+    warnings_of,
+)
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
-from scenarios.diagnosis.report.mode_levels import LEVEL_HEADINGS, level_changes, level_rows, levels_title
+from scenarios.diagnosis.report.mode_levels import (
+    LEVEL_HEADINGS,
+    level_changes,
+    level_rows,
+    levels_title,
+)
 from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuvers
 from scenarios.diagnosis.report.tables import (
@@ -40,17 +50,31 @@ WORDS = ("parameters", "remarks")  # headings of columns of words, at the left w
 
 def diagnosis_text(tracing: Tracing, width: int = WIDTH, details: str = BELOW) -> str:
     """What a terminal of this width shows: a summary, then everything."""
-    return "\n".join([*summary_lines(diagnosis_summary(tracing, details), width), "", details_text(tracing, width)])
+    return "\n".join(
+        [
+            *summary_lines(diagnosis_summary(tracing, details), width),
+            "",
+            details_text(tracing, width),
+        ]
+    )
 
 
 def diagnosis_summary(tracing: Tracing, details: str = BELOW) -> Summary:
-    """Vehicle and records; the verdict and its effects; their parameters and the derivative that moved most; what the fit leaves."""
+    """Vehicle and records; the verdict and its effects; their parameters and the derivative that
+    moved most; what the fit leaves.
+    """
     d, wording = tracing.diagnosis, wording_of(tracing)
     claimed = [claim for claim in d.effects if claim.claimed]
     names = ", ".join(" or ".join((claim.name, *claim.alternatives)) for claim in claimed)
-    told = [f"{claim.name} {parameter_text(claim, wording)}" for claim in claimed if claim.parameters]
+    told = [
+        f"{claim.name} {parameter_text(claim, wording)}" for claim in claimed if claim.parameters
+    ]
     moved_most = _most_moved(d) if claimed else ""
-    told += [f"{moved_most} {value_text(d.after[moved_most].value, d.after[moved_most].std)}"] if moved_most else []
+    told += (
+        [f"{moved_most} {value_text(d.after[moved_most].value, d.after[moved_most].std)}"]
+        if moved_most
+        else []
+    )
     tests = d.tests_before if nothing_stands(d) else d.tests_after
     return Summary(
         subject(tracing),
@@ -66,43 +90,82 @@ def details_text(tracing: Tracing, width: int = WIDTH) -> str:
     d = tracing.diagnosis
     errors = error_rows(d, channel_units(tracing.model))
     blocks = [
-        [*wrapped(subject(tracing), width), *wrapped(f"{d.verdict.value.upper()}: {d.verdict.sentence}", width), *wrapped(headline(tracing), width)],
+        [
+            *wrapped(subject(tracing), width),
+            *wrapped(f"{d.verdict.value.upper()}: {d.verdict.sentence}", width),
+            *wrapped(headline(tracing), width),
+        ],
         [line for doubt in tracing.doubts for line in wrapped(f"warning: {doubt}", width)],
         [line for said in record_lines(tracing.look) for line in wrapped(said, width)],
         _effect_lines(tracing, width),
         _kinematic_lines(tracing, width),
-        _shown_of(d, f"simulation error (rms) on {where_predicted(tracing)}", ("error", *error_headings(d)), errors, width),
-        _shown_of(d, moved_title(d), ("derivative", *derivative_headings(d)), derivative_rows(d.before, d.after, d.scatter), width, sigma_note(d)),
-        *(_titled(MEMBER_TITLE, ("derivative", "unit", *members), values, width) for members, values in member_tables(d)),
+        _shown_of(
+            d,
+            f"simulation error (rms) on {where_predicted(tracing)}",
+            ("error", *error_headings(d)),
+            errors,
+            width,
+        ),
+        _shown_of(
+            d,
+            moved_title(d),
+            ("derivative", *derivative_headings(d)),
+            derivative_rows(d.before, d.after, d.scatter),
+            width,
+            sigma_note(d),
+        ),
+        *(
+            _titled(MEMBER_TITLE, ("derivative", "unit", *members), values, width)
+            for members, values in member_tables(d)
+        ),
         _shown_of(d, "", ("derived", *DERIVED_HEADINGS), derived_rows(d), width),
         _level_lines(tracing, width),
         _titled(CANDIDATE_TITLE, CANDIDATE_HEADINGS, candidate_rows(d), width, keys=2),
-        [line for warning in warnings_of(tracing) for line in wrapped(f"warning: {warning}", width)],
+        [
+            line
+            for warning in warnings_of(tracing)
+            for line in wrapped(f"warning: {warning}", width)
+        ],
         [line for note in tracing.notes for line in wrapped(f"note: {note}", width)],
         wrapped(effort_sentence(tracing.effort, d), width),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
 
-MEMBER_TITLE = "derivatives under each effect that these data cannot tell apart (* more than two of both sigmas from the first)"
+MEMBER_TITLE = (
+    "derivatives under each effect that these data cannot tell apart (* more than two of both "
+    "sigmas from the first)"
+)
 CANDIDATE_HEADINGS = ("round", "candidate", "gain", "with odds", "parameters", "remarks")
-CANDIDATE_TITLE = "best candidates of each round: gain of the log evidence, and the same with the prior odds"
+CANDIDATE_TITLE = (
+    "best candidates of each round: gain of the log evidence, and the same with the prior odds"
+)
 
 
 def wording_of(tracing: Tracing) -> Wording:
     """What sentences about effects need to know of a study."""
     inputs = tuple(signal.name for signal in tracing.model.equations.inputs)
-    return Wording(inputs[0] if inputs else "control", tracing.stick_unit, tracing.traits, inputs, CHANNELS if is_of_aircraft(tracing.model) else {})
+    return Wording(
+        inputs[0] if inputs else "control",
+        tracing.stick_unit,
+        tracing.traits,
+        inputs,
+        CHANNELS if is_of_aircraft(tracing.model) else {},
+    )
 
 
 def subject(tracing: Tracing) -> str:
     """Which vehicle, model and records this is about, in one line."""
-    fitted = ", ".join(f"{r.name} ({len(r)} samples, {r.time[0]:g} to {r.time[-1]:g} s)" for r in tracing.records)
+    fitted = ", ".join(
+        f"{r.name} ({len(r)} samples, {r.time[0]:g} to {r.time[-1]:g} s)" for r in tracing.records
+    )
     return f"{tracing.vehicle.name}, {tracing.vehicle.model} model: {fitted}"
 
 
 def where_predicted(tracing: Tracing) -> str:
-    """Where the errors are from: ``"the held-out record validate.csv"`` and the like; held out only where it took no part in choosing."""
+    """Where the errors are from: ``"the held-out record validate.csv"`` and the like; held out only
+    where it took no part in choosing.
+    """
     names = [record.name for record in tracing.validation]
     if not tracing.diagnosis.held_out:
         return "the fitted record"
@@ -112,7 +175,9 @@ def where_predicted(tracing: Tracing) -> str:
 
 
 def headline(tracing: Tracing) -> str:
-    """The finding in one sentence: effect, the error that fell most, the derivative that moved most."""
+    """The finding in one sentence: effect, the error that fell most, the derivative that moved
+    most.
+    """
     d, wording = tracing.diagnosis, wording_of(tracing)
     claimed = [claim for claim in d.effects if claim.claimed]
     told = " and ".join(group_sentence(claim, wording) for claim in claimed)
@@ -121,55 +186,95 @@ def headline(tracing: Tracing) -> str:
     proven = [claim for claim in claimed if claim.spread is not None]
     parts = [told if d.verdict is not Verdict.AMBIGUOUS else f"most likely {told}"]
     if proven:
-        parts = ["; ".join([group_sentence(claim, wording), *evidence_sentences(claim)]) for claim in proven]
-        parts = [group_sentence(claim, wording) for claim in claimed if claim.spread is None] + parts
+        parts = [
+            "; ".join([group_sentence(claim, wording), *evidence_sentences(claim)])
+            for claim in proven
+        ]
+        parts = [
+            group_sentence(claim, wording) for claim in claimed if claim.spread is None
+        ] + parts
     error, rough = _error_phrase(tracing), [claim for claim in claimed if claim.one_step_gains]
     if rough:
-        # The history of gusts is not known: no free simulation can tell of them, and none has judged.
+        # The history of gusts is not known: no free simulation can tell of them, and none has
+        # judged.
         parts.append("; ".join(one_step_phrase(claim, tracing) for claim in rough))
     elif error:
         parts.append(f"with that, {error}")
     name = _most_moved(d)
     if name:
         old, new = d.before[name], d.after[name]
-        parts.append(f"{name} was {value_text(old.value, old.std)}, is {value_text(new.value, new.std)}{scatter_text(d, name)}")
+        parts.append(
+            f"{name} was {value_text(old.value, old.std)}, is "
+            f"{value_text(new.value, new.std)}{scatter_text(d, name)}"
+        )
     parts += level_changes(tracing)
-    return "; ".join([*parts, *(["what remains is not noise"] if d.verdict is Verdict.PARTIAL else [])])
+    return "; ".join(
+        [*parts, *(["what remains is not noise"] if d.verdict is Verdict.PARTIAL else [])]
+    )
 
 
 def verdict_advice(tracing: Tracing) -> list[str]:
     """What could not be told apart, and the maneuver that would, one line each."""
     lines = []
     for claim in tracing.diagnosis.effects:
-        for names, maneuver in separating_maneuvers(claim.name, claim.alternatives, wording_of(tracing)):
-            lines.append(f"{claim.name} or {' or '.join(names)}: these data fit both. To tell them apart: {maneuver}")
+        for names, maneuver in separating_maneuvers(
+            claim.name, claim.alternatives, wording_of(tracing)
+        ):
+            lines.append(
+                f"{claim.name} or {' or '.join(names)}: these data fit both. To tell them apart: "
+                f"{maneuver}"
+            )
     return [*lines, *deciding_lines(tracing)]
 
 
 def deciding_lines(tracing: Tracing) -> list[str]:
-    """The designed maneuver that would decide an ambiguous diagnosis, with its chance, and the command that designs it again."""
+    """The designed maneuver that would decide an ambiguous diagnosis, with its chance, and the
+    command that designs it again.
+    """
     if tracing.decides is None:
         return []
     from scenarios.maneuver_design.report import verdict_of
 
     word, _, told = verdict_of(tracing.decides).partition(": ")
-    return [f"{'the next flight' if word == 'FLY' else 'no flight helps'}: {told}", f"designed by: {tracing.decides.asked.command()}"]
+    return [
+        f"{'the next flight' if word == 'FLY' else 'no flight helps'}: {told}",
+        f"designed by: {tracing.decides.asked.command()}",
+    ]
 
 
 def effect_heading(claim: Claim, wording: Wording) -> str:
     """Name, sentence, and what has to be said with it."""
     hint = "" if claim.claimed else "hint only, not claimed: "
-    where = f" (in record {', '.join(str(number + 1) for number in claim.records)})" if claim.records else ""
-    return f"{hint}{group_sentence(claim, wording) if claim.spread is not None else sentence(claim, wording)}{where}"
+    where = (
+        f" (in record {', '.join(str(number + 1) for number in claim.records)})"
+        if claim.records
+        else ""
+    )
+    return f"{hint}{group_sentence(claim, wording) if claim.spread is not None else sentence(claim, wording)}{where}"  # noqa: E501
 
 
-def _shown_of(d: Diagnosis, title: str, headings: Sequence[str], cells: Sequence[Sequence[str]], width: int, note: str = "") -> list[str]:
-    """A table of the declared model and the one with the effects, or of the declared one alone where none stands."""
+def _shown_of(
+    d: Diagnosis,
+    title: str,
+    headings: Sequence[str],
+    cells: Sequence[Sequence[str]],
+    width: int,
+    note: str = "",
+) -> list[str]:
+    """A table of the declared model and the one with the effects, or of the declared one alone
+    where none stands.
+    """
     return _titled(title, shown_columns(d, headings), shown_rows(d, headings, cells), width, note)
 
 
 def _titled(
-    title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], width: int, note: str = "", left: int = 2, keys: int = 1
+    title: str,
+    headings: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    width: int,
+    note: str = "",
+    left: int = 2,
+    keys: int = 1,
 ) -> list[str]:
     """A table under its title and a note on it, both folded."""
     lines = table_lines(columns_of(headings, rows, left, WORDS), width=width, keys=keys)
@@ -179,14 +284,18 @@ def _titled(
 def _level_lines(tracing: Tracing, width: int) -> list[str]:
     d, headings = tracing.diagnosis, ("mode", *LEVEL_HEADINGS)
     rows = shown_rows(d, headings, level_rows(tracing))
-    return _titled(levels_title(tracing), shown_columns(d, headings), rows, width, left=len(headings))
+    return _titled(
+        levels_title(tracing), shown_columns(d, headings), rows, width, left=len(headings)
+    )
 
 
 def _effect_lines(tracing: Tracing, width: int) -> list[str]:
     wording, lines = wording_of(tracing), []
     for claim in tracing.diagnosis.effects:
         heading = effect_heading(claim, wording)
-        lines += wrapped(heading if heading.startswith(claim.name) else f"{claim.name}: {heading}", width)
+        lines += wrapped(
+            heading if heading.startswith(claim.name) else f"{claim.name}: {heading}", width
+        )
         lines += wrapped(probability_sentence(claim), width, "    ")
         if claim.parameters:
             lines += wrapped(parameter_text(claim, wording), width, "    ")
@@ -200,7 +309,9 @@ def _effect_lines(tracing: Tracing, width: int) -> list[str]:
 
 
 def unclaimed_reasons(d: Diagnosis) -> list[str]:
-    """Why nothing is claimed where something is missing and no hint bears the reasons: the requirements with their numbers."""
+    """Why nothing is claimed where something is missing and no hint bears the reasons: the
+    requirements with their numbers.
+    """
     if d.verdict is not Verdict.UNEXPLAINED:
         return []
     told = {reason for claim in d.effects for reason in claim.reasons}
@@ -223,7 +334,10 @@ def _untouched(tracing: Tracing) -> str:
 def one_step_phrase(claim: Claim, tracing: Tracing) -> str:
     """What a claim is worth that was judged by predictions of one step."""
     gains = ", ".join(f"{gain:.0f}" for gain in claim.one_step_gains)
-    return f"with that, the log likelihood of one-step predictions rises by {gains} on {where_predicted(tracing)}"
+    return (
+        f"with that, the log likelihood of one-step predictions rises by {gains} on "
+        f"{where_predicted(tracing)}"
+    )
 
 
 def _error_phrase(tracing: Tracing) -> str:
@@ -232,7 +346,10 @@ def _error_phrase(tracing: Tracing) -> str:
     channels = [name for name in before if name in after]
     if not channels:
         return ""
-    fell = max(channels, key=lambda name: (before[name] - after[name]) / (floors.get(name) or before[name] or 1.0))
+    fell = max(
+        channels,
+        key=lambda name: (before[name] - after[name]) / (floors.get(name) or before[name] or 1.0),
+    )
     factor, unit = shown_in(channel_units(tracing.model).get(fell, ""), fell)
     old, new = short(factor * before[fell]), short(factor * after[fell])
     change = old if nothing_stands(d) else f"{old} -> {new}" if old != new else new
@@ -242,6 +359,8 @@ def _error_phrase(tracing: Tracing) -> str:
 
 
 def _most_moved(d: Diagnosis) -> str:
-    moves = {name: abs(moved(d.before[name], d.after[name])) for name in d.before if name in d.after}
+    moves = {
+        name: abs(moved(d.before[name], d.after[name])) for name in d.before if name in d.after
+    }
     name = max(moves, key=lambda each: moves[each], default="")
     return name if name and moves[name] > MOVED else ""

@@ -1,4 +1,5 @@
-"""ArduPilot DataFlash logs by pymavlink: each message and instance is a topic with its own clock in microseconds.
+"""ArduPilot DataFlash logs by pymavlink: each message and instance is a topic with its own clock in
+microseconds.
 
 pymavlink reads the formats, the units and where each message of a binary log begins; the numbers
 are then taken from the bytes with NumPy, which is as fast as a log of hundreds of megabytes needs.
@@ -17,7 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.formats.topic import Topic, begins_with, damaged, missing_library, no_table, table_of_columns
+from scenarios.files.formats.topic import (
+    Topic,
+    begins_with,
+    damaged,
+    missing_library,
+    no_table,
+    table_of_columns,
+)
 from sim.errors import RecordError
 
 FORMAT = "ArduPilot DataFlash"
@@ -30,7 +38,8 @@ HEAD = 3  # bytes of a message before its fields
 CLOCKS = {"TimeUS": "us", "TimeMS": "ms"}
 FIXED_POINT = "cCeEL"  # format letters whose integers are scaled
 ADMINISTRATION = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG", "CMD", "MODE", "EV", "ERR", "VER")
-DECLARED = ("FMT", "UNIT", "MULT", "FMTU")  # messages that describe the others, in the order in which they build on each other
+# messages that describe the others, in the order in which they build on each other
+DECLARED = ("FMT", "UNIT", "MULT", "FMTU")
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
@@ -78,15 +87,30 @@ def _of_text(path: Path, raw: bytes) -> list[Topic]:
         name, _, rest = line.partition(",")
         lines.setdefault(name.strip(), []).append(rest)
     try:
-        layouts = _layouts({name: [_cells(name, rest) for rest in lines.get(name, ())] for name in DECLARED})
+        layouts = _layouts(
+            {name: [_cells(name, rest) for rest in lines.get(name, ())] for name in DECLARED}
+        )
         found: list[Topic] = []
         for name, layout in layouts.items():
-            if not _has_numbers(layout) or name not in lines or len(layout.msg_fmts) != len(layout.columns):
+            if (
+                not _has_numbers(layout)
+                or name not in lines
+                or len(layout.msg_fmts) != len(layout.columns)
+            ):
                 continue
-            rows = [cells for rest in lines[name] if len(cells := rest.split(",")) == len(layout.columns)]
+            rows = [
+                cells
+                for rest in lines[name]
+                if len(cells := rest.split(",")) == len(layout.columns)
+            ]
             left = len(lines[name]) - len(rows)
-            note = f"{left} line{'s' * (left > 1)} of {name} with another number of cells than its format left out"
-            found += _topics(path, layout, _numbers(layout, rows) if rows else None, (note,) if left else ())
+            note = (
+                f"{left} line{'s' * (left > 1)} of {name} with another number of cells than its "
+                "format left out"
+            )
+            found += _topics(
+                path, layout, _numbers(layout, rows) if rows else None, (note,) if left else ()
+            )
     except RecordError:
         raise
     except Exception as error:  # formats that pymavlink does not know, numbers that are none
@@ -104,13 +128,22 @@ def _layouts(declared: dict[str, list[list[str]]]) -> dict[str, Any]:
     from pymavlink.DFReader import DFFormat
 
     layouts: dict[str, Any] = {}
-    for kind, size, name, letters, columns in (cells for cells in declared["FMT"] if len(cells) == 5):
+    for kind, size, name, letters, columns in (
+        cells for cells in declared["FMT"] if len(cells) == 5
+    ):
         layouts[name] = DFFormat(int(kind), name, int(size), letters, columns)
     numbers = {layout.type: layout for layout in layouts.values()}
     units = {chr(int(cells[1])): cells[2] for cells in declared["UNIT"] if len(cells) == 3}
-    # As pymavlink does for binary logs: multipliers are single-precision numbers that became doubles.
-    factors = {chr(int(cells[1])): float(f"{float(cells[2]):.7g}") for cells in declared["MULT"] if len(cells) == 3}
-    for _, kind, unit_letters, factor_letters in (cells for cells in declared["FMTU"] if len(cells) == 4):
+    # As pymavlink does for binary logs: multipliers are single-precision numbers that became
+    # doubles.
+    factors = {
+        chr(int(cells[1])): float(f"{float(cells[2]):.7g}")
+        for cells in declared["MULT"]
+        if len(cells) == 3
+    }
+    for _, kind, unit_letters, factor_letters in (
+        cells for cells in declared["FMTU"] if len(cells) == 4
+    ):
         if int(kind) in numbers:
             numbers[int(kind)].set_unit_ids(unit_letters, units)
             numbers[int(kind)].set_mult_ids(factor_letters, factors)
@@ -154,24 +187,40 @@ def _silent_process() -> Iterator[None]:
         os.close(kept)
 
 
-def _topics(path: Path, layout: Any, fields: dict[str, np.ndarray] | None, notes: tuple[str, ...] = ()) -> list[Topic]:
+def _topics(
+    path: Path, layout: Any, fields: dict[str, np.ndarray] | None, notes: tuple[str, ...] = ()
+) -> list[Topic]:
     """The topics of one kind of message: one for each instance where it has several."""
     if fields is None or not any(column in CLOCKS for column in fields):
         return []
     units = {name: CLOCKS.get(name) or _unit(layout, name) for name in fields}
     instance = layout.instance_field
     if instance is None or instance not in fields:
-        return [Topic(layout.name, table_of_columns(path, fields, units, place=f"message {layout.name}"), notes)]
+        return [
+            Topic(
+                layout.name,
+                table_of_columns(path, fields, units, place=f"message {layout.name}"),
+                notes,
+            )
+        ]
     found: list[Topic] = []
     for number in np.unique(fields[instance][np.isfinite(fields[instance])]):
         mine, name = fields[instance] == number, f"{layout.name}[{int(number)}]"
         columns = {column: values[mine] for column, values in fields.items()}
-        found.append(Topic(name, table_of_columns(path, columns, units, place=f"message {name}"), () if found else notes))
+        found.append(
+            Topic(
+                name,
+                table_of_columns(path, columns, units, place=f"message {name}"),
+                () if found else notes,
+            )
+        )
     return found
 
 
 def _fields(layout: Any, content: np.ndarray, offsets: np.ndarray) -> dict[str, np.ndarray] | None:
-    """Column -> numbers of all messages of one kind; texts and arrays are left out, as is a message that the file's end cuts."""
+    """Column -> numbers of all messages of one kind; texts and arrays are left out, as is a message
+    that the file's end cuts.
+    """
     formats = [letter for letter in layout.msg_fmts]
     kinds = np.dtype([(f"f{n}", _dtype(letter)) for n, letter in enumerate(formats)])
     offsets = offsets[offsets + HEAD + kinds.itemsize <= content.size]
@@ -180,7 +229,9 @@ def _fields(layout: Any, content: np.ndarray, offsets: np.ndarray) -> dict[str, 
     rows = np.lib.stride_tricks.sliding_window_view(content, kinds.itemsize)[offsets + HEAD]
     values = np.ascontiguousarray(rows).view(kinds)[:, 0]
     columns: dict[str, np.ndarray] = {}
-    for n, (name, letter, multiplier) in enumerate(zip(layout.columns, formats, layout.msg_mults, strict=True)):
+    for n, (name, letter, multiplier) in enumerate(
+        zip(layout.columns, formats, layout.msg_mults, strict=True)
+    ):
         if values[f"f{n}"].dtype.kind in "fiu" and values[f"f{n}"].ndim == 1:
             scaled = multiplier if letter in FIXED_POINT and multiplier is not None else 1.0
             columns[name] = values[f"f{n}"].astype(float) * scaled
@@ -200,4 +251,13 @@ def _unit(layout: Any, column: str) -> str:
     return _OURS.get(text, text) if (text := layout.get_unit(column)) else ""
 
 
-_OURS = {"degheading": "deg", "deglatitude": "deg", "deglongitude": "deg", "m/s/s": "m/s2", "deg/s/s": "deg/s2", "PWM": "", "instance": "", "%": "%"}
+_OURS = {
+    "degheading": "deg",
+    "deglatitude": "deg",
+    "deglongitude": "deg",
+    "m/s/s": "m/s2",
+    "deg/s/s": "deg/s2",
+    "PWM": "",
+    "instance": "",
+    "%": "%",
+}

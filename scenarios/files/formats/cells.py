@@ -1,4 +1,6 @@
-"""A table as it stands in a file: headers, cells, the row numbers that a user sees; and cells as numbers."""
+"""A table as it stands in a file: headers, cells, the row numbers that a user sees; and cells as
+numbers.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +15,15 @@ from sim.errors import RecordError
 
 # What loggers, spreadsheets (their errors too) and languages write where a sample is missing.
 MISSING = frozenset({
-    "", "nan", "-nan", "na", "n/a", "n.a.", "null", "none", "nil", "nat", "<na>", "missing", "invalid", "-", "--", "---", "?", ".", "*", "**", "***",
-    "****", "*****", "******", "*******", "********", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind", "#n/a", "#na", "#value!",
+    "", "nan", "-nan", "na", "n/a", "n.a.", "null", "none", "nil", "nat", "<na>", "missing", "invalid", "-", "--", "---", "?", ".", "*", "**", "***",  # noqa: E501
+    "****", "*****", "******", "*******", "********", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind", "#n/a", "#na", "#value!",  # noqa: E501
     "#div/0!", "#num!", "#ref!", "#null!", "#name?",
 })  # fmt: skip
 MINUS = "\N{MINUS SIGN}"  # as spreadsheets and word processors set it
 _FORTRAN = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))[dD]([+-]?\d{1,3})", re.ASCII)
 LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
-_MARKED = re.compile(r"[+-]?(?=[.,]*\d)[\d.,]+([eE][+-]?\d+)?", re.ASCII)  # a number as somebody wrote it, with points and commas in it
+# a number as somebody wrote it, with points and commas in it
+_MARKED = re.compile(r"[+-]?(?=[.,]*\d)[\d.,]+([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
 
 
@@ -35,11 +38,12 @@ class CellTable:
     columns : one sequence a column: texts, or an array of whatever the file holds.
     rows : number of each row as the user sees it; the first line of a text file is row 1.
     ragged : cells found in the rows (by position) that have more or fewer than the header.
-    units : the row of units under the header, empty where a cell says nothing; none at all where there is no such row.
-    separator : what stands between the cells of a text file, else empty.
-    stated_apart : whether ``units`` are metadata of the file, which recorders fill in carelessly, and no row that somebody wrote.
-    decimal_comma : whether the numbers are written with a comma where others write a point.
-    unreadable : why a column (by position) is no sequence of numbers, ``"an array of 801x2"``. Its cells are empty; whoever asks for its
+    units : the row of units under the header, empty where a cell says nothing; none at all where
+    there is no such row. separator : what stands between the cells of a text file, else empty.
+    stated_apart : whether ``units`` are metadata of the file, which recorders fill in carelessly,
+    and no row that somebody wrote. decimal_comma : whether the numbers are written with a comma
+    where others write a point. unreadable : why a column (by position) is no sequence of numbers,
+    ``"an array of 801x2"``. Its cells are empty; whoever asks for its
         numbers is refused.
     """
 
@@ -60,20 +64,27 @@ class CellTable:
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """One column as numbers, NaN where the cell is empty or holds text, and those texts by position."""
+    """One column as numbers, NaN where the cell is empty or holds text, and those texts by
+    position.
+    """
 
     values: np.ndarray
     texts: Mapping[int, str]
 
 
 def numbers(table: CellTable, index: int) -> Numbers:
-    """A column as floats; what is not a number, by the file's decimal mark, is kept apart with its position.
+    """A column as floats; what is not a number, by the file's decimal mark, is kept apart with its
+    position.
 
     Raises RecordError for a column that holds no sequence of numbers.
     """
     if index in table.unreadable:
         where = f"{table.file}, column {table.header[index]!r}"
-        raise RecordError(f"it is {table.unreadable[index]}", where=where, remedy="store one vector for each channel, or rename what is no channel")
+        raise RecordError(
+            f"it is {table.unreadable[index]}",
+            where=where,
+            remedy="store one vector for each channel, or rename what is no channel",
+        )
     column = table.columns[index]
     if isinstance(column, np.ndarray) and column.dtype.kind in "fiu":
         return Numbers(column.astype(float), {})
@@ -92,7 +103,9 @@ def numbers(table: CellTable, index: int) -> Numbers:
 
 
 def plain_number(text: str, *, comma: bool = False) -> float:
-    """A number of a file; ValueError for what Python alone would take for one (``1_000``, digits of other scripts) and for the other mark."""
+    """A number of a file; ValueError for what Python alone would take for one (``1_000``, digits of
+    other scripts) and for the other mark.
+    """
     text = text.replace(MINUS, "-")
     if "_" in text or not text.isascii() or (comma and "." in text):
         raise ValueError(text)
@@ -102,24 +115,42 @@ def plain_number(text: str, *, comma: bool = False) -> float:
 
 
 def has_decimal_comma(columns: Sequence[Sequence[str]]) -> bool:
-    """Whether a file's commas are decimal marks for certain: one stands where none between thousands can, as in ``0,5``."""
+    """Whether a file's commas are decimal marks for certain: one stands where none between
+    thousands can, as in ``0,5``.
+    """
     return any("," in cell and certain_comma(cell.strip()) for column in columns for cell in column)
 
 
 def certain_comma(text: str) -> bool:
     """Whether a cell is a number whose one comma cannot part thousands."""
-    return text.count(",") == 1 and "." not in text and _MARKED.fullmatch(text) is not None and _THOUSANDS.fullmatch(text) is None
+    return (
+        text.count(",") == 1
+        and "." not in text
+        and _MARKED.fullmatch(text) is not None
+        and _THOUSANDS.fullmatch(text) is None
+    )
 
 
 def mark_fault(table: CellTable, text: str) -> tuple[str, str] | None:
-    """What is wrong with a cell whose points or commas do not go with its file, and the remedy; None where it is something else."""
+    """What is wrong with a cell whose points or commas do not go with its file, and the remedy;
+    None where it is something else.
+    """
     if _MARKED.fullmatch(text) is None or not table.separator or not ("," in text or "." in text):
         return None
     if table.separator == "," and "," in text:
-        return f"{text!r} has a comma in a file whose columns are separated by commas", "export with semicolons between the columns, or with points"
+        return (
+            f"{text!r} has a comma in a file whose columns are separated by commas",
+            "export with semicolons between the columns, or with points",
+        )
     if table.decimal_comma:
-        return f"{text!r} has a point in a file with decimal commas", "write all numbers with one decimal mark, and none between thousands"
-    return f"{text!r} may be a decimal number or one with its thousands parted", "export with decimal points and nothing between thousands"
+        return (
+            f"{text!r} has a point in a file with decimal commas",
+            "write all numbers with one decimal mark, and none between thousands",
+        )
+    return (
+        f"{text!r} may be a decimal number or one with its thousands parted",
+        "export with decimal points and nothing between thousands",
+    )
 
 
 def first_line(error: Exception) -> str:
@@ -129,10 +160,19 @@ def first_line(error: Exception) -> str:
 
 
 def header_cell(cell: str, file: str) -> str:
-    """A header cell on one line. Raises RecordError where it holds characters that cannot be seen, with which no channel would be found."""
-    if any(character not in "\t\r\n" and unicodedata.category(character) in ("Cc", "Cf", "Cs") for character in cell):
+    """A header cell on one line. Raises RecordError where it holds characters that cannot be seen,
+    with which no channel would be found.
+    """
+    if any(
+        character not in "\t\r\n" and unicodedata.category(character) in ("Cc", "Cf", "Cs")
+        for character in cell
+    ):
         shown = repr(cell if len(cell) <= 60 else cell[:57] + "...")
-        raise RecordError(f"the name {shown} holds control characters", where=f"{file}, header", remedy="rename that column")
+        raise RecordError(
+            f"the name {shown} holds control characters",
+            where=f"{file}, header",
+            remedy="rename that column",
+        )
     return one_line(cell)
 
 

@@ -1,4 +1,6 @@
-"""HDF5 files by h5py, MAT files of version 7.3 among them: the groups become structs, the datasets their columns."""
+"""HDF5 files by h5py, MAT files of version 7.3 among them: the groups become structs, the datasets
+their columns.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ SUFFIXES = (".h5", ".hdf5", ".hdf", ".he5", ".nc4")
 MAGIC = (b"\x89HDF\r\n\x1a\n",)
 EXTRA = "recorders"
 UNIT_ATTRIBUTES = ("units", "unit", "Unit", "Units", "UNIT", "UNITS")
-NAME_ATTRIBUTES = ("columns", "column_names", "names", "labels", "fields", "channels")  # of the columns of a matrix
+# of the columns of a matrix
+NAME_ATTRIBUTES = ("columns", "column_names", "names", "labels", "fields", "channels")
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
@@ -34,7 +37,9 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
 
 
 def read_matlab(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """A MAT file of version 7.3: MATLAB writes arrays with their dimensions turned round, and texts as numbers."""
+    """A MAT file of version 7.3: MATLAB writes arrays with their dimensions turned round, and texts
+    as numbers.
+    """
     try:
         import h5py
     except ImportError as error:
@@ -63,11 +68,15 @@ def _variables(group: Any, file: Any, *, matlab: bool) -> dict[str, Any]:
             found[name] = _variables(item, file, matlab=matlab)
         elif isinstance(item, h5py.Dataset):
             value = _value(item, file, matlab=matlab)
-            names = next((_names(item.attrs[key]) for key in NAME_ATTRIBUTES if key in item.attrs), ())
+            names = next(
+                (_names(item.attrs[key]) for key in NAME_ATTRIBUTES if key in item.attrs), ()
+            )
             if np.ndim(value) == 2 and len(names) == np.shape(value)[1] > 1:
                 found[name] = {each: value[:, at] for at, each in enumerate(names)}
                 continue
-            unit = next((_text(item.attrs[key]) for key in UNIT_ATTRIBUTES if key in item.attrs), "")
+            unit = next(
+                (_text(item.attrs[key]) for key in UNIT_ATTRIBUTES if key in item.attrs), ""
+            )
             found[name] = {"data": value, "units": unit} if unit else value
     return found
 
@@ -84,14 +93,19 @@ def _value(item: Any, file: Any, *, matlab: bool) -> Any:
     values = item[()]
     if h5py.check_ref_dtype(item.dtype) is not None:
         references = np.asarray(values).reshape(-1)
-        cells = np.empty(references.size, dtype=object)  # NumPy would make one array of cells of one size
+        # NumPy would make one array of cells of one size
+        cells = np.empty(references.size, dtype=object)
         for at, reference in enumerate(references):
             cells[at] = _value(file[reference], file, matlab=matlab)
         return cells
     if kind == b"char":
         return "".join(chr(code) for code in np.asarray(values).T.reshape(-1))
     if h5py.check_string_dtype(item.dtype) is not None:
-        return np.array([_text(text) for text in np.asarray(values).reshape(-1)], dtype=object) if np.ndim(values) else _text(values)
+        return (
+            np.array([_text(text) for text in np.asarray(values).reshape(-1)], dtype=object)
+            if np.ndim(values)
+            else _text(values)
+        )
     return np.asarray(values).T if matlab else np.asarray(values)
 
 
@@ -103,4 +117,8 @@ def _names(value: Any) -> tuple[str, ...]:
 
 
 def _text(value: Any) -> str:
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(np.asarray(value).reshape(-1)[0] if np.ndim(value) else value)
+    return (
+        value.decode("utf-8", "replace")
+        if isinstance(value, bytes)
+        else str(np.asarray(value).reshape(-1)[0] if np.ndim(value) else value)
+    )

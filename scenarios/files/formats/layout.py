@@ -1,4 +1,6 @@
-"""Where the header of a table is, and whether a row of units follows it: the same for text files and spreadsheets."""
+"""Where the header of a table is, and whether a row of units follows it: the same for text files
+and spreadsheets.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +15,18 @@ LOOKED_AT = 200  # rows in which the header is looked for
 
 
 def header_row(rows: Sequence[Sequence[str]]) -> int | None:
-    """Index of the header: the last row of names that is as wide as the first rows of numbers below it, or None.
+    """Index of the header: the last row of names that is as wide as the first rows of numbers below
+    it, or None.
 
     Rows above it, titles and remarks, may have any number of cells.
     """
     for index, cells in enumerate(rows[:LOOKED_AT]):
         below = [row for row in rows[index + 1 : index + 4] if any(cell.strip() for cell in row)]
-        if _width(cells) >= 1 and not has_number(cells) and any(_width(row) <= _width(cells) and has_number(row) for row in below):
+        if (
+            _width(cells) >= 1
+            and not has_number(cells)
+            and any(_width(row) <= _width(cells) and has_number(row) for row in below)
+        ):
             numeric = next(row for row in below if has_number(row))
             if _width(numeric) * 2 >= _width(cells):
                 return index
@@ -27,7 +34,9 @@ def header_row(rows: Sequence[Sequence[str]]) -> int | None:
 
 
 def unit_row(header: Sequence[str], under: Sequence[str]) -> tuple[str, ...]:
-    """The row under the header as units: no cell of it is a number but a ``1``, and at least one is a known unit. Else nothing."""
+    """The row under the header as units: no cell of it is a number but a ``1``, and at least one is
+    a known unit. Else nothing.
+    """
     if len(under) != len(header):
         return ()
     cells = [without_brackets(cell) for cell in under]
@@ -38,7 +47,8 @@ def unit_row(header: Sequence[str], under: Sequence[str]) -> tuple[str, ...]:
 
 
 def heads(rows: Sequence[Sequence[str]]) -> tuple[int, int | None, int]:
-    """Which of the first rows names the columns, which one has their units, if any, and how many rows these are.
+    """Which of the first rows names the columns, which one has their units, if any, and how many
+    rows these are.
 
     The rows are those above the first number, three at least or two with the units above. The units
     are the row with most known ones, the names the row with most names of clocks and channels; of
@@ -48,12 +58,16 @@ def heads(rows: Sequence[Sequence[str]]) -> tuple[int, int | None, int]:
     above = rows[:count]
     if count < 2 or any(len(cells) != len(above[0]) for cells in above):
         return 0, None, 1
-    units = [sum(is_unit(without_brackets(cell)) for cell in cells if cell.strip()) for cells in above]
+    units = [
+        sum(is_unit(without_brackets(cell)) for cell in cells if cell.strip()) for cells in above
+    ]
     filled = [sum(bool(cell.strip()) for cell in cells) for cells in above]
     at = max(range(count), key=lambda n: units[n] / max(filled[n], 1))
     if 2 * units[at] <= filled[at] or (count == 2 and at == 1):
         return 0, None, 1
-    known = [sum(is_known(cell) for cell in cells) if n != at else -1 for n, cells in enumerate(above)]
+    known = [
+        sum(is_known(cell) for cell in cells) if n != at else -1 for n, cells in enumerate(above)
+    ]
     return max(range(count), key=lambda n: known[n]), at, count
 
 
@@ -70,7 +84,9 @@ def without_brackets(cell: str) -> str:
 
 
 def has_number(cells: Sequence[str]) -> bool:
-    """Whether a cell of the row is a number other than a lone ``1``, which a row of units may hold."""
+    """Whether a cell of the row is a number other than a lone ``1``, which a row of units may
+    hold.
+    """
     return any(is_number(cell) and cell.strip() != "1" for cell in cells)
 
 

@@ -1,4 +1,6 @@
-"""MAT files of version 4 to 7.2 by SciPy, of version 7.3 by h5py; the rules for their variables are in ``variables.py``."""
+"""MAT files of version 4 to 7.2 by SciPy, of version 7.3 by h5py; the rules for their variables are
+in ``variables.py``.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +19,11 @@ EXTRA = ""
 HEADER = 128  # bytes
 MATRIX, PACKED = 14, 15
 CLASSES = range(1, 19)  # of arrays
-PLAIN, COMPLEX = (4, *range(6, 16)), 0x800  # classes of texts and numbers; the flag of a second, imaginary part
+# classes of texts and numbers; the flag of a second, imaginary part
+PLAIN, COMPLEX = (4, *range(6, 16)), 0x800
 CELL, STRUCT, KNOWN_CLASSES = 1, 2, (1, 2, *range(4, 16))  # the last: those whose content is known
-TYPES = (1, 2, 3, 4, 5, 6, 7, 9, 12, 13, MATRIX, PACKED, 16, 17, 18)  # of elements, by MathWorks' description of the format
+# of elements, by MathWorks' description of the format
+TYPES = (1, 2, 3, 4, 5, 6, 7, 9, 12, 13, MATRIX, PACKED, 16, 17, 18)
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
@@ -37,10 +41,14 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
         return read_matlab(path, raw)
     except Exception as error:  # a damaged file fails in many ways inside the library
         raise damaged(error, path, FORMAT) from None
-    return topics_of_variables(path, {name: value for name, value in content.items() if not name.startswith("__")})
+    return topics_of_variables(
+        path, {name: value for name, value in content.items() if not name.startswith("__")}
+    )
 
 
-def _known_types(raw: bytes, begin: int, end: int, order: Literal["little", "big"], *, inside: bool = False) -> bool:
+def _known_types(
+    raw: bytes, begin: int, end: int, order: Literal["little", "big"], *, inside: bool = False
+) -> bool:
     """Whether all elements from ``begin`` to ``end`` have types that belong there: SciPy ends the
     whole program at others. Packed elements have checksums and are not looked into.
 
@@ -59,7 +67,9 @@ def _known_types(raw: bytes, begin: int, end: int, order: Literal["little", "big
             flags = int.from_bytes(raw[at + 8 : at + 12], order)
             array_class, parts = flags & 0xFF, 2 if flags & COMPLEX else 1
         kinds.append(kind)
-        if kind == MATRIX and not _known_types(raw, at + 8, min(at + 8 + size, end), order, inside=True):
+        if kind == MATRIX and not _known_types(
+            raw, at + 8, min(at + 8 + size, end), order, inside=True
+        ):
             return False
         at += 8 if small else 8 + size if kind == PACKED else 8 + (size + 7) // 8 * 8
     if not inside or not kinds:
@@ -71,4 +81,6 @@ def _known_types(raw: bytes, begin: int, end: int, order: Literal["little", "big
         return False
     nested = array_class in (CELL, STRUCT)
     usual = kinds[:2] == [6, 5] and kinds[2:3] and kinds[2] in (1, 2, 16)
-    return array_class not in KNOWN_CLASSES or (bool(usual) and all((kind == MATRIX) == nested for kind in content))
+    return array_class not in KNOWN_CLASSES or (
+        bool(usual) and all((kind == MATRIX) == nested for kind in content)
+    )

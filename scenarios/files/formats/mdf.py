@@ -1,4 +1,6 @@
-"""ASAM MDF measurement files (MF4, MDF, DAT) by asammdf: each channel group is a topic with its own clock."""
+"""ASAM MDF measurement files (MF4, MDF, DAT) by asammdf: each channel group is a topic with its own
+clock.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.formats.topic import Topic, damaged, missing_library, no_table, table_of_columns
+from scenarios.files.formats.topic import (
+    Topic,
+    damaged,
+    missing_library,
+    no_table,
+    table_of_columns,
+)
 
 FORMAT = "ASAM MDF"
 SUFFIXES = (".mf4", ".mdf")
@@ -17,7 +25,9 @@ EXTRA = "recorders"
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """One topic a channel group, named by the group or ``group 1``, ...; its clock is ``time`` in s."""
+    """One topic a channel group, named by the group or ``group 1``, ...; its clock is ``time`` in
+    s.
+    """
     try:
         from asammdf import MDF
     except ImportError as error:
@@ -51,4 +61,8 @@ def _topic(path: Path, log: Any, number: int, name: str) -> Topic | None:
         if channel.channel_type in (2, 3):  # the master channel is the clock itself
             continue
         columns[channel.name], units[channel.name] = signal.samples, signal.unit or ""
-    return Topic(name, table_of_columns(path, columns, units, place=name)) if len(columns) > 1 else None
+    return (
+        Topic(name, table_of_columns(path, columns, units, place=name))
+        if len(columns) > 1
+        else None
+    )

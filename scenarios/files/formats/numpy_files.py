@@ -1,4 +1,6 @@
-"""NumPy's files: ``.npz`` with named arrays, ``.npy`` with one, also one of named columns; by the rules of ``variables.py``."""
+"""NumPy's files: ``.npz`` with named arrays, ``.npy`` with one, also one of named columns; by the
+rules of ``variables.py``.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,11 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     try:
         loaded = np.load(io.BytesIO(raw), allow_pickle=False)
         if isinstance(loaded, np.ndarray):
-            variables = {name: loaded[name] for name in loaded.dtype.names} if loaded.dtype.names else {"data": loaded}
+            variables = (
+                {name: loaded[name] for name in loaded.dtype.names}
+                if loaded.dtype.names
+                else {"data": loaded}
+            )
         else:
             variables = {name: loaded[name] for name in loaded.files}
     except Exception as error:  # a damaged file fails in many ways inside the library

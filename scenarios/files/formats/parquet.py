@@ -43,7 +43,9 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
 
 
 def frame_header(name: object) -> str:
-    """The name of a DataFrame's column as a header cell; of a column of several levels ``alpha [deg]`` where the last level is a unit."""
+    """The name of a DataFrame's column as a header cell; of a column of several levels ``alpha
+    [deg]`` where the last level is a unit.
+    """
     if not isinstance(name, tuple):
         return str(name)
     words = [text for level in name if (text := str(level))]
@@ -53,9 +55,11 @@ def frame_header(name: object) -> str:
 
 
 def _columns(raw: bytes, *, feather: bool) -> tuple[list[Any], list[np.ndarray], int]:
-    """Names and columns as the DataFrame in the file would have them, a named index first; and the number of rows.
+    """Names and columns as the DataFrame in the file would have them, a named index first; and the
+    number of rows.
 
-    A DataFrame of the whole file would stand in memory beside the columns; batches are converted one after the other.
+    A DataFrame of the whole file would stand in memory beside the columns; batches are converted
+    one after the other.
     """
     schema, count, batches = _batches(raw, feather=feather)
     described = _described(schema)
@@ -93,7 +97,9 @@ def _batches(raw: bytes, *, feather: bool) -> tuple[Any, int, Iterator[Any]]:
 
 
 def _described(schema: Any) -> Sequence[tuple[Any, int | range]]:
-    """Name of each column and where it comes from: a place among the file's, or a range that the file only describes."""
+    """Name of each column and where it comes from: a place among the file's, or a range that the
+    file only describes.
+    """
     frame = schema.empty_table().to_pandas()
     index = (schema.pandas_metadata or {}).get("index_columns", [])
     stored = [name for name in index if isinstance(name, str)]
@@ -104,7 +110,10 @@ def _described(schema: Any) -> Sequence[tuple[Any, int | range]]:
 
         if isinstance(frame.index, pandas.DatetimeIndex | pandas.TimedeltaIndex):
             return [("time", schema.names.index(stored[0])), *columns]
-    if not any((isinstance(each, dict) and each.get("name")) or name is not None for each, name in zip(index, frame.index.names, strict=False)):
+    if not any(
+        (isinstance(each, dict) and each.get("name")) or name is not None
+        for each, name in zip(index, frame.index.names, strict=False)
+    ):
         return columns
     named: list[tuple[Any, int | range]] = []
     for level, (each, name) in enumerate(zip(index, frame.index.names, strict=False)):
@@ -122,7 +131,9 @@ def _described(schema: Any) -> Sequence[tuple[Any, int | range]]:
 
 @dataclass(eq=False)
 class _Collected:
-    """A column as it grows: numbers in place, in the file's own type as long as no cell is empty; of anything else the parts."""
+    """A column as it grows: numbers in place, in the file's own type as long as no cell is empty;
+    of anything else the parts.
+    """
 
     count: int
     filled: int = 0

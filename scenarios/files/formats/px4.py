@@ -1,4 +1,6 @@
-"""PX4 logs (ULog) by pyulog: each message and instance is a topic with its own clock in microseconds."""
+"""PX4 logs (ULog) by pyulog: each message and instance is a topic with its own clock in
+microseconds.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from scenarios.files.formats.topic import Topic, damaged, missing_library, no_table, table_of_columns
+from scenarios.files.formats.topic import (
+    Topic,
+    damaged,
+    missing_library,
+    no_table,
+    table_of_columns,
+)
 
 FORMAT = "ULog"
 SUFFIXES = (".ulg", ".ulog")
@@ -18,7 +26,9 @@ CLOCK = "timestamp"  # microseconds since the autopilot started
 
 
 class _Forward(io.BytesIO):
-    """The bytes of a log, read within bounds: the library goes back and forth for ever in some damaged logs."""
+    """The bytes of a log, read within bounds: the library goes back and forth for ever in some
+    damaged logs.
+    """
 
     furthest, idle = 0, 0
 
@@ -33,20 +43,31 @@ class _Forward(io.BytesIO):
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """Topics ``message`` or, of further instances, ``message_1``; arrays are columns such as ``q[0]``."""
+    """Topics ``message`` or, of further instances, ``message_1``; arrays are columns such as
+    ``q[0]``.
+    """
     try:
         from pyulog import ULog
     except ImportError as error:
         raise missing_library(error, path, FORMAT, EXTRA) from None
     try:
         log = ULog(_Forward(raw))
-        data = [(item.name, item.multi_id, {name: np.asarray(values) for name, values in item.data.items()}) for item in log.data_list]
+        data = [
+            (
+                item.name,
+                item.multi_id,
+                {name: np.asarray(values) for name, values in item.data.items()},
+            )
+            for item in log.data_list
+        ]
     except Exception as error:  # a damaged file fails in many ways inside the library
         raise damaged(error, path, FORMAT) from None
     found = []
     for name, instance, columns in sorted(data, key=lambda item: (item[0], item[1])):
         topic = f"{name}_{instance}" if instance else name
-        found.append(Topic(topic, table_of_columns(path, columns, {CLOCK: "us"}, place=f"topic {topic}")))
+        found.append(
+            Topic(topic, table_of_columns(path, columns, {CLOCK: "us"}, place=f"topic {topic}"))
+        )
     if not found:
         raise no_table(path, (), "log at least one topic")
     dropped = sum(int(dropout.duration) for dropout in log.dropouts)

@@ -1,4 +1,6 @@
-"""Which reader takes which file. A new format is one new module in this package; this one finds it by itself."""
+"""Which reader takes which file. A new format is one new module in this package; this one finds it
+by itself.
+"""
 
 from __future__ import annotations
 
@@ -37,26 +39,40 @@ FOOTER = 20  # rows below a table that may be remarks or sums
 
 @lru_cache(maxsize=1)
 def readers() -> dict[str, Reader]:
-    """Module name -> reader, in alphabetical order, ``text`` last: it takes whatever no other format claims."""
-    names = sorted(module.name for module in pkgutil.iter_modules(formats.__path__) if module.name not in NOT_READERS)
+    """Module name -> reader, in alphabetical order, ``text`` last: it takes whatever no other
+    format claims.
+    """
+    names = sorted(
+        module.name
+        for module in pkgutil.iter_modules(formats.__path__)
+        if module.name not in NOT_READERS
+    )
     ordered = [*(name for name in names if name != "text"), "text"]
-    return {name: as_module(importlib.import_module(f"{formats.__name__}.{name}")) for name in ordered}
+    return {
+        name: as_module(importlib.import_module(f"{formats.__name__}.{name}")) for name in ordered
+    }
 
 
 def reader_for(path: Path, raw: bytes) -> Reader:
-    """The reader whose first bytes the file has, else the one of its suffix, else the reader of text.
+    """The reader whose first bytes the file has, else the one of its suffix, else the reader of
+    text.
 
     Several formats are ZIP archives inside, so that of these the suffix decides first.
     """
     if raw.startswith(ZIP):
-        named = next((reader for reader in readers().values() if path.suffix.lower() in reader.SUFFIXES), None)
+        named = next(
+            (reader for reader in readers().values() if path.suffix.lower() in reader.SUFFIXES),
+            None,
+        )
         if named is not None and named is not readers()["text"]:
             return named
     for reader in readers().values():
         if any(begins_with(raw, mark) for mark in reader.MAGIC):
             return reader
     suffix = path.suffix.lower()
-    return next((reader for reader in readers().values() if suffix in reader.SUFFIXES), readers()["text"])
+    return next(
+        (reader for reader in readers().values() if suffix in reader.SUFFIXES), readers()["text"]
+    )
 
 
 def topics_of(source: Source) -> tuple[Topic, ...]:
@@ -68,30 +84,45 @@ def topics_of(source: Source) -> tuple[Topic, ...]:
     """
     path, raw = source.path, source.content
     if not raw:
-        raise RecordError("the file is empty", where=str(path), remedy="give a header row and one row a sample")
+        raise RecordError(
+            "the file is empty", where=str(path), remedy="give a header row and one row a sample"
+        )
     inner = path
     if raw.startswith((GZIP, BZIP2, XZ)) or path.suffix.lower() in PACKED:
-        raw, inner = _unpacked(path, raw), path.with_suffix("") if path.suffix.lower() in PACKED else path
+        raw, inner = (
+            _unpacked(path, raw),
+            path.with_suffix("") if path.suffix.lower() in PACKED else path,
+        )
     refuse_oversized(inner, raw)
     if raw.startswith(ZIP) and inner.suffix.lower() == ".zip":
         raw, inner = _only_file(path, raw)
         refuse_oversized(inner, raw)
     with _silent():
         topics = reader_for(inner, raw).read(path, raw)
-    filled = tuple(_without_footer(replace(topic, table=without_empty_tail(topic.table))) for topic in topics)
+    filled = tuple(
+        _without_footer(replace(topic, table=without_empty_tail(topic.table))) for topic in topics
+    )
     filled = tuple(topic for topic in filled if topic.table.rows.size)
     if not filled:
-        raise RecordError("there is a header but no rows", where=str(path), remedy="give one row a sample")
+        raise RecordError(
+            "there is a header but no rows", where=str(path), remedy="give one row a sample"
+        )
     return filled
 
 
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
-    """Libraries print, log and warn of what they find damaged; what matters of it comes back as an error or a note."""
+    """Libraries print, log and warn of what they find damaged; what matters of it comes back as an
+    error or a note.
+    """
     level = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     try:
-        with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        with (
+            warnings.catch_warnings(),
+            contextlib.redirect_stdout(io.StringIO()),
+            contextlib.redirect_stderr(io.StringIO()),
+        ):
             warnings.simplefilter("ignore")
             yield
     finally:
@@ -99,14 +130,23 @@ def _silent() -> Iterator[None]:
 
 
 def without_empty_tail(table: CellTable) -> CellTable:
-    """The table without the rows at its end in which no cell holds anything, as spreadsheets export them."""
+    """The table without the rows at its end in which no cell holds anything, as spreadsheets export
+    them.
+    """
     count = table.rows.size
-    while count and all(len(column) < count or _is_empty(column[count - 1]) for column in table.columns):
+    while count and all(
+        len(column) < count or _is_empty(column[count - 1]) for column in table.columns
+    ):
         count -= 1
     if count in (0, table.rows.size):
         return table  # a table without any number is for the reader of its channels to refuse
     columns = tuple(column[:count] for column in table.columns)
-    return replace(table, columns=columns, rows=table.rows[:count], ragged={row: n for row, n in table.ragged.items() if row < count})
+    return replace(
+        table,
+        columns=columns,
+        rows=table.rows[:count],
+        ragged={row: n for row, n in table.ragged.items() if row < count},
+    )
 
 
 def _is_empty(cell: object) -> bool:
@@ -128,31 +168,68 @@ def _without_footer(topic: Topic) -> Topic:
     columns = tuple(column[:kept] for column in table.columns)
     ragged = {row: n for row, n in table.ragged.items() if row < kept}
     rest = "s are" if count - kept > 1 else " is"
-    note = f"{count - kept} row{rest} left out below the table, from row {table.rows[kept]} on ({str(first[kept])[:30]!r})"
-    return replace(topic, table=replace(table, columns=columns, rows=table.rows[:kept], ragged=ragged), notes=(*topic.notes, note))
+    note = (
+        f"{count - kept} row{rest} left out below the table, from row {table.rows[kept]} on "
+        f"({str(first[kept])[:30]!r})"
+    )
+    return replace(
+        topic,
+        table=replace(table, columns=columns, rows=table.rows[:kept], ragged=ragged),
+        notes=(*topic.notes, note),
+    )
 
 
 def _is_remark(cell: object) -> bool:
-    """Whether a cell holds a word: letters, and neither a number nor the mark of a missing sample."""
+    """Whether a cell holds a word: letters, and neither a number nor the mark of a missing
+    sample.
+    """
     text = "" if cell is None else str(cell).strip()
-    return text.lower() not in MISSING and any(letter.isalpha() for letter in text) and not is_number(text)
+    return (
+        text.lower() not in MISSING
+        and any(letter.isalpha() for letter in text)
+        and not is_number(text)
+    )
 
 
 def _only_file(path: Path, raw: bytes) -> tuple[bytes, Path]:
-    """Content and name of the one file in a ZIP archive. Raises RecordError where it holds another number of files, or is damaged."""
+    """Content and name of the one file in a ZIP archive. Raises RecordError where it holds another
+    number of files, or is damaged.
+    """
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
-            inside = [item for item in archive.infolist() if not item.is_dir() and not item.filename.startswith("__MACOSX/")]
+            inside = [
+                item
+                for item in archive.infolist()
+                if not item.is_dir() and not item.filename.startswith("__MACOSX/")
+            ]
             if len(inside) == 1 and inside[0].file_size <= MOST_RECORD:
                 return archive.read(inside[0]), Path(inside[0].filename)
-    except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, NotImplementedError, ValueError, zlib.error) as error:
-        raise RecordError(f"not a ZIP archive ({first_line(error)})", where=str(path), remedy="pack it again, or give the plain file") from None
+    except (
+        zipfile.BadZipFile,
+        OSError,
+        EOFError,
+        RuntimeError,
+        NotImplementedError,
+        ValueError,
+        zlib.error,
+    ) as error:
+        raise RecordError(
+            f"not a ZIP archive ({first_line(error)})",
+            where=str(path),
+            remedy="pack it again, or give the plain file",
+        ) from None
     shown = ", ".join(item.filename for item in inside[:6]) + (", ..." if len(inside) > 6 else "")
-    raise RecordError(f"the archive holds {len(inside)} files ({shown})", where=str(path), remedy="unpack it, and give one of its files")
+    raise RecordError(
+        f"the archive holds {len(inside)} files ({shown})",
+        where=str(path),
+        remedy="unpack it, and give one of its files",
+    )
 
 
 def _unpacked(path: Path, raw: bytes) -> bytes:
-    """What is in a gzip, bzip2 or xz file, read no further than the limit: a few bytes may stand for any number of them."""
+    """What is in a gzip, bzip2 or xz file, read no further than the limit: a few bytes may stand
+    for any number of them.
+    """
     if raw.startswith(BZIP2) or path.suffix.lower() == ".bz2":
         name = "a bzip2"
         opened: Callable[[io.BytesIO], Any] = bz2.BZ2File
@@ -167,9 +244,19 @@ def _unpacked(path: Path, raw: bytes) -> bytes:
                 pieces.append(piece)
                 size += len(piece)
                 if size > MOST_RECORD:
-                    raise too_large(RecordError, str(path), "what it unpacks to", MOST_RECORD, "give a part of it, or save it as Parquet")
+                    raise too_large(
+                        RecordError,
+                        str(path),
+                        "what it unpacks to",
+                        MOST_RECORD,
+                        "give a part of it, or save it as Parquet",
+                    )
     except (OSError, EOFError, zlib.error, lzma.LZMAError) as error:
-        raise RecordError(f"not {name} file ({first_line(error)})", where=str(path), remedy="compress it again, or give the plain file") from None
+        raise RecordError(
+            f"not {name} file ({first_line(error)})",
+            where=str(path),
+            remedy="compress it again, or give the plain file",
+        ) from None
     return b"".join(pieces)
 
 

@@ -21,12 +21,24 @@ HDF5, ZIP = b"\x89HDF", b"PK\x03\x04"
 
 
 def refuse_oversized(path: Path, content: bytes) -> None:
-    """Raise RecordError where a packed file unpacks to more than is read; a damaged file is for its reader to name."""
+    """Raise RecordError where a packed file unpacks to more than is read; a damaged file is for its
+    reader to name.
+    """
     suffix = path.suffix.lower()
     parquet = content.startswith(b"PAR1") and _numbers_in_parquet(content) > MOST_NUMBERS
-    matlab = suffix == ".mat" and not content.startswith(HDF5) and _unpacked_by_mat(content) > MOST_RECORD
+    matlab = (
+        suffix == ".mat"
+        and not content.startswith(HDF5)
+        and _unpacked_by_mat(content) > MOST_RECORD
+    )
     if parquet or matlab or (content.startswith(ZIP) and _unpacked_by_zip(content) > MOST_RECORD):
-        raise too_large(RecordError, str(path), "what it unpacks to", MOST_RECORD, "give a part of its rows or columns")
+        raise too_large(
+            RecordError,
+            str(path),
+            "what it unpacks to",
+            MOST_RECORD,
+            "give a part of its rows or columns",
+        )
 
 
 def _unpacked_by_zip(content: bytes) -> int:
@@ -56,7 +68,9 @@ def _unpacked_by_mat(content: bytes) -> int:
     order: Literal["little", "big"] = "little" if content[126:128] == b"IM" else "big"
     at, total = _MAT_HEADER, 0
     while at + 8 <= len(content) and total <= MOST_RECORD:
-        kind, size = (int.from_bytes(content[at + shift : at + shift + 4], order) for shift in (0, 4))
+        kind, size = (
+            int.from_bytes(content[at + shift : at + shift + 4], order) for shift in (0, 4)
+        )
         body = content[at + 8 : at + 8 + size]
         total += _unpacked(body, MOST_RECORD - total) if kind == _COMPRESSED else len(body)
         at += 8 + size

@@ -1,4 +1,6 @@
-"""Spreadsheets (XLSX, XLSM, XLSB, XLS, ODS) by python-calamine: each sheet with a header row is a topic."""
+"""Spreadsheets (XLSX, XLSM, XLSB, XLS, ODS) by python-calamine: each sheet with a header row is a
+topic.
+"""
 
 from __future__ import annotations
 
@@ -27,14 +29,23 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
         raise missing_library(error, path, "spreadsheets", EXTRA) from None
     try:
         book = CalamineWorkbook.from_filelike(io.BytesIO(raw))
-        sheets = [(name, book.get_sheet_by_name(name).to_python(skip_empty_area=False)) for name in book.sheet_names]
+        sheets = [
+            (name, book.get_sheet_by_name(name).to_python(skip_empty_area=False))
+            for name in book.sheet_names
+        ]
     except BaseException as error:  # the library's panics are no Exception
         if isinstance(error, KeyboardInterrupt | SystemExit):
             raise
         raise damaged(error, path, FORMAT) from None
-    found = [(name, table) for name, rows in sheets if (table := _table(path, name, rows)) is not None]
+    found = [
+        (name, table) for name, rows in sheets if (table := _table(path, name, rows)) is not None
+    ]
     if not found:
-        raise no_table(path, [name for name, _ in sheets], "give a sheet with a header row and one row a sample")
+        raise no_table(
+            path,
+            [name for name, _ in sheets],
+            "give a sheet with a header row and one row a sample",
+        )
     return tuple(Topic(name if len(found) > 1 else "", table) for name, table in found)
 
 
@@ -48,15 +59,25 @@ def _table(path: Path, sheet: str, rows: list[list[Any]]) -> CellTable | None:
     header = tuple(header_cell(cell, f"{path}, sheet {sheet!r}") for cell in texts[first][:width])
     units = unit_row(header, texts[first + 1][:width])
     begin = first + (2 if units else 1)
-    kept = [index for index in range(begin, len(rows)) if any(cell.strip() for cell in texts[index][:width])]
+    kept = [
+        index
+        for index in range(begin, len(rows))
+        if any(cell.strip() for cell in texts[index][:width])
+    ]
     columns = tuple(_column([rows[index][column] for index in kept]) for column in range(width))
-    return CellTable(f"{path}, sheet {sheet!r}", header, columns, np.array(kept, dtype=int) + 1, units=units)
+    return CellTable(
+        f"{path}, sheet {sheet!r}", header, columns, np.array(kept, dtype=int) + 1, units=units
+    )
 
 
 def _column(cells: list[Any]) -> np.ndarray:
-    """Numbers where every cell is one or empty; times of day and dates as their ISO texts; else the cells."""
+    """Numbers where every cell is one or empty; times of day and dates as their ISO texts; else the
+    cells.
+    """
     if all(isinstance(cell, int | float) or cell in ("", None) for cell in cells):
-        return np.array([np.nan if cell in ("", None) else float(cell) for cell in cells], dtype=float)
+        return np.array(
+            [np.nan if cell in ("", None) else float(cell) for cell in cells], dtype=float
+        )
     column = np.empty(len(cells), dtype=object)
     column[:] = [_cell(cell) for cell in cells]
     return column

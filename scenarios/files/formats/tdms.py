@@ -1,4 +1,6 @@
-"""National Instruments TDMS files by npTDMS: each group is a topic; waveforms bring their clock as start and increment."""
+"""National Instruments TDMS files by npTDMS: each group is a topic; waveforms bring their clock as
+start and increment.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from scenarios.files.formats.topic import Topic, damaged, missing_library, no_table, table_of_columns
+from scenarios.files.formats.topic import (
+    Topic,
+    damaged,
+    missing_library,
+    no_table,
+    table_of_columns,
+)
 
 FORMAT = "TDMS"
 SUFFIXES = (".tdms",)
@@ -16,7 +24,9 @@ EXTRA = "recorders"
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """One topic a group, or one for each length of channel in it; ``unit_string`` gives the units."""
+    """One topic a group, or one for each length of channel in it; ``unit_string`` gives the
+    units.
+    """
     try:
         from nptdms import TdmsFile
     except ImportError as error:
@@ -25,17 +35,35 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     try:
         log = TdmsFile.read(io.BytesIO(raw))
         for group in log.groups():
-            channels = [channel for channel in group.channels() if channel[:].dtype.kind in "fiubM" and len(channel)]
-            for rate in dict.fromkeys((channel.properties.get("wf_increment"), len(channel)) for channel in channels):
-                mine = [channel for channel in channels if (channel.properties.get("wf_increment"), len(channel)) == rate]
-                name = group.name if not any(topic.name == group.name for topic in found) else f"{group.name} {len(mine[0])}"
+            channels = [
+                channel
+                for channel in group.channels()
+                if channel[:].dtype.kind in "fiubM" and len(channel)
+            ]
+            for rate in dict.fromkeys(
+                (channel.properties.get("wf_increment"), len(channel)) for channel in channels
+            ):
+                mine = [
+                    channel
+                    for channel in channels
+                    if (channel.properties.get("wf_increment"), len(channel)) == rate
+                ]
+                name = (
+                    group.name
+                    if not any(topic.name == group.name for topic in found)
+                    else f"{group.name} {len(mine[0])}"
+                )
                 columns = {channel.name: channel[:] for channel in mine}
-                units = {channel.name: str(channel.properties.get("unit_string", "")) for channel in mine}
+                units = {
+                    channel.name: str(channel.properties.get("unit_string", "")) for channel in mine
+                }
                 if rate[0] and not any(name.lower().startswith("time") for name in columns):
                     begin = float(mine[0].properties.get("wf_start_offset", 0.0))
                     columns = {"time": begin + float(rate[0]) * np.arange(rate[1]), **columns}
                     units["time"] = "s"
-                found.append(Topic(name, table_of_columns(path, columns, units, place=f"group {name}")))
+                found.append(
+                    Topic(name, table_of_columns(path, columns, units, place=f"group {name}"))
+                )
     except Exception as error:  # a damaged file fails in many ways inside the library
         raise damaged(error, path, FORMAT) from None
     if not found:

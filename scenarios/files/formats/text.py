@@ -1,8 +1,10 @@
-"""Text files in the dialects that loggers and spreadsheets write: encoding, separator, decimal mark, titles, comments and a row of units.
+"""Text files in the dialects that loggers and spreadsheets write: encoding, separator, decimal
+mark, titles, comments and a row of units.
 
-Comment lines (``#``, ``%``, ``//``), titles and a spreadsheet's ``sep=;`` may stand above the header. Columns are separated by commas,
-semicolons, tabs, bars or blanks: by whichever mark parts header and rows alike. A file without a header has columns ``column 1``,
-``column 2`` ... What cannot be decided is refused with the two readings.
+Comment lines (``#``, ``%``, ``//``), titles and a spreadsheet's ``sep=;`` may stand above the
+header. Columns are separated by commas, semicolons, tabs, bars or blanks: by whichever mark parts
+header and rows alike. A file without a header has columns ``column 1``, ``column 2`` ... What
+cannot be decided is refused with the two readings.
 """
 
 from __future__ import annotations
@@ -20,7 +22,17 @@ from typing import NamedTuple
 import numpy as np
 
 from scenarios.files.formats.cells import MISSING, CellTable, has_decimal_comma, header_cell
-from scenarios.files.formats.layout import LOOKED_AT, MOST_HEADS, has_number, header_row, heads, is_known, is_number, unit_row, without_brackets
+from scenarios.files.formats.layout import (
+    LOOKED_AT,
+    MOST_HEADS,
+    has_number,
+    header_row,
+    heads,
+    is_known,
+    is_number,
+    unit_row,
+    without_brackets,
+)
 from scenarios.files.formats.topic import Topic
 from sim.errors import RecordError
 
@@ -69,16 +81,27 @@ def _without_cut_row(table: CellTable, text: str) -> tuple[CellTable, tuple[str,
     """The table without a last row that the file's end cuts, as a recorder leaves it that lost its
     power, and a sentence on it."""
     last = table.rows.size - 1
-    if text.endswith(("\n", "\r")) or last < 1 or table.ragged.get(last, len(table.header)) >= len(table.header):
+    if (
+        text.endswith(("\n", "\r"))
+        or last < 1
+        or table.ragged.get(last, len(table.header)) >= len(table.header)
+    ):
         return table, ()
     note = f"the file ends within row {table.rows[last]}, which is left out"
     ragged = {row: cells for row, cells in table.ragged.items() if row != last}
-    return replace(table, columns=tuple(column[:last] for column in table.columns), rows=table.rows[:last], ragged=ragged), (note,)
+    return replace(
+        table,
+        columns=tuple(column[:last] for column in table.columns),
+        rows=table.rows[:last],
+        ragged=ragged,
+    ), (note,)
 
 
 @contextlib.contextmanager
 def _long_cells(most: int) -> Iterator[None]:
-    """While the body runs, cells may be as long as the file: a header of thousands of columns is one cell to any other separator."""
+    """While the body runs, cells may be as long as the file: a header of thousands of columns is
+    one cell to any other separator.
+    """
     former = csv.field_size_limit(max(most, 1))
     try:
         yield
@@ -87,7 +110,9 @@ def _long_cells(most: int) -> Iterator[None]:
 
 
 class Layout(NamedTuple):
-    """Where the header or the first row begins (character), the lines above it, what parts the columns, and whether there is a header."""
+    """Where the header or the first row begins (character), the lines above it, what parts the
+    columns, and whether there is a header.
+    """
 
     first: int
     above: list[str]
@@ -109,11 +134,19 @@ def _layout(path: Path, text: str) -> Layout:
         above.append(line)
         first += len(line)
     titles = sum(_titles(above))
-    return Layout(first, above, separator, named, (f"{titles} lines above the header are taken as titles",) if titles else ())
+    return Layout(
+        first,
+        above,
+        separator,
+        named,
+        (f"{titles} lines above the header are taken as titles",) if titles else (),
+    )
 
 
 def _large(path: Path, raw: bytes) -> Topic | None:
-    """A large plain file, parsed by pyarrow or pandas from its bytes; None where anything in it asks for the careful reading."""
+    """A large plain file, parsed by pyarrow or pandas from its bytes; None where anything in it
+    asks for the careful reading.
+    """
     begin = raw[:BEGINNING]
     try:
         head = begin[: begin.rindex(b"\n") + 1].decode("utf-8-sig")
@@ -134,25 +167,49 @@ def _table(path: Path, text: str, layout: Layout) -> tuple[CellTable, tuple[str,
     notes: tuple[str, ...] = ()
     lines = _rows(path, text, separator, above)
     if not any(cell.strip() for _, cells in lines for cell in cells):
-        raise RecordError("the file is empty", where=str(path), remedy="give a header row and one row a sample")
+        raise RecordError(
+            "the file is empty", where=str(path), remedy="give a header row and one row a sample"
+        )
     width = len(lines[0][1])
     if named and all(is_number(cell) for cell in lines[0][1]) and width > 1:
         named = False
         if layout.above and _is_comment(layout.above[-1]) and not _commented_header(layout, width):
-            remedy = f"take the {COMMENT} from the header, row {above}, or name the columns with --columns"
-            raise RecordError("there is no header, the first row holds numbers", where=f"{path}, row {lines[0][0]}", remedy=remedy)
+            remedy = (
+                f"take the {COMMENT} from the header, row {above}, or name the columns with "
+                "--columns"
+            )
+            raise RecordError(
+                "there is no header, the first row holds numbers",
+                where=f"{path}, row {lines[0][0]}",
+                remedy=remedy,
+            )
     if named:
         at, under, count = heads([cells for _, cells in lines[: MOST_HEADS + 1]])
         header, body = tuple(header_cell(cell, str(path)) for cell in lines[at][1]), lines[count:]
-        units = tuple(map(without_brackets, lines[under][1])) if under is not None else unit_row(header, body[0][1]) if body else ()
+        units = (
+            tuple(map(without_brackets, lines[under][1]))
+            if under is not None
+            else unit_row(header, body[0][1])
+            if body
+            else ()
+        )
         body = body[1:] if units and under is None else body
-        body = [(row, cells) for row, cells in body if cells != lines[at][1]]  # a file that was appended to another
+        # a file that was appended to another
+        body = [(row, cells) for row, cells in body if cells != lines[at][1]]
     else:
         header, notes = _unnamed(layout, width, str(path))
         body, units = lines, ()
-    body = [(row, cells) for row, cells in body if len(cells) == len(header) or not _is_comment(cells[0])]
+    body = [
+        (row, cells)
+        for row, cells in body
+        if len(cells) == len(header) or not _is_comment(cells[0])
+    ]
     header, units, body = _of_one_width(header, units, body)
-    ragged = {position: len(cells) for position, (_, cells) in enumerate(body) if len(cells) != len(header)}
+    ragged = {
+        position: len(cells)
+        for position, (_, cells) in enumerate(body)
+        if len(cells) != len(header)
+    }
     whole = [cells + [""] * (len(header) - len(cells)) if ragged else cells for _, cells in body]
     columns = tuple([cells[index] for cells in whole] for index in range(len(header)))
     comma = separator != "," and "," in text and has_decimal_comma(columns)
@@ -160,13 +217,24 @@ def _table(path: Path, text: str, layout: Layout) -> tuple[CellTable, tuple[str,
     return CellTable(str(path), header, columns, rows, ragged, units, separator, comma), notes
 
 
-def _of_one_width(header: tuple[str, ...], units: tuple[str, ...], body: Rows) -> tuple[tuple[str, ...], tuple[str, ...], Rows]:
+def _of_one_width(
+    header: tuple[str, ...], units: tuple[str, ...], body: Rows
+) -> tuple[tuple[str, ...], tuple[str, ...], Rows]:
     """Header, units and rows without the empty cell that a separator at the end of each row makes,
-    and with a column for the numbers of the rows where only the header lacks it, as R writes them."""
+    and with a column for the numbers of the rows where only the header lacks it, as R writes
+    them."""
     wider = bool(body) and all(len(cells) == len(header) + 1 for _, cells in body)
-    if len(header) > 1 and not header[-1] and all(not cells[-1].strip() for _, cells in body if len(cells) == len(header)):
+    if (
+        len(header) > 1
+        and not header[-1]
+        and all(not cells[-1].strip() for _, cells in body if len(cells) == len(header))
+    ):
         header, units = header[:-1], units[:-1]
-        return header, units, [(row, cells[:-1] if len(cells) == len(header) + 1 else cells) for row, cells in body]
+        return (
+            header,
+            units,
+            [(row, cells[:-1] if len(cells) == len(header) + 1 else cells) for row, cells in body],
+        )
     if wider and all(not cells[-1].strip() for _, cells in body):
         return header, units, [(row, cells[:-1]) for row, cells in body]
     if wider and all(cells[0].strip() == str(n + 1) for n, (_, cells) in enumerate(body)):
@@ -175,20 +243,35 @@ def _of_one_width(header: tuple[str, ...], units: tuple[str, ...], body: Rows) -
 
 
 def _unnamed(layout: Layout, width: int, file: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The header of a table that begins with numbers: from the comment above it, else ``column 1`` ...; and a sentence on the comment."""
+    """The header of a table that begins with numbers: from the comment above it, else ``column 1``
+    ...; and a sentence on the comment.
+    """
     found = _commented_header(layout, width)
     if not found:
         return _numbered(width), ()
-    return tuple(header_cell(cell, file) for cell in found), (f"the header is the comment in row {len(layout.above)}",)
+    return tuple(header_cell(cell, file) for cell in found), (
+        f"the header is the comment in row {len(layout.above)}",
+    )
 
 
 def _commented_header(layout: Layout, width: int) -> tuple[str, ...]:
-    """The cells of the last comment above the numbers where it has as many as they, none of which is
-    a number and one of which names a clock or a channel; else nothing."""
+    """The cells of the last comment above the numbers where it has as many as they, none of which
+    is a number and one of which names a clock or a channel; else nothing."""
     if not layout.above or not _is_comment(layout.above[-1]):
         return ()
-    cells = [cell.strip() for cell in _cells(layout.above[-1].strip().lstrip("".join(COMMENTS)).strip(), layout.separator)]
-    return tuple(cells) if len(cells) == width and any(map(is_known, cells)) and not any(is_number(cell) for cell in cells) else ()
+    cells = [
+        cell.strip()
+        for cell in _cells(
+            layout.above[-1].strip().lstrip("".join(COMMENTS)).strip(), layout.separator
+        )
+    ]
+    return (
+        tuple(cells)
+        if len(cells) == width
+        and any(map(is_known, cells))
+        and not any(is_number(cell) for cell in cells)
+        else ()
+    )
 
 
 def _numbered(count: int) -> tuple[str, ...]:
@@ -196,7 +279,10 @@ def _numbered(count: int) -> tuple[str, ...]:
 
 
 def _titles(above: Sequence[str]) -> list[bool]:
-    return [bool(line.strip()) and not _is_comment(line) and not _DECLARED.fullmatch(line) for line in above]
+    return [
+        bool(line.strip()) and not _is_comment(line) and not _DECLARED.fullmatch(line)
+        for line in above
+    ]
 
 
 def _is_comment(line: str) -> bool:
@@ -209,9 +295,17 @@ def _text(path: Path, raw: bytes) -> tuple[str, tuple[str, ...]]:
     encodings = ["utf-8-sig"]
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
         encodings = ["utf-16"]
-    elif len(sample) > 8 and sample[1::2].count(0) > 0.4 * len(sample[1::2]) and not sample[::2].count(0):
+    elif (
+        len(sample) > 8
+        and sample[1::2].count(0) > 0.4 * len(sample[1::2])
+        and not sample[::2].count(0)
+    ):
         encodings = ["utf-16-le"]
-    elif len(sample) > 8 and sample[::2].count(0) > 0.4 * len(sample[::2]) and not sample[1::2].count(0):
+    elif (
+        len(sample) > 8
+        and sample[::2].count(0) > 0.4 * len(sample[::2])
+        and not sample[1::2].count(0)
+    ):
         encodings = ["utf-16-be"]
     for encoding in [*encodings, "cp1252"]:
         try:
@@ -224,13 +318,17 @@ def _text(path: Path, raw: bytes) -> tuple[str, tuple[str, ...]]:
             return text, ("the text is read as Latin-1 (Windows-1252)",)
     wrong = _UNPRINTABLE.search(raw.decode("latin-1"))
     row = raw[: wrong.start()].count(b"\n") + 1 if wrong is not None else 1
-    raise RecordError("neither text nor a format that is known here", where=f"{path}, row {row}", remedy=_SAVE) from None
+    raise RecordError(
+        "neither text nor a format that is known here", where=f"{path}, row {row}", remedy=_SAVE
+    ) from None
 
 
 def _detected(text: str) -> tuple[str, int, bool] | None:
-    """Separator, lines above the header, and whether there is a header, where the first line alone cannot say; None where it can.
+    """Separator, lines above the header, and whether there is a header, where the first line alone
+    cannot say; None where it can.
 
-    The first line can where one of commas, semicolons and tabs parts it and the next line into as many cells.
+    The first line can where one of commas, semicolons and tabs parts it and the next line into as
+    many cells.
     """
     lines = []
     for line in io.StringIO(text, newline=""):
@@ -245,7 +343,11 @@ def _detected(text: str) -> tuple[str, int, bool] | None:
     for mark in (",", ";", "\t"):
         first, second, last = (_cells(line, mark) for line in (*filled[:2], filled[-1]))
         # Titles may have as many cells as each other, but hardly as many as the rows.
-        if len(first) > 1 and len(first) == len(second) and (len(first) == len(last) or len(lines) < LOOKED_AT):
+        if (
+            len(first) > 1
+            and len(first) == len(second)
+            and (len(first) == len(last) or len(lines) < LOOKED_AT)
+        ):
             return None
     tail = filled[-max(1, min(len(filled) // 2, 20)) :]
     best: tuple[int, str] | None = None
@@ -260,13 +362,19 @@ def _detected(text: str) -> tuple[str, int, bool] | None:
         return None
     mark = best[1]
     width = len(_cells(tail[0], mark))
-    cells = [_cells(line, mark) if line.strip() and not _is_comment(line) else [""] for line in lines]
+    cells = [
+        _cells(line, mark) if line.strip() and not _is_comment(line) else [""] for line in lines
+    ]
     rows = [row if len(row) == width else [""] for row in cells]
-    first_numbers = next((n for n, row in enumerate(rows) if len(row) == width and has_number(row)), None)
+    first_numbers = next(
+        (n for n, row in enumerate(rows) if len(row) == width and has_number(row)), None
+    )
     found = header_row(rows)
     if found is not None and len(rows[found]) == width:
         return mark, found, True
-    if first_numbers is None or (first_numbers and mark != BLANKS and 1 < len(cells[first_numbers - 1]) != width):
+    if first_numbers is None or (
+        first_numbers and mark != BLANKS and 1 < len(cells[first_numbers - 1]) != width
+    ):
         return None  # a header of another width than the rows is for the careful reading to refuse
     return mark, first_numbers, False
 
@@ -278,13 +386,22 @@ def _cells(line: str, mark: str) -> list[str]:
 
 
 def _fast_table(path: Path, raw: bytes, at: int, begin: str, layout: Layout) -> CellTable | None:
-    """The table that begins at a byte of a plain file; ``begin``: its first lines, the header's first among them."""
+    """The table that begins at a byte of a plain file; ``begin``: its first lines, the header's
+    first among them.
+    """
     separator, named = layout.separator, layout.named
     lines = begin.splitlines()[:3]
     body = begin.split("\n", 1)[-1]
-    if separator not in (*SEPARATORS, BLANKS) or len(lines) < 3 or '"' in body or (separator != "," and "," in body):
+    if (
+        separator not in (*SEPARATORS, BLANKS)
+        or len(lines) < 3
+        or '"' in body
+        or (separator != "," and "," in body)
+    ):
         return None
-    header = tuple(header_cell(cell, str(path)) for cell in _cells(lines[0], separator)) if named else ()
+    header = (
+        tuple(header_cell(cell, str(path)) for cell in _cells(lines[0], separator)) if named else ()
+    )
     if named and has_number(header):
         return None
     units = unit_row(header, _cells(lines[1], separator)) if named else ()
@@ -292,44 +409,84 @@ def _fast_table(path: Path, raw: bytes, at: int, begin: str, layout: Layout) -> 
     for _ in range(skipped):
         at = raw.index(b"\n", at) + 1
     width = len(header) or len(_cells(lines[0], separator))
-    columns = _blank_columns(raw, at, width) if separator == BLANKS else _marked_columns(raw, at, separator, width)
+    columns = (
+        _blank_columns(raw, at, width)
+        if separator == BLANKS
+        else _marked_columns(raw, at, separator, width)
+    )
     if columns is None or len(columns[0]) != raw.count(b"\n", at) + (not raw.endswith(b"\n")):
         return None
     rows = np.arange(len(columns[0])) + len(layout.above) + skipped + 1
-    return CellTable(str(path), header or _unnamed(layout, width, str(path))[0], tuple(columns), rows, {}, units, separator)
+    return CellTable(
+        str(path),
+        header or _unnamed(layout, width, str(path))[0],
+        tuple(columns),
+        rows,
+        {},
+        units,
+        separator,
+    )
 
 
 def _marked_columns(raw: bytes, at: int, separator: str, width: int) -> list[np.ndarray] | None:
-    """Columns of the rows from a byte on, block by block, so that memory holds the file and its numbers once; None where a cell is unusual.
+    """Columns of the rows from a byte on, block by block, so that memory holds the file and its
+    numbers once; None where a cell is unusual.
 
-    A column is one of numbers where all cells of its first block are; a cell further on that is none makes the careful reading necessary.
+    A column is one of numbers where all cells of its first block are; a cell further on that is
+    none makes the careful reading necessary.
     """
     import pyarrow
     from pyarrow import csv as arrow_csv
 
-    missing = sorted({spelling for word in MISSING for spelling in (word, word.upper(), word.capitalize(), "NaN", "-NaN")})
+    missing = sorted(
+        {
+            spelling
+            for word in MISSING
+            for spelling in (word, word.upper(), word.capitalize(), "NaN", "-NaN")
+        }
+    )
     names = [f"c{n}" for n in range(width)]
-    trailing = raw[at : raw.index(b"\n", at)].rstrip(b"\r ").endswith(separator.encode()) and separator == "|"
+    trailing = (
+        raw[at : raw.index(b"\n", at)].rstrip(b"\r ").endswith(separator.encode())
+        and separator == "|"
+    )
     every = [*names, "end"] if trailing else names
     parsing = arrow_csv.ParseOptions(delimiter=separator, quote_char=False)
     content = pyarrow.py_buffer(raw).slice(at)
 
     def options(types: dict[str, pyarrow.DataType]) -> arrow_csv.ConvertOptions:
         return arrow_csv.ConvertOptions(
-            null_values=missing, strings_can_be_null=True, column_types=types, include_columns=names, true_values=[], false_values=[]
+            null_values=missing,
+            strings_can_be_null=True,
+            column_types=types,
+            include_columns=names,
+            true_values=[],
+            false_values=[],
         )
 
     reading = arrow_csv.ReadOptions(column_names=every, block_size=BLOCK)
     count = raw.count(b"\n", at) + (not raw.endswith(b"\n"))
     try:
-        first = arrow_csv.open_csv(pyarrow.BufferReader(content), reading, parsing, options({})).read_next_batch()
+        first = arrow_csv.open_csv(
+            pyarrow.BufferReader(content), reading, parsing, options({})
+        ).read_next_batch()
         numeric = [
-            pyarrow.types.is_integer(each.type) or pyarrow.types.is_floating(each.type) or pyarrow.types.is_null(each.type) for each in first.schema
+            pyarrow.types.is_integer(each.type)
+            or pyarrow.types.is_floating(each.type)
+            or pyarrow.types.is_null(each.type)
+            for each in first.schema
         ]
-        types = {name: pyarrow.float64() if number else pyarrow.string() for name, number in zip(names, numeric, strict=True)}
-        columns = [np.empty(count) if number else np.empty(count, dtype=object) for number in numeric]
+        types = {
+            name: pyarrow.float64() if number else pyarrow.string()
+            for name, number in zip(names, numeric, strict=True)
+        }
+        columns = [
+            np.empty(count) if number else np.empty(count, dtype=object) for number in numeric
+        ]
         row = 0
-        for batch in arrow_csv.open_csv(pyarrow.BufferReader(content), reading, parsing, options(types)):
+        for batch in arrow_csv.open_csv(
+            pyarrow.BufferReader(content), reading, parsing, options(types)
+        ):
             if row + batch.num_rows > count:
                 return None
             for column, values in zip(columns, batch.columns, strict=True):
@@ -339,7 +496,10 @@ def _marked_columns(raw: bytes, at: int, separator: str, width: int) -> list[np.
         return None
     if row != count:
         return None  # empty lines: their rows have numbers too
-    return [column if number else _numeric_or_text(column) for column, number in zip(columns, numeric, strict=True)]
+    return [
+        column if number else _numeric_or_text(column)
+        for column, number in zip(columns, numeric, strict=True)
+    ]
 
 
 def _numeric_or_text(cells: np.ndarray) -> np.ndarray:
@@ -347,13 +507,20 @@ def _numeric_or_text(cells: np.ndarray) -> np.ndarray:
     try:
         if not all(cell is None or (cell.isascii() and "_" not in cell) for cell in cells):
             return cells
-        return np.array([np.nan if cell is None or cell.strip().lower() in MISSING else float(cell) for cell in cells])
+        return np.array(
+            [
+                np.nan if cell is None or cell.strip().lower() in MISSING else float(cell)
+                for cell in cells
+            ]
+        )
     except ValueError:
         return cells
 
 
 def _blank_columns(raw: bytes, at: int, width: int) -> list[np.ndarray] | None:
-    """Columns of rows that are parted by blanks; None where a cell is no number or a row has another width."""
+    """Columns of rows that are parted by blanks; None where a cell is no number or a row has
+    another width.
+    """
     try:
         values = np.loadtxt(io.BytesIO(raw[at:]), dtype=float, comments=None, ndmin=2)
     except ValueError:
@@ -362,7 +529,9 @@ def _blank_columns(raw: bytes, at: int, width: int) -> list[np.ndarray] | None:
 
 
 def _header_at(text: str) -> tuple[int, list[str]]:
-    """Where the header begins, and the lines above it: comments, empty ones, and a spreadsheet's word on the separator."""
+    """Where the header begins, and the lines above it: comments, empty ones, and a spreadsheet's
+    word on the separator.
+    """
     above: list[str] = []
     at = 0
     for line in io.StringIO(text, newline=""):
@@ -376,7 +545,11 @@ def _header_at(text: str) -> tuple[int, list[str]]:
 def _rows(path: Path, text: str, separator: str, above: int) -> Rows:
     """All rows but empty ones."""
     if separator == BLANKS:
-        parted = [(n + above + 1, line.split()) for n, line in enumerate(io.StringIO(text, newline="")) if not _is_comment(line)]
+        parted = [
+            (n + above + 1, line.split())
+            for n, line in enumerate(io.StringIO(text, newline=""))
+            if not _is_comment(line)
+        ]
         return [(row, cells) for row, cells in parted if cells]
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
     lines: Rows = []
@@ -386,7 +559,9 @@ def _rows(path: Path, text: str, separator: str, above: int) -> Rows:
                 lines.append((reader.line_num + above, cells))
     except csv.Error as error:
         what = f"not text separated by {SEPARATORS.get(separator, repr(separator))} ({error})"
-        raise RecordError(what, where=f"{path}, row {reader.line_num + above}", remedy=_SAVE) from None
+        raise RecordError(
+            what, where=f"{path}, row {reader.line_num + above}", remedy=_SAVE
+        ) from None
     return lines
 
 
@@ -398,7 +573,11 @@ def _separator(path: Path, text: str, above: int) -> str:
         if len(fitting) != 1:
             both = " and ".join(SEPARATORS[mark] for mark in parting)
             what = f"{both} stand in the header, and either may separate the columns"
-            raise RecordError(what, where=f"{path}, row {above + 1}", remedy="save it with one separator, names that contain another in quotes")
+            raise RecordError(
+                what,
+                where=f"{path}, row {above + 1}",
+                remedy="save it with one separator, names that contain another in quotes",
+            )
         return fitting[0]
     return parting[0] if parting else ","
 
@@ -407,7 +586,9 @@ def _first_row(path: Path, text: str, separator: str, above: int) -> list[str]:
     try:
         return next(csv.reader(io.StringIO(text, newline=""), delimiter=separator), [])
     except csv.Error as error:
-        raise RecordError(f"not separated text ({error})", where=f"{path}, row {above + 1}", remedy=_SAVE) from None
+        raise RecordError(
+            f"not separated text ({error})", where=f"{path}, row {above + 1}", remedy=_SAVE
+        ) from None
 
 
 def _even(lines: Rows) -> bool:

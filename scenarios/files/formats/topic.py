@@ -1,4 +1,6 @@
-"""The interface between readers and everything else: topics, each a table whose columns share one clock."""
+"""The interface between readers and everything else: topics, each a table whose columns share one
+clock.
+"""
 
 from __future__ import annotations
 
@@ -37,11 +39,13 @@ class Topic:
 
 
 class Reader(Protocol):
-    """A module of this package: the suffixes and first bytes of its format, and its reading function.
+    """A module of this package: the suffixes and first bytes of its format, and its reading
+    function.
 
     A mark of ``MAGIC`` that begins with a line break may stand at the begin of any of the first
     lines, below what a program wrote above.
-    ``EXTRA`` names the optional dependency group of ``pyproject.toml`` that installs the library, empty where none is needed.
+    ``EXTRA`` names the optional dependency group of ``pyproject.toml`` that installs the library,
+    empty where none is needed.
     """
 
     FORMAT: str
@@ -70,7 +74,8 @@ def table_of_columns(
     columns : name -> one-dimensional sequence.
     units : name -> unit, where the file states it apart from the header.
     rows : number of rows; None: as many as the longest column has.
-    unreadable : further names, and why they hold no sequence of numbers; whoever asks for one of them is refused.
+    unreadable : further names, and why they hold no sequence of numbers; whoever asks for one of
+    them is refused.
     """
     known = units or {}
     vectors = tuple(_vector(values) for values in columns.values())
@@ -82,7 +87,15 @@ def table_of_columns(
     faults = {len(vectors) + at: fault for at, fault in enumerate(others.values())}
     under = (*under, *("" for _ in others)) if under else ()
     vectors = (*vectors, *(np.full(count, np.nan) for _ in others))
-    return CellTable(where, header, vectors, np.arange(1, count + 1), units=under, stated_apart=True, unreadable=faults)
+    return CellTable(
+        where,
+        header,
+        vectors,
+        np.arange(1, count + 1),
+        units=under,
+        stated_apart=True,
+        unreadable=faults,
+    )
 
 
 def missing_library(error: ImportError, path: Path, format_name: str, extra: str) -> RecordError:
@@ -90,20 +103,30 @@ def missing_library(error: ImportError, path: Path, format_name: str, extra: str
     library = (error.name or "its library").split(".")[0]
     wanted = f'"flightid[{extra}]"' if extra else library
     what = f"reading {format_name} needs {library}, which is not installed"
-    return RecordError(what, where=str(path), remedy=f"python -m pip install {wanted}, or export the record as CSV")
+    return RecordError(
+        what, where=str(path), remedy=f"python -m pip install {wanted}, or export the record as CSV"
+    )
 
 
 def damaged(fault: BaseException, path: Path, format_name: str) -> RecordError:
     """The error for a file that the format's library cannot read."""
     text = re.sub(r"'?<[^<>]* object at 0x[0-9a-f]+>'?", "the file", str(fault)).strip()
     said = " ".join(text.splitlines()[0].split())[:160] if text else type(fault).__name__
-    return RecordError(f"not a readable {format_name} file ({said})", where=str(path), remedy="export it again, or save the record as CSV")
+    return RecordError(
+        f"not a readable {format_name} file ({said})",
+        where=str(path),
+        remedy="export it again, or save the record as CSV",
+    )
 
 
 def no_table(path: Path, seen: Sequence[str], remedy: str) -> RecordError:
     """The error for a file without a column; ``seen`` are the names of what is in it instead."""
     listed = ", ".join(seen[:12]) + (", ..." if len(seen) > 12 else "")
-    return RecordError(f"no column of numbers is in the file{f'; it holds {listed}' if listed else ''}", where=str(path), remedy=remedy)
+    return RecordError(
+        f"no column of numbers is in the file{f'; it holds {listed}' if listed else ''}",
+        where=str(path),
+        remedy=remedy,
+    )
 
 
 def begins_with(raw: bytes, mark: bytes) -> bool:

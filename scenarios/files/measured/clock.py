@@ -1,4 +1,6 @@
-"""Time stamps of a record as seconds: dates, times of day, counters, few digits, roll-over, repeated and unsorted rows."""
+"""Time stamps of a record as seconds: dates, times of day, counters, few digits, roll-over,
+repeated and unsorted rows.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from sim.errors import RecordError
 COUNTERS = {"timeus": "us", "timems": "ms", "timens": "ns", "seconds": "s", "sec": "s"}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 USUAL_RATE = 50.0  # Hz: the unit of an unlabelled counter is the one whose rate is nearest to it
-SLOWEST = 0.1  # Hz: a counter of whole numbers that would be slower in seconds does not count seconds
+# Hz: a counter of whole numbers that would be slower in seconds does not count seconds
+SLOWEST = 0.1
 FEWEST = 20  # steps from which the rate of a counter says its unit
 FASTEST = 50_000.0  # Hz: an unlabelled clock that would be faster in seconds is in a longer unit
 DOUBTFUL = 1000.0  # Hz, from which a note says that an unlabelled clock is read in seconds
@@ -24,12 +27,18 @@ RESUMED = 1e-3  # of a day or a week, by which the first stamp after its end may
 HOUR, DAY = 3600.0, 86400.0
 # Days of the years 1970 to 2100 as Excel and as MATLAB count them.
 CALENDAR_DAYS = ((25_569.0, 73_415.0), (719_529.0, 767_376.0))
-# Share of the steps that rounding makes uneven at least; a single odd stamp is a fault. Of 1500 records at 10 to 400 Hz with
-# stamps of 2 to 4 digits every one that rounding makes uneven gets its grid; with 0.05 those of 33 Hz in 0.01 s did not.
+# Share of the steps that rounding makes uneven at least; a single odd stamp is a fault. Of 1500
+# records at 10 to 400 Hz with stamps of 2 to 4 digits every one that rounding makes uneven gets its
+# grid; with 0.05 those of 33 Hz in 0.01 s did not.
 REGULARLY = 0.01
 COARSE = 0.01  # of the step, from which the digits of the stamps limit it
-DISPLACED = 0.02  # share of the rows that may stand in the wrong place; in order, a record has none and this decides nothing
-_TIME_OF_DAY = re.compile(r"(?:(?:(?:\d{4}[:-])?(\d{1,3})|(-?\d+) days?)[ :-])?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+|:\d{3})?)")
+# share of the rows that may stand in the wrong place; in order, a record has none and this decides
+# nothing
+DISPLACED = 0.02
+_TIME_OF_DAY = re.compile(
+    r"(?:(?:(?:\d{4}[:-])?(\d{1,3})|(-?\d+) days?)[ "
+    r":-])?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+|:\d{3})?)"
+)
 _MINUTES = re.compile(r"(\d{1,3}):(\d{2}[.,]\d+)")  # as spreadsheets show a time of day
 _DAY_AND_MONTH = re.compile(r"(\d{1,2})[./](\d{1,2})[./](\d{4})(.*)")
 
@@ -56,7 +65,8 @@ class Sorted:
 
     Attributes
     ----------
-    time : shape ``(M,)``, s. order : position of each row before, shape ``(M,)``. notes : one sentence each.
+    time : shape ``(M,)``, s. order : position of each row before, shape ``(M,)``. notes : one
+    sentence each.
     """
 
     time: np.ndarray
@@ -93,14 +103,20 @@ def times_of_texts(cells: Sequence[object]) -> Clock | None:
         parts = (_MINUTES if of_minutes else _TIME_OF_DAY).fullmatch(text)
         if parts is None:
             return None
-        seconds[row] = 60.0 * int(parts[1]) + _fraction(parts[2]) if of_minutes else _seconds_of_day(parts)
+        seconds[row] = (
+            60.0 * int(parts[1]) + _fraction(parts[2]) if of_minutes else _seconds_of_day(parts)
+        )
     irig, duration = (False, False) if found is None else (bool(found[1]), bool(found[2]))
     kind = "IRIG times (days of the year)" if irig else "durations" if duration else "times of day"
     kind = "minutes and seconds" if of_minutes else kind
     note = f"{kind} count from the first, {filled[0]}"
     known = np.flatnonzero(np.isfinite(seconds))
     turn = 0.0 if irig or duration else HOUR if of_minutes else DAY
-    turns = np.concatenate([[0.0], np.cumsum(np.diff(seconds[known]) < -0.5 * turn)]) if turn else np.zeros(known.size)
+    turns = (
+        np.concatenate([[0.0], np.cumsum(np.diff(seconds[known]) < -0.5 * turn)])
+        if turn
+        else np.zeros(known.size)
+    )
     seconds[known] += turn * turns
     if turns.size and turns[-1]:
         note += "; the full hour is passed" if of_minutes else "; midnight is passed"
@@ -127,7 +143,9 @@ def times_of_dates(dates: np.ndarray) -> Clock:
     first = dates[known[0]]
     seconds = np.where(np.isnat(dates), np.nan, (dates - first) / np.timedelta64(1, "ns") * 1e-9)
     origin = float((first - np.datetime64(0, "ns")) / np.timedelta64(1, "ns") * 1e-9)
-    return Clock(seconds, (f"dates count from the first, {np.datetime_as_string(first, unit='ms')}",), origin)
+    return Clock(
+        seconds, (f"dates count from the first, {np.datetime_as_string(first, unit='ms')}",), origin
+    )
 
 
 def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the clock") -> Clock:
@@ -135,10 +153,11 @@ def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the c
 
     Parameters
     ----------
-    values : shape ``(N,)``, NaN where missing. unit : ``s``, ``ms``, ``us`` or ``ns``; None: decided by the rate.
-    where : the column, for a message.
+    values : shape ``(N,)``, NaN where missing. unit : ``s``, ``ms``, ``us`` or ``ns``; None:
+    decided by the rate. where : the column, for a message.
 
-    A counter of 16 or 32 bits that begins anew goes on. Stamps of a calendar count from the first sample.
+    A counter of 16 or 32 bits that begins anew goes on. Stamps of a calendar count from the first
+    sample.
 
     Raises
     ------
@@ -152,7 +171,9 @@ def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the c
         return Clock(values)
     values, turns = _unrolled(values)
     if turns:
-        notes.append(f"the counter of the clock begins anew {turns} time{'s' * (turns > 1)} and goes on")
+        notes.append(
+            f"the counter of the clock begins anew {turns} time{'s' * (turns > 1)} and goes on"
+        )
     if unit is None:
         unit, said = _unit_by_rate(values[finite], where)
         notes += [said] if said else []
@@ -171,7 +192,8 @@ def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the c
 
 
 def _unit_by_rate(values: np.ndarray, where: str) -> tuple[str, str]:
-    """The unit of an unlabelled clock, ``d`` among them, and a sentence on it; ``values`` are finite.
+    """The unit of an unlabelled clock, ``d`` among them, and a sentence on it; ``values`` are
+    finite.
 
     Raises
     ------
@@ -186,22 +208,34 @@ def _unit_by_rate(values: np.ndarray, where: str) -> tuple[str, str]:
     whole = bool(np.all(values == np.round(values)))
     if whole and (step * SLOWEST >= 1.0 or abs(values[0]) > LATEST):
         unit = min(SECONDS, key=lambda name: abs(np.log(step * SECONDS[name] * USUAL_RATE)))
-        return unit, f"the time is read in {unit} (steps of {step:g}): {1.0 / (step * SECONDS[unit]):.4g} samples a second"
+        return (
+            unit,
+            f"the time is read in {unit} (steps of {step:g}): {1.0 / (step * SECONDS[unit]):.4g} "
+            "samples a second",
+        )
     rate = 1.0 / step
     if rate > FASTEST:
         if any(low <= values[0] <= high for low, high in CALENDAR_DAYS):
             return "d", f"the time is read in days of a calendar: {rate / DAY:.4g} samples a second"
         what = f"in seconds these times would be {rate:.3g} samples a second, and no unit is stated"
-        remedy = 'state the unit: time = {column = "HEADER", unit = "h"} in the channel map, or "min", or "d"'
+        remedy = (
+            'state the unit: time = {column = "HEADER", unit = "h"} in the channel map, or "min", '
+            'or "d"'
+        )
         raise RecordError(what, where=where, remedy=remedy)
     if rate > DOUBTFUL or (whole and step > 1.0):
         other = "min" if rate > DOUBTFUL else "ms"
-        return "s", f"the time is read in s: {rate:.4g} samples a second; if it is in {other}, state the unit in the channel map"
+        return (
+            "s",
+            f"the time is read in s: {rate:.4g} samples a second; if it is in {other}, state the "
+            "unit in the channel map",
+        )
     return "s", ""
 
 
 def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
-    """The even grid that was rounded to the stamps, and a sentence; None where the stamps are exact enough or no even grid explains them.
+    """The even grid that was rounded to the stamps, and a sentence; None where the stamps are exact
+    enough or no even grid explains them.
 
     Parameters
     ----------
@@ -209,9 +243,10 @@ def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
 
     Notes
     -----
-    The grid ``a + b k`` has to lie within half a unit of the last digit of every stamp; the digits are counted for each power of ten, as
-    numbers printed with a fixed number of significant digits have fewer decimals the larger they are. Of all such grids the one
-    with the least largest deviation is taken (a linear program in ``a``, ``b``).
+    The grid ``a + b k`` has to lie within half a unit of the last digit of every stamp; the digits
+    are counted for each power of ten, as numbers printed with a fixed number of significant digits
+    have fewer decimals the larger they are. Of all such grids the one with the least largest
+    deviation is taken (a linear program in ``a``, ``b``).
     """
     if time.size < 10 or not np.max(np.abs(time)) < LARGEST or not np.all(np.diff(time) >= 0.0):
         return None
@@ -233,7 +268,12 @@ def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
     ones = np.ones_like(k)
     rows = np.vstack([np.column_stack([ones, k, -scale]), np.column_stack([-ones, -k, -scale])])
     shifted = time[some] - time[0]
-    found = linprog([0.0, 0.0, 1.0], A_ub=rows, b_ub=np.concatenate([shifted, -shifted]), bounds=[(None, None), (None, None), (0.0, None)])
+    found = linprog(
+        [0.0, 0.0, 1.0],
+        A_ub=rows,
+        b_ub=np.concatenate([shifted, -shifted]),
+        bounds=[(None, None), (None, None), (0.0, None)],
+    )
     if found.status != 0:
         return None
     grid = time[0] + found.x[0] + found.x[1] * np.arange(time.size) / (time.size - 1)
@@ -242,27 +282,38 @@ def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
     even = found.x[1] / (time.size - 1)
     repeats = int(np.count_nonzero(np.diff(time) == 0.0))
     repeated = f" and repeat {repeats} times" if repeats else ""
-    return grid, f"the time stamps have few digits{repeated}: an even grid of {even:.6g} s explains all of them and is used"
+    return (
+        grid,
+        f"the time stamps have few digits{repeated}: an even grid of {even:.6g} s explains all of "
+        "them and is used",
+    )
 
 
 def sorted_rows(time: np.ndarray, repeats: np.ndarray) -> Sorted | None:
-    """Rows put in order and exact repeats dropped; None where too many stand in the wrong place, or a time is left twice.
+    """Rows put in order and exact repeats dropped; None where too many stand in the wrong place, or
+    a time is left twice.
 
     Parameters
     ----------
-    time : shape ``(N,)``, s, finite. repeats : shape ``(N,)``, whether a row has the same cells as the row of equal time before it.
+    time : shape ``(N,)``, s, finite. repeats : shape ``(N,)``, whether a row has the same cells as
+    the row of equal time before it.
     """
     order = np.argsort(time, kind="stable")
     notes = []
     misplaced = int(np.count_nonzero(np.diff(time) < 0.0))
     if misplaced:
-        if misplaced > DISPLACED * time.size or np.max(np.abs(order - np.arange(time.size))) > max(10, DISPLACED * time.size):
+        if misplaced > DISPLACED * time.size or np.max(np.abs(order - np.arange(time.size))) > max(
+            10, DISPLACED * time.size
+        ):
             return None
         notes.append(f"rows are sorted by time ({misplaced} stood after a later one)")
     order = order[~repeats[order]]
     dropped = time.size - order.size
     if dropped:
-        notes.append(f"{dropped} row{'s that repeat' if dropped > 1 else ' that repeats'} the one before {'are' if dropped > 1 else 'is'} left out")
+        notes.append(
+            f"{dropped} row{'s that repeat' if dropped > 1 else ' that repeats'} the one before "
+            f"{'are' if dropped > 1 else 'is'} left out"
+        )
     if order.size < 2 or np.any(np.diff(time[order]) <= 0.0):
         return None
     return Sorted(time[order], order, tuple(notes))
@@ -291,26 +342,33 @@ def _dates(texts: Sequence[str]) -> Clock | None:
     _, stamps, words = min(found, key=lambda each: each[0])
     first = stamps[stamps.first_valid_index()]
     seconds = (stamps - first).dt.total_seconds().to_numpy(dtype=float)
-    return Clock(seconds, (f"dates{words} count from the first, {first.isoformat()}",), float(first.timestamp()))
+    return Clock(
+        seconds,
+        (f"dates{words} count from the first, {first.isoformat()}",),
+        float(first.timestamp()),
+    )
 
 
 def _orders_of_day_and_month(texts: Sequence[str]) -> list[tuple[Sequence[str], str]]:
-    """The dates as they stand where the year comes first; else with the day first and with the month
-    first, each as year, month, day."""
+    """The dates as they stand where the year comes first; else with the day first and with the
+    month first, each as year, month, day."""
     parted = [_DAY_AND_MONTH.fullmatch(text) for text in texts]
     if not any(parted):
         return [(texts, "")]
     orders: list[tuple[Sequence[str], str]] = []
     for day, month, words in ((1, 2, " (day first)"), (2, 1, " (month first)")):
         ordered = [
-            f"{each[3]}-{int(each[month]):02d}-{int(each[day]):02d}{each[4]}" if each else text for each, text in zip(parted, texts, strict=True)
+            f"{each[3]}-{int(each[month]):02d}-{int(each[day]):02d}{each[4]}" if each else text
+            for each, text in zip(parted, texts, strict=True)
         ]
         orders.append((ordered, words))
     return orders
 
 
 def _past_midnight(time: np.ndarray) -> tuple[np.ndarray, str]:
-    """Seconds of the day or of the GPS week, which begin anew at the end of it, made continuous; and which."""
+    """Seconds of the day or of the GPS week, which begin anew at the end of it, made continuous;
+    and which.
+    """
     known = np.flatnonzero(np.isfinite(time))
     steps = np.diff(time[known])
     for period, name in ((DAY, "day"), (7.0 * DAY, "week")):
@@ -329,7 +387,11 @@ def _unrolled(values: np.ndarray) -> tuple[np.ndarray, int]:
     for bits in (16, 32):
         span = 2.0**bits
         turns = steps < -0.9 * span
-        if np.any(turns) and np.nanmax(values) < span and np.all(values[known] == np.round(values[known])):
+        if (
+            np.any(turns)
+            and np.nanmax(values) < span
+            and np.all(values[known] == np.round(values[known]))
+        ):
             out = values.copy()
             out[known] += span * np.concatenate([[0], np.cumsum(turns)])
             return out, int(np.count_nonzero(turns))
@@ -337,7 +399,9 @@ def _unrolled(values: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _last_digits(time: np.ndarray) -> np.ndarray:
-    """The unit of the last digit with which stamps of each power of ten are written, s, shape ``(N,)``."""
+    """The unit of the last digit with which stamps of each power of ten are written, s, shape
+    ``(N,)``.
+    """
     power = np.floor(np.log10(np.maximum(np.abs(time), 1e-12))).astype(int)
     unit = np.zeros_like(time)
     for each in np.unique(power):
@@ -348,10 +412,13 @@ def _last_digits(time: np.ndarray) -> np.ndarray:
             rounded = np.round(scaled)
             # A number below half a unit rounds to zero, but is not written in that unit.
             whole = np.all((rounded != 0.0) | (values == 0.0))
-            if whole and np.all(np.abs(scaled - rounded) < 1e-6 * np.maximum(1.0, np.abs(scaled) * 1e-6)):
+            if whole and np.all(
+                np.abs(scaled - rounded) < 1e-6 * np.maximum(1.0, np.abs(scaled) * 1e-6)
+            ):
                 unit[here] = 10.0**-decimals
                 break
-    # Small numbers may by chance need fewer digits than larger ones: a stamp has no fewer decimals than a larger one.
+    # Small numbers may by chance need fewer digits than larger ones: a stamp has no fewer decimals
+    # than a larger one.
     for each in np.unique(power)[::-1]:
         here = power == each
         larger = unit[power > each]

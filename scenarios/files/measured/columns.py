@@ -42,7 +42,9 @@ class SourceColumn:
 
 
 def split_at(header: Sequence[str], index: int) -> tuple[str, str | None]:
-    """Name and unit of a cell of a header. ``xyz[1]`` beside ``xyz[0]`` or ``xyz[2]`` is an element of an array, in no unit."""
+    """Name and unit of a cell of a header. ``xyz[1]`` beside ``xyz[0]`` or ``xyz[2]`` is an element
+    of an array, in no unit.
+    """
     found = _SECOND.fullmatch(header[index])
     if found is not None and (f"{found[1]}[0]" in header or f"{found[1]}[2]" in header):
         return header[index], None
@@ -50,7 +52,9 @@ def split_at(header: Sequence[str], index: int) -> tuple[str, str | None]:
 
 
 def suffix_unit(cell: str, channel: str) -> str | None:
-    """Unit of ``channel_unit``: the first word over the others, ``q_deg_s`` is in ``deg/s``; None for any other header."""
+    """Unit of ``channel_unit``: the first word over the others, ``q_deg_s`` is in ``deg/s``; None
+    for any other header.
+    """
     if not cell.startswith(channel + "_"):
         return None
     words = [word for word in cell[len(channel) + 1 :].split("_") if word and word != "per"]
@@ -72,36 +76,55 @@ def find_column(
 
     A channel in ``choices`` is looked for under that header alone, or counts as absent. Else
     ``alpha``, ``alpha [deg]`` and ``alpha_deg``
-    count; a ``alpha_word`` whose word is no unit of an angle counts as another signal if there is an ``alpha`` besides.
-    ``units`` (the sidecar's) hold for headers without a unit, before them ``under``, the row of units under the header. ``known``: all
-    channels that there are, and their units inside; a header that is another channel's name is that channel's alone. ``lenient``: a unit
-    in ``under`` that cannot be one of the channel is left out, as the units are metadata that recorders fill in carelessly.
+    count; a ``alpha_word`` whose word is no unit of an angle counts as another signal if there is
+    an ``alpha`` besides. ``units`` (the sidecar's) hold for headers without a unit, before them
+    ``under``, the row of units under the header. ``known``: all channels that there are, and their
+    units inside; a header that is another channel's name is that channel's alone. ``lenient``: a
+    unit in ``under`` that cannot be one of the channel is left out, as the units are metadata that
+    recorders fill in carelessly.
 
     Raises
     ------
-    RecordError : two columns for the channel, a mapped column that is absent, an unknown unit, one of the wrong dimension, or two
+    RecordError : two columns for the channel, a mapped column that is absent, an unknown unit, one
+    of the wrong dimension, or two
         that contradict each other, in the header and under it.
     """
     if channel not in known:
-        raise RecordError(f"there is no channel {channel!r}", where=file, remedy=closest(channel, known))
+        raise RecordError(
+            f"there is no channel {channel!r}", where=file, remedy=closest(channel, known)
+        )
     default, inside = (units or {}).get(channel, known[channel]), inside_unit(channel, known)
     if choices is not None and channel in choices:
         if choices[channel].absent:
             return None
-        return _mapped(channel, choices[channel], header, file, default, inside, under, lenient=lenient)
+        return _mapped(
+            channel, choices[channel], header, file, default, inside, under, lenient=lenient
+        )
     named, suffixed = [], []
     cells = _in_our_case(channel, header, known)
     for index, cell in enumerate(cells):
         name, unit = split_at(cells, index)
         if name == channel:
-            named.append(SourceColumn(channel, header[index], index, default if unit is None else unit or default, inside))
+            named.append(
+                SourceColumn(
+                    channel,
+                    header[index],
+                    index,
+                    default if unit is None else unit or default,
+                    inside,
+                )
+            )
         elif name not in known and (word := suffix_unit(cell, channel)) is not None:
             suffixed.append(SourceColumn(channel, header[index], index, word, inside))
     readable = [column for column in suffixed if _unit_fault(column, file) is None]
     found = named + readable if inside else named or suffixed  # any word is a label
     if len(found) > 1:
         both = " and ".join(repr(column.header) for column in found)
-        raise RecordError(f"columns {both} are all {channel}", where=file, remedy="leave one of them, or choose with --channels")
+        raise RecordError(
+            f"columns {both} are all {channel}",
+            where=file,
+            remedy="leave one of them, or choose with --channels",
+        )
     chosen = found or suffixed[:1]
     if not chosen:
         return None
@@ -110,7 +133,9 @@ def find_column(
 
 
 def _in_our_case(channel: str, header: Sequence[str], known: Mapping[str, str]) -> Sequence[str]:
-    """The header with ``Elevator`` and ``ALPHA`` written as the channel is, where no cell is written so and no other channel is meant."""
+    """The header with ``Elevator`` and ``ALPHA`` written as the channel is, where no cell is
+    written so and no other channel is meant.
+    """
     if any(split_at(header, index)[0] == channel for index in range(len(header))):
         return header
     cells = list(header)
@@ -118,32 +143,54 @@ def _in_our_case(channel: str, header: Sequence[str], known: Mapping[str, str]) 
         name = split_header(cell)[0]
         if name.lower() == channel.lower() and name not in known:
             cells[index] = channel + cell[len(name) :]
-        elif name not in known and name[: len(channel) + 1].lower() == f"{channel.lower()}_" and not name.startswith(channel):
+        elif (
+            name not in known
+            and name[: len(channel) + 1].lower() == f"{channel.lower()}_"
+            and not name.startswith(channel)
+        ):
             cells[index] = channel + cell[len(channel) :].lower()
     return cells
 
 
 def inside_unit(channel: str, known: Mapping[str, str] = CHANNEL_UNITS) -> str:
-    """The unit that a channel is converted to; empty for a stick without one, whose unit is a label."""
+    """The unit that a channel is converted to; empty for a stick without one, whose unit is a
+    label.
+    """
     return "" if channel == STICK and known[channel] == "1" else known[channel]
 
 
-def named_otherwise(channel: str, header: Sequence[str], choices: Mapping[str, ColumnChoice] | None = None) -> bool:
-    """Whether all that reminds of a channel are headers such as ``airspeed_raw``, whose last words are no unit of it."""
+def named_otherwise(
+    channel: str, header: Sequence[str], choices: Mapping[str, ColumnChoice] | None = None
+) -> bool:
+    """Whether all that reminds of a channel are headers such as ``airspeed_raw``, whose last words
+    are no unit of it.
+    """
     if channel in (choices or {}) or any(split_header(cell)[0] == channel for cell in header):
         return False
     words = [(cell, word) for cell in header if (word := suffix_unit(cell, channel)) is not None]
-    return all(_unit_fault(SourceColumn(channel, cell, 0, word, inside_unit(channel)), "") is not None for cell, word in words)
+    return all(
+        _unit_fault(SourceColumn(channel, cell, 0, word, inside_unit(channel)), "") is not None
+        for cell, word in words
+    )
 
 
 def missing_column(channel: str, header: Sequence[str], file: str) -> RecordError:
     """The error for a channel that a model cannot do without."""
     present = [cell for cell in header if cell]
     shown = ", ".join(present[:20]) + (", ..." if len(present) > 20 else "")
-    remedy = f'name the column {channel}, or give --channels a map with {channel} = {{column = "HEADER"}}'
+    remedy = (
+        f"name the column {channel}, or give --channels a map with {channel} = {{column = "
+        f'"HEADER"}}'
+    )
     if header and header[0] == "column 1":  # the file has no header
-        remedy = f"name the columns with --columns, or give --channels a map with {channel} = NUMBER"
-    return RecordError(f"there is no column {channel!r}; the columns are {shown}", where=f"{file}, header", remedy=remedy)
+        remedy = (
+            f"name the columns with --columns, or give --channels a map with {channel} = NUMBER"
+        )
+    return RecordError(
+        f"there is no column {channel!r}; the columns are {shown}",
+        where=f"{file}, header",
+        remedy=remedy,
+    )
 
 
 def column_place(file: str, column: SourceColumn) -> str:
@@ -151,8 +198,12 @@ def column_place(file: str, column: SourceColumn) -> str:
     return f"{file}, column {column.header!r}"
 
 
-def _with_unit_under(column: SourceColumn, under: Sequence[str], file: str, *, said: bool, lenient: bool) -> SourceColumn:
-    """The column in the unit of the row under its header, where that says one; ``said``: the header says one too, and both must be the same."""
+def _with_unit_under(
+    column: SourceColumn, under: Sequence[str], file: str, *, said: bool, lenient: bool
+) -> SourceColumn:
+    """The column in the unit of the row under its header, where that says one; ``said``: the header
+    says one too, and both must be the same.
+    """
     told = under[column.index] if under else ""
     if lenient and told and _unit_fault(replace(column, unit=told), file) is not None:
         told = ""
@@ -166,7 +217,9 @@ def _with_unit_under(column: SourceColumn, under: Sequence[str], file: str, *, s
 
 def _same_unit(one: str, other: str, inside: str) -> bool:
     try:
-        return one == other or (inside != "" and to_si(1.0, one, inside, "") == to_si(1.0, other, inside, ""))
+        return one == other or (
+            inside != "" and to_si(1.0, one, inside, "") == to_si(1.0, other, inside, "")
+        )
     except RecordError:
         return False
 
@@ -180,17 +233,40 @@ def _sound(column: SourceColumn, file: str) -> SourceColumn:
 
 
 def _mapped(
-    channel: str, choice: ColumnChoice, header: Sequence[str], file: str, default: str, inside: str, under: Sequence[str], *, lenient: bool
+    channel: str,
+    choice: ColumnChoice,
+    header: Sequence[str],
+    file: str,
+    default: str,
+    inside: str,
+    under: Sequence[str],
+    *,
+    lenient: bool,
 ) -> SourceColumn:
     assert isinstance(choice.column, str)  # numbers are resolved before
     found = [index for index, cell in enumerate(header) if cell == choice.column]
-    found = found or [index for index, cell in enumerate(header) if split_header(cell)[0] == choice.column]
+    found = found or [
+        index for index, cell in enumerate(header) if split_header(cell)[0] == choice.column
+    ]
     if not found:
         error = missing_column(channel, header, file)
-        what = error.what.replace(repr(channel), f"{choice.column!r}, which the channel map names for {channel}", 1)
-        raise RecordError(what, where=error.where, remedy=f"correct the channel map: {closest(choice.column, [cell for cell in header if cell])}")
+        what = error.what.replace(
+            repr(channel), f"{choice.column!r}, which the channel map names for {channel}", 1
+        )
+        raise RecordError(
+            what,
+            where=error.where,
+            remedy=(
+                "correct the channel map: "
+                f"{closest(choice.column, [cell for cell in header if cell])}"
+            ),
+        )
     if len(found) > 1:
-        raise RecordError(f"{len(found)} columns are headed {choice.column!r}", where=f"{file}, header", remedy="rename all but one of them")
+        raise RecordError(
+            f"{len(found)} columns are headed {choice.column!r}",
+            where=f"{file}, header",
+            remedy="rename all but one of them",
+        )
     cell = header[found[0]]
     if choice.unit is not None:
         return _sound(SourceColumn(channel, cell, found[0], choice.unit or default, inside), file)
@@ -246,11 +322,13 @@ def sidecar_path(record: Path) -> Path:
 
 
 def read_sidecar(record: Path) -> Sidecar:
-    """The sidecar of a record file; the default one where there is none, or where that JSON is of another program.
+    """The sidecar of a record file; the default one where there is none, or where that JSON is of
+    another program.
 
     Raises
     ------
-    RecordError : it cannot be read or is damaged, or it is a record's and says something that cannot be used.
+    RecordError : it cannot be read or is damaged, or it is a record's and says something that
+    cannot be used.
     """
     path = sidecar_path(record)
     try:
@@ -258,7 +336,9 @@ def read_sidecar(record: Path) -> Sidecar:
     except (FileNotFoundError, NotADirectoryError):
         return Sidecar()
     except OSError as error:
-        raise RecordError(f"cannot be read ({error.strerror or error})", where=str(path), remedy=_AWAY) from None
+        raise RecordError(
+            f"cannot be read ({error.strerror or error})", where=str(path), remedy=_AWAY
+        ) from None
     try:
         content = json_value(raw)
     except DocumentError as error:
@@ -273,29 +353,65 @@ def _sidecar_of(content: Mapping[str, Any], path: Path) -> Sidecar:
         ours = [key for key in ("hold", "units") if key in content]
         if ours and not isinstance(schema, str):
             what = f"it has the key {ours[0]} and no schema"
-            raise RecordError(what, where=f"{path}, key schema", remedy=f'add "schema": "{SCHEMA}", or move the file away')
+            raise RecordError(
+                what,
+                where=f"{path}, key schema",
+                remedy=f'add "schema": "{SCHEMA}", or move the file away',
+            )
         return Sidecar()
     if schema != SCHEMA:
-        raise RecordError(f"schema {schema!r} is not known here", where=f"{path}, key schema", remedy=f"write the record again as {SCHEMA}")
+        raise RecordError(
+            f"schema {schema!r} is not known here",
+            where=f"{path}, key schema",
+            remedy=f"write the record again as {SCHEMA}",
+        )
     for key in content:
         if key not in KEYS:
-            raise RecordError("there is no such key", where=f"{path}, key {key!r}", remedy=closest(key, KEYS))
-    name, hold, units = content.get("name"), content.get("hold", Hold.PREVIOUS.value), content.get("units", {})
+            raise RecordError(
+                "there is no such key", where=f"{path}, key {key!r}", remedy=closest(key, KEYS)
+            )
+    name, hold, units = (
+        content.get("name"),
+        content.get("hold", Hold.PREVIOUS.value),
+        content.get("units", {}),
+    )
     if name is not None and not isinstance(name, str):
         raise RecordError(f"{name!r} is no name", where=f"{path}, key name", remedy="write a text")
     if hold not in [kind.value for kind in Hold]:
-        raise RecordError(f"hold {hold!r} is not known", where=f"{path}, key hold", remedy="write previous or linear")
+        raise RecordError(
+            f"hold {hold!r} is not known",
+            where=f"{path}, key hold",
+            remedy="write previous or linear",
+        )
     if not isinstance(units, dict) or not all(isinstance(unit, str) for unit in units.values()):
-        raise RecordError("a unit is not a text", where=f"{path}, key units", remedy='write {"alpha": "rad", ...}')
+        raise RecordError(
+            "a unit is not a text", where=f"{path}, key units", remedy='write {"alpha": "rad", ...}'
+        )
     if not isinstance(content.get("origin", ""), str):
-        raise RecordError("the origin is not a text", where=f"{path}, key origin", remedy=f"write {SIMULATED}, or leave it out")
-    return Sidecar(name, Hold(hold), units, "hold" in content, content.get("origin") == SIMULATED, path.name)
+        raise RecordError(
+            "the origin is not a text",
+            where=f"{path}, key origin",
+            remedy=f"write {SIMULATED}, or leave it out",
+        )
+    return Sidecar(
+        name, Hold(hold), units, "hold" in content, content.get("origin") == SIMULATED, path.name
+    )
 
 
-def refuse_unknown_units(sidecar: Sidecar, header: Sequence[str], record: Path, known: Collection[str]) -> None:
-    """Raise RecordError for a unit of what is neither a channel of ``known`` nor a column under ``header``."""
+def refuse_unknown_units(
+    sidecar: Sidecar, header: Sequence[str], record: Path, known: Collection[str]
+) -> None:
+    """Raise RecordError for a unit of what is neither a channel of ``known`` nor a column under
+    ``header``.
+    """
     for name in sidecar.units:
-        if name in known or any(split_header(cell)[0] == name or suffix_unit(cell, name) for cell in header):
+        if name in known or any(
+            split_header(cell)[0] == name or suffix_unit(cell, name) for cell in header
+        ):
             continue
         where = f"{sidecar_path(record)}, key units"
-        raise RecordError(f"there is no channel {name!r}", where=where, remedy=closest(name, [*known, *(cell for cell in header if cell)]))
+        raise RecordError(
+            f"there is no channel {name!r}",
+            where=where,
+            remedy=closest(name, [*known, *(cell for cell in header if cell)]),
+        )

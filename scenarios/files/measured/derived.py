@@ -1,8 +1,10 @@
-"""Channels that are computed from columns, and topics of a log put on one clock: a table with one column a channel comes out.
+"""Channels that are computed from columns, and topics of a log put on one clock: a table with one
+column a channel comes out.
 
-Rules of the merge, each said in a note: the grid is the clock of the fastest topic that an output comes from, over the time that all topics
-share; a faster column passes a zero-phase low-pass first; an output that is slower has samples only at the grid times nearest to its own,
-so that the fit knows its rate; an input is continued between its own samples, held or linear.
+Rules of the merge, each said in a note: the grid is the clock of the fastest topic that an output
+comes from, over the time that all topics share; a faster column passes a zero-phase low-pass first;
+an output that is slower has samples only at the grid times nearest to its own, so that the fit
+knows its rate; an input is continued between its own samples, held or linear.
 """
 
 from __future__ import annotations
@@ -44,7 +46,9 @@ Place = tuple[int, int]  # topic and column
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """A channel to compute: from which columns, by which expression, and as an input or an output."""
+    """A channel to compute: from which columns, by which expression, and as an input or an
+    output.
+    """
 
     channel: str
     choice: ColumnChoice
@@ -55,7 +59,11 @@ class Wanted:
     @property
     def computed(self) -> bool:
         """Whether it is anything but one column's own numbers."""
-        return self.choice.computed or len(self.places) != 1 or not self.expression.text.startswith("`")
+        return (
+            self.choice.computed
+            or len(self.places) != 1
+            or not self.expression.text.startswith("`")
+        )
 
 
 def with_derived(
@@ -68,29 +76,52 @@ def with_derived(
     hold: str | None = None,
     known: Mapping[str, str] = CHANNEL_UNITS,
 ) -> tuple[RecordFile, Mapping[str, ColumnChoice] | None]:
-    """The file with a column for each channel that has to be computed, and the channel map that finds them.
+    """The file with a column for each channel that has to be computed, and the channel map that
+    finds them.
 
     Parameters
     ----------
     file : the file as it was read. choices : channel map, None for none.
-    inputs, outputs : channels that are asked for. rate : Hz, of the grid that topics are put on; None: of the fastest output's topic.
-    hold : how inputs go on between their own samples; None: by the channel map, else by their values.
-    known : all channels and their units inside.
+    inputs, outputs : channels that are asked for. rate : Hz, of the grid that topics are put on;
+    None: of the fastest output's topic. hold : how inputs go on between their own samples; None: by
+    the channel map, else by their values. known : all channels and their units inside.
 
     Raises
     ------
-    RecordError : a column, topic or clock that is not there or not the only one of its name; an expression that cannot be computed.
+    RecordError : a column, topic or clock that is not there or not the only one of its name; an
+    expression that cannot be computed.
     """
     absent = {name: choice for name, choice in (choices or {}).items() if choice.absent}
-    chosen = {name: choice for name, choice in (choices or {}).items() if (name in inputs or name in outputs or name == TIME) and name not in absent}
+    chosen = {
+        name: choice
+        for name, choice in (choices or {}).items()
+        if (name in inputs or name in outputs or name == TIME) and name not in absent
+    }
     topics = file.topics if len(file.topics) > 1 else (Topic("", file.table),)
     if len(topics) > 1:
         others = [name for name in (*inputs, *outputs) if name not in chosen and name not in absent]
-        plain = {name: ColumnChoice(name) for name in others if _unique(name, topics) and (name in inputs or _measured(name, topics))}
-        wanted = [_wanted(file, topics, name, each, name in inputs, known) for name, each in {**plain, **chosen}.items() if name != TIME]
+        plain = {
+            name: ColumnChoice(name)
+            for name in others
+            if _unique(name, topics) and (name in inputs or _measured(name, topics))
+        }
+        wanted = [
+            _wanted(file, topics, name, each, name in inputs, known)
+            for name, each in {**plain, **chosen}.items()
+            if name != TIME
+        ]
         if not wanted:
-            what = f"a log of {len(topics)} topics ({', '.join(topic.name for topic in topics[:8])}, ...)"
-            raise RecordError(what, where=str(file.path), remedy=f"make a channel map with flightid map {file.path}, and name it with --channels")
+            what = (
+                f"a log of {len(topics)} topics ({', '.join(topic.name for topic in topics[:8])}, "
+                "...)"
+            )
+            raise RecordError(
+                what,
+                where=str(file.path),
+                remedy=(
+                    f"make a channel map with flightid map {file.path}, and name it with --channels"
+                ),
+            )
         single, found = _merged(file, topics, wanted, rate, hold, known)
         return single, {**found, **absent}
     needed = {name: choice for name, choice in chosen.items() if _is_computed(choice, file.table)}
@@ -100,24 +131,41 @@ def with_derived(
 
 
 def source_columns(
-    file: RecordFile, choices: Mapping[str, ColumnChoice], inputs: Sequence[str], outputs: Sequence[str], known: Mapping[str, str] = CHANNEL_UNITS
+    file: RecordFile,
+    choices: Mapping[str, ColumnChoice],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    known: Mapping[str, str] = CHANNEL_UNITS,
 ) -> tuple[int, ...]:
     """Columns of a file with one table from which channels are computed; none where each channel is
     a column as it stands."""
     asked = {
-        name: choice for name, choice in choices.items() if name in (*inputs, *outputs) and not choice.absent and _is_computed(choice, file.table)
+        name: choice
+        for name, choice in choices.items()
+        if name in (*inputs, *outputs) and not choice.absent and _is_computed(choice, file.table)
     }
-    wanted = [_wanted(file, (Topic("", file.table),), name, choice, name in inputs, known) for name, choice in asked.items()]
+    wanted = [
+        _wanted(file, (Topic("", file.table),), name, choice, name in inputs, known)
+        for name, choice in asked.items()
+    ]
     return tuple(sorted({index for each in wanted for _, index in each.places.values()}))
 
 
 def clock_place(table: CellTable) -> int | None:
-    """The column that is the clock of a table: ``time`` before other names of clocks, before a first
-    column without a name that holds dates, as pandas writes an index; None where there is none."""
+    """The column that is the clock of a table: ``time`` before other names of clocks, before a
+    first column without a name that holds dates, as pandas writes an index; None where there is
+    none."""
     named = [index for index, cell in enumerate(table.header) if is_clock(split_header(cell)[0])]
-    first = [index for index in named if split_header(table.header[index])[0].strip().lower() == TIME]
+    first = [
+        index for index in named if split_header(table.header[index])[0].strip().lower() == TIME
+    ]
     chosen = first or named
-    if not chosen and table.header and table.header[0].lower() in NO_NAMES and holds_dates(table.columns[0]):
+    if (
+        not chosen
+        and table.header
+        and table.header[0].lower() in NO_NAMES
+        and holds_dates(table.columns[0])
+    ):
         return 0
     return chosen[0] if chosen else None
 
@@ -128,7 +176,11 @@ def holds_dates(column: Sequence[object] | np.ndarray) -> bool:
         return True
     if isinstance(column, np.ndarray) and column.dtype.kind in "fiub":
         return False
-    filled = [cell for cell in itertools.islice(column, FIRST_CELLS) if cell is not None and str(cell).strip()]
+    filled = [
+        cell
+        for cell in itertools.islice(column, FIRST_CELLS)
+        if cell is not None and str(cell).strip()
+    ]
     return bool(filled) and times_of_texts(filled) is not None
 
 
@@ -137,7 +189,8 @@ def clock_of(table: CellTable, index: int, unit: str | None = None) -> Clock:
 
     Parameters
     ----------
-    table, index : the column. unit : its unit where that is known; None: as the header says, else as the numbers do.
+    table, index : the column. unit : its unit where that is known; None: as the header says, else
+    as the numbers do.
 
     Raises
     ------
@@ -147,7 +200,9 @@ def clock_of(table: CellTable, index: int, unit: str | None = None) -> Clock:
     if isinstance(column, np.ndarray) and column.dtype.kind in "mM":
         return times_of_dates(column)
     if not (isinstance(column, np.ndarray) and column.dtype.kind in "fiu"):
-        first = next((str(cell).strip() for cell in column if cell is not None and str(cell).strip()), "")
+        first = next(
+            (str(cell).strip() for cell in column if cell is not None and str(cell).strip()), ""
+        )
         if ":" in first or first[4:5] == "-" or first.count(".") == 2 or first.count("/") == 2:
             clock = times_of_texts(list(column))
             if clock is not None:
@@ -156,18 +211,29 @@ def clock_of(table: CellTable, index: int, unit: str | None = None) -> Clock:
     values = numbers(table, index).values
     if said in SECONDS or said is None:
         return seconds_of_counter(values, said, f"{table.file}, column {table.header[index]!r}")
-    return Clock(np.asarray(to_si(values, said, "s", f"{table.file}, column {table.header[index]!r}")))
+    return Clock(
+        np.asarray(to_si(values, said, "s", f"{table.file}, column {table.header[index]!r}"))
+    )
 
 
 def stated_unit(table: CellTable, index: int) -> str | None:
-    """The unit that a header, the row under it or a clock's name states; None where nothing does."""
+    """The unit that a header, the row under it or a clock's name states; None where nothing
+    does.
+    """
     name, unit = split_at(table.header, index)
     under = table.units[index] if table.units else ""
     if unit or under:
         chosen = unit or under
         if table.stated_apart and is_clock(name) and not _measures(chosen, "s"):
             return None
-        return {"µs": "us", "usec": "us", "msec": "ms", "sec": "s", "seconds": "s", "nsec": "ns"}.get(chosen, chosen)
+        return {
+            "µs": "us",
+            "usec": "us",
+            "msec": "ms",
+            "sec": "s",
+            "seconds": "s",
+            "nsec": "ns",
+        }.get(chosen, chosen)
     if not is_clock(name):
         return None
     suffix = suffix_unit(name.lower(), TIME) or suffix_unit(name.lower(), "timestamp")
@@ -193,15 +259,34 @@ def _measured(name: str, topics: Sequence[Topic]) -> bool:
     return bool(np.any(np.isfinite(values) & (values != 0.0)))
 
 
-def _wanted(file: RecordFile, topics: Sequence[Topic], channel: str, choice: ColumnChoice, is_input: bool, known: Mapping[str, str]) -> Wanted:
+def _wanted(
+    file: RecordFile,
+    topics: Sequence[Topic],
+    channel: str,
+    choice: ColumnChoice,
+    is_input: bool,
+    known: Mapping[str, str],
+) -> Wanted:
     where = f"{file.path}, channel {channel}"
     if isinstance(choice.column, int):
         if len(topics) > 1 or choice.column > len(topics[0].table.header):
             held = len(topics[0].table.header)
-            what = f"there is no column {choice.column}" if len(topics) == 1 else "a column's number means nothing in a log of several topics"
-            raise RecordError(what, where=where, remedy=f"the columns are numbered 1 to {held}" if len(topics) == 1 else "write topic.field")
+            what = (
+                f"there is no column {choice.column}"
+                if len(topics) == 1
+                else "a column's number means nothing in a log of several topics"
+            )
+            raise RecordError(
+                what,
+                where=where,
+                remedy=f"the columns are numbered 1 to {held}"
+                if len(topics) == 1
+                else "write topic.field",
+            )
         name = f"#{choice.column}"
-        return Wanted(channel, choice, parse(f"`{name}`", where), {name: (0, choice.column - 1)}, is_input)
+        return Wanted(
+            channel, choice, parse(f"`{name}`", where), {name: (0, choice.column - 1)}, is_input
+        )
     whole = _places(choice.column, topics)
     expression = parse(f"`{choice.column}`" if whole else choice.column, where)
     places: dict[str, Place] = {}
@@ -211,7 +296,9 @@ def _wanted(file: RecordFile, topics: Sequence[Topic], channel: str, choice: Col
             raise _not_one(file, topics, column, found, where)
         places[column] = found[0]
     if not places:
-        raise RecordError(f"{choice.column!r} reads no column", where=where, remedy="name at least one column")
+        raise RecordError(
+            f"{choice.column!r} reads no column", where=where, remedy="name at least one column"
+        )
     return Wanted(channel, choice, expression, places, is_input)
 
 
@@ -229,16 +316,37 @@ def _places(name: str, topics: Sequence[Topic]) -> list[Place]:
     return exact if len(exact) == 1 else found
 
 
-def _not_one(file: RecordFile, topics: Sequence[Topic], column: str, found: Sequence[Place], where: str) -> RecordError:
+def _not_one(
+    file: RecordFile, topics: Sequence[Topic], column: str, found: Sequence[Place], where: str
+) -> RecordError:
     if found:
-        inside = [f"{topics[topic].name}.{column}" if topics[topic].name else f"column {index + 1}" for topic, index in found]
-        return RecordError(f"{column!r} is in {len(inside)} places", where=where, remedy=f"write one of {', '.join(inside[:6])}")
-    names = [f"{topic.name}.{cell}" if topic.name else cell for topic in topics for cell in topic.table.header]
-    return RecordError(f"there is no column {column!r}", where=where, remedy=closest(column, names) if len(names) < 400 else "see flightid map")
+        inside = [
+            f"{topics[topic].name}.{column}" if topics[topic].name else f"column {index + 1}"
+            for topic, index in found
+        ]
+        return RecordError(
+            f"{column!r} is in {len(inside)} places",
+            where=where,
+            remedy=f"write one of {', '.join(inside[:6])}",
+        )
+    names = [
+        f"{topic.name}.{cell}" if topic.name else cell
+        for topic in topics
+        for cell in topic.table.header
+    ]
+    return RecordError(
+        f"there is no column {column!r}",
+        where=where,
+        remedy=closest(column, names) if len(names) < 400 else "see flightid map",
+    )
 
 
 def _computed(
-    file: RecordFile, needed: Mapping[str, ColumnChoice], choices: Mapping[str, ColumnChoice], inputs: Sequence[str], known: Mapping[str, str]
+    file: RecordFile,
+    needed: Mapping[str, ColumnChoice],
+    choices: Mapping[str, ColumnChoice],
+    inputs: Sequence[str],
+    known: Mapping[str, str],
 ) -> tuple[RecordFile, Mapping[str, ColumnChoice]]:
     """A single table with further columns, one for each computed channel."""
     table, topics = file.table, (Topic("", file.table),)
@@ -258,7 +366,11 @@ def _computed(
         if choice.delay:
             place_of_clock = _clock_index(table, choices)
             if place_of_clock is None:
-                raise RecordError("a delay needs a clock", where=f"{file.path}, channel {channel}", remedy="name the column of time")
+                raise RecordError(
+                    "a delay needs a clock",
+                    where=f"{file.path}, channel {channel}",
+                    remedy="name the column of time",
+                )
             values = _delayed(clock_of(table, place_of_clock).time, values, choice.delay)
         label = f"{channel} (computed)"
         header.append(label)
@@ -272,17 +384,36 @@ def _computed(
 def _clock_index(table: CellTable, choices: Mapping[str, ColumnChoice]) -> int | None:
     choice = choices.get(TIME)
     if choice is not None and isinstance(choice.column, str):
-        return next((n for n, cell in enumerate(table.header) if choice.column in (cell, split_header(cell)[0])), None)
-    return choice.column - 1 if choice is not None and isinstance(choice.column, int) else clock_place(table)
+        return next(
+            (
+                n
+                for n, cell in enumerate(table.header)
+                if choice.column in (cell, split_header(cell)[0])
+            ),
+            None,
+        )
+    return (
+        choice.column - 1
+        if choice is not None and isinstance(choice.column, int)
+        else clock_place(table)
+    )
 
 
-def _in_unit(file: RecordFile, wanted: Wanted, topics: Sequence[Topic], known: Mapping[str, str]) -> tuple[np.ndarray, str, str]:
+def _in_unit(
+    file: RecordFile, wanted: Wanted, topics: Sequence[Topic], known: Mapping[str, str]
+) -> tuple[np.ndarray, str, str]:
     """A channel's values as computed, their unit, and a sentence on a unit that is not used."""
     unit, note = _unit_of(wanted, topics, known)
-    return _values(file, wanted, topics, unit), inside_unit(wanted.channel, known) if unit is None else unit, note
+    return (
+        _values(file, wanted, topics, unit),
+        inside_unit(wanted.channel, known) if unit is None else unit,
+        note,
+    )
 
 
-def _unit_of(wanted: Wanted, topics: Sequence[Topic], known: Mapping[str, str]) -> tuple[str | None, str]:
+def _unit_of(
+    wanted: Wanted, topics: Sequence[Topic], known: Mapping[str, str]
+) -> tuple[str | None, str]:
     """The unit of a channel's numbers, and a sentence on a stated one that is not used; None:
     columns of stated units are computed with in SI.
 
@@ -315,30 +446,49 @@ def _measures(unit: str, inside: str) -> bool:
     return True
 
 
-def _values(file: RecordFile, wanted: Wanted, topics: Sequence[Topic], unit: str | None) -> np.ndarray:
-    """The values of a channel's expression on its columns' own rows; with ``unit`` None columns of stated units are in SI."""
-    columns = {name: _numbers(file, topics, place, wanted, si=unit is None) for name, place in wanted.places.items()}
+def _values(
+    file: RecordFile, wanted: Wanted, topics: Sequence[Topic], unit: str | None
+) -> np.ndarray:
+    """The values of a channel's expression on its columns' own rows; with ``unit`` None columns of
+    stated units are in SI.
+    """
+    columns = {
+        name: _numbers(file, topics, place, wanted, si=unit is None)
+        for name, place in wanted.places.items()
+    }
     where = f"{file.path}, channel {wanted.channel}"
     sizes = {values.size for values in columns.values()}
     if len(sizes) > 1:
-        raise RecordError("its columns have different lengths", where=where, remedy="use columns of one table")
+        raise RecordError(
+            "its columns have different lengths", where=where, remedy="use columns of one table"
+        )
     return _calibrated(evaluate(wanted.expression, columns, where), wanted.choice)
 
 
 def _calibrated(values: np.ndarray, choice: ColumnChoice) -> np.ndarray:
     if choice.table is not None:
         values = np.where(np.isnan(values), np.nan, np.interp(values, *choice.table))
-    return choice.scale * values + choice.offset if (choice.scale, choice.offset) != (1.0, 0.0) else values
+    return (
+        choice.scale * values + choice.offset
+        if (choice.scale, choice.offset) != (1.0, 0.0)
+        else values
+    )
 
 
-def _numbers(file: RecordFile, topics: Sequence[Topic], place: Place, wanted: Wanted, *, si: bool) -> np.ndarray:
+def _numbers(
+    file: RecordFile, topics: Sequence[Topic], place: Place, wanted: Wanted, *, si: bool
+) -> np.ndarray:
     """A column as numbers; in SI where ``si`` and its unit is stated and known."""
     table = topics[place[0]].table
     found = numbers(table, place[1])
     where = f"{table.file}, column {table.header[place[1]]!r}"
     if found.texts:
         row, text = next(iter(found.texts.items()))
-        raise RecordError(f"{text[:40]!r} in row {table.rows[row]} is not a number", where=where, remedy=f"{wanted.channel} is computed from it")
+        raise RecordError(
+            f"{text[:40]!r} in row {table.rows[row]} is not a number",
+            where=where,
+            remedy=f"{wanted.channel} is computed from it",
+        )
     unit = stated_unit(table, place[1])
     if not si or not unit or unit in QUANTITIES:
         return found.values
@@ -351,19 +501,31 @@ def _numbers(file: RecordFile, topics: Sequence[Topic], place: Place, wanted: Wa
 
 
 def _delayed(time: np.ndarray, values: np.ndarray, delay: float) -> np.ndarray:
-    """The values of a column that was recorded late by ``delay``, s, at the times of its rows; constant beyond its ends."""
+    """The values of a column that was recorded late by ``delay``, s, at the times of its rows;
+    constant beyond its ends.
+    """
     known = np.isfinite(values) & np.isfinite(time)
     return np.interp(time + delay, time[known], values[known]) if np.any(known) else values
 
 
 def _merged(
-    file: RecordFile, topics: Sequence[Topic], wanted: Sequence[Wanted], rate: float | None, hold: str | None, known: Mapping[str, str]
+    file: RecordFile,
+    topics: Sequence[Topic],
+    wanted: Sequence[Wanted],
+    rate: float | None,
+    hold: str | None,
+    known: Mapping[str, str],
 ) -> tuple[RecordFile, Mapping[str, ColumnChoice]]:
     """The wanted channels of several topics on one grid."""
     used = sorted({place[0] for each in wanted for place in each.places.values()})
     clocks = _clocks(file, topics, used)
     notes: list[str] = []
-    leading = [topic for each in wanted if not each.is_input for topic in {place[0] for place in each.places.values()}] or used
+    leading = [
+        topic
+        for each in wanted
+        if not each.is_input
+        for topic in {place[0] for place in each.places.values()}
+    ] or used
     grid, grid_note = _grid(file, topics, clocks, used, leading, rate)
     notes += [grid_note, *_unread(topics, used)]
     step = float(np.median(np.diff(grid)))
@@ -380,15 +542,22 @@ def _merged(
     return single, choices
 
 
-def _clocks(file: RecordFile, topics: Sequence[Topic], used: Sequence[int]) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+def _clocks(
+    file: RecordFile, topics: Sequence[Topic], used: Sequence[int]
+) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """Topic -> times in order, s, from one origin, and the rows that they belong to."""
     found: dict[int, Clock] = {}
     for number in used:
         table = topics[number].table
         index = clock_place(table)
         if index is None:
-            remedy = f"it has the columns {', '.join(table.header[:8])}; a clock is called time or timestamp"
-            raise RecordError(f"topic {topics[number].name} has no clock", where=str(file.path), remedy=remedy)
+            remedy = (
+                f"it has the columns {', '.join(table.header[:8])}; a clock is called time or "
+                "timestamp"
+            )
+            raise RecordError(
+                f"topic {topics[number].name} has no clock", where=str(file.path), remedy=remedy
+            )
         found[number] = clock_of(table, index)
     origin = min(clock.origin for clock in found.values())
     clocks = {}
@@ -398,7 +567,11 @@ def _clocks(file: RecordFile, topics: Sequence[Topic], used: Sequence[int]) -> d
         rows = rows[np.argsort(time[rows], kind="stable")]
         rows = rows[np.concatenate([[True], np.diff(time[rows]) > 0.0])] if rows.size else rows
         if rows.size < 2:
-            raise RecordError(f"topic {topics[number].name} has no two times", where=str(file.path), remedy="leave its columns out")
+            raise RecordError(
+                f"topic {topics[number].name} has no two times",
+                where=str(file.path),
+                remedy="leave its columns out",
+            )
         clocks[number] = (time[rows], rows)
     return clocks
 
@@ -412,9 +585,13 @@ def _grid(
     rate: float | None,
 ) -> tuple[np.ndarray, str]:
     begin, end = max(clocks[n][0][0] for n in used), min(clocks[n][0][-1] for n in used)
-    spans = ", ".join(f"{topics[n].name} {clocks[n][0][0]:g} to {clocks[n][0][-1]:g} s" for n in used)
+    spans = ", ".join(
+        f"{topics[n].name} {clocks[n][0][0]:g} to {clocks[n][0][-1]:g} s" for n in used
+    )
     if not end > begin:
-        raise RecordError("the topics share no time", where=str(file.path), remedy=f"they cover {spans}")
+        raise RecordError(
+            "the topics share no time", where=str(file.path), remedy=f"they cover {spans}"
+        )
     if rate is not None:
         grid = begin + np.arange(int((end - begin) * rate * (1.0 + 1e-9)) + 1) / rate
         said = f"an even grid of {rate:g} Hz"
@@ -428,19 +605,38 @@ def _grid(
         said = f"the clock of {topics[fastest].name}, {1.0 / step:.4g} Hz"
         said += f" with a jitter of {1e3 * jitter:.2g} ms" if jitter > JITTER * step else ""
     if grid.size < 2:
-        raise RecordError("the topics share fewer than two samples", where=str(file.path), remedy=f"they cover {spans}")
+        raise RecordError(
+            "the topics share fewer than two samples",
+            where=str(file.path),
+            remedy=f"they cover {spans}",
+        )
     if len(used) == 1:
         return grid, f"the rows are those of {said}"
-    return grid, f"{len(used)} topics are put on one grid, {said}: {', '.join(topics[n].name for n in used)}"
+    return (
+        grid,
+        f"{len(used)} topics are put on one grid, {said}: "
+        f"{', '.join(topics[n].name for n in used)}",
+    )
 
 
 def _unread(topics: Sequence[Topic], used: Sequence[int]) -> list[str]:
-    """A sentence on topics that have the same columns as those that are read, as the sheets of several runs have."""
+    """A sentence on topics that have the same columns as those that are read, as the sheets of
+    several runs have.
+    """
     read = {topics[n].table.header for n in used}
-    others = [topic.name for n, topic in enumerate(topics) if n not in used and topic.table.header in read]
+    others = [
+        topic.name for n, topic in enumerate(topics) if n not in used and topic.table.header in read
+    ]
     shown = ", ".join(others[:6]) + (", ..." if len(others) > 6 else "")
     have = "has" if len(others) == 1 else "have"
-    return [f"{shown} {have} the same columns as {topics[used[0]].name} and {'is' if len(others) == 1 else 'are'} not read"] if others else []
+    return (
+        [
+            f"{shown} {have} the same columns as {topics[used[0]].name} and "
+            f"{'is' if len(others) == 1 else 'are'} not read"
+        ]
+        if others
+        else []
+    )
 
 
 def _on_grid(
@@ -453,7 +649,9 @@ def _on_grid(
     hold: str | None,
     known: Mapping[str, str],
 ) -> tuple[np.ndarray, str, str]:
-    """A channel's values on the grid, NaN where an output has no sample, their unit, and how it got there."""
+    """A channel's values on the grid, NaN where an output has no sample, their unit, and how it got
+    there.
+    """
     unit, unused = _unit_of(wanted, topics, known)
     laid: dict[str, np.ndarray] = {}
     slowest = 0.0
@@ -468,12 +666,28 @@ def _on_grid(
     values = _calibrated(evaluate(wanted.expression, laid, where), wanted.choice)
     if not wanted.is_input and slowest > SAME_RATE * step:
         values = np.where(_nearest(clocks, wanted, grid), values, np.nan)
-        notes.append(f"its own samples come every {slowest:.3g} s, the grid's every {step:.3g} s: it has samples only where it was measured")
-    return values, unit if unit is not None else inside_unit(wanted.channel, known), "; ".join(dict.fromkeys(notes))
+        notes.append(
+            f"its own samples come every {slowest:.3g} s, the grid's every {step:.3g} s: it has "
+            "samples only where it was measured"
+        )
+    return (
+        values,
+        unit if unit is not None else inside_unit(wanted.channel, known),
+        "; ".join(dict.fromkeys(notes)),
+    )
 
 
-def _laid(time: np.ndarray, values: np.ndarray, at: np.ndarray, step: float, wanted: Wanted, hold: str | None) -> tuple[np.ndarray, float, str]:
-    """One column at the times of the grid, its own sampling interval, and a sentence where it was filtered or continued."""
+def _laid(
+    time: np.ndarray,
+    values: np.ndarray,
+    at: np.ndarray,
+    step: float,
+    wanted: Wanted,
+    hold: str | None,
+) -> tuple[np.ndarray, float, str]:
+    """One column at the times of the grid, its own sampling interval, and a sentence where it was
+    filtered or continued.
+    """
     sound = np.isfinite(values)
     if np.count_nonzero(sound) < 2:
         return np.full(at.size, np.nan), 0.0, ""
@@ -482,18 +696,31 @@ def _laid(time: np.ndarray, values: np.ndarray, at: np.ndarray, step: float, wan
     if np.array_equal(time, at):
         return values, own, ""
     if own * SAME_RATE < step:
-        return np.interp(at, time, _smoothed(time, values, own, step)), own, f"passes a zero-phase low-pass of {0.5 * BELOW_HALF / step:.3g} Hz"
+        return (
+            np.interp(at, time, _smoothed(time, values, own, step)),
+            own,
+            f"passes a zero-phase low-pass of {0.5 * BELOW_HALF / step:.3g} Hz",
+        )
     if wanted.is_input and own > SAME_RATE * step:
         way = wanted.choice.hold or hold or ("previous" if leaps(values) else "linear")
-        said = f"its own samples come every {own:.3g} s and are {'held' if way == 'previous' else 'joined by lines'} between them"
+        said = (
+            f"its own samples come every {own:.3g} s and are "
+            f"{'held' if way == 'previous' else 'joined by lines'} between them"
+        )
         if way == "previous":
-            return values[np.clip(np.searchsorted(time, at, side="right") - 1, 0, time.size - 1)], own, said
+            return (
+                values[np.clip(np.searchsorted(time, at, side="right") - 1, 0, time.size - 1)],
+                own,
+                said,
+            )
         return np.interp(at, time, values), own, said
     return np.interp(at, time, values), own, ""
 
 
 def leaps(values: np.ndarray) -> bool:
-    """Whether a signal rests most of the time, to the last digit, and moves in single steps, as a command that a computer holds."""
+    """Whether a signal rests most of the time, to the last digit, and moves in single steps, as a
+    command that a computer holds.
+    """
     moves = np.diff(values) != 0.0
     return bool(np.mean(moves) < 0.3) if moves.size else True
 
@@ -505,13 +732,20 @@ def _smoothed(time: np.ndarray, values: np.ndarray, own: float, step: float) -> 
     if even.size < 20:
         return values
     sections = butter(ORDER, 0.5 * BELOW_HALF / step, fs=1.0 / own, output="sos")
-    smooth = sosfiltfilt(sections, np.interp(even, time, values), padlen=min(even.size - 1, round(6.0 * step / own)))
+    smooth = sosfiltfilt(
+        sections, np.interp(even, time, values), padlen=min(even.size - 1, round(6.0 * step / own))
+    )
     return np.interp(time, even, smooth)
 
 
-def _nearest(clocks: Mapping[int, tuple[np.ndarray, np.ndarray]], wanted: Wanted, grid: np.ndarray) -> np.ndarray:
+def _nearest(
+    clocks: Mapping[int, tuple[np.ndarray, np.ndarray]], wanted: Wanted, grid: np.ndarray
+) -> np.ndarray:
     """Grid times that are nearest to a sample of the slowest topic of a channel."""
-    slow = max({place[0] for place in wanted.places.values()}, key=lambda n: float(np.median(np.diff(clocks[n][0]))))
+    slow = max(
+        {place[0] for place in wanted.places.values()},
+        key=lambda n: float(np.median(np.diff(clocks[n][0]))),
+    )
     time = clocks[slow][0]
     right = np.clip(np.searchsorted(grid, time), 1, grid.size - 1)
     nearest = np.where(time - grid[right - 1] < grid[right] - time, right - 1, right)

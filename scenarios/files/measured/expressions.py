@@ -1,7 +1,9 @@
-"""Small expressions over the columns of a record: ``0.5*(elevon_left + elevon_right)``, ``pitch(q0, q1, q2, q3)``.
+"""Small expressions over the columns of a record: ``0.5*(elevon_left + elevon_right)``, ``pitch(q0,
+q1, q2, q3)``.
 
-An expression is parsed into Python's syntax tree, and only arithmetic, column names, numbers, lists of numbers and the functions below
-are computed from it. Nothing is executed. A column whose name is no plain word stands in backquotes: ``rad(`AoA left`)``.
+An expression is parsed into Python's syntax tree, and only arithmetic, column names, numbers, lists
+of numbers and the functions below are computed from it. Nothing is executed. A column whose name is
+no plain word stands in backquotes: ``rad(`AoA left`)``.
 """
 
 from __future__ import annotations
@@ -32,7 +34,8 @@ class Expression:
 
     Attributes
     ----------
-    text : as it was written. columns : the columns that it reads, by their names in the file. tree : its syntax tree.
+    text : as it was written. columns : the columns that it reads, by their names in the file. tree
+    : its syntax tree.
     """
 
     text: str
@@ -53,7 +56,14 @@ def _function(name: str, says: str) -> Callable[[Callable[..., Any]], Callable[.
     return keep
 
 
-for _name, _ufunc in {"sin": np.sin, "cos": np.cos, "tan": np.tan, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan}.items():
+for _name, _ufunc in {
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": np.tan,
+    "asin": np.arcsin,
+    "acos": np.arccos,
+    "atan": np.arctan,
+}.items():
     FUNCTIONS[_name] = (_ufunc, f"{_name}(x), x in rad")
 FUNCTIONS |= {
     "atan2": (np.arctan2, "atan2(y, x), rad"),
@@ -71,12 +81,18 @@ FUNCTIONS |= {
 }
 
 
-@_function("pwm", "pwm(pulse, centre, per_radian): servo pulse to an angle, rad: (pulse - centre) / per_radian")
+@_function(
+    "pwm",
+    "pwm(pulse, centre, per_radian): servo pulse to an angle, rad: (pulse - centre) / per_radian",
+)
 def _pwm(pulse: Values, centre: float, per_radian: float) -> Values:
     return (pulse - centre) / per_radian
 
 
-@_function("table", "table(x, [x1, x2, ...], [y1, y2, ...]): linear between the points, constant beyond them")
+@_function(
+    "table",
+    "table(x, [x1, x2, ...], [y1, y2, ...]): linear between the points, constant beyond them",
+)
 def _table(x: Values, at: Sequence[float], values: Sequence[float]) -> Values:
     if len(at) != len(values) or len(at) < 2 or np.any(np.diff(at) <= 0.0):
         raise ValueError("a table needs two lists of one length, the first increasing")
@@ -84,7 +100,9 @@ def _table(x: Values, at: Sequence[float], values: Sequence[float]) -> Values:
     return np.where(np.isnan(x), np.nan, found)
 
 
-@_function("roll", "roll(q0, q1, q2, q3): Euler angle phi of a quaternion (scalar first, NED to body), rad")
+@_function(
+    "roll", "roll(q0, q1, q2, q3): Euler angle phi of a quaternion (scalar first, NED to body), rad"
+)
 def _roll(w: Values, x: Values, y: Values, z: Values) -> Values:
     return np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
 
@@ -99,7 +117,11 @@ def _yaw(w: Values, x: Values, y: Values, z: Values) -> Values:
     return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
-@_function("body_u", "body_u(vn, ve, vd, phi, theta, psi): velocity along the body's x axis, from NED velocity and attitude in rad")
+@_function(
+    "body_u",
+    "body_u(vn, ve, vd, phi, theta, psi): velocity along the body's x axis, from NED velocity and "
+    "attitude in rad",
+)
 def _body_u(vn: Values, ve: Values, vd: Values, phi: Values, theta: Values, psi: Values) -> Values:
     return _to_body(vn, ve, vd, phi, theta, psi)[0]
 
@@ -114,7 +136,9 @@ def _body_w(vn: Values, ve: Values, vd: Values, phi: Values, theta: Values, psi:
     return _to_body(vn, ve, vd, phi, theta, psi)[2]
 
 
-@_function("alpha_of", "alpha_of(u, w): angle of attack of the body velocity relative to the air, rad")
+@_function(
+    "alpha_of", "alpha_of(u, w): angle of attack of the body velocity relative to the air, rad"
+)
 def _alpha_of(u: Values, w: Values) -> Values:
     return np.arctan2(w, u)
 
@@ -124,13 +148,21 @@ def _beta_of(u: Values, v: Values, w: Values) -> Values:
     return np.arcsin(np.clip(v / np.maximum(np.sqrt(u * u + v * v + w * w), 1e-9), -1.0, 1.0))
 
 
-@_function("tas_of_ias", "tas_of_ias(speed, height, temperature): true airspeed of an indicated airspeed at low speed; m, K")
+@_function(
+    "tas_of_ias",
+    "tas_of_ias(speed, height, temperature): true airspeed of an indicated airspeed at low speed; "
+    "m, K",
+)
 def _tas_of_ias(speed: Values, height: Values, temperature: Values) -> Values:
     density = _pressure_at(height) / (287.05287 * temperature)
     return speed * np.sqrt(1.225 / density)
 
 
-@_function("tas_of_cas", "tas_of_cas(cas, height, temperature): true airspeed of a calibrated airspeed with compressibility; m/s, m, K")
+@_function(
+    "tas_of_cas",
+    "tas_of_cas(cas, height, temperature): true airspeed of a calibrated airspeed with "
+    "compressibility; m/s, m, K",
+)
 def _tas_of_cas(cas: Values, height: Values, temperature: Values) -> Values:
     sound = 340.294
     impact = 101325.0 * ((1.0 + 0.2 * (cas / sound) ** 2) ** 3.5 - 1.0)
@@ -138,7 +170,10 @@ def _tas_of_cas(cas: Values, height: Values, temperature: Values) -> Values:
     return np.sqrt(mach2 * 1.4 * 287.05287 * temperature)
 
 
-@_function("height_of_pressure", "height_of_pressure(pressure): pressure height of the standard atmosphere, m, of Pa")
+@_function(
+    "height_of_pressure",
+    "height_of_pressure(pressure): pressure height of the standard atmosphere, m, of Pa",
+)
 def _height_of_pressure(pressure: Values) -> Values:
     troposphere = 288.15 / 0.0065 * (1.0 - (pressure / 101325.0) ** (0.0065 * 287.05287 / G0))
     above = 11000.0 + 287.05287 * 216.65 / G0 * np.log(22632.06 / np.maximum(pressure, 1e-300))
@@ -147,12 +182,27 @@ def _height_of_pressure(pressure: Values) -> Values:
 
 def _pressure_at(height: Values) -> Values:
     """Pressure of the standard atmosphere, Pa, at a height in m, up to 20 km."""
-    troposphere = 101325.0 * np.maximum(1.0 - 0.0065 * height / 288.15, 1e-9) ** (G0 / (0.0065 * 287.05287))
-    return np.where(height < 11000.0, troposphere, 22632.06 * np.exp(-G0 * (height - 11000.0) / (287.05287 * 216.65)))
+    troposphere = 101325.0 * np.maximum(1.0 - 0.0065 * height / 288.15, 1e-9) ** (
+        G0 / (0.0065 * 287.05287)
+    )
+    return np.where(
+        height < 11000.0,
+        troposphere,
+        22632.06 * np.exp(-G0 * (height - 11000.0) / (287.05287 * 216.65)),
+    )
 
 
-def _to_body(vn: Values, ve: Values, vd: Values, phi: Values, theta: Values, psi: Values) -> tuple[Values, Values, Values]:
-    sp, cp, st, ct, ss, cs = np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta), np.sin(psi), np.cos(psi)
+def _to_body(
+    vn: Values, ve: Values, vd: Values, phi: Values, theta: Values, psi: Values
+) -> tuple[Values, Values, Values]:
+    sp, cp, st, ct, ss, cs = (
+        np.sin(phi),
+        np.cos(phi),
+        np.sin(theta),
+        np.cos(theta),
+        np.sin(psi),
+        np.cos(psi),
+    )
     u = ct * cs * vn + ct * ss * ve - st * vd
     v = (sp * st * cs - cp * ss) * vn + (sp * st * ss + cp * cs) * ve + sp * ct * vd
     w = (cp * st * cs + sp * ss) * vn + (cp * st * ss - sp * cs) * ve + cp * ct * vd
@@ -165,14 +215,19 @@ def parse(text: str, where: str, known: Sequence[str] = ()) -> Expression:
     Parameters
     ----------
     text : the expression. where : file and channel, for messages.
-    known : columns of the file, so that the names of columns that are no plain words are recognised without backquotes.
+    known : columns of the file, so that the names of columns that are no plain words are recognised
+    without backquotes.
 
     Raises
     ------
     RecordError : it is too long, no arithmetic, or calls what is no function here.
     """
     if len(text) > LONGEST:
-        raise RecordError(f"an expression of {len(text)} characters", where=where, remedy=f"write at most {LONGEST}")
+        raise RecordError(
+            f"an expression of {len(text)} characters",
+            where=where,
+            remedy=f"write at most {LONGEST}",
+        )
     names: dict[str, str] = {}
 
     def stand_in(column: str) -> str:
@@ -187,7 +242,11 @@ def parse(text: str, where: str, known: Sequence[str] = ()) -> Expression:
 
     def path(found: re.Match[str]) -> str:
         word = found[1]
-        if word in names or (word in called and plain[found.end() :].lstrip().startswith("(")) or word == "pi":
+        if (
+            word in names
+            or (word in called and plain[found.end() :].lstrip().startswith("("))
+            or word == "pi"
+        ):
             return word
         return stand_in(word)
 
@@ -201,12 +260,15 @@ def parse(text: str, where: str, known: Sequence[str] = ()) -> Expression:
 
 
 def is_plain_name(text: str) -> bool:
-    """Whether a text has nothing of an expression in it, so that it can only be meant as a column."""
+    """Whether a text has nothing of an expression in it, so that it can only be meant as a
+    column.
+    """
     return re.search(r"[-+*/()`]", text) is None
 
 
 def evaluate(expression: Expression, columns: Mapping[str, np.ndarray], where: str) -> np.ndarray:
-    """The values of an expression, shape ``(N,)``, of the columns that it reads, each of shape ``(N,)``.
+    """The values of an expression, shape ``(N,)``, of the columns that it reads, each of shape
+    ``(N,)``.
 
     Raises
     ------
@@ -217,7 +279,9 @@ def evaluate(expression: Expression, columns: Mapping[str, np.ndarray], where: s
         with np.errstate(all="ignore"):
             values = _value(expression.tree, known)
     except (ValueError, TypeError, ZeroDivisionError, OverflowError) as error:
-        raise RecordError(f"{expression.text!r} cannot be computed ({error})", where=where, remedy=_REMEDY) from None
+        raise RecordError(
+            f"{expression.text!r} cannot be computed ({error})", where=where, remedy=_REMEDY
+        ) from None
     length = next((column.size for column in columns.values()), 1)
     return np.array(np.broadcast_to(np.asarray(values, dtype=float), (length,)))
 
@@ -238,7 +302,11 @@ def _check(node: ast.AST, text: str, where: str, names: Mapping[str, str], depth
         raise wrong
     inner: list[ast.AST] = []
     if isinstance(node, ast.Constant):
-        if isinstance(node.value, bool) or not isinstance(node.value, int | float) or not math.isfinite(node.value):
+        if (
+            isinstance(node.value, bool)
+            or not isinstance(node.value, int | float)
+            or not math.isfinite(node.value)
+        ):
             raise wrong
     elif isinstance(node, ast.Name):
         if node.id not in names and node.id != "pi":
@@ -247,7 +315,12 @@ def _check(node: ast.AST, text: str, where: str, names: Mapping[str, str], depth
         inner = [node.operand]
     elif isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
         inner = [node.left, node.right]
-    elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in FUNCTIONS and not node.keywords:
+    elif (
+        isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Name)
+        and node.func.id in FUNCTIONS
+        and not node.keywords
+    ):
         inner = list(node.args)
     elif isinstance(node, ast.List | ast.Tuple):
         inner = list(node.elts)

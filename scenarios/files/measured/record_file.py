@@ -1,4 +1,6 @@
-"""A record file as it was read: opened once, its table and sidecar kept for everyone who takes channels out of it."""
+"""A record file as it was read: opened once, its table and sidecar kept for everyone who takes
+channels out of it.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +21,14 @@ from sim.errors import RecordError
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RecordFile:
-    """A record file's path, its cells as they stand, what the JSON beside it says, and its name with the hash of what was read.
+    """A record file's path, its cells as they stand, what the JSON beside it says, and its name
+    with the hash of what was read.
 
-    ``identity.name`` is what the file is called wherever it is spoken of: its bare name, with folders where another is called the same.
-    ``choices``: a channel map of its own. ``in_memory``: it never was a file, and ``path`` is its name alone. ``topics``: those of a log with
-    several clocks, of which ``table`` then has the headers alone, as ``topic.field``. ``notes``: how the file was understood.
+    ``identity.name`` is what the file is called wherever it is spoken of: its bare name, with
+    folders where another is called the same. ``choices``: a channel map of its own. ``in_memory``:
+    it never was a file, and ``path`` is its name alone. ``topics``: those of a log with several
+    clocks, of which ``table`` then has the headers alone, as ``topic.field``. ``notes``: how the
+    file was understood.
     """
 
     path: Path
@@ -44,15 +49,25 @@ def read_record_file(path: str | Path) -> RecordFile:
 
     Raises
     ------
-    RecordError : the file is missing, unreadable, empty, not UTF-8, or has a header and no rows; the sidecar says what cannot be used.
+    RecordError : the file is missing, unreadable, empty, not UTF-8, or has a header and no rows;
+    the sidecar says what cannot be used.
     """
     source = read_source(path, RecordError, "the record file", MOST_RECORD)
     topics = topics_of(source)
     sidecar = read_sidecar(source.path)
     if len(topics) == 1:
-        return RecordFile(source.path, topics[0].table, sidecar, source.identity, notes=topics[0].notes)
+        return RecordFile(
+            source.path, topics[0].table, sidecar, source.identity, notes=topics[0].notes
+        )
     notes = tuple(f"{topic.name}: {note}" for topic in topics for note in topic.notes)
-    return RecordFile(source.path, _headers_of(source.path, topics), sidecar, source.identity, topics=topics, notes=notes)
+    return RecordFile(
+        source.path,
+        _headers_of(source.path, topics),
+        sidecar,
+        source.identity,
+        topics=topics,
+        notes=notes,
+    )
 
 
 def with_names(file: RecordFile, names: Sequence[str]) -> RecordFile:
@@ -65,10 +80,16 @@ def with_names(file: RecordFile, names: Sequence[str]) -> RecordFile:
     if not names:
         return file
     if file.topics:
-        raise RecordError("a log of several topics has names of its own", where="--columns", remedy="leave it out, and use a channel map")
+        raise RecordError(
+            "a log of several topics has names of its own",
+            where="--columns",
+            remedy="leave it out, and use a channel map",
+        )
     if len(names) != len(file.table.header):
         what = f"{len(names)} names for {len(file.table.header)} columns of {file.path.name}"
-        raise RecordError(what, where="--columns", remedy="give one name a column, separated by commas")
+        raise RecordError(
+            what, where="--columns", remedy="give one name a column, separated by commas"
+        )
     return replace(file, table=replace(file.table, header=tuple(name.strip() for name in names)))
 
 
@@ -79,7 +100,9 @@ def _headers_of(path: Path, topics: Sequence[Topic]) -> CellTable:
 
 
 def read_record_files(records: Iterable[Path | RecordFile]) -> tuple[RecordFile, ...]:
-    """Several record files, in their order, told apart where their names are the same; one that is open already is itself."""
+    """Several record files, in their order, told apart where their names are the same; one that is
+    open already is itself.
+    """
     return with_distinct_names([opened(record) for record in records])
 
 
@@ -91,14 +114,18 @@ def opened(record: Path | RecordFile) -> RecordFile:
 def read_with_validation(
     records: Iterable[Path | RecordFile], validate: Iterable[Path | RecordFile]
 ) -> tuple[tuple[RecordFile, ...], tuple[RecordFile, ...]]:
-    """Record files for a fit and those that are predicted, in their order, all of them told apart."""
+    """Record files for a fit and those that are predicted, in their order, all of them told
+    apart.
+    """
     first = [opened(record) for record in records]
     both = with_distinct_names([*first, *(opened(record) for record in validate)])
     return both[: len(first)], both[len(first) :]
 
 
 def with_distinct_names(files: Sequence[RecordFile]) -> tuple[RecordFile, ...]:
-    """The files, those with equal names named with as many of their folders as it takes: ``flight1/record.csv``, ``flight2/record.csv``."""
+    """The files, those with equal names named with as many of their folders as it takes:
+    ``flight1/record.csv``, ``flight2/record.csv``.
+    """
     by_name: dict[str, list[Path]] = {}
     on_disk = [file for file in files if not file.in_memory]
     for file in on_disk:
@@ -117,7 +144,14 @@ def with_distinct_names(files: Sequence[RecordFile]) -> tuple[RecordFile, ...]:
 def _depth(paths: Sequence[Path]) -> int:
     """How many parts of paths with the same last one tell them apart."""
     most = max(len(path.parts) for path in paths)
-    return next((depth for depth in range(1, most) if len({path.parts[-depth:] for path in paths}) == len(paths)), most)
+    return next(
+        (
+            depth
+            for depth in range(1, most)
+            if len({path.parts[-depth:] for path in paths}) == len(paths)
+        ),
+        most,
+    )
 
 
 def identities(files: Iterable[RecordFile]) -> tuple[InputFile, ...]:
@@ -137,8 +171,12 @@ def path_of(record: Path | RecordFile) -> Path | None:
     return record
 
 
-def refuse_twice(records: Sequence[Path | RecordFile], remedy: str = "name each record once") -> None:
-    """Raise RecordError where two paths lead to the same file, or a record in memory is given twice."""
+def refuse_twice(
+    records: Sequence[Path | RecordFile], remedy: str = "name each record once"
+) -> None:
+    """Raise RecordError where two paths lead to the same file, or a record in memory is given
+    twice.
+    """
     seen: set[Path | int] = set()
     for record in records:
         path = path_of(record)

@@ -1,4 +1,5 @@
-"""Numbers printed in papers, one file a paper; only shown beside estimates, never used to form them.
+"""Numbers printed in papers, one file a paper; only shown beside estimates, never used to form
+them.
 
 One TOML file a paper, table by table, each number with its unit and place; `__init__.py` reads one
 column of one table, and the remark under `[remarks]` that every table which shows it repeats. It
@@ -29,25 +30,46 @@ def published_values(choice: PublishedChoice, units: Mapping[str, str]) -> dict[
     place = f"published {choice.file}, table {choice.table}"
     table = _document(choice.file).get(choice.table)
     if not isinstance(table, dict) or not isinstance(table.get(choice.column), dict):
-        columns = ", ".join(key for key, value in table.items() if isinstance(value, dict)) if isinstance(table, dict) else "no such table"
-        raise DeclarationError(f"there is no column {choice.column!r}", where=place, remedy=f"it has {columns}")
+        columns = (
+            ", ".join(key for key, value in table.items() if isinstance(value, dict))
+            if isinstance(table, dict)
+            else "no such table"
+        )
+        raise DeclarationError(
+            f"there is no column {choice.column!r}", where=place, remedy=f"it has {columns}"
+        )
     out = {}
     for name, row in table[choice.column].items():
-        factor = float(to_si(1.0, table["unit"], units.get(name, "1"), place, DeclarationError)) if "unit" in table else 1.0
+        factor = (
+            float(to_si(1.0, table["unit"], units.get(name, "1"), place, DeclarationError))
+            if "unit" in table
+            else 1.0
+        )
         out[name] = Start(row["value"] * factor, row["std"] * factor)
     return out
 
 
 def published_remark(choice: PublishedChoice | None) -> str:
-    """What is to be known of a published column where it is shown; empty where there is nothing, or no column.
+    """What is to be known of a published column where it is shown; empty where there is nothing, or
+    no column.
 
     Raises DeclarationError where there is no such file.
     """
-    return "" if choice is None else str(_document(choice.file).get("remarks", {}).get(choice.table, {}).get(choice.column, ""))
+    return (
+        ""
+        if choice is None
+        else str(
+            _document(choice.file).get("remarks", {}).get(choice.table, {}).get(choice.column, "")
+        )
+    )
 
 
 def _document(file: str) -> dict[str, Any]:
     entry = files("scenarios.studies.published").joinpath(f"{file}.toml")
     if not entry.is_file():
-        raise DeclarationError("there is no such file of published numbers", where=file, remedy="look into scenarios/studies/published")
+        raise DeclarationError(
+            "there is no such file of published numbers",
+            where=file,
+            remedy="look into scenarios/studies/published",
+        )
     return tomllib.loads(entry.read_text(encoding="utf-8"))

@@ -1,4 +1,5 @@
-"""Terms that only a truth has: no model is ever fitted with them. One term a file, found by being there.
+"""Terms that only a truth has: no model is ever fitted with them. One term a file, found by being
+there.
 
 One file a term, written like the effects of `sim/effects` but never offered to the loop.
 

@@ -1,4 +1,6 @@
-"""The low drag of a laminar wing section about its design lift: another form than the library's spline."""
+"""The low drag of a laminar wing section about its design lift: another form than the library's
+spline.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from sim.declaration.effect import Parameter, Regularity, Signal, Station
 class DragBucket:
     """drag += ``depth`` x^2 / (1 + x^2), x = (alpha - ``middle``)/``width``.
 
-    Zero in the middle of the bucket (rad), ``depth`` (1) far outside of its ``width`` (rad); the gust included.
+    Zero in the middle of the bucket (rad), ``depth`` (1) far outside of its ``width`` (rad); the
+    gust included.
     """
 
     name: ClassVar[str] = "own:drag-bucket"
@@ -29,7 +32,10 @@ class DragBucket:
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ("drag-nonlinearity",)
     states: ClassVar[tuple[Signal, ...]] = ()
-    explanation: ClassVar[str] = "Within a narrow range of lift the flow stays laminar and the drag is low; outside it rises and levels off."
+    explanation: ClassVar[str] = (
+        "Within a narrow range of lift the flow stays laminar and the drag is low; outside it "
+        "rises and levels off."
+    )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         square = ((s.alpha_air - p.middle) / p.width) ** 2

@@ -14,7 +14,9 @@ from sim.maths import clip, cos
 
 @dataclass(frozen=True)
 class HalfSineGust:
-    """w = ``peak`` sin(pi (t - start)/duration) between ``start`` and ``start + duration`` (s), m/s up; it begins and ends with a kink."""
+    """w = ``peak`` sin(pi (t - start)/duration) between ``start`` and ``start + duration`` (s), m/s
+    up; it begins and ends with a kink.
+    """
 
     name: ClassVar[str] = "own:half-sine-gust"
     station: ClassVar[Station] = Station.DISTURBANCE
@@ -29,7 +31,10 @@ class HalfSineGust:
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ("gust-discrete",)
     states: ClassVar[tuple[Signal, ...]] = ()
-    explanation: ClassVar[str] = "A single gust whose speed follows half a sine: it begins and ends with a kink, as a gust does behind an obstacle."
+    explanation: ClassVar[str] = (
+        "A single gust whose speed follows half a sine: it begins and ends with a kink, as a gust "
+        "does behind an obstacle."
+    )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         phase = clip((s.time - p.start) / p.duration, 0.0, 1.0)

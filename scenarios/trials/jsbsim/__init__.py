@@ -1,4 +1,5 @@
-"""Flights by JSBSim, a simulator that is not the project's: truths that share no equation with the models here.
+"""Flights by JSBSim, a simulator that is not the project's: truths that share no equation with the
+models here.
 
 Truths that share no equation with `sim`: six degrees of freedom, the aircraft's own tables, engines
 and actuators. JSBSim is an extra (`pip install 'flightid[jsbsim]'`).

@@ -1,6 +1,7 @@
 """Declaration of a flight by JSBSim: aircraft, condition, maneuvers, and faults put into it.
 
-A surface's fault lies between its record and the surface: the aircraft did what it did, and the record is what would have led to it.
+A surface's fault lies between its record and the surface: the aircraft did what it did, and the
+record is what would have led to it.
 """
 
 from __future__ import annotations
@@ -34,12 +35,26 @@ MODELS: Mapping[str, tuple[str, ...]] = {
     "lateral": ("lateral",),
     "both": ("rigid", "longitudinal", "lateral"),
 }
-DURATIONS: Mapping[str, float] = {"rigid": 25.0, "longitudinal": 60.0, "lateral": 40.0, "both": 60.0}  # s
+# s
+DURATIONS: Mapping[str, float] = {
+    "rigid": 25.0,
+    "longitudinal": 60.0,
+    "lateral": 40.0,
+    "both": 60.0,
+}
 MANEUVERS = ("3-2-1-1", "doublet", "multisine")
 INPUTS: Mapping[str, str] = {"elevator": "rad", "aileron": "rad", "rudder": "rad", "thrust": "N"}
 OUTPUTS: Mapping[str, str] = {
     **{"airspeed": "m/s", "alpha": "rad", "beta": "rad", "p": "rad/s", "q": "rad/s", "r": "rad/s"},
-    **{"phi": "rad", "theta": "rad", "psi": "rad", "ax": "m/s2", "ay": "m/s2", "az": "m/s2", "height": "m"},
+    **{
+        "phi": "rad",
+        "theta": "rad",
+        "psi": "rad",
+        "ax": "m/s2",
+        "ay": "m/s2",
+        "az": "m/s2",
+        "height": "m",
+    },
 }
 SURFACES = ("elevator", "aileron", "rudder")
 
@@ -51,11 +66,13 @@ class JsbsimFlight:
     Attributes
     ----------
     aircraft : its name in the JSBSim package. altitude, airspeed : m above sea level, true m/s.
-    axis : a key of ``CONTROLS``. maneuver : one of ``MANEUVERS``. size : of the maneuver, 1 is what suits the aircraft.
-    duration : s. rate : samples a second. noise : factor on ``noise_std``, which is by output, SI.
-    rough_air : class of exceedance of MIL-F-8785C, 0 calm to 7. wrong : largest share by which starting values are off.
-    late : by channel, s: an output is shown so late; a surface answers so long after its record.
-    backlash : by surface, rad: half the play between the record and the surface. vane_ahead : m, of both vanes, ahead of the centre of gravity.
+    axis : a key of ``CONTROLS``. maneuver : one of ``MANEUVERS``. size : of the maneuver, 1 is what
+    suits the aircraft. duration : s. rate : samples a second. noise : factor on ``noise_std``,
+    which is by output, SI. rough_air : class of exceedance of MIL-F-8785C, 0 calm to 7. wrong :
+    largest share by which starting values are off. late : by channel, s: an output is shown so
+    late; a surface answers so long after its record. backlash : by surface, rad: half the play
+    between the record and the surface. vane_ahead : m, of both vanes, ahead of the centre of
+    gravity.
     """
 
     name: str
@@ -89,15 +106,39 @@ def _at(feet: float, knots: float) -> tuple[float, float]:
     return feet * FOOT, knots * KNOT
 
 
-# Altitude (m) and true airspeed (m/s) of level flight that stays level, in the middle of each envelope.
+# Altitude (m) and true airspeed (m/s) of level flight that stays level, in the middle of each
+# envelope.
 CONDITIONS: Mapping[str, tuple[float, float]] = {
-    **{"c172x": _at(5000, 105), "c172p": _at(5000, 105), "t6texan2": _at(8000, 220), "OV10": _at(5000, 210)},
-    **{"A320": _at(20000, 380), "MD11": _at(20000, 400), "737": _at(20000, 380), "B747": _at(20000, 400), "fokker100": _at(15000, 260)},
-    **{"F4N": _at(15000, 430), "T38": _at(15000, 380), "T37": _at(12000, 280), "f104": _at(20000, 520), "Concorde": _at(20000, 480)},
+    **{
+        "c172x": _at(5000, 105),
+        "c172p": _at(5000, 105),
+        "t6texan2": _at(8000, 220),
+        "OV10": _at(5000, 210),
+    },
+    **{
+        "A320": _at(20000, 380),
+        "MD11": _at(20000, 400),
+        "737": _at(20000, 380),
+        "B747": _at(20000, 400),
+        "fokker100": _at(15000, 260),
+    },
+    **{
+        "F4N": _at(15000, 430),
+        "T38": _at(15000, 380),
+        "T37": _at(12000, 280),
+        "f104": _at(20000, 520),
+        "Concorde": _at(20000, 480),
+    },
 }
-_PUSHBACK = tuple(f"/sim/model/pushback/{name}" for name in ("position-norm", "kp", "ki", "kd", "force", "target-speed-fps"))
+_PUSHBACK = tuple(
+    f"/sim/model/pushback/{name}"
+    for name in ("position-norm", "kp", "ki", "kd", "force", "target-speed-fps")
+)
 # Properties of another program that an aircraft's files read and that must exist.
-NEEDS: Mapping[str, tuple[str, ...]] = {"fokker100": ("/gear/gear/wow", *_PUSHBACK), "f104": ("systems/radar/range",)}
+NEEDS: Mapping[str, tuple[str, ...]] = {
+    "fokker100": ("/gear/gear/wow", *_PUSHBACK),
+    "f104": ("systems/radar/range",),
+}
 # Travel (rad) of a surface that is given in parts of it only; 20 degrees where nothing is known.
 TRAVEL: Mapping[tuple[str, str], float] = {("T38", "elevator"): 0.297}
 USUAL_TRAVEL = math.radians(20.0)
@@ -115,23 +156,39 @@ def package_folder() -> Path:
     """Where JSBSim is installed; DeclarationError where it is not."""
     found = importlib.util.find_spec("jsbsim")
     if found is None or found.origin is None:
-        raise DeclarationError("JSBSim is not installed, and this flight is one of its", where="flightid simulate", remedy=REMEDY)
+        raise DeclarationError(
+            "JSBSim is not installed, and this flight is one of its",
+            where="flightid simulate",
+            remedy=REMEDY,
+        )
     return Path(found.origin).parent
 
 
 def known_aircraft(name: str, where: str) -> None:
     """DeclarationError where the package has no such aircraft."""
-    names = sorted(path.name for path in (package_folder() / "aircraft").iterdir() if (path / f"{path.name}.xml").is_file())
+    names = sorted(
+        path.name
+        for path in (package_folder() / "aircraft").iterdir()
+        if (path / f"{path.name}.xml").is_file()
+    )
     if name not in names:
-        raise DeclarationError(f"JSBSim has no aircraft {name!r}", where=where, remedy=closest(name, names))
+        raise DeclarationError(
+            f"JSBSim has no aircraft {name!r}", where=where, remedy=closest(name, names)
+        )
 
 
 def surfaces_of(name: str) -> dict[str, Surface]:
-    """Of each surface the property that the air loads of an aircraft read most often; one that they never read is left out."""
+    """Of each surface the property that the air loads of an aircraft read most often; one that they
+    never read is left out.
+    """
     counted = Counter(_read_by_loads(package_folder() / "aircraft" / name / f"{name}.xml"))
     found = {}
     for surface in SURFACES:
-        mine = [(count, prop) for prop, count in counted.items() if surface in prop and "mag-" not in prop and "cmd" not in prop]
+        mine = [
+            (count, prop)
+            for prop, count in counted.items()
+            if surface in prop and "mag-" not in prop and "cmd" not in prop
+        ]
         if mine:
             prop = max(mine)[1]
             found[surface] = Surface(prop, _scale(name, surface, prop))
@@ -162,32 +219,39 @@ STILL = 1e-9  # rad of one frame, below which a surface stands
 
 
 def spoiled(signals: Signals, flight: JsbsimFlight) -> dict[str, np.ndarray]:
-    """The signals as the recorder is given them: vanes ahead, then late sensors, then surfaces that answer late or with play."""
+    """The signals as the recorder is given them: vanes ahead, then late sensors, then surfaces that
+    answer late or with play.
+    """
     shown, time = dict(signals), signals["time"]
     if flight.vane_ahead:
-        # A point ahead of the centre of gravity moves up in pitching up and to the right in yawing right.
+        # A point ahead of the centre of gravity moves up in pitching up and to the right in yawing
+        # right.
         shown["alpha"] = shown["alpha"] - flight.vane_ahead * shown["q"] / shown["airspeed"]
         shown["beta"] = shown["beta"] + flight.vane_ahead * shown["r"] / shown["airspeed"]
     for name, half in flight.backlash.items():
         shown[name] = ahead_of_play(shown[name], half)
     for name, delay in flight.late.items():
         # What a surface does late was recorded early.
-        shown[name] = np.interp(time + delay if name in SURFACES else time - delay, time, shown[name])
+        shown[name] = np.interp(
+            time + delay if name in SURFACES else time - delay, time, shown[name]
+        )
     return shown
 
 
 def ahead_of_play(surface: np.ndarray, half: float) -> np.ndarray:
     """A drive that moves a surface just so through a play of ``half`` to either side.
 
-    While the surface moves the drive is ``half`` ahead of it; while it stands, the drive crosses the play at its own pace, here evenly from one
-    motion to the next. It begins in the middle.
+    While the surface moves the drive is ``half`` ahead of it; while it stands, the drive crosses
+    the play at its own pace, here evenly from one motion to the next. It begins in the middle.
     """
     moving = np.sign(np.where(np.abs(np.diff(surface)) > STILL, np.diff(surface), 0.0))
     at = np.flatnonzero(moving)
     if len(at) == 0:
         return surface.copy()
     # Frame k + 1 is reached by motion k.
-    return np.asarray(surface + half * np.interp(np.arange(len(surface)), [0, *(at + 1)], [0.0, *moving[at]]))
+    return np.asarray(
+        surface + half * np.interp(np.arange(len(surface)), [0, *(at + 1)], [0.0, *moving[at]])
+    )
 
 
 def named(flight: JsbsimFlight) -> dict[str, dict[str, float]]:
@@ -220,10 +284,14 @@ SLOTS: Mapping[str, Mapping[str, tuple[float, float]]] = {
 }
 
 
-def commands(flight: JsbsimFlight, sizes: Mapping[str, float], units: Mapping[str, float], time: np.ndarray) -> dict[str, np.ndarray]:
-    """By control what is added to its trim at each frame: rad, of the throttle parts of full travel.
+def commands(
+    flight: JsbsimFlight, sizes: Mapping[str, float], units: Mapping[str, float], time: np.ndarray
+) -> dict[str, np.ndarray]:
+    """By control what is added to its trim at each frame: rad, of the throttle parts of full
+    travel.
 
-    ``sizes`` : peak by control; ``units`` : by control the step of a 3-2-1-1 that suits the mode it excites, s.
+    ``sizes`` : peak by control; ``units`` : by control the step of a 3-2-1-1 that suits the mode it
+    excites, s.
     """
     moves = _multisines(flight, sizes, units) if flight.maneuver == "multisine" else {}
     for control in CONTROLS[flight.axis]:
@@ -245,7 +313,9 @@ def rehearsal(control: str, size: float, unit: float, time: np.ndarray) -> dict[
 
 
 def _steps(flight: JsbsimFlight, control: str, size: float, unit: float) -> Maneuver:
-    first, again = (QUIET + share * (flight.duration - QUIET) for share in SLOTS[flight.axis][control])
+    first, again = (
+        QUIET + share * (flight.duration - QUIET) for share in SLOTS[flight.axis][control]
+    )
     if control == "throttle":
         # In proportion where the record is short.
         held = min(LEVER, 0.1 * flight.duration)
@@ -255,10 +325,19 @@ def _steps(flight: JsbsimFlight, control: str, size: float, unit: float) -> Mane
     return Sum((three_two_one_one(size, unit, first), doublet(-0.8 * size, 1.5 * unit, again)))
 
 
-def _multisines(flight: JsbsimFlight, sizes: Mapping[str, float], units: Mapping[str, float]) -> dict[str, Maneuver]:
-    """Mutually orthogonal multisines on the surfaces, up to somewhat above the fastest mode (unit = 1.6/frequency)."""
+def _multisines(
+    flight: JsbsimFlight, sizes: Mapping[str, float], units: Mapping[str, float]
+) -> dict[str, Maneuver]:
+    """Mutually orthogonal multisines on the surfaces, up to somewhat above the fastest mode (unit =
+    1.6/frequency).
+    """
     moved = [control for control in CONTROLS[flight.axis] if control != "throttle"]
     period = flight.duration - QUIET - 1.0
-    highest = max(3 * len(moved), round(period * HIGHEST * 1.6 / min(units[control] for control in moved) / (2.0 * np.pi)))
-    made = orthogonal_multisines([CREST * sizes[control] for control in moved], period, 2, highest, QUIET)
+    highest = max(
+        3 * len(moved),
+        round(period * HIGHEST * 1.6 / min(units[control] for control in moved) / (2.0 * np.pi)),
+    )
+    made = orthogonal_multisines(
+        [CREST * sizes[control] for control in moved], period, 2, highest, QUIET
+    )
     return dict(zip(moved, made, strict=True))

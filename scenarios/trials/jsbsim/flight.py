@@ -25,7 +25,15 @@ from scenarios.trials.jsbsim.declaration import (
     spoiled,
     surfaces_of,
 )
-from scenarios.trials.jsbsim.machine import FRAMES, Condition, JsbsimSignals, Slopes, constants_of, fly, slopes_of
+from scenarios.trials.jsbsim.machine import (
+    FRAMES,
+    Condition,
+    JsbsimSignals,
+    Slopes,
+    constants_of,
+    fly,
+    slopes_of,
+)
 from sim.errors import DeclarationError
 from sim.record import Channel, Hold, Record
 
@@ -35,12 +43,16 @@ REHEARSAL = 12.0  # s
 ROUNDS, NEAR = 4, 0.15  # of rehearsals; a size is near enough within this share
 FIRST, MOST = math.radians(1.0), math.radians(20.0)  # of a surface
 LEVER = 0.12  # of the throttle's travel
-SMALL, MOVED = 0.1, 0.7  # of the maneuver, for slopes about trim; of the deflection asked for, what a surface has to carry out
+# of the maneuver, for slopes about trim; of the deflection asked for, what a surface has to carry
+# out
+SMALL, MOVED = 0.1, 0.7
 UNITS = (0.25, 1.5)  # s, of a 3-2-1-1
-# Of the pilot's gains: with the elevator alone the wings are held, in rolling they come slowly back to level.
+# Of the pilot's gains: with the elevator alone the wings are held, in rolling they come slowly back
+# to level.
 HELD, SLOWLY = 1.0, 0.3
-# How far a control takes the aircraft from trim: twenty times what sensors tell, and little enough for models about trim (twice as far,
-# the speed that is lost in banks of 20 degrees and the square of the drag stand out of the noise).
+# How far a control takes the aircraft from trim: twenty times what sensors tell, and little enough
+# for models about trim (twice as far, the speed that is lost in banks of 20 degrees and the square
+# of the drag stand out of the noise).
 PEAKS: Mapping[str, Mapping[str, float]] = {
     "elevator": {"alpha": math.radians(2.0), "q": math.radians(8.0)},
     "rudder": {"beta": math.radians(2.5), "p": math.radians(8.0)},
@@ -50,7 +62,8 @@ PEAKS: Mapping[str, Mapping[str, float]] = {
 
 @dataclass(frozen=True, eq=False)
 class JsbsimTruth:
-    """What is true of a flight: by model constants, slopes about trim, and the nearest straight lines over the maneuver as it was flown.
+    """What is true of a flight: by model constants, slopes about trim, and the nearest straight
+    lines over the maneuver as it was flown.
 
     ``sizes`` : peak of each surface, rad, and of the throttle, parts of its travel.
     """
@@ -66,17 +79,25 @@ def fly_jsbsim(flight: JsbsimFlight, seed: int) -> tuple[Record, JsbsimTruth]:
 
     Raises
     ------
-    DeclarationError : JSBSim is not installed, has no such aircraft, does not trim it here, or loses it in the maneuver.
+    DeclarationError : JSBSim is not installed, has no such aircraft, does not trim it here, or
+    loses it in the maneuver.
     """
     _refuse_missing_surface(flight)
     frames = math.ceil(FRAMES / flight.rate)  # of one sample
-    calm = Condition(flight.aircraft, flight.altitude, flight.airspeed, 1.0 / (frames * flight.rate), 0, 1 + seed)
+    calm = Condition(
+        flight.aircraft, flight.altitude, flight.airspeed, 1.0 / (frames * flight.rate), 0, 1 + seed
+    )
     units = units_of(calm)
-    sizes = {control: _sized(calm, control, units[control]) if control in PEAKS else LEVER for control in CONTROLS[flight.axis]}
+    sizes = {
+        control: _sized(calm, control, units[control]) if control in PEAKS else LEVER
+        for control in CONTROLS[flight.axis]
+    }
     time = calm.step * np.arange(int(flight.duration * flight.rate) * frames + 1)
     wanted = {control: flight.size * size for control, size in sizes.items()}
     leveller = SLOWLY if "aileron" in wanted else HELD
-    flown = fly(replace(calm, rough_air=flight.rough_air), commands(flight, wanted, units, time), leveller)
+    flown = fly(
+        replace(calm, rough_air=flight.rough_air), commands(flight, wanted, units, time), leveller
+    )
     small = _small_motion(calm, flight, sizes, units, time)
     models = MODELS[flight.axis]
     truth = JsbsimTruth(
@@ -94,23 +115,39 @@ def _refuse_missing_surface(flight: JsbsimFlight) -> None:
         for name in faults:
             if name in SURFACES and name not in there:
                 what = f"{flight.aircraft} has no {name} that its air loads read"
-                raise DeclarationError(what, where=f"key {key}.{name}", remedy="leave it out, or give another aircraft")
+                raise DeclarationError(
+                    what, where=f"key {key}.{name}", remedy="leave it out, or give another aircraft"
+                )
 
 
 def units_of(calm: Condition) -> dict[str, float]:
-    """By control the step of a 3-2-1-1 (s), 1.6 over the frequency of the mode that it excites, told by a small motion."""
+    """By control the step of a 3-2-1-1 (s), 1.6 over the frequency of the mode that it excites,
+    told by a small motion.
+    """
     time = calm.step * np.arange(round(REHEARSAL / calm.step))
     pitching = fly(calm, rehearsal("elevator", FIRST, 0.5, time), HELD)
     yawing = fly(calm, rehearsal("rudder", FIRST, 0.5, time), SLOWLY)
-    pitch = _frequency(pitching, "moment_m", ("alpha", "q", "elevator"), pitching.body.pitch_inertia)
+    pitch = _frequency(
+        pitching, "moment_m", ("alpha", "q", "elevator"), pitching.body.pitch_inertia
+    )
     yaw = _frequency(yawing, "moment_n", ("beta", "r", "p", "rudder"), yawing.body.yaw_inertia)
     step = {"elevator": 1.6 / pitch, "rudder": 1.6 / yaw, "aileron": 1.0 / yaw}
-    return {control: float(np.clip(unit, *UNITS)) for control, unit in step.items()} | {"throttle": 1.0}
+    return {control: float(np.clip(unit, *UNITS)) for control, unit in step.items()} | {
+        "throttle": 1.0
+    }
 
 
 def _frequency(flown: JsbsimSignals, moment: str, by: tuple[str, ...], inertia: float) -> float:
-    """Root of the stiffness over the inertia, rad/s: what a moment owes to the first of the signals."""
-    matrix = np.stack([np.ones(len(flown["time"])), *(flown[name] - flown[name][0] for name in by if name in flown.signals)], axis=1)
+    """Root of the stiffness over the inertia, rad/s: what a moment owes to the first of the
+    signals.
+    """
+    matrix = np.stack(
+        [
+            np.ones(len(flown["time"])),
+            *(flown[name] - flown[name][0] for name in by if name in flown.signals),
+        ],
+        axis=1,
+    )
     stiffness = float(np.linalg.lstsq(matrix, flown[moment], rcond=None)[0][1]) / inertia
     return math.sqrt(max(abs(stiffness), 0.25))
 
@@ -119,28 +156,53 @@ def _sized(calm: Condition, control: str, unit: float) -> float:
     """The deflection (rad) at which the first of ``PEAKS`` is reached in a 3-2-1-1."""
     time, size = calm.step * np.arange(round(REHEARSAL / calm.step)), FIRST
     for _ in range(ROUNDS):
-        flown = fly(calm, rehearsal(control, size, unit, time), HELD if control == "elevator" else SLOWLY)
-        reached = max(float(np.max(np.abs(flown[name] - flown[name][0]))) / peak for name, peak in PEAKS[control].items())
+        flown = fly(
+            calm, rehearsal(control, size, unit, time), HELD if control == "elevator" else SLOWLY
+        )
+        reached = max(
+            float(np.max(np.abs(flown[name] - flown[name][0]))) / peak
+            for name, peak in PEAKS[control].items()
+        )
         if abs(reached - 1.0) < NEAR:
             break
         size = min(MOST, size * float(np.clip(1.0 / reached, 0.25, 4.0)))
     return size
 
 
-def _small_motion(calm: Condition, flight: JsbsimFlight, sizes: Mapping[str, float], units: Mapping[str, float], time: np.ndarray) -> JsbsimSignals:
-    """The 3-2-1-1 of the flight a tenth as large, in calm air; larger where the play of a linkage swallows it."""
+def _small_motion(
+    calm: Condition,
+    flight: JsbsimFlight,
+    sizes: Mapping[str, float],
+    units: Mapping[str, float],
+    time: np.ndarray,
+) -> JsbsimSignals:
+    """The 3-2-1-1 of the flight a tenth as large, in calm air; larger where the play of a linkage
+    swallows it.
+    """
     share = SMALL
     while True:
-        wanted = commands(replace(flight, maneuver="3-2-1-1"), {control: share * size for control, size in sizes.items()}, units, time)
-        wanted.setdefault("throttle", np.zeros(len(time)))  # a propeller's torque would be as large as the motion
+        wanted = commands(
+            replace(flight, maneuver="3-2-1-1"),
+            {control: share * size for control, size in sizes.items()},
+            units,
+            time,
+        )
+        # a propeller's torque would be as large as the motion
+        wanted.setdefault("throttle", np.zeros(len(time)))
         flown = fly(calm, wanted, SLOWLY if "aileron" in wanted else HELD)
-        done = [np.ptp(flown[name]) / np.ptp(values) for name, values in wanted.items() if name in flown.signals]
+        done = [
+            np.ptp(flown[name]) / np.ptp(values)
+            for name, values in wanted.items()
+            if name in flown.signals
+        ]
         if min(done) > MOVED or share >= 1.0:
             return flown
         share = min(1.0, 2.0 * share)
 
 
-def _recorded(flight: JsbsimFlight, flown: JsbsimSignals, frames: int, rng: np.random.Generator) -> Record:
+def _recorded(
+    flight: JsbsimFlight, flown: JsbsimSignals, frames: int, rng: np.random.Generator
+) -> Record:
     """Every so many frames, white Gaussian noise on each output, none on surfaces and thrust."""
     signals = dict(flown.signals)
     signals |= {f"a{axis}": signals[f"force_{axis}"] / signals["mass"] for axis in "xyz"}
@@ -149,8 +211,14 @@ def _recorded(flight: JsbsimFlight, flown: JsbsimSignals, frames: int, rng: np.r
     outputs = []
     for name, unit in OUTPUTS.items():
         sigma = flight.noise * flight.noise_std.get(name, 0.0)
-        outputs.append(Channel.of(name, unit, shown[name][rows] + sigma * rng.standard_normal(len(shown[name][rows]))))
-    inputs = tuple(Channel.of(name, unit, shown[name][rows]) for name, unit in INPUTS.items() if name in shown)
+        outputs.append(
+            Channel.of(
+                name, unit, shown[name][rows] + sigma * rng.standard_normal(len(shown[name][rows]))
+            )
+        )
+    inputs = tuple(
+        Channel.of(name, unit, shown[name][rows]) for name, unit in INPUTS.items() if name in shown
+    )
     time = np.arange(len(shown["time"][rows])) / flight.rate
     return Record(time, inputs, tuple(outputs), Hold.LINEAR, f"{flight.aircraft}_{flight.axis}")
 
@@ -161,8 +229,12 @@ STARTS_APART = 1_000_003  # between the seeds of sensors and those of starting v
 FELT = 1e-3  # share of a load's spread: a derivative that moves less is zero for a fit
 
 
-def write_jsbsim(flight: JsbsimFlight, seed: int, record: Record, truth: JsbsimTruth, folder: Path, stem: str) -> tuple[dict[str, Path], Path]:
-    """``stem.csv`` with its sidecar, ``stem_MODEL.toml`` for each model, ``stem_truth.json``; vehicle files by model, and the truth's path."""
+def write_jsbsim(
+    flight: JsbsimFlight, seed: int, record: Record, truth: JsbsimTruth, folder: Path, stem: str
+) -> tuple[dict[str, Path], Path]:
+    """``stem.csv`` with its sidecar, ``stem_MODEL.toml`` for each model, ``stem_truth.json``;
+    vehicle files by model, and the truth's path.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     write_record(folder, record, stem, simulated=True)
     rng = np.random.default_rng((STARTS_APART, seed))
@@ -176,9 +248,17 @@ def write_jsbsim(flight: JsbsimFlight, seed: int, record: Record, truth: JsbsimT
     return vehicles, path
 
 
-def vehicle_text(flight: JsbsimFlight, constants: Mapping[str, float], slopes: Slopes, rng: np.random.Generator) -> str:
-    """A vehicle file: constants as JSBSim has them, derivatives wrong by up to ``wrong``; those that move nothing left out."""
-    lines = [f'name = "{flight.aircraft}"', *(f"{name} = {value!r}" for name, value in constants.items()), "[derivatives]"]
+def vehicle_text(
+    flight: JsbsimFlight, constants: Mapping[str, float], slopes: Slopes, rng: np.random.Generator
+) -> str:
+    """A vehicle file: constants as JSBSim has them, derivatives wrong by up to ``wrong``; those
+    that move nothing left out.
+    """
+    lines = [
+        f'name = "{flight.aircraft}"',
+        *(f"{name} = {value!r}" for name, value in constants.items()),
+        "[derivatives]",
+    ]
     for name, value in slopes.values.items():
         start = value * (1.0 + flight.wrong * rng.uniform(-1.0, 1.0))
         if slopes.weight.get(name, 1.0) > FELT:
@@ -187,8 +267,14 @@ def vehicle_text(flight: JsbsimFlight, constants: Mapping[str, float], slopes: S
 
 
 def truth_content(flight: JsbsimFlight, seed: int, truth: JsbsimTruth) -> dict[str, Any]:
-    """Derivatives about trim and over the maneuver by model, what was put in, and how the flight was made."""
-    made = {key: value for key, value in asdict(flight).items() if key not in ("name", "title", "about", "seed")}
+    """Derivatives about trim and over the maneuver by model, what was put in, and how the flight
+    was made.
+    """
+    made = {
+        key: value
+        for key, value in asdict(flight).items()
+        if key not in ("name", "title", "about", "seed")
+    }
     return {
         "schema": "flightid/truth/1",
         "parameters": {model: dict(found.values) for model, found in truth.about_trim.items()},

@@ -1,7 +1,8 @@
 """JSBSim itself: load, trim, fly; and true derivatives of the forces that it made.
 
-In a small motion they are the derivatives about trim; over the maneuver itself, the straight lines that lie nearest to what the aircraft did.
-Terms in alpha_dot and beta_dot fall to the others, as in any fit of models that have none.
+In a small motion they are the derivatives about trim; over the maneuver itself, the straight lines
+that lie nearest to what the aircraft did. Terms in alpha_dot and beta_dot fall to the others, as in
+any fit of models that have none.
 """
 
 from __future__ import annotations
@@ -18,7 +19,14 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.trials.jsbsim.declaration import FOOT, KNOT, NEEDS, Surface, package_folder, surfaces_of
+from scenarios.trials.jsbsim.declaration import (
+    FOOT,
+    KNOT,
+    NEEDS,
+    Surface,
+    package_folder,
+    surfaces_of,
+)
 from sim.errors import DeclarationError
 
 # ---- JSBSim itself
@@ -26,33 +34,50 @@ from sim.errors import DeclarationError
 SLUG = 14.59390293720636  # kg
 POUND, INERTIA = SLUG * FOOT, SLUG * FOOT**2  # N in a pound force, kg m2 in a slug ft2
 FRAMES = 400.0  # Hz at least
-ADAMS_BASHFORTH = 3  # JSBSim's integrator of second order; its own choice for rotation, Euler's, has the rates half a step late
+# JSBSim's integrator of second order; its own choice for rotation, Euler's, has the rates half a
+# step late
+ADAMS_BASHFORTH = 3
 MILSPEC, WIND_AT_20_FT = 3, 25.0  # JSBSim's Dryden turbulence after MIL-F-8785C; ft/s
 ENGINES, THROTTLE, MIXTURE = 4, 0.6, 0.87
 AT_REST = 0.02  # ft/s2 and rad/s2
 MOST_BANK, MOST_PITCH = math.radians(75.0), math.radians(60.0)
 # The pilot who brings the wings back to level: aileron (rad) per rad and per rad/s, and at most.
 BANK_GAIN, ROLL_GAIN, MOST_AILERON = 0.15, 0.1, 0.12
-# The pilot who holds attitude and speed while rudder and aileron are moved: elevator (rad) per rad and per rad/s, throttle per m/s.
+# The pilot who holds attitude and speed while rudder and aileron are moved: elevator (rad) per rad
+# and per rad/s, throttle per m/s.
 PITCH_GAIN, PITCHING_GAIN, SPEED_GAIN = 0.3, 0.15, 0.1
 PATIENCE = 4.0  # 1/s: how fast the pilot takes up what play or a damper keeps of a surface
 PROBE, PROBED, LEAST_REACH = 0.2, 0.5, 0.02  # of full command; s; rad of full command
 
-# What is read after each step, with its SI factor. The total body forces hold neither weight nor anything of the sensors.
+# What is read after each step, with its SI factor. The total body forces hold neither weight nor
+# anything of the sensors.
 READ: Mapping[str, tuple[str, float]] = {
-    **{"airspeed": ("velocities/vt-fps", FOOT), "alpha": ("aero/alpha-rad", 1.0), "beta": ("aero/beta-rad", 1.0)},
+    **{
+        "airspeed": ("velocities/vt-fps", FOOT),
+        "alpha": ("aero/alpha-rad", 1.0),
+        "beta": ("aero/beta-rad", 1.0),
+    },
     **{name: (f"velocities/{name}-rad_sec", 1.0) for name in "pqr"},
     **{name: (f"attitude/{name}-rad", 1.0) for name in ("phi", "theta", "psi")},
     **{f"force_{axis}": (f"forces/fb{axis}-total-lbs", POUND) for axis in "xyz"},
     **{f"moment_{axis}": (f"moments/{axis}-total-lbsft", POUND * FOOT) for axis in "lmn"},
-    **{"thrust": ("forces/fbx-prop-lbs", POUND), "thrust_moment": ("moments/m-prop-lbsft", POUND * FOOT)},
-    **{"height": ("position/h-sl-ft", FOOT), "mass": ("inertia/mass-slugs", SLUG), "air_density": ("atmosphere/rho-slugs_ft3", SLUG / FOOT**3)},
+    **{
+        "thrust": ("forces/fbx-prop-lbs", POUND),
+        "thrust_moment": ("moments/m-prop-lbsft", POUND * FOOT),
+    },
+    **{
+        "height": ("position/h-sl-ft", FOOT),
+        "mass": ("inertia/mass-slugs", SLUG),
+        "air_density": ("atmosphere/rho-slugs_ft3", SLUG / FOOT**3),
+    },
 }
 
 
 @dataclass(frozen=True)
 class Body:
-    """Geometry and inertia as JSBSim has them, SI; ``cross_inertia`` is the integral of x z dm: the property has the other sign."""
+    """Geometry and inertia as JSBSim has them, SI; ``cross_inertia`` is the integral of x z dm: the
+    property has the other sign.
+    """
 
     mass: float
     wing_area: float
@@ -66,7 +91,9 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class JsbsimSignals:
-    """Signals at every frame by name: those of ``READ``, the surfaces (rad), ``time``; the last dimension is time."""
+    """Signals at every frame by name: those of ``READ``, the surfaces (rad), ``time``; the last
+    dimension is time.
+    """
 
     signals: Mapping[str, np.ndarray]
     body: Body
@@ -77,7 +104,9 @@ class JsbsimSignals:
 
 @dataclass(frozen=True)
 class Condition:
-    """An aircraft in level flight: altitude (m), true airspeed (m/s), step of a frame (s), and the air: class of exceedance and its seed."""
+    """An aircraft in level flight: altitude (m), true airspeed (m/s), step of a frame (s), and the
+    air: class of exceedance and its seed.
+    """
 
     aircraft: str
     altitude: float
@@ -88,41 +117,62 @@ class Condition:
 
 
 def fly(condition: Condition, wanted: Mapping[str, np.ndarray], leveller: float) -> JsbsimSignals:
-    """Fly from trim; every autopilot off, fuel frozen, and a pilot who puts the surfaces where they are wanted.
+    """Fly from trim; every autopilot off, fuel frozen, and a pilot who puts the surfaces where they
+    are wanted.
 
     Parameters
     ----------
-    wanted : by surface what is added to its trim, rad, and of the throttle, parts of full travel; one value a frame.
-    leveller : share of the pilot's gains that brings the wings to level; 0 leaves them alone.
+    wanted : by surface what is added to its trim, rad, and of the throttle, parts of full travel;
+    one value a frame. leveller : share of the pilot's gains that brings the wings to level; 0
+    leaves them alone.
 
     Raises
     ------
-    DeclarationError : JSBSim is not installed, the aircraft does not trim here, or the flight goes astray.
+    DeclarationError : JSBSim is not installed, the aircraft does not trim here, or the flight goes
+    astray.
     """
     surfaces = surfaces_of(condition.aircraft)
     machine = trimmed(condition)
     hands = _hands(condition, surfaces)
     for name in wanted:
         if name not in (*hands, "throttle"):
-            what = f"{condition.aircraft} has no {name} that its command moves and its air loads read"
-            raise DeclarationError(what, where="key aircraft", remedy="give another aircraft, or an axis that does without")
-    names = [*(surface.property for surface in surfaces.values()), *(name for name, _ in READ.values())]
+            what = (
+                f"{condition.aircraft} has no {name} that its command moves and its air loads read"
+            )
+            raise DeclarationError(
+                what,
+                where="key aircraft",
+                remedy="give another aircraft, or an axis that does without",
+            )
+    names = [
+        *(surface.property for surface in surfaces.values()),
+        *(name for name, _ in READ.values()),
+    ]
     seen = np.empty((len(names), len(next(iter(wanted.values())))))
     pilot = _Pilot(machine, hands, condition.step, leveller)
     for k in range(seen.shape[1]):
         pilot.steer({name: float(values[k]) for name, values in wanted.items()})
         machine.run()
         seen[:, k] = [machine[name] for name in names]
-    factors = [*(surface.scale for surface in surfaces.values()), *(factor for _, factor in READ.values())]
+    factors = [
+        *(surface.scale for surface in surfaces.values()),
+        *(factor for _, factor in READ.values()),
+    ]
     signals = dict(zip((*surfaces, *READ), seen * np.array(factors)[:, None], strict=True))
-    signals["psi"] = np.unwrap(signals["psi"]) - 2.0 * math.pi * round(float(signals["psi"][0]) / (2.0 * math.pi))
+    signals["psi"] = np.unwrap(signals["psi"]) - 2.0 * math.pi * round(
+        float(signals["psi"][0]) / (2.0 * math.pi)
+    )
     _refuse_astray(condition, signals)
-    return JsbsimSignals({"time": condition.step * np.arange(seen.shape[1]), **signals}, _body(machine))
+    return JsbsimSignals(
+        {"time": condition.step * np.arange(seen.shape[1]), **signals}, _body(machine)
+    )
 
 
 @dataclass(frozen=True)
 class Hand:
-    """A surface in the pilot's hand: its property with its scale to radians, and the radians that full command is worth."""
+    """A surface in the pilot's hand: its property with its scale to radians, and the radians that
+    full command is worth.
+    """
 
     surface: Surface
     reach: float
@@ -139,8 +189,12 @@ def _reaches(condition: Condition) -> Mapping[str, float]:
     for _ in range(round(PROBED / condition.step)):
         machine.run()
         for name, surface in surfaces.items():
-            moved[name] = max(moved[name], surface.scale * (machine[surface.property] - neutral[name]), key=abs)
-    return {name: change / PROBE for name, change in moved.items() if abs(change) > LEAST_REACH * PROBE}
+            moved[name] = max(
+                moved[name], surface.scale * (machine[surface.property] - neutral[name]), key=abs
+            )
+    return {
+        name: change / PROBE for name, change in moved.items() if abs(change) > LEAST_REACH * PROBE
+    }
 
 
 def _hands(condition: Condition, surfaces: Mapping[str, Surface]) -> dict[str, Hand]:
@@ -149,10 +203,19 @@ def _hands(condition: Condition, surfaces: Mapping[str, Surface]) -> dict[str, H
 
 
 class _Pilot:
-    """Commands by which surfaces go where they are wanted, through play, dampers and unequal travel: in proportion, and until nothing is left."""
+    """Commands by which surfaces go where they are wanted, through play, dampers and unequal
+    travel: in proportion, and until nothing is left.
+    """
 
-    def __init__(self, machine: Any, hands: Mapping[str, Hand], step: float, leveller: float) -> None:
-        self._machine, self._hands, self._share, self._leveller = machine, hands, PATIENCE * step, leveller
+    def __init__(
+        self, machine: Any, hands: Mapping[str, Hand], step: float, leveller: float
+    ) -> None:
+        self._machine, self._hands, self._share, self._leveller = (
+            machine,
+            hands,
+            PATIENCE * step,
+            leveller,
+        )
         self._at = {name: machine[f"fcs/{name}-cmd-norm"] for name in (*hands, "throttle")}
         self._neutral = {name: machine[hand.surface.property] for name, hand in hands.items()}
         self._attitude, self._speed = machine["attitude/theta-rad"], machine["velocities/vt-fps"]
@@ -164,21 +227,36 @@ class _Pilot:
             change = wanted.get(name, 0.0)
             if name == "elevator" and name not in wanted:
                 raised = machine["attitude/theta-rad"] - self._attitude
-                change = math.copysign(1.0, hand.reach) * (PITCH_GAIN * raised + PITCHING_GAIN * machine["velocities/q-rad_sec"])
+                change = math.copysign(1.0, hand.reach) * (
+                    PITCH_GAIN * raised + PITCHING_GAIN * machine["velocities/q-rad_sec"]
+                )
             if name == "aileron":
-                roll = BANK_GAIN * machine["attitude/phi-rad"] + ROLL_GAIN * machine["velocities/p-rad_sec"]
-                change -= math.copysign(self._leveller, hand.reach) * min(MOST_AILERON, max(-MOST_AILERON, roll))
-            left = change - hand.surface.scale * (machine[hand.surface.property] - self._neutral[name])
+                roll = (
+                    BANK_GAIN * machine["attitude/phi-rad"]
+                    + ROLL_GAIN * machine["velocities/p-rad_sec"]
+                )
+                change -= math.copysign(self._leveller, hand.reach) * min(
+                    MOST_AILERON, max(-MOST_AILERON, roll)
+                )
+            left = change - hand.surface.scale * (
+                machine[hand.surface.property] - self._neutral[name]
+            )
             self._at[name] += self._share * left / hand.reach
             machine[f"fcs/{name}-cmd-norm"] = self._at[name] + change / hand.reach
         if "throttle" in wanted or "elevator" not in wanted:
-            pushed = wanted.get("throttle", SPEED_GAIN * FOOT * (self._speed - machine["velocities/vt-fps"]))
+            pushed = wanted.get(
+                "throttle", SPEED_GAIN * FOOT * (self._speed - machine["velocities/vt-fps"])
+            )
             for engine in range(ENGINES):
-                machine[f"fcs/throttle-cmd-norm[{engine}]"] = min(1.0, max(0.0, self._at["throttle"] + pushed))
+                machine[f"fcs/throttle-cmd-norm[{engine}]"] = min(
+                    1.0, max(0.0, self._at["throttle"] + pushed)
+                )
 
 
 def trimmed(condition: Condition) -> Any:
-    """The simulator with the aircraft in level unaccelerated flight, gear up, engines running; DeclarationError where it is not."""
+    """The simulator with the aircraft in level unaccelerated flight, gear up, engines running;
+    DeclarationError where it is not.
+    """
     folder = package_folder()
     os.environ.setdefault("JSBSIM_DEBUG", "0")
     package = importlib.import_module("jsbsim")
@@ -189,7 +267,10 @@ def trimmed(condition: Condition) -> Any:
             for name in NEEDS.get(condition.aircraft, ()):
                 machine[name] = 0.0
             _load_and_trim(machine, condition)
-        rest = [machine[f"accelerations/{name}"] for name in ("udot-ft_sec2", "vdot-ft_sec2", "wdot-ft_sec2", "qdot-rad_sec2")]
+        rest = [
+            machine[f"accelerations/{name}"]
+            for name in ("udot-ft_sec2", "vdot-ft_sec2", "wdot-ft_sec2", "qdot-rad_sec2")
+        ]
     except (KeyError, RuntimeError, package.BaseError) as error:
         raise _no_trim(condition, " ".join(str(error).split())) from None
     if not max(map(abs, rest)) < AT_REST:
@@ -204,9 +285,15 @@ def trimmed(condition: Condition) -> Any:
 
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
-    """Keep what JSBSim writes from the terminal: by Python's streams, by those of C in older versions."""
+    """Keep what JSBSim writes from the terminal: by Python's streams, by those of C in older
+    versions.
+    """
     kept = [os.dup(number) for number in (1, 2)]
-    with open(os.devnull, "w", encoding="utf-8") as nowhere, contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
+    with (
+        open(os.devnull, "w", encoding="utf-8") as nowhere,
+        contextlib.redirect_stdout(nowhere),
+        contextlib.redirect_stderr(nowhere),
+    ):
         for number in (1, 2):
             os.dup2(nowhere.fileno(), number)
         try:
@@ -221,34 +308,67 @@ def _silence() -> Iterator[None]:
 def _load_and_trim(machine: Any, condition: Condition) -> None:
     machine.load_model(condition.aircraft)
     machine.set_dt(condition.step)
-    machine["ic/h-sl-ft"], machine["ic/vt-kts"], machine["ic/gamma-deg"] = condition.altitude / FOOT, condition.airspeed / KNOT, 0.0
+    machine["ic/h-sl-ft"], machine["ic/vt-kts"], machine["ic/gamma-deg"] = (
+        condition.altitude / FOOT,
+        condition.airspeed / KNOT,
+        0.0,
+    )
     machine["gear/gear-cmd-norm"] = machine["gear/gear-pos-norm"] = 0.0
     machine.run_ic()
-    machine["simulation/integrator/rate/rotational"] = machine["simulation/integrator/position/rotational"] = ADAMS_BASHFORTH
+    machine["simulation/integrator/rate/rotational"] = machine[
+        "simulation/integrator/position/rotational"
+    ] = ADAMS_BASHFORTH
     machine["propulsion/fuel_freeze"] = 1
     machine["propulsion/set-running"] = -1
     for engine in range(ENGINES):
-        machine[f"fcs/throttle-cmd-norm[{engine}]"], machine[f"fcs/mixture-cmd-norm[{engine}]"] = THROTTLE, MIXTURE
+        machine[f"fcs/throttle-cmd-norm[{engine}]"], machine[f"fcs/mixture-cmd-norm[{engine}]"] = (
+            THROTTLE,
+            MIXTURE,
+        )
     machine.do_trim(1)
 
 
 def _no_trim(condition: Condition, why: str) -> DeclarationError:
-    what = f"{condition.aircraft} does not trim at {condition.altitude:.0f} m and {condition.airspeed:.0f} m/s true ({why})"
-    return DeclarationError(what, where="keys altitude and airspeed", remedy="give another altitude or airspeed, or another aircraft")
+    what = (
+        f"{condition.aircraft} does not trim at {condition.altitude:.0f} m and "
+        f"{condition.airspeed:.0f} m/s true ({why})"
+    )
+    return DeclarationError(
+        what,
+        where="keys altitude and airspeed",
+        remedy="give another altitude or airspeed, or another aircraft",
+    )
 
 
 def _refuse_astray(condition: Condition, signals: Mapping[str, np.ndarray]) -> None:
     finite = all(np.all(np.isfinite(values)) for values in signals.values())
-    if not finite or np.max(np.abs(signals["phi"])) > MOST_BANK or np.max(np.abs(signals["theta"])) > MOST_PITCH:
+    if (
+        not finite
+        or np.max(np.abs(signals["phi"])) > MOST_BANK
+        or np.max(np.abs(signals["theta"])) > MOST_PITCH
+    ):
         what = f"{condition.aircraft} goes astray in this maneuver"
-        raise DeclarationError(what, where="key size", remedy="give a smaller size or a shorter duration")
+        raise DeclarationError(
+            what, where="key size", remedy="give a smaller size or a shorter duration"
+        )
 
 
 def _body(machine: Any) -> Body:
-    inertia = {axis: machine[f"inertia/i{axis}-slugs_ft2"] * INERTIA for axis in ("xx", "yy", "zz", "xz")}
+    inertia = {
+        axis: machine[f"inertia/i{axis}-slugs_ft2"] * INERTIA for axis in ("xx", "yy", "zz", "xz")
+    }
     size = [machine[f"metrics/{name}"] for name in ("Sw-sqft", "bw-ft", "cbarw-ft")]
     mass = machine["inertia/mass-slugs"] * SLUG
-    return Body(mass, size[0] * FOOT**2, size[1] * FOOT, size[2] * FOOT, inertia["xx"], inertia["yy"], inertia["zz"], -inertia["xz"])
+    return Body(
+        mass,
+        size[0] * FOOT**2,
+        size[1] * FOOT,
+        size[2] * FOOT,
+        inertia["xx"],
+        inertia["yy"],
+        inertia["zz"],
+        -inertia["xz"],
+    )
 
 
 # ---- True derivatives
@@ -258,8 +378,8 @@ Columns = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Slopes:
-    """Derivatives of one model by name; ``weight``: what each moves its load by, over the load's spread; ``left``: the largest share of a
-    load's variance that straight lines leave.
+    """Derivatives of one model by name; ``weight``: what each moves its load by, over the load's
+    spread; ``left``: the largest share of a load's variance that straight lines leave.
     """
 
     values: Mapping[str, float]
@@ -268,22 +388,50 @@ class Slopes:
 
     def without(self, *symbols: str) -> Slopes:
         """The same but for derivatives by these symbols."""
-        return Slopes({name: value for name, value in self.values.items() if name.partition("_")[2] not in symbols}, self.weight, self.left)
+        return Slopes(
+            {
+                name: value
+                for name, value in self.values.items()
+                if name.partition("_")[2] not in symbols
+            },
+            self.weight,
+            self.left,
+        )
 
 
 def slopes_of(model: str, flown: JsbsimSignals, motion: JsbsimSignals | None = None) -> Slopes:
-    """The derivatives of a model (rigid, longitudinal or lateral); of ``motion`` where it is another flight from the same trim."""
-    return {"rigid": _rigid, "longitudinal": _longitudinal, "lateral": _lateral}[model](flown, motion or flown)
+    """The derivatives of a model (rigid, longitudinal or lateral); of ``motion`` where it is
+    another flight from the same trim.
+    """
+    return {"rigid": _rigid, "longitudinal": _longitudinal, "lateral": _lateral}[model](
+        flown, motion or flown
+    )
 
 
 def constants_of(model: str, flown: JsbsimSignals) -> dict[str, float]:
-    """What the vehicle file of a model holds beside its derivatives, SI: body, air and trim as they are at the start of a flight."""
+    """What the vehicle file of a model holds beside its derivatives, SI: body, air and trim as they
+    are at the start of a flight.
+    """
     body = flown.body
-    found = {"mass": body.mass, "wing_area": body.wing_area, "air_density": float(flown["air_density"][0])}
+    found = {
+        "mass": body.mass,
+        "wing_area": body.wing_area,
+        "air_density": float(flown["air_density"][0]),
+    }
     speed = float(flown["airspeed"][0])
     if model == "lateral":
-        found |= {"span": body.span, "roll_inertia": body.roll_inertia, "yaw_inertia": body.yaw_inertia, "cross_inertia": body.cross_inertia}
-        return {**found, "airspeed": speed, "trim_alpha": float(flown["alpha"][0]), "trim_theta": float(flown["theta"][0])}
+        found |= {
+            "span": body.span,
+            "roll_inertia": body.roll_inertia,
+            "yaw_inertia": body.yaw_inertia,
+            "cross_inertia": body.cross_inertia,
+        }
+        return {
+            **found,
+            "airspeed": speed,
+            "trim_alpha": float(flown["alpha"][0]),
+            "trim_theta": float(flown["theta"][0]),
+        }
     found |= {"chord": body.chord, "pitch_inertia": body.pitch_inertia}
     if model == "rigid":
         return {**found, "airspeed": speed}
@@ -291,13 +439,17 @@ def constants_of(model: str, flown: JsbsimSignals) -> dict[str, float]:
 
 
 def thrust_arm(flown: JsbsimSignals) -> float:
-    """Moment of the engines over their thrust in trim, m, nose up positive; 0 where there is no thrust."""
+    """Moment of the engines over their thrust in trim, m, nose up positive; 0 where there is no
+    thrust.
+    """
     thrust = float(flown["thrust"][0])
     return float(flown["thrust_moment"][0]) / thrust if thrust else 0.0
 
 
 def _rigid(trim: JsbsimSignals, flown: JsbsimSignals) -> Slopes:
-    """Lift across the path, engines included; what depends on the speed is told apart and left out."""
+    """Lift across the path, engines included; what depends on the speed is told apart and left
+    out.
+    """
     speed, body = float(trim["airspeed"][0]), flown.body
     columns = {
         "alpha": flown["alpha"],
@@ -307,14 +459,22 @@ def _rigid(trim: JsbsimSignals, flown: JsbsimSignals) -> Slopes:
     }
     lift = -flown["force_z"] * np.cos(flown["alpha"]) + flown["force_x"] * np.sin(flown["alpha"])
     area = 0.5 * float(trim["air_density"][0]) * speed**2 * body.wing_area
-    return _straight({"CL": (lift / area, columns), "Cm": (flown["moment_m"] / (area * body.chord), columns)}).without("0", "V")
+    return _straight(
+        {"CL": (lift / area, columns), "Cm": (flown["moment_m"] / (area * body.chord), columns)}
+    ).without("0", "V")
 
 
 def _longitudinal(trim: JsbsimSignals, flown: JsbsimSignals) -> Slopes:
-    """Coefficients of the whole axis at the speed and density of the moment, thrust and its moment taken off."""
+    """Coefficients of the whole axis at the speed and density of the moment, thrust and its moment
+    taken off.
+    """
     speed, body, alpha = float(trim["airspeed"][0]), flown.body, flown["alpha"]
     slow = {"V": flown["airspeed"] / speed, "alpha": alpha}
-    columns = {**slow, "q": flown["q"] * body.chord / (2.0 * speed), **_moved(flown, {"de": "elevator"})}
+    columns = {
+        **slow,
+        "q": flown["q"] * body.chord / (2.0 * speed),
+        **_moved(flown, {"de": "elevator"}),
+    }
     x, z, area = flown["force_x"] - flown["thrust"], flown["force_z"], _pressure_area(flown)
     moment = flown["moment_m"] - thrust_arm(trim) * flown["thrust"]
     return _straight(
@@ -328,9 +488,20 @@ def _longitudinal(trim: JsbsimSignals, flown: JsbsimSignals) -> Slopes:
 
 def _lateral(trim: JsbsimSignals, flown: JsbsimSignals) -> Slopes:
     half, area = flown.body.span / (2.0 * flown["airspeed"]), _pressure_area(flown)
-    columns = {"beta": flown["beta"], "p": flown["p"] * half, "r": flown["r"] * half, **_moved(flown, {"da": "aileron", "dr": "rudder"})}
-    loads = {"CY": flown["force_y"], "Cl": flown["moment_l"] / flown.body.span, "Cn": flown["moment_n"] / flown.body.span}
-    return _straight({letter: (load / area, columns) for letter, load in loads.items()}).without("0")
+    columns = {
+        "beta": flown["beta"],
+        "p": flown["p"] * half,
+        "r": flown["r"] * half,
+        **_moved(flown, {"da": "aileron", "dr": "rudder"}),
+    }
+    loads = {
+        "CY": flown["force_y"],
+        "Cl": flown["moment_l"] / flown.body.span,
+        "Cn": flown["moment_n"] / flown.body.span,
+    }
+    return _straight({letter: (load / area, columns) for letter, load in loads.items()}).without(
+        "0"
+    )
 
 
 def _pressure_area(flown: JsbsimSignals) -> np.ndarray:
@@ -349,12 +520,25 @@ def _straight(loads: Mapping[str, tuple[np.ndarray, Columns]]) -> Slopes:
     left = 0.0
     for letter, (load, columns) in loads.items():
         spread = {name: float(np.std(column)) or 1.0 for name, column in columns.items()}
-        matrix = np.stack([np.ones(len(load)), *((column - column[0]) / spread[name] for name, column in columns.items())], axis=1)
+        matrix = np.stack(
+            [
+                np.ones(len(load)),
+                *((column - column[0]) / spread[name] for name, column in columns.items()),
+            ],
+            axis=1,
+        )
         solved = np.linalg.lstsq(matrix, load, rcond=None)[0]
         size = float(np.std(load)) or 1.0
         left = max(left, float(np.var(load - matrix @ solved)) / size**2)
-        slopes = {name: float(value) / spread[name] for name, value in zip(columns, solved[1:], strict=True)}
-        values[f"{letter}_0"] = float(solved[0]) - sum(slopes[name] * float(columns[name][0]) for name in columns)
+        slopes = {
+            name: float(value) / spread[name]
+            for name, value in zip(columns, solved[1:], strict=True)
+        }
+        values[f"{letter}_0"] = float(solved[0]) - sum(
+            slopes[name] * float(columns[name][0]) for name in columns
+        )
         values |= {f"{letter}_{name}": slope for name, slope in slopes.items()}
-        weight |= {f"{letter}_{name}": abs(slope) * spread[name] / size for name, slope in slopes.items()}
+        weight |= {
+            f"{letter}_{name}": abs(slope) * spread[name] / size for name, slope in slopes.items()
+        }
     return Slopes(values, weight, left)

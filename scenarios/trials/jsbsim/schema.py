@@ -1,4 +1,6 @@
-"""The schema of flights by JSBSim (pydantic), and the way from a checked file to a JsbsimFlight; imported only when one is read."""
+"""The schema of flights by JSBSim (pydantic), and the way from a checked file to a JsbsimFlight;
+imported only when one is read.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,16 @@ from pydantic import BaseModel, Field
 from scenarios.files.declarations import checked, closest
 from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.studies.schema import Quantity, positive, si
-from scenarios.trials.jsbsim.declaration import CONDITIONS, CONTROLS, DURATIONS, MANEUVERS, OUTPUTS, SURFACES, JsbsimFlight, known_aircraft
+from scenarios.trials.jsbsim.declaration import (
+    CONDITIONS,
+    CONTROLS,
+    DURATIONS,
+    MANEUVERS,
+    OUTPUTS,
+    SURFACES,
+    JsbsimFlight,
+    known_aircraft,
+)
 from sim.errors import DeclarationError
 
 SHORTEST, FASTEST = 8.0, 400.0  # s, Hz
@@ -46,19 +57,34 @@ def jsbsim_of(document: Mapping[str, Any], name: str, where: str) -> JsbsimFligh
 
     Raises
     ------
-    DeclarationError : an unknown or missing key, name, unit or value, JSBSim not installed: one line with file and key.
+    DeclarationError : an unknown or missing key, name, unit or value, JSBSim not installed: one
+    line with file and key.
     """
     content = checked(_Jsbsim, document, where)
     aircraft = str(content.aircraft)
     known_aircraft(aircraft, f"{where}, key aircraft")
     _one_of(content.axis, tuple(CONTROLS), "axis", where)
     _one_of(content.maneuver, MANEUVERS, "maneuver", where)
-    duration = DURATIONS[content.axis] if content.duration is None else si(content.duration, "s", f"{where}, key duration")
+    duration = (
+        DURATIONS[content.axis]
+        if content.duration is None
+        else si(content.duration, "s", f"{where}, key duration")
+    )
     if not duration >= SHORTEST:
-        raise DeclarationError(f"{duration:g} s hold no maneuver", where=f"{where}, key duration", remedy=f"give {SHORTEST:g} s or more")
-    rate = positive(si(content.rate, "1/s", f"{where}, key rate", {"hz": "1/s"}), f"{where}, key rate")
+        raise DeclarationError(
+            f"{duration:g} s hold no maneuver",
+            where=f"{where}, key duration",
+            remedy=f"give {SHORTEST:g} s or more",
+        )
+    rate = positive(
+        si(content.rate, "1/s", f"{where}, key rate", {"hz": "1/s"}), f"{where}, key rate"
+    )
     if rate > FASTEST:
-        raise DeclarationError(f"{rate:g} samples a second", where=f"{where}, key rate", remedy=f"give {FASTEST:g} Hz or less")
+        raise DeclarationError(
+            f"{rate:g} samples a second",
+            where=f"{where}, key rate",
+            remedy=f"give {FASTEST:g} Hz or less",
+        )
     altitude, airspeed = _condition(content, where)
     return JsbsimFlight(
         name,
@@ -76,7 +102,13 @@ def jsbsim_of(document: Mapping[str, Any], name: str, where: str) -> JsbsimFligh
         _by_channel(content.noise_std, tuple(OUTPUTS), OUTPUTS, where, "noise_std"),
         content.rough_air,
         content.wrong,
-        _by_channel(content.late, (*SURFACES, *OUTPUTS), dict.fromkeys((*SURFACES, *OUTPUTS), "s"), where, "late"),
+        _by_channel(
+            content.late,
+            (*SURFACES, *OUTPUTS),
+            dict.fromkeys((*SURFACES, *OUTPUTS), "s"),
+            where,
+            "late",
+        ),
         _by_channel(content.backlash, SURFACES, dict.fromkeys(SURFACES, "rad"), where, "backlash"),
         si(content.vane_ahead, "m", f"{where}, key vane_ahead"),
         content.seed,
@@ -87,21 +119,52 @@ def _condition(content: _Jsbsim, where: str) -> tuple[float, float]:
     """Altitude and airspeed as given, else those of the aircraft."""
     own = CONDITIONS.get(str(content.aircraft))
     found = []
-    for place, (key, unit, value) in enumerate((("altitude", "m", content.altitude), ("airspeed", "m/s", content.airspeed))):
+    for place, (key, unit, value) in enumerate(
+        (("altitude", "m", content.altitude), ("airspeed", "m/s", content.airspeed))
+    ):
         if value is None and own is None:
             what = f"no usual {key} is known of {content.aircraft}"
-            raise DeclarationError(what, where=f"{where}, key {key}", remedy=f"give it, or an aircraft of {', '.join(CONDITIONS)}")
-        found.append(si(value, unit, f"{where}, key {key}") if value is not None else own[place] if own else 0.0)
+            raise DeclarationError(
+                what,
+                where=f"{where}, key {key}",
+                remedy=f"give it, or an aircraft of {', '.join(CONDITIONS)}",
+            )
+        found.append(
+            si(value, unit, f"{where}, key {key}")
+            if value is not None
+            else own[place]
+            if own
+            else 0.0
+        )
     return found[0], positive(found[1], f"{where}, key airspeed")
 
 
 def _one_of(name: str, known: tuple[str, ...], what: str, where: str) -> None:
     if name not in known:
-        raise DeclarationError(f"there is no {what} {name!r}", where=f"{where}, key {what}", remedy=closest(name, known))
+        raise DeclarationError(
+            f"there is no {what} {name!r}",
+            where=f"{where}, key {what}",
+            remedy=closest(name, known),
+        )
 
 
-def _by_channel(given: Mapping[str, Quantity], known: tuple[str, ...], units: Mapping[str, str], where: str, key: str) -> dict[str, float]:
+def _by_channel(
+    given: Mapping[str, Quantity],
+    known: tuple[str, ...],
+    units: Mapping[str, str],
+    where: str,
+    key: str,
+) -> dict[str, float]:
     for name in given:
         if name not in known:
-            raise DeclarationError(f"there is no channel {name!r} here", where=f"{where}, key {key}", remedy=closest(name, known))
-    return {name: positive(si(value, units[name], f"{where}, key {key}.{name}"), f"{where}, key {key}.{name}") for name, value in given.items()}
+            raise DeclarationError(
+                f"there is no channel {name!r} here",
+                where=f"{where}, key {key}",
+                remedy=closest(name, known),
+            )
+    return {
+        name: positive(
+            si(value, units[name], f"{where}, key {key}.{name}"), f"{where}, key {key}.{name}"
+        )
+        for name, value in given.items()
+    }

@@ -23,8 +23,9 @@ _NONE: Mapping[str, float] = MappingProxyType({})
 class HiddenTerm:
     """Something that acts and that the declared model lacks.
 
-    ``name`` is that of a library effect or, with ``own:``, of a term in `scenarios.trials.hidden`. ``values`` are its local
-    parameters (SI); ``elsewhere`` those that differ in the other two records, as the time of an event does.
+    ``name`` is that of a library effect or, with ``own:``, of a term in `scenarios.trials.hidden`.
+    ``values`` are its local parameters (SI); ``elsewhere`` those that differ in the other two
+    records, as the time of an event does.
     """
 
     name: str
@@ -46,11 +47,13 @@ class TraceFlight:
 
     Attributes
     ----------
-    vehicle : name of a built-in vehicle, ``"x29-S"`` for the closed loop with that airframe, or a user's model file, whose model with its true
+    vehicle : name of a built-in vehicle, ``"x29-S"`` for the closed loop with that airframe, or a
+    user's model file, whose model with its true
         values is ``own``. modes : elastic modes that act.
-    rate : 1/s; of a closed loop its telemetry's. step : integration step, s. noise_std : by output; of a closed loop its telemetry's.
-    train, validate : the two records. hidden : what acts beyond the vehicle.
-    test : a third record, which takes no part in fitting or in choosing; None flies the maneuvers of ``validate`` once more.
+    rate : 1/s; of a closed loop its telemetry's. step : integration step, s. noise_std : by output;
+    of a closed loop its telemetry's. train, validate : the two records. hidden : what acts beyond
+    the vehicle. test : a third record, which takes no part in fitting or in choosing; None flies
+    the maneuvers of ``validate`` once more.
     """
 
     vehicle: str
@@ -72,7 +75,9 @@ class TraceFlight:
 
 @dataclass(frozen=True)
 class Expectation:
-    """What the loop should find: any of ``verdicts``, and, where effects are claimed, any of the sets ``effects``."""
+    """What the loop should find: any of ``verdicts``, and, where effects are claimed, any of the
+    sets ``effects``.
+    """
 
     verdicts: tuple[str, ...]
     effects: tuple[tuple[str, ...], ...] = ()
@@ -84,10 +89,11 @@ class TraceScenario:
 
     Attributes
     ----------
-    name, title, about : for people. distance : how far the truth is from the model, and whether the library has what lies between.
-    flight : the truth recipe; ``model`` what the loop is told it is, a name or a user's model file.
-    wrong : share by which the vehicle file's starting values are off, sign by turns; ``start`` are values that are given instead.
-    expect : what should be found. seed : used unless another is asked for. effort : how far the search looks, normal or thorough.
+    name, title, about : for people. distance : how far the truth is from the model, and whether the
+    library has what lies between. flight : the truth recipe; ``model`` what the loop is told it is,
+    a name or a user's model file. wrong : share by which the vehicle file's starting values are
+    off, sign by turns; ``start`` are values that are given instead. expect : what should be found.
+    seed : used unless another is asked for. effort : how far the search looks, normal or thorough.
     """
 
     name: str
@@ -114,7 +120,9 @@ BREAKOUT = "input-deadband"
 def own_terms(package_name: str = TERMS) -> Mapping[str, Effect]:
     """The truth's own terms by name, from the modules of a package."""
     package = importlib.import_module(package_name)
-    names = sorted(module.name for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."))
+    names = sorted(
+        module.name for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
+    )
     modules = [importlib.import_module(name) for name in names]
     return {module.TERM.name: module.TERM for module in modules if hasattr(module, "TERM")}
 
@@ -129,17 +137,24 @@ def true_vehicle(flight: TraceFlight) -> Model:
 
 
 def hidden_units(name: str, vehicle: str | Model, where: str) -> Mapping[str, str]:
-    """Local parameters of a hidden term with their units; ``vehicle`` is the name of a built-in one, or a user's own model.
+    """Local parameters of a hidden term with their units; ``vehicle`` is the name of a built-in
+    one, or a user's own model.
 
     Raises
     ------
     DeclarationError : there is no such term for this vehicle.
     """
     if isinstance(vehicle, Model):
-        return {item.name: item.unit for item in find_term(name, vehicle.equations, where).parameters}
+        return {
+            item.name: item.unit for item in find_term(name, vehicle.equations, where).parameters
+        }
     if vehicle.startswith(CLOSED_LOOP):
         if name != BREAKOUT:
-            raise DeclarationError(f"{name!r} in a closed loop", where=f"{where}.name", remedy=f"use {BREAKOUT}, the break-out of its stick")
+            raise DeclarationError(
+                f"{name!r} in a closed loop",
+                where=f"{where}.name",
+                remedy=f"use {BREAKOUT}, the break-out of its stick",
+            )
         return {"half_width": "in"}
     from sim.vehicles.factory import model_of
     from sim.vehicles.library import read_parameter_set
@@ -148,8 +163,11 @@ def hidden_units(name: str, vehicle: str | Model, where: str) -> Mapping[str, st
     return {item.name: item.unit for item in effect.parameters}
 
 
-def find_term(name: str, equations: Equations, where: str, terms: Mapping[str, Effect] | None = None) -> Effect:
-    """A hidden term that acts on these equations, the truth's own from ``terms`` (None: ``own_terms()``).
+def find_term(
+    name: str, equations: Equations, where: str, terms: Mapping[str, Effect] | None = None
+) -> Effect:
+    """A hidden term that acts on these equations, the truth's own from ``terms`` (None:
+    ``own_terms()``).
 
     Raises
     ------
@@ -161,7 +179,11 @@ def find_term(name: str, equations: Equations, where: str, terms: Mapping[str, E
     if name.startswith(OWN):
         terms = own_terms() if terms is None else terms
         if name not in terms or not applies(terms[name], equations):
-            raise DeclarationError(f"there is no term {name!r} for {equations.name}", where=f"{where}.name", remedy=f"use one of {', '.join(terms)}")
+            raise DeclarationError(
+                f"there is no term {name!r} for {equations.name}",
+                where=f"{where}.name",
+                remedy=f"use one of {', '.join(terms)}",
+            )
         return terms[name]
     try:
         return find_effect(name, equations)
@@ -179,7 +201,9 @@ def with_hidden(model: Model, hidden: tuple[HiddenTerm, ...], *, validation: boo
     for term in hidden:
         effect = find_term(term.name, model.equations, term.name)
         values = {**term.values, **(term.elsewhere if validation else {})}
-        model = model.with_effects(effect).with_values({full_name(effect, local): value for local, value in values.items()})
+        model = model.with_effects(effect).with_values(
+            {full_name(effect, local): value for local, value in values.items()}
+        )
     return model
 
 

@@ -1,4 +1,6 @@
-"""From a tracing scenario to its records, its vehicle file, and the truth that only the scoring opens."""
+"""From a tracing scenario to its records, its vehicle file, and the truth that only the scoring
+opens.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,15 @@ import numpy as np
 
 from scenarios.studies.declaration import ManeuverPlan
 from scenarios.studies.estimating import held_alike, maneuvers_by_input, resting
-from scenarios.trials.planted.declaration import CLOSED_LOOP, RecordPlan, TraceFlight, TraceScenario, true_vehicle, with_breakout, with_hidden
+from scenarios.trials.planted.declaration import (
+    CLOSED_LOOP,
+    RecordPlan,
+    TraceFlight,
+    TraceScenario,
+    true_vehicle,
+    with_breakout,
+    with_hidden,
+)
 from sim.closed_loop.airframe import X29
 from sim.closed_loop.linear import EquivalentSystem
 from sim.declaration.effect import Parameter
@@ -35,10 +45,11 @@ LOES_NAMES = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau
 class FlownTrace:
     """The records of a tracing scenario with their truth.
 
-    ``derivatives`` are the true values (SI) of what the declared model estimates; of a closed loop those of the equivalent system
-    that its linear frequency response has. ``hidden`` the true parameters of each hidden term in the training record.
-    ``vehicle_file`` is the text of the file that the loop is given.
-    ``test`` is the third record, which the loop never sees. ``noise_free`` is the training record without sensor noise.
+    ``derivatives`` are the true values (SI) of what the declared model estimates; of a closed loop
+    those of the equivalent system that its linear frequency response has. ``hidden`` the true
+    parameters of each hidden term in the training record. ``vehicle_file`` is the text of the file
+    that the loop is given. ``test`` is the third record, which the loop never sees. ``noise_free``
+    is the training record without sensor noise.
     """
 
     train: Record
@@ -53,11 +64,13 @@ class FlownTrace:
 
 
 def fly_trace(scenario: TraceScenario, seed: int) -> FlownTrace:
-    """Fly the records of a scenario, each with noise of its own; the same seed gives the same bytes.
+    """Fly the records of a scenario, each with noise of its own; the same seed gives the same
+    bytes.
 
     Raises
     ------
-    DeclarationError : a maneuver or a hidden term lacks a number, or moves an input that is not there.
+    DeclarationError : a maneuver or a hidden term lacks a number, or moves an input that is not
+    there.
     """
     first, second, third = np.random.default_rng(seed).spawn(3)
     if scenario.flight.vehicle.startswith(CLOSED_LOOP):
@@ -82,7 +95,9 @@ def fly_trace(scenario: TraceScenario, seed: int) -> FlownTrace:
 
 
 def started_file(scenario: TraceScenario, vehicle: Model) -> str:
-    """The text of the vehicle file that the loop is given: true constants, and starting values that are off."""
+    """The text of the vehicle file that the loop is given: true constants, and starting values that
+    are off.
+    """
     if scenario.flight.own is not None:
         return _own_text(scenario, vehicle)
     return _vehicle_text(scenario, _values(vehicle), _derivatives(scenario, vehicle))
@@ -91,7 +106,9 @@ def started_file(scenario: TraceScenario, vehicle: Model) -> str:
 def _derivatives(scenario: TraceScenario, vehicle: Model) -> dict[str, float]:
     """True values of what the declared model estimates."""
     declared = _declared(scenario, vehicle.parameters.names)
-    return {item.name: item.value for item in vehicle.parameters if item.free and item.name in declared}
+    return {
+        item.name: item.value for item in vehicle.parameters if item.free and item.name in declared
+    }
 
 
 def _declared(scenario: TraceScenario, names: tuple[str, ...]) -> set[str]:
@@ -101,17 +118,23 @@ def _declared(scenario: TraceScenario, names: tuple[str, ...]) -> set[str]:
     return {name for name in names if not _mode_of(name)}
 
 
-def _fly(flight: TraceFlight, plan: RecordPlan, rng: np.random.Generator, name: str, *, validation: bool) -> tuple[Record, Record]:
+def _fly(
+    flight: TraceFlight, plan: RecordPlan, rng: np.random.Generator, name: str, *, validation: bool
+) -> tuple[Record, Record]:
     model = with_hidden(true_vehicle(flight), flight.hidden, validation=validation)
     return flown_with_truth(flight, plan, model, rng, name)
 
 
-def flown_plan(flight: TraceFlight, plan: RecordPlan, model: Model, rng: np.random.Generator, name: str) -> Record:
+def flown_plan(
+    flight: TraceFlight, plan: RecordPlan, model: Model, rng: np.random.Generator, name: str
+) -> Record:
     """One record of a flight's plan, flown by a model, whose noise is in it."""
     return flown_with_truth(flight, plan, model, rng, name)[0]
 
 
-def flown_with_truth(flight: TraceFlight, plan: RecordPlan, model: Model, rng: np.random.Generator, name: str) -> tuple[Record, Record]:
+def flown_with_truth(
+    flight: TraceFlight, plan: RecordPlan, model: Model, rng: np.random.Generator, name: str
+) -> tuple[Record, Record]:
     """One record of a flight's plan, and the same record without sensor noise."""
     inputs = {signal.name for signal in model.equations.inputs}
     by_input = maneuvers_by_input(plan.maneuvers, inputs, f"key flight.{name}", resting(model))
@@ -119,20 +142,36 @@ def flown_with_truth(flight: TraceFlight, plan: RecordPlan, model: Model, rng: n
     time = sample_times(flight.rate, plan.duration)
     if flight.own is not None:
         by_input = held_alike(by_input, plan.maneuvers, time)
-    record, truth = fly(model, by_input, time, rng, step=min(flight.step, 1.0 / flight.rate), outputs=outputs, name=name)
+    record, truth = fly(
+        model,
+        by_input,
+        time,
+        rng,
+        step=min(flight.step, 1.0 / flight.rate),
+        outputs=outputs,
+        name=name,
+    )
     return record, with_outputs(record, [truth.outputs[channel.name] for channel in record.outputs])
 
 
 def with_outputs(record: Record, rows: Sequence[np.ndarray]) -> Record:
     """A record with other values ``(N,)`` of each output, all of them there."""
     outputs = zip(record.outputs, rows, strict=True)
-    return replace(record, outputs=tuple(Channel.of(channel.name, channel.unit, row) for channel, row in outputs))
+    return replace(
+        record,
+        outputs=tuple(Channel.of(channel.name, channel.unit, row) for channel, row in outputs),
+    )
 
 
 def fly_loop(
-    scenario: TraceScenario, plan: RecordPlan, where: str, rng: np.random.Generator, curvature: float | None = None
+    scenario: TraceScenario,
+    plan: RecordPlan,
+    where: str,
+    rng: np.random.Generator,
+    curvature: float | None = None,
 ) -> tuple[Record, Record]:
-    """One record of a closed loop, and the same record without sensor noise; ``curvature`` of its gearing in place of its own.
+    """One record of a closed loop, and the same record without sensor noise; ``curvature`` of its
+    gearing in place of its own.
 
     Raises
     ------
@@ -157,7 +196,9 @@ def loop_of(scenario: TraceScenario) -> X29:
 
 
 def equivalent_of(scenario: TraceScenario) -> EquivalentSystem:
-    """The equivalent system of the linear loop, with the airframe's own L_q: no loop changes the lift equation."""
+    """The equivalent system of the linear loop, with the airframe's own L_q: no loop changes the
+    lift equation.
+    """
     from sim.closed_loop.linear import equivalent_system
 
     plain = loop_of(scenario)
@@ -167,11 +208,22 @@ def equivalent_of(scenario: TraceScenario) -> EquivalentSystem:
 def _closed_loop(scenario: TraceScenario, generators: Sequence[np.random.Generator]) -> FlownTrace:
     flight, plain = scenario.flight, loop_of(scenario)
     plans = {"train": flight.train, "validate": flight.validate, "test": flight.test_plan}
-    flown = [fly_loop(scenario, plan, f"key flight.{name}", rng) for (name, plan), rng in zip(plans.items(), generators, strict=True)]
+    flown = [
+        fly_loop(scenario, plan, f"key flight.{name}", rng)
+        for (name, plan), rng in zip(plans.items(), generators, strict=True)
+    ]
     equivalent = equivalent_of(scenario)
     values = {name: float(getattr(equivalent, name)) for name in LOES_NAMES}
-    constants = {"airspeed": plain.airframe.airspeed, "gravity": plain.airframe.gravity, "vane_arm": plain.telemetry.vane_arm}
-    noise = {"alpha": plain.telemetry.alpha_noise, "q": plain.telemetry.q_noise, "nz": plain.telemetry.nz_noise}
+    constants = {
+        "airspeed": plain.airframe.airspeed,
+        "gravity": plain.airframe.gravity,
+        "vane_arm": plain.telemetry.vane_arm,
+    }
+    noise = {
+        "alpha": plain.telemetry.alpha_noise,
+        "q": plain.telemetry.q_noise,
+        "nz": plain.telemetry.nz_noise,
+    }
     hidden = {term.name: dict(term.values) for term in flight.hidden}
     (train, noise_free), (validate, _), (test, _) = flown
     text = _vehicle_text(scenario, constants, values)
@@ -183,27 +235,65 @@ def _stick(plans: tuple[ManeuverPlan, ...], where: str) -> Sum:
     return Sum((moved["stick"],)) if moved else Sum()
 
 
-def _vehicle_text(scenario: TraceScenario, values: Mapping[str, float], derivatives: Mapping[str, float]) -> str:
-    """A vehicle file whose derivatives are off by ``wrong``, the sign by turns; ``start`` replaces what it names."""
+def _vehicle_text(
+    scenario: TraceScenario, values: Mapping[str, float], derivatives: Mapping[str, float]
+) -> str:
+    """A vehicle file whose derivatives are off by ``wrong``, the sign by turns; ``start`` replaces
+    what it names.
+    """
     _refuse_unknown_starts(scenario, derivatives)
-    started = {name: value * (1.0 + scenario.wrong * (-1.0) ** i) for i, (name, value) in enumerate(derivatives.items())}
+    started = {
+        name: value * (1.0 + scenario.wrong * (-1.0) ** i)
+        for i, (name, value) in enumerate(derivatives.items())
+    }
     started |= dict(scenario.start)
-    lines = [f'name = "{scenario.flight.vehicle}"', *(f"{name} = {values[name]!r}" for name in CONSTANTS[scenario.model])]
+    lines = [
+        f'name = "{scenario.flight.vehicle}"',
+        *(f"{name} = {values[name]!r}" for name in CONSTANTS[scenario.model]),
+    ]
     modal = {name: number for name in started if (number := _mode_of(name))}
-    lines += ["[derivatives]", *(f"{name} = {value!r}" for name, value in started.items() if name not in modal)]
+    lines += [
+        "[derivatives]",
+        *(f"{name} = {value!r}" for name, value in started.items() if name not in modal),
+    ]
     for number in sorted(set(modal.values())):
-        lines += ["[[modes]]", *(f"{key} = {values[f'{name}{number}']!r}" for name, key in FILE_NAMES.items() if name in MODE_CONSTANTS)]
-        lines += [f"{name} = {value!r}" for name, value in started.items() if modal.get(name) == number]
+        lines += [
+            "[[modes]]",
+            *(
+                f"{key} = {values[f'{name}{number}']!r}"
+                for name, key in FILE_NAMES.items()
+                if name in MODE_CONSTANTS
+            ),
+        ]
+        lines += [
+            f"{name} = {value!r}" for name, value in started.items() if modal.get(name) == number
+        ]
     return "\n".join(lines) + "\n"
 
 
 def _own_text(scenario: TraceScenario, model: Model) -> str:
-    """The same for a user's own model: its constants and, off by ``wrong``, its parameters, whose names may be any word."""
+    """The same for a user's own model: its constants and, off by ``wrong``, its parameters, whose
+    names may be any word.
+    """
     free = {item.name: item for item in model.parameters if item.free}
     _refuse_unknown_starts(scenario, free)
-    started = {name: off(item, scenario.wrong * (-1.0) ** i) for i, (name, item) in enumerate(free.items())} | dict(scenario.start)
-    lines = [f"name = {json.dumps(model.name)}", *(f"{_key(item.name)} = {item.value!r}" for item in model.parameters if not item.free)]
-    return "\n".join([*lines, "[derivatives]", *(f"{_key(name)} = {value!r}" for name, value in started.items())]) + "\n"
+    started = {
+        name: off(item, scenario.wrong * (-1.0) ** i) for i, (name, item) in enumerate(free.items())
+    } | dict(scenario.start)
+    lines = [
+        f"name = {json.dumps(model.name)}",
+        *(f"{_key(item.name)} = {item.value!r}" for item in model.parameters if not item.free),
+    ]
+    return (
+        "\n".join(
+            [
+                *lines,
+                "[derivatives]",
+                *(f"{_key(name)} = {value!r}" for name, value in started.items()),
+            ]
+        )
+        + "\n"
+    )
 
 
 def _key(name: str) -> str:
@@ -212,7 +302,9 @@ def _key(name: str) -> str:
 
 
 def off(item: Parameter, share: float) -> float:
-    """A starting value that is off by a share of the true one, to the other side or to halfway where bounds are nearer."""
+    """A starting value that is off by a share of the true one, to the other side or to halfway
+    where bounds are nearer.
+    """
     low, high = item.bounds
     for value in (item.value * (1.0 + share), item.value * (1.0 - share)):
         if low <= value <= high:
@@ -232,7 +324,9 @@ def _refuse_unknown_starts(scenario: TraceScenario, known: Collection[str]) -> N
 
 
 def _mode_of(name: str) -> int:
-    """Number of the elastic mode that a derivative belongs to, 0 for a rigid one: ``CL_eta1``, ``Ceta1_q``."""
+    """Number of the elastic mode that a derivative belongs to, 0 for a rigid one: ``CL_eta1``,
+    ``Ceta1_q``.
+    """
     if name.startswith("Ceta"):
         return int(name[4 : name.index("_")])
     digits = "".join(c for c in name if c.isdigit())
@@ -240,7 +334,9 @@ def _mode_of(name: str) -> int:
 
 
 def write_flown(flown: FlownTrace, folder: Path) -> tuple[Path, Path, Path]:
-    """Training record, validation record and vehicle file in a folder: all that the loop is given."""
+    """Training record, validation record and vehicle file in a folder: all that the loop is
+    given.
+    """
     from scenarios.files.writing import write_record
 
     train, _ = write_record(folder, flown.train, "train", simulated=True)

@@ -1,6 +1,7 @@
 """A flight of a user's model as a command line asks it: maneuvers, noise and hidden effects.
 
-What is made is the document of a scenario, as its file would have it, so that everything behind it is that of scenarios.
+What is made is the document of a scenario, as its file would have it, so that everything behind it
+is that of scenarios.
 """
 
 from __future__ import annotations
@@ -31,19 +32,25 @@ from sim.errors import DeclarationError, ModelError
 
 LENGTHS = {"3-2-1-1": 7.0, "doublet": 2.0, "pulse": 1.0}  # in units
 LONG = 2.0 * BETWEEN  # half doublets, of a sweep or a multisine
-HARMONICS = 8  # of all inputs together: from one over the length of a multisine to about the roots' frequencies
+# of all inputs together: from one over the length of a multisine to about the roots' frequencies
+HARMONICS = 8
 SLOWEST, FASTEST = 0.2, 2.0  # of the frequency of a doublet, of a sweep
 
 
-def maneuver_words(words: Sequence[str], model: Model, motion: Motion, pulse: float) -> tuple[tuple[dict[str, Any], ...], float]:
-    """Maneuvers as a scenario's file has them, in the inputs' units, and the time at which the last one ends, s.
+def maneuver_words(
+    words: Sequence[str], model: Model, motion: Motion, pulse: float
+) -> tuple[tuple[dict[str, Any], ...], float]:
+    """Maneuvers as a scenario's file has them, in the inputs' units, and the time at which the last
+    one ends, s.
 
-    Each word is ``INPUT=KIND``, then ``,KEY=VALUE`` for what is not as the example of ``flightid models`` would have it: the amplitude that this
-    takes, units of ``pulse`` (s), and one maneuver after the other.
+    Each word is ``INPUT=KIND``, then ``,KEY=VALUE`` for what is not as the example of ``flightid
+    models`` would have it: the amplitude that this takes, units of ``pulse`` (s), and one maneuver
+    after the other.
 
     Raises
     ------
-    DeclarationError : an input, a kind or a key that there is not, a wrong value or unit: the word is named.
+    DeclarationError : an input, a kind or a key that there is not, a wrong value or unit: the word
+    is named.
     """
     out, end = [], 0.0
     for place, word in enumerate(words):
@@ -51,11 +58,18 @@ def maneuver_words(words: Sequence[str], model: Model, motion: Motion, pulse: fl
         name, kind, given = _parts(word, where)
         if name not in motion.amplitudes:
             known = ", ".join(motion.amplitudes) or "none"
-            raise DeclarationError(f"there is no input {name!r}", where=where, remedy=f"its inputs are {known}")
+            raise DeclarationError(
+                f"there is no input {name!r}", where=where, remedy=f"its inputs are {known}"
+            )
         if kind not in KINDS:
-            raise DeclarationError(f"there is no maneuver {kind!r}", where=where, remedy=closest(kind, KINDS))
+            raise DeclarationError(
+                f"there is no maneuver {kind!r}", where=where, remedy=closest(kind, KINDS)
+            )
         needed = KINDS[kind][0]
-        numbers = {**_usual(needed, motion.amplitudes[name], pulse, place, len(words)), **_numbers(given, unit_in(model, name), where)}
+        numbers = {
+            **_usual(needed, motion.amplitudes[name], pulse, place, len(words)),
+            **_numbers(given, unit_in(model, name), where),
+        }
         try:
             maneuver_of(ManeuverPlan(name, kind, numbers), where)
         except ModelError as fault:
@@ -67,21 +81,32 @@ def maneuver_words(words: Sequence[str], model: Model, motion: Motion, pulse: fl
 
 
 def noise_of(words: Sequence[str], model: Model) -> dict[str, float]:
-    """Standard deviations by output, ``OUTPUT=SIZE``. Raises DeclarationError as ``maneuver_words``."""
+    """Standard deviations by output, ``OUTPUT=SIZE``. Raises DeclarationError as
+    ``maneuver_words``.
+    """
     outputs, out = [signal.name for signal in model.equations.outputs], {}
     for word in words:
         where = f"--noise {word}"
         name, equals, text = word.partition("=")
         if not equals:
-            raise DeclarationError("this is not OUTPUT=SIZE", where=where, remedy=f"write for example --noise {outputs[0]}=0.1")
+            raise DeclarationError(
+                "this is not OUTPUT=SIZE",
+                where=where,
+                remedy=f"write for example --noise {outputs[0]}=0.1",
+            )
         if name.strip() not in outputs:
-            raise DeclarationError(f"there is no output {name.strip()!r}", where=where, remedy=closest(name.strip(), outputs))
+            raise DeclarationError(
+                f"there is no output {name.strip()!r}",
+                where=where,
+                remedy=closest(name.strip(), outputs),
+            )
         out[name.strip()] = positive(si(_value(text), unit_in(model, name.strip()), where), where)
     return out
 
 
 def hidden_of(words: Sequence[str], model: Model) -> list[dict[str, Any]]:
-    """What is hidden, as a scenario's file has it: ``EFFECT.PARAMETER=VALUE``, or ``EFFECT`` alone at its typical values.
+    """What is hidden, as a scenario's file has it: ``EFFECT.PARAMETER=VALUE``, or ``EFFECT`` alone
+    at its typical values.
 
     Raises
     ------
@@ -94,13 +119,21 @@ def hidden_of(words: Sequence[str], model: Model) -> list[dict[str, Any]]:
         name, _, key = full.rpartition(".") if equals else (full, "", "")
         names = {effect.name for effect in effects_for(model.equations)}
         if name not in names and not name.startswith("own:"):
-            remedy = closest(name, sorted(names)) if name else "write EFFECT.PARAMETER=VALUE, for example sensor-delay:NAME.delay=0.1"
-            raise DeclarationError(f"there is no effect {name!r} on {model.name}", where=where, remedy=remedy)
+            remedy = (
+                closest(name, sorted(names))
+                if name
+                else "write EFFECT.PARAMETER=VALUE, for example sensor-delay:NAME.delay=0.1"
+            )
+            raise DeclarationError(
+                f"there is no effect {name!r} on {model.name}", where=where, remedy=remedy
+            )
         items = {item.name: item for item in find_term(name, model.equations, where).parameters}
         values = found.setdefault(name, {each.name: each.value for each in items.values()})
         if equals:
             if key not in items:
-                raise DeclarationError(f"{name} has no {key!r}", where=where, remedy=closest(key, items))
+                raise DeclarationError(
+                    f"{name} has no {key!r}", where=where, remedy=closest(key, items)
+                )
             values[key] = si(_value(text), items[key].unit, where)
     return [{"name": name, "values": values} for name, values in found.items()]
 
@@ -113,10 +146,18 @@ def _parts(word: str, where: str) -> tuple[str, str, dict[str, Any]]:
     for piece in pieces[1:]:
         key, sign, text = (each.strip() for each in piece.partition("="))
         if not sign:
-            raise DeclarationError(f"{piece.strip()!r} is not KEY=VALUE", where=where, remedy="write for example amplitude=0.1")
+            raise DeclarationError(
+                f"{piece.strip()!r} is not KEY=VALUE",
+                where=where,
+                remedy="write for example amplitude=0.1",
+            )
         given[key] = _value(text)
     if not equals:
-        raise DeclarationError("this is not INPUT=KIND", where=where, remedy="write for example --input NAME=doublet,amplitude=0.1")
+        raise DeclarationError(
+            "this is not INPUT=KIND",
+            where=where,
+            remedy="write for example --input NAME=doublet,amplitude=0.1",
+        )
     return name, kind, given
 
 
@@ -140,8 +181,12 @@ def _value(text: str) -> Any:
         return text.strip()
 
 
-def _usual(needed: Sequence[str], amplitude: float, pulse: float, place: int, count: int) -> dict[str, Any]:
-    """What a maneuver needs, as the roots suggest; inputs one after the other, of multisines each with harmonics of its own."""
+def _usual(
+    needed: Sequence[str], amplitude: float, pulse: float, place: int, count: int
+) -> dict[str, Any]:
+    """What a maneuver needs, as the roots suggest; inputs one after the other, of multisines each
+    with harmonics of its own.
+    """
     usual = {
         "amplitude": amplitude,
         "unit": pulse,
@@ -160,14 +205,22 @@ def _numbers(given: Mapping[str, Any], unit: str, where: str) -> dict[str, Any]:
     for key, value in given.items():
         if key == "harmonics":
             if not isinstance(value, list) or not all(isinstance(each, int) for each in value):
-                raise DeclarationError(f"harmonics={value!r} is no list", where=where, remedy="write harmonics=[1,3,5]")
+                raise DeclarationError(
+                    f"harmonics={value!r} is no list", where=where, remedy="write harmonics=[1,3,5]"
+                )
             out[key] = value
         elif isinstance(value, bool) or not isinstance(value, float | int | str):
-            raise DeclarationError(f"{key}={value!r} is no number", where=where, remedy="give a number, or one with a unit")
+            raise DeclarationError(
+                f"{key}={value!r} is no number",
+                where=where,
+                remedy="give a number, or one with a unit",
+            )
         else:
             out[key] = si(value, units.get(key, "s"), f"{where}, {key}")
             if not math.isfinite(out[key]):
-                raise DeclarationError(f"{key}={value} is no finite number", where=where, remedy="give a finite number")
+                raise DeclarationError(
+                    f"{key}={value} is no finite number", where=where, remedy="give a finite number"
+                )
     return out
 
 
@@ -175,18 +228,24 @@ def _numbers(given: Mapping[str, Any], unit: str, where: str) -> dict[str, Any]:
 
 NOISE = 0.01  # of an output's largest move under doublets
 SAMPLES = 20.0  # in half a doublet, at least
-FINER = 5.0  # steps of the truth between two samples, and halves of the step that resolves the quickest root
+# steps of the truth between two samples, and halves of the step that resolves the quickest root
+FINER = 5.0
 SETTLING = 6.0  # half doublets behind the last maneuver
 SMALLER = 0.8  # of amplitude and length, maneuvers of the record that is predicted
 WRONG = 0.3  # share by which starts are off, as in tracing scenarios
-PASSES, SPREAD = 5, 20.0  # of a filter, if one is chosen: from starts so far off a single pass believes its first slopes
-MOST_STEPS = 2e6  # of the truth, whose states and outputs are kept at all of them: minutes, and some hundred megabytes
+# of a filter, if one is chosen: from starts so far off a single pass believes its first slopes
+PASSES, SPREAD = 5, 20.0
+# of the truth, whose states and outputs are kept at all of them: minutes, and some hundred
+# megabytes
+MOST_STEPS = 2e6
 FIT_STEP = 0.01  # s, the longest of a fit where an own model does not ask for another
 
 
 @dataclass(frozen=True)
 class OwnFlight:
-    """What a command line asks: the model's file, the file of its true values, and texts as typed; None and empty leave it to the model."""
+    """What a command line asks: the model's file, the file of its true values, and texts as typed;
+    None and empty leave it to the model.
+    """
 
     model: str
     vehicle: Path | None = None
@@ -211,7 +270,8 @@ class _Planned:
 
 
 def trace_document(asked: OwnFlight) -> dict[str, Any]:
-    """Two records, the second of maneuvers by a fifth smaller and shorter, with what is hidden in both.
+    """Two records, the second of maneuvers by a fifth smaller and shorter, with what is hidden in
+    both.
 
     Raises
     ------
@@ -219,7 +279,10 @@ def trace_document(asked: OwnFlight) -> dict[str, Any]:
     """
     plan = _planned(asked)
     hidden = hidden_of(asked.hidden, plan.model)
-    second = [{**each, **{key: SMALLER * each[key] for key in ("amplitude",) if key in each}} for each in plan.maneuvers]
+    second = [
+        {**each, **{key: SMALLER * each[key] for key in ("amplitude",) if key in each}}
+        for each in plan.maneuvers
+    ]
     for each in second:
         if "unit" in each:
             each["unit"] = max(1.0, round(SMALLER * each["unit"] * plan.rate)) / plan.rate
@@ -234,19 +297,31 @@ def trace_document(asked: OwnFlight) -> dict[str, Any]:
         },
         "hidden": hidden,
         "estimate": {"model": asked.model, "wrong": WRONG},
-        "expect": {"verdicts": ["traced", "ambiguous"] if hidden else ["consistent"], "effects": [[each["name"] for each in hidden]] * bool(hidden)},
+        "expect": {
+            "verdicts": ["traced", "ambiguous"] if hidden else ["consistent"],
+            "effects": [[each["name"] for each in hidden]] * bool(hidden),
+        },
     }
 
 
 def study_document(asked: OwnFlight) -> dict[str, Any]:
-    """One record estimated by output error from starts that are off. Raises as ``trace_document``."""
+    """One record estimated by output error from starts that are off. Raises as
+    ``trace_document``.
+    """
     plan = _planned(asked)
-    wrong = {item.name: off(item, WRONG * (-1.0) ** i) for i, item in enumerate(item for item in plan.model.parameters if item.free)}
+    wrong = {
+        item.name: off(item, WRONG * (-1.0) ** i)
+        for i, item in enumerate(item for item in plan.model.parameters if item.free)
+    }
     started = with_priors(plan.model.with_values(wrong), list(wrong)).parameters
     return {
         **_head(plan.model),
         "distance": "same equations, finer step",
-        "flight": {**_common(asked, plan), "duration": plan.duration, "maneuvers": list(plan.maneuvers)},
+        "flight": {
+            **_common(asked, plan),
+            "duration": plan.duration,
+            "maneuvers": list(plan.maneuvers),
+        },
         "estimate": {
             "label": "output error",
             "model": asked.model,
@@ -254,56 +329,100 @@ def study_document(asked: OwnFlight) -> dict[str, Any]:
             "passes": PASSES,
             "spread": SPREAD,
             "max_step": step_of(plan.model, 1.0 / plan.rate, FIT_STEP),
-            "start": {name: {"value": started[name].value, "std": started[name].prior_std} for name in wrong},
+            "start": {
+                name: {"value": started[name].value, "std": started[name].prior_std}
+                for name in wrong
+            },
         },
     }
 
 
 def _head(model: Model) -> dict[str, Any]:
-    return {"schema": "flightid/scenario/1", "title": f"{model.name}, a model of one's own", "seed": 1}
+    return {
+        "schema": "flightid/scenario/1",
+        "title": f"{model.name}, a model of one's own",
+        "seed": 1,
+    }
 
 
 def _common(asked: OwnFlight, plan: _Planned) -> dict[str, Any]:
-    return {"vehicle": asked.model, "values": dict(plan.values), "rate": plan.rate, "step": plan.step, "noise_std": dict(plan.noise)}
+    return {
+        "vehicle": asked.model,
+        "values": dict(plan.values),
+        "rate": plan.rate,
+        "step": plan.step,
+        "noise_std": dict(plan.noise),
+    }
 
 
 def _planned(asked: OwnFlight) -> _Planned:
     refuse_unknown_model(asked.model, "--model")
     if asked.model in MODELS:
-        remedy = f"name one of its scenarios (flightid list), or a file of your own: {asked.model} flies with a vehicle's numbers"
-        raise DeclarationError(f"the model {asked.model!r} is built in", where="--model", remedy=remedy)
+        remedy = (
+            f"name one of its scenarios (flightid list), or a file of your own: {asked.model} "
+            "flies with a vehicle's numbers"
+        )
+        raise DeclarationError(
+            f"the model {asked.model!r} is built in", where="--model", remedy=remedy
+        )
     for option, value in (("--duration", asked.duration), ("--rate", asked.rate)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
-            raise DeclarationError(f"{value:g} is not above 0", where=option, remedy="give a positive number")
+            raise DeclarationError(
+                f"{value:g} is not above 0", where=option, remedy="give a positive number"
+            )
     own = read_user_model(asked.model, MODELS)
-    model = own.model if asked.vehicle is None else own_numbers(own, read_toml_source(asked.vehicle))[1]
+    model = (
+        own.model if asked.vehicle is None else own_numbers(own, read_toml_source(asked.vehicle))[1]
+    )
     motion = doublet_motion(model)
     rate = asked.rate or _round_up(SAMPLES / motion.pulse)
     pulse = max(1.0, round(motion.pulse * rate)) / rate
     words = asked.inputs or tuple(f"{name}=doublet" for name in motion.amplitudes)
     maneuvers, end = maneuver_words(words, model, motion, pulse)
-    natural = min(end + SETTLING * pulse, motion.end if motion.ran_away and not asked.inputs else math.inf)
+    natural = min(
+        end + SETTLING * pulse, motion.end if motion.ran_away and not asked.inputs else math.inf
+    )
     duration = asked.duration or max(2.0, math.ceil(natural * rate - 1e-9)) / rate
     if maneuvers and min(each["start"] for each in maneuvers) >= duration:
-        raise DeclarationError(f"no maneuver begins within {duration:g} s", where="--duration", remedy="give a longer one, or --input with a start")
+        raise DeclarationError(
+            f"no maneuver begins within {duration:g} s",
+            where="--duration",
+            remedy="give a longer one, or --input with a start",
+        )
     noise = {**_usual_noise(model, motion), **noise_of(asked.noise, model)}
     if not noise:
-        raise DeclarationError("no output moves", where="--noise", remedy="name the outputs that are measured, --noise NAME=SIZE")
-    values = {item.name: item.value for item in model.parameters} if asked.vehicle is not None else {}
+        raise DeclarationError(
+            "no output moves",
+            where="--noise",
+            remedy="name the outputs that are measured, --noise NAME=SIZE",
+        )
+    values = (
+        {item.name: item.value for item in model.parameters} if asked.vehicle is not None else {}
+    )
     step = _true_step(model, rate)
     if duration / step > MOST_STEPS:
         what = f"{duration:.3g} s in steps of {step:.2g} s are {duration / step:.1g} steps"
-        raise DeclarationError(what, where="--duration, --rate", remedy="fly a shorter record, or fewer samples a second")
+        raise DeclarationError(
+            what,
+            where="--duration, --rate",
+            remedy="fly a shorter record, or fewer samples a second",
+        )
     return _Planned(model, values, maneuvers, noise, duration, rate, step)
 
 
 def _usual_noise(model: Model, motion: Motion) -> dict[str, float]:
     outputs = (signal.name for signal in model.equations.outputs)
-    return {name: float(f"{NOISE * size:.2g}") for name, size in zip(outputs, motion.sizes, strict=True) if size > 0.0}
+    return {
+        name: float(f"{NOISE * size:.2g}")
+        for name, size in zip(outputs, motion.sizes, strict=True)
+        if size > 0.0
+    }
 
 
 def _true_step(model: Model, rate: float) -> float:
-    """Integration step of the truth, s: finer than a fit's, which resolves the quickest root or takes a hundredth of a second."""
+    """Integration step of the truth, s: finer than a fit's, which resolves the quickest root or
+    takes a hundredth of a second.
+    """
     sizes = root_sizes(compile_model(model), inputs_at_rest(model))
     quick = RESOLVED / float(max(sizes)) if len(sizes) else math.inf
     return min(1.0 / rate, max(quick, step_of(model, 1.0 / rate, FIT_STEP))) / FINER
@@ -312,4 +431,8 @@ def _true_step(model: Model, rate: float) -> float:
 def _round_up(value: float) -> float:
     """The next of 1, 2, 5, 10, 20 ... that is not below."""
     decade = 10.0 ** math.floor(math.log10(value))
-    return next(float(f"{decade * digit:.1g}") for digit in (1.0, 2.0, 5.0, 10.0) if decade * digit >= value * (1.0 - 1e-9))
+    return next(
+        float(f"{decade * digit:.1g}")
+        for digit in (1.0, 2.0, 5.0, 10.0)
+        if decade * digit >= value * (1.0 - 1e-9)
+    )

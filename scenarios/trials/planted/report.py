@@ -9,7 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.diagnosis.report.content import bounded, positive, test_content
-from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands, shown_columns, shown_rows
+from scenarios.diagnosis.report.declared_only import (
+    DECLARED,
+    nothing_stands,
+    shown_columns,
+    shown_rows,
+)
 from scenarios.diagnosis.report.files import write_diagnosis, write_prediction
 from scenarios.diagnosis.report.tables import short
 from scenarios.diagnosis.report.text import details_text, diagnosis_summary
@@ -29,21 +34,42 @@ from scenarios.trials.planted.study import TRUE, Grade, Scored, TraceStudy
 
 # ---- A tracing study in words and tables for the terminal
 
-DERIVATIVES = ("derivative", "unit", "true", "condensed", "comparable", "before", "after", "error, sigmas")
+DERIVATIVES = (
+    "derivative",
+    "unit",
+    "true",
+    "condensed",
+    "comparable",
+    "before",
+    "after",
+    "error, sigmas",
+)
 EFFECTS = ("effect", "unit", "true", "comparable", "estimate", "error, sigmas")
 MODES = ("mode", "unit", "true", "comparable", "estimate", "error, sigmas")
 THIRD = ("error", "unit", "before", "after", "sensor noise")
-THIRD_TITLE = "simulation error (rms) on a third record, test.csv, which took no part in fitting or in choosing effects"
+THIRD_TITLE = (
+    "simulation error (rms) on a third record, test.csv, which took no part in fitting or in "
+    "choosing effects"
+)
 
 
 def trace_text(study: TraceStudy, width: int = WIDTH, details: str = BELOW) -> str:
-    """A summary, before and after as `flightid diagnose` shows them, then what the truth says of it."""
+    """A summary, before and after as `flightid diagnose` shows them, then what the truth says of
+    it.
+    """
     scenario = study.scenario
     blocks = [
         summary_lines(trace_summary(study, details), width),
-        [f"{scenario.name}: {scenario.title}", f"truth and model: {scenario.distance}; seed {study.seed}"],
+        [
+            f"{scenario.name}: {scenario.title}",
+            f"truth and model: {scenario.distance}; seed {study.seed}",
+        ],
         details_text(study.tracing, width).rstrip().split("\n"),
-        table_lines(columns_of(third_headings(study), third_rows(study), left=2), title=THIRD_TITLE, width=width),
+        table_lines(
+            columns_of(third_headings(study), third_rows(study), left=2),
+            title=THIRD_TITLE,
+            width=width,
+        ),
         table_lines(against_truth(study), title=table_title(study), width=width),
         table_lines(columns_of(EFFECTS, effect_rows(study), left=2), width=width),
         table_lines(columns_of(MODES, mode_rows(study), left=2), width=width),
@@ -57,12 +83,17 @@ def trace_summary(study: TraceStudy, details: str = BELOW) -> Summary:
     """The diagnosis, and whether it is right."""
     told = diagnosis_summary(study.tracing, details)
     named = f"{study.scenario.name}: {study.scenario.title}; {told.study}"
-    return replace(told, study=named, outcome=f"{told.outcome}; the diagnosis is {_verdict(study.grade)}")
+    return replace(
+        told, study=named, outcome=f"{told.outcome}; the diagnosis is {_verdict(study.grade)}"
+    )
 
 
 def scored_sentence(study: TraceStudy) -> str:
     """What was hidden, what was expected, and what the diagnosis is worth."""
-    return f"scored with the truth: {_hidden(study)}; expected {_expected(study)}; the diagnosis is {_verdict(study.grade)}"
+    return (
+        f"scored with the truth: {_hidden(study)}; expected {_expected(study)}; the diagnosis is "
+        f"{_verdict(study.grade)}"
+    )
 
 
 def effect_rows(study: TraceStudy) -> list[tuple[str, ...]]:
@@ -76,16 +107,23 @@ def mode_rows(study: TraceStudy) -> list[tuple[str, ...]]:
 
 
 def against_truth(study: TraceStudy) -> list[TableColumn]:
-    """The derivatives before and after, against what the fitted model should find; without a column that says nothing new.
+    """The derivatives before and after, against what the fitted model should find; without a column
+    that says nothing new.
 
     Of the declared model alone where no effect was added to it.
     """
     alone = nothing_stands(study.tracing.diagnosis)
     rows = [_derivative_cells(_of_declared(row) if alone else row) for row in study.derivatives]
-    shown = [name for name in DERIVATIVES if name != "condensed" or any(row.condensed is not None for row in study.derivatives)]
+    shown = [
+        name
+        for name in DERIVATIVES
+        if name != "condensed" or any(row.condensed is not None for row in study.derivatives)
+    ]
     shown = [name for name in shown if not alone or name != "before"]
     headings = [DECLARED if alone and name == "after" else name for name in shown]
-    return columns_of(headings, [tuple(row[DERIVATIVES.index(name)] for name in shown) for row in rows], left=2)
+    return columns_of(
+        headings, [tuple(row[DERIVATIVES.index(name)] for name in shown) for row in rows], left=2
+    )
 
 
 def _of_declared(row: Scored) -> Scored:
@@ -98,7 +136,10 @@ def _of_declared(row: Scored) -> Scored:
 def table_title(study: TraceStudy) -> str:
     """What the derivatives are compared with."""
     if study.scenario.model == "loes":
-        return "derivatives; true are those of the equivalent system that fits the linear loop's frequency response"
+        return (
+            "derivatives; true are those of the equivalent system that fits the linear loop's "
+            "frequency response"
+        )
     return "derivatives against the truth"
 
 
@@ -106,7 +147,10 @@ def comparable_sentences(study: TraceStudy) -> list[str]:
     """Where the comparable values come from, and why they differ from the true ones."""
     told = [f"comparable, what the fitted model should find: {study.basis}", *study.reasons]
     if study.basis == TRUE:
-        told.append("third record: gusts are not known beforehand, so that turbulence does not lower the error of a free simulation")
+        told.append(
+            "third record: gusts are not known beforehand, so that turbulence does not lower the "
+            "error of a free simulation"
+        )
     return told
 
 
@@ -123,7 +167,13 @@ def third_rows(study: TraceStudy) -> list[tuple[str, ...]]:
         factor, unit = shown_in(units.get(name, ""), name)
         noise = study.flown.noise_std.get(name)
         cells = (error, study.test.after.rmse[name] if study.test.finite else None, noise)
-        rows.append((name, unit_cell(unit), *("-" if cell is None else short(factor * cell) for cell in cells)))
+        rows.append(
+            (
+                name,
+                unit_cell(unit),
+                *("-" if cell is None else short(factor * cell) for cell in cells),
+            )
+        )
     return [tuple(row) for row in shown_rows(d, THIRD, rows)]
 
 
@@ -136,9 +186,22 @@ def _estimate_cells(row: Scored) -> tuple[str, ...]:
 
 def _derivative_cells(row: Scored) -> tuple[str, ...]:
     factor, unit = shown_in(row.unit, row.name)
-    true, condensed = ("-" if value is None else f"{factor * value:.5g}" for value in (row.true, row.condensed))
-    before, after = (value_text(factor * q.value, factor * q.std) if q else "-" for q in (row.before, row.after))
-    return row.name, unit_cell(unit), true, condensed, _comparable(row, factor), before, after, f"{row.sigmas:+.1f}"
+    true, condensed = (
+        "-" if value is None else f"{factor * value:.5g}" for value in (row.true, row.condensed)
+    )
+    before, after = (
+        value_text(factor * q.value, factor * q.std) if q else "-" for q in (row.before, row.after)
+    )
+    return (
+        row.name,
+        unit_cell(unit),
+        true,
+        condensed,
+        _comparable(row, factor),
+        before,
+        after,
+        f"{row.sigmas:+.1f}",
+    )
 
 
 def _comparable(row: Scored, factor: float) -> str:
@@ -151,10 +214,17 @@ def _hidden(study: TraceStudy) -> str:
     flight, terms = study.scenario.flight, []
     for name, values in study.flown.hidden.items():
         units = hidden_units(name, flight.own if flight.own is not None else flight.vehicle, name)
-        said = ", ".join(f"{key} {quantity_text(value, units.get(key, ''), key)}" for key, value in values.items())
+        said = ", ".join(
+            f"{key} {quantity_text(value, units.get(key, ''), key)}"
+            for key, value in values.items()
+        )
         terms.append(f"{name} ({said})")
     if study.scenario.flight.modes and study.scenario.model == "rigid":
-        terms.insert(0, f"{study.scenario.flight.modes} elastic mode{'s' if study.scenario.flight.modes > 1 else ''}")
+        terms.insert(
+            0,
+            f"{study.scenario.flight.modes} elastic "
+            f"mode{'s' if study.scenario.flight.modes > 1 else ''}",
+        )
     return f"hidden was {' and '.join(terms)}" if terms else "nothing was hidden"
 
 
@@ -172,7 +242,9 @@ def _verdict(grade: Grade) -> str:
 
 
 def scored_page(study: TraceStudy, page: Page) -> Page:
-    """The page of the diagnosis with the scenario's title, and the truth before what the loop says of itself."""
+    """The page of the diagnosis with the scenario's title, and the truth before what the loop says
+    of itself.
+    """
     scenario = study.scenario
     scored = as_sentence(scored_sentence(study))
     truth = section(
@@ -184,10 +256,19 @@ def scored_page(study: TraceStudy, page: Page) -> Page:
         rows_table(capital(THIRD_TITLE), third_headings(study), third_rows(study)),
         Prose(f"Truth and model: {scenario.distance}.", "note"),
     )
-    again = reproduction(("flightid", "run", scenario.name, "--seed", str(study.seed)), f"Seed {study.seed}.", page.reproduction.inputs)
+    again = reproduction(
+        ("flightid", "run", scenario.name, "--seed", str(study.seed)),
+        f"Seed {study.seed}.",
+        page.reproduction.inputs,
+    )
     kind = f"Study {scenario.name}: {page.kind}"
     return replace(
-        page, title=capital(scenario.title), kind=kind, summary=(*page.summary, scored), sections=(*truth, *page.sections), reproduction=again
+        page,
+        title=capital(scenario.title),
+        kind=kind,
+        summary=(*page.summary, scored),
+        sections=(*truth, *page.sections),
+        reproduction=again,
     )
 
 
@@ -197,10 +278,20 @@ MAIN = "comparison.json"
 
 
 def write_trace(study: TraceStudy, folder: str | Path, *, figures: Formats = USUAL) -> Path:
-    """Write records, vehicle file, diagnosis, truth and ``comparison.json`` (last); returns the folder."""
+    """Write records, vehicle file, diagnosis, truth and ``comparison.json`` (last); returns the
+    folder.
+    """
     dressed = partial(scored_page, study)
     given = partial(_write_records, study)
-    return write_trial(study.tracing, given, truth_content(study), trace_comparison(study), folder, figures=figures, dressed=dressed)
+    return write_trial(
+        study.tracing,
+        given,
+        truth_content(study),
+        trace_comparison(study),
+        folder,
+        figures=figures,
+        dressed=dressed,
+    )
 
 
 def write_trial(
@@ -213,8 +304,8 @@ def write_trial(
     figures: Formats,
     dressed: Callable[[Page], Page],
 ) -> Path:
-    """Write the diagnosis with what ``dressed`` adds to its page, what was ``given`` to the loop (records and vehicle file), the truth and
-    ``comparison.json`` (last); returns the folder."""
+    """Write the diagnosis with what ``dressed`` adds to its page, what was ``given`` to the loop
+    (records and vehicle file), the truth and ``comparison.json`` (last); returns the folder."""
     write_diagnosis(tracing, folder, figures=figures, dressed=dressed)
     with study_folder(folder, MAIN) as scratch:
         given(scratch)
@@ -224,7 +315,9 @@ def write_trial(
 
 
 def _write_records(study: TraceStudy, folder: Path) -> None:
-    """All three records, the vehicle file, and the prediction of the third record, ``before_CHANNEL`` and ``after_CHANNEL``."""
+    """All three records, the vehicle file, and the prediction of the third record,
+    ``before_CHANNEL`` and ``after_CHANNEL``.
+    """
     write_flown(study.flown, folder)
     write_record(folder, study.flown.test, "test", simulated=True)
     write_prediction(folder / "test_prediction.csv", study.test.predictions[0])
@@ -235,8 +328,14 @@ def truth_content(study: TraceStudy) -> dict[str, Any]:
     flown = study.flown
     return {
         "schema": "flightid/truth/1",
-        "parameters": {row.name: {"value": row.true, "unit": row.unit} for row in study.derivatives},
-        "modes": {row.name: {"value": row.true, "unit": row.unit} for row in study.modes if row.true is not None},
+        "parameters": {
+            row.name: {"value": row.true, "unit": row.unit} for row in study.derivatives
+        },
+        "modes": {
+            row.name: {"value": row.true, "unit": row.unit}
+            for row in study.modes
+            if row.true is not None
+        },
         "effects": list(flown.hidden),
         "hidden": {name: dict(values) for name, values in flown.hidden.items()},
         "noise_std": dict(flown.noise_std),
@@ -246,20 +345,37 @@ def truth_content(study: TraceStudy) -> dict[str, Any]:
 
 
 def trace_comparison(study: TraceStudy) -> dict[str, Any]:
-    """Content of ``comparison.json``: the fit with what was found, and under ``methods`` the declared model's."""
+    """Content of ``comparison.json``: the fit with what was found, and under ``methods`` the
+    declared model's.
+    """
     d = study.tracing.diagnosis
     derived = {
-        when: {name: {"estimate": bounded(q.value), "std": positive(q.std), "unit": q.unit} for name, q in some.items()}
+        when: {
+            name: {"estimate": bounded(q.value), "std": positive(q.std), "unit": q.unit}
+            for name, q in some.items()
+        }
         for when, some in (("before", d.derived_before), ("after", d.derived_after))
     }
     for when, some in (("before", d.before), ("after", d.after)):
         if "delay" in some:
-            derived[when]["delay"] = {"estimate": bounded(some["delay"].value), "std": positive(some["delay"].std), "unit": "s"}
+            derived[when]["delay"] = {
+                "estimate": bounded(some["delay"].value),
+                "std": positive(some["delay"].std),
+                "unit": "s",
+            }
     for row in study.modes:
-        of_mode = derived["after"].setdefault(row.name, {"estimate": row.after.value, "std": positive(row.after.std), "unit": row.unit})
+        of_mode = derived["after"].setdefault(
+            row.name,
+            {"estimate": row.after.value, "std": positive(row.after.std), "unit": row.unit},
+        )
         of_mode |= {**_common(row), "error_sigmas": bounded(row.sigmas)}
     before = {
-        row.name: {"estimate": row.before.value, "std": positive(row.before.std), **_common(row), "comparable": bounded(row.comparable_before)}
+        row.name: {
+            "estimate": row.before.value,
+            "std": positive(row.before.std),
+            **_common(row),
+            "comparable": bounded(row.comparable_before),
+        }
         for row in study.derivatives
         if row.before and row.comparable_before is not None
     }
@@ -270,11 +386,18 @@ def trace_comparison(study: TraceStudy) -> dict[str, Any]:
         "seed": study.seed,
         "distance": study.scenario.distance,
         "parameters": {row.name: _after(row) for row in (*study.derivatives, *study.effects)},
-        "fixed": {item.name: {"value": item.value, "unit": item.unit} for item in study.tracing.model.parameters if not item.free},
+        "fixed": {
+            item.name: {"value": item.value, "unit": item.unit}
+            for item in study.tracing.model.parameters
+            if not item.free
+        },
         "derived": derived["after"],
         "outcome": d.verdict.value,
         "outcome_sentence": d.verdict.sentence,
-        "expected": {"verdicts": list(study.scenario.expect.verdicts), "effects": [list(names) for names in study.scenario.expect.effects]},
+        "expected": {
+            "verdicts": list(study.scenario.expect.verdicts),
+            "effects": [list(names) for names in study.scenario.expect.effects],
+        },
         "grade": study.grade.name.lower(),
         "comparable": {"basis": study.basis, "reasons": list(study.reasons)},
         "third_record": _third(study),
@@ -285,7 +408,9 @@ def trace_comparison(study: TraceStudy) -> dict[str, Any]:
 
 
 def _third(study: TraceStudy) -> dict[str, Any]:
-    """Errors before and after on the record that took no part in fitting or in choosing effects, in the channels' units."""
+    """Errors before and after on the record that took no part in fitting or in choosing effects, in
+    the channels' units.
+    """
     found, units = study.test, channel_units(study.tracing.model)
     return {
         "record": "test.csv",
@@ -294,13 +419,22 @@ def _third(study: TraceStudy) -> dict[str, Any]:
         "unit": {name: units.get(name, "") for name in found.predictions[0].channels},
         "before": {"rmse": dict(found.before.rmse)},
         "after": {"rmse": {name: bounded(value) for name, value in found.after.rmse.items()}},
-        "noise_std": {name: value for name, value in study.flown.noise_std.items() if name in found.predictions[0].channels},
+        "noise_std": {
+            name: value
+            for name, value in study.flown.noise_std.items()
+            if name in found.predictions[0].channels
+        },
         "finite": found.finite,
     }
 
 
 def _after(row: Scored) -> dict[str, Any]:
-    return {"estimate": bounded(row.after.value), "std": positive(row.after.std), **_common(row), "error_sigmas": bounded(row.sigmas)}
+    return {
+        "estimate": bounded(row.after.value),
+        "std": positive(row.after.std),
+        **_common(row),
+        "error_sigmas": bounded(row.sigmas),
+    }
 
 
 def _common(row: Scored) -> dict[str, Any]:

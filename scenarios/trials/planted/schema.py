@@ -1,4 +1,6 @@
-"""The schema of tracing scenarios (pydantic), and the way from a checked file to a TraceScenario; imported only when one is read."""
+"""The schema of tracing scenarios (pydantic), and the way from a checked file to a TraceScenario;
+imported only when one is read.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +13,38 @@ from scenarios.files.declarations import checked
 from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.files.vehicles import MODELS
 from scenarios.studies.declaration import ManeuverPlan
-from scenarios.studies.reading import maneuver_plans, model_files, own_vehicle_of, refuse_other_equations
-from scenarios.studies.schema import ManeuverTable, Quantity, model_name, positive, si, standard_deviations
-from scenarios.trials.planted.declaration import Expectation, HiddenTerm, RecordPlan, TraceFlight, TraceScenario, hidden_units
+from scenarios.studies.reading import (
+    maneuver_plans,
+    model_files,
+    own_vehicle_of,
+    refuse_other_equations,
+)
+from scenarios.studies.schema import (
+    ManeuverTable,
+    Quantity,
+    model_name,
+    positive,
+    si,
+    standard_deviations,
+)
+from scenarios.trials.planted.declaration import (
+    Expectation,
+    HiddenTerm,
+    RecordPlan,
+    TraceFlight,
+    TraceScenario,
+    hidden_units,
+)
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
 
 Name = Annotated[str, Field(min_length=1)]
-DISTANCES = ("nothing missing", "effect missing", "effect of another form missing", "nothing in the library fits")
+DISTANCES = (
+    "nothing missing",
+    "effect missing",
+    "effect of another form missing",
+    "nothing in the library fits",
+)
 
 
 class _Strict(BaseModel):
@@ -57,7 +83,9 @@ class _Estimate(_Strict):
 
 
 class _Expect(_Strict):
-    verdicts: list[Literal["consistent", "traced", "partial", "ambiguous", "unexplained"]] = Field(min_length=1)
+    verdicts: list[Literal["consistent", "traced", "partial", "ambiguous", "unexplained"]] = Field(
+        min_length=1
+    )
     effects: list[list[str]] = []
 
 
@@ -66,7 +94,12 @@ class _Trace(_Strict):
     kind: Literal["trace"]
     title: Name
     about: str = ""
-    distance: Literal["nothing missing", "effect missing", "effect of another form missing", "nothing in the library fits"]
+    distance: Literal[
+        "nothing missing",
+        "effect missing",
+        "effect of another form missing",
+        "nothing in the library fits",
+    ]
     seed: int = Field(default=1, ge=0)
     flight: _Flight
     hidden: list[_Hidden] = []
@@ -79,7 +112,8 @@ def trace_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Tra
 
     Raises
     ------
-    DeclarationError : an unknown or missing key, a value or unit that is wrong, a hidden term that is not there: one line with file and key.
+    DeclarationError : an unknown or missing key, a value or unit that is wrong, a hidden term that
+    is not there: one line with file and key.
     """
     content = checked(_Trace, document, where)
     flight, place = content.flight, f"{where}, key flight"
@@ -87,14 +121,26 @@ def trace_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Tra
     own = own_vehicle_of(flight.vehicle, flight.values, flight.modes, place, files)
     refuse_other_equations(own, content.estimate.model, where)
     if own is None and files:
-        what, remedy = f"the built-in vehicle {flight.vehicle} flies", "name a built-in model, or fly that of your file"
+        what, remedy = (
+            f"the built-in vehicle {flight.vehicle} flies",
+            "name a built-in model, or fly that of your file",
+        )
         raise DeclarationError(what, where=f"{where}, key estimate.model", remedy=remedy)
     model = own or content.estimate.model
-    hidden = tuple(_hidden(item, own or flight.vehicle, f"{where}, key hidden[{number}]") for number, item in enumerate(content.hidden, start=1))
-    if bool(hidden) == (content.distance == "nothing missing") and not flight.vehicle.startswith("x29-"):
+    hidden = tuple(
+        _hidden(item, own or flight.vehicle, f"{where}, key hidden[{number}]")
+        for number, item in enumerate(content.hidden, start=1)
+    )
+    if bool(hidden) == (content.distance == "nothing missing") and not flight.vehicle.startswith(
+        "x29-"
+    ):
         what = "something is hidden" if hidden else "nothing is hidden"
         if hidden or not flight.modes:
-            raise DeclarationError(f"{what}, and the distance is {content.distance!r}", where=f"{where}, key distance", remedy="make the two agree")
+            raise DeclarationError(
+                f"{what}, and the distance is {content.distance!r}",
+                where=f"{where}, key distance",
+                remedy="make the two agree",
+            )
     return TraceScenario(
         name,
         content.title,
@@ -113,7 +159,10 @@ def trace_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Tra
             None if flight.test is None else _record(flight.test, f"{place}.test", model),
         ),
         content.estimate.model,
-        Expectation(tuple(content.expect.verdicts), tuple(tuple(sorted(names)) for names in content.expect.effects)),
+        Expectation(
+            tuple(content.expect.verdicts),
+            tuple(tuple(sorted(names)) for names in content.expect.effects),
+        ),
         content.estimate.wrong,
         dict(content.estimate.start),
         content.seed,
@@ -123,7 +172,9 @@ def trace_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Tra
 
 def _record(record: _Record, where: str, model: str | Model) -> RecordPlan:
     plans: tuple[ManeuverPlan, ...] = maneuver_plans(record.maneuvers, where, model)
-    return RecordPlan(positive(si(record.duration, "s", f"{where}.duration"), f"{where}.duration"), plans)
+    return RecordPlan(
+        positive(si(record.duration, "s", f"{where}.duration"), f"{where}.duration"), plans
+    )
 
 
 def _hidden(item: _Hidden, vehicle: str | Model, where: str) -> HiddenTerm:
@@ -132,7 +183,13 @@ def _hidden(item: _Hidden, vehicle: str | Model, where: str) -> HiddenTerm:
     def values(table: Mapping[str, Quantity], key: str) -> dict[str, float]:
         for name in table:
             if name not in units:
-                raise DeclarationError(f"{item.name} has no {name}", where=f"{where}.{key}", remedy=f"it has {', '.join(units)}")
-        return {name: si(value, units[name], f"{where}.{key}.{name}") for name, value in table.items()}
+                raise DeclarationError(
+                    f"{item.name} has no {name}",
+                    where=f"{where}.{key}",
+                    remedy=f"it has {', '.join(units)}",
+                )
+        return {
+            name: si(value, units[name], f"{where}.{key}.{name}") for name, value in table.items()
+        }
 
     return HiddenTerm(item.name, values(item.values, "values"), values(item.elsewhere, "elsewhere"))

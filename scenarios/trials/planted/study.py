@@ -1,9 +1,10 @@
 """Runs a tracing scenario: fly, diagnose, compare with the truth that a fit can find.
 
-An estimate of a model that is not the truth's own scatters about its pseudo-true value, the minimum of the expected cost
-(White, Econometrica 50, 1982). It is found here by a fit of the same model, with the same priors, to two copies of the
-noise-free training record. One copy has a draw of sensor noise added, the other has the same draw subtracted: the sum of
-squares of both is twice that of the noise-free record plus twice the noise, so that every output keeps its weight.
+An estimate of a model that is not the truth's own scatters about its pseudo-true value, the minimum
+of the expected cost (White, Econometrica 50, 1982). It is found here by a fit of the same model,
+with the same priors, to two copies of the noise-free training record. One copy has a draw of sensor
+noise added, the other has the same draw subtracted: the sum of squares of both is twice that of the
+noise-free record plus twice the noise, so that every output keeps its weight.
 """
 
 from __future__ import annotations
@@ -21,7 +22,13 @@ import numpy as np
 from ident.estimate import Estimate
 from ident.flying_qualities.modes import modal_estimate, propagated, slowest_oscillation
 from ident.process_noise.innovations_model import has_process_noise
-from ident.tracing.candidate_model.fitted_model import carried, compiled_with, fit_as_declared, known_beforehand, local_names
+from ident.tracing.candidate_model.fitted_model import (
+    carried,
+    compiled_with,
+    fit_as_declared,
+    known_beforehand,
+    local_names,
+)
 from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Trained
 from ident.tracing.later_record import Predicted, predict
 from ident.whole_record.gauss_newton import Fit
@@ -31,8 +38,21 @@ from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.keeping import SPIKES
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.preparation.plan import Request
-from scenarios.trials.planted.declaration import CLOSED_LOOP, Expectation, TraceScenario, true_vehicle
-from scenarios.trials.planted.flights import FlownTrace, equivalent_of, fly_loop, fly_trace, loop_of, with_outputs, write_flown
+from scenarios.trials.planted.declaration import (
+    CLOSED_LOOP,
+    Expectation,
+    TraceScenario,
+    true_vehicle,
+)
+from scenarios.trials.planted.flights import (
+    FlownTrace,
+    equivalent_of,
+    fly_loop,
+    fly_trace,
+    loop_of,
+    with_outputs,
+    write_flown,
+)
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import DynamicsEffect, full_name
 from sim.declaration.model import Model, System
@@ -44,8 +64,10 @@ from sim.vehicles.flexibility import condense
 
 _NONE: Mapping[str, float] = MappingProxyType({})
 FINER = FitSettings(iterations=120, tolerance=3e-3, enough=2e-4, coloured=False)
-HELD = 100.0  # sigmas of the estimate: the spread of the prior that only decides what the flight leaves open
-OPEN = 3.0  # sigmas of the estimate, beyond which the noise-free flight does not determine a parameter
+# sigmas of the estimate: the spread of the prior that only decides what the flight leaves open
+HELD = 100.0
+# sigmas of the estimate, beyond which the noise-free flight does not determine a parameter
+OPEN = 3.0
 TURBULENCE = "gust-turbulence"
 MOVED = 1.0  # sigma of the estimate, from which a difference is told
 SAME = 0.1  # of a sigma: integration and sampling
@@ -58,9 +80,11 @@ class Comparable:
 
     Attributes
     ----------
-    values : by parameter, SI; those of an effect by its full name. derived : frequencies and damping ratios of the fitted
+    values : by parameter, SI; those of an effect by its full name. derived : frequencies and
+    damping ratios of the fitted
         model at these values, by name.
-    open : parameters that this flight leaves open, with or without noise: other values fit as well. Of a derivative the
+    open : parameters that this flight leaves open, with or without noise: other values fit as well.
+    Of a derivative the
         condensed value stands for them, of another parameter the value nearest to the estimate.
     basis : where the values come from, in a sentence.
     """
@@ -82,8 +106,10 @@ class Truth:
 
     Attributes
     ----------
-    values : true values by parameter, SI; those of an effect by its full name. condensed : derivatives of the rigid
-        aircraft that a flexible one shows when its structure follows at once. modes : elastic modes that act.
+    values : true values by parameter, SI; those of an effect by its full name. condensed :
+    derivatives of the rigid
+        aircraft that a flexible one shows when its structure follows at once. modes : elastic modes
+        that act.
     """
 
     values: Mapping[str, float]
@@ -118,7 +144,13 @@ def quantities_of(d: Diagnosis) -> dict[str, Quantity]:
     return {**d.after, **of_effects}
 
 
-def _comparable(model: Model, trained: Trained, estimates: Mapping[str, Quantity], flown: FlownTrace, truth: Truth) -> Comparable:
+def _comparable(
+    model: Model,
+    trained: Trained,
+    estimates: Mapping[str, Quantity],
+    flown: FlownTrace,
+    truth: Truth,
+) -> Comparable:
     if has_process_noise(compiled_with(model, trained.effects, trained.outputs)[1]):
         return Comparable(truth.values, basis=TRUE)
     fit = noise_free_fit(model, trained, estimates, flown)
@@ -128,34 +160,65 @@ def _comparable(model: Model, trained: Trained, estimates: Mapping[str, Quantity
     # Two copies of one record tell twice as much as the record.
     std = dict(zip(estimate.names, math.sqrt(2.0) * estimate.std, strict=True))
     values = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
-    # Each copy has its own value of what belongs to one record; their noise is opposite, and cancels in the mean.
+    # Each copy has its own value of what belongs to one record; their noise is opposite, and
+    # cancels in the mean.
     own = np.mean([fit.theta[layout.columns(r)][len(layout.shared) :] for r in range(2)], axis=0)
     values |= dict(zip(layout.local, own[: len(layout.local)].tolist(), strict=True))
     true = truth.values
-    values |= {name: true[name] for name in true if name in values and _same(values[name], true[name], estimates.get(name))}
-    left = tuple(name for name in std if name in estimates and std[name] > OPEN * estimates[name].std)
+    values |= {
+        name: true[name]
+        for name in true
+        if name in values and _same(values[name], true[name], estimates.get(name))
+    }
+    left = tuple(
+        name for name in std if name in estimates and std[name] > OPEN * estimates[name].std
+    )
     values |= {name: truth.condensed[name] for name in left if name in truth.condensed}
     derived = modes_of(layout.system, estimate, slow_states(trained), truth.modes)
-    return Comparable(values, {name: value for name, (value, _) in derived.items()}, left, NOISE_FREE)
+    return Comparable(
+        values, {name: value for name, (value, _) in derived.items()}, left, NOISE_FREE
+    )
 
 
 def _same(value: float, true: float, estimate: Quantity | None) -> bool:
     return estimate is not None and abs(value - true) <= SAME * estimate.std
 
 
-def noise_free_fit(model: Model, trained: Trained, estimates: Mapping[str, Quantity], flown: FlownTrace) -> Fit | None:
-    """The fit of a model to both copies of the noise-free training record, from the estimates; None without a minimum."""
+def noise_free_fit(
+    model: Model, trained: Trained, estimates: Mapping[str, Quantity], flown: FlownTrace
+) -> Fit | None:
+    """The fit of a model to both copies of the noise-free training record, from the estimates; None
+    without a minimum.
+    """
     rng = np.random.default_rng(NOISE_SEED)
     clean = flown.noise_free
-    noise = [flown.noise_std[channel.name] * rng.standard_normal(len(clean)) for channel in clean.outputs]
-    pair = [with_outputs(clean, [channel.values + sign * row for channel, row in zip(clean.outputs, noise, strict=True)]) for sign in (1.0, -1.0)]
+    noise = [
+        flown.noise_std[channel.name] * rng.standard_normal(len(clean)) for channel in clean.outputs
+    ]
+    pair = [
+        with_outputs(
+            clean,
+            [
+                channel.values + sign * row
+                for channel, row in zip(clean.outputs, noise, strict=True)
+            ],
+        )
+        for sign in (1.0, -1.0)
+    ]
     return refit(model, trained, pair, held=estimates)
 
 
-def refit(model: Model, trained: Trained, records: Sequence[Record], held: Mapping[str, Quantity] | None = None) -> Fit | None:
-    """A trained model fitted to records, from what it was trained to; None where there is no finite cost.
+def refit(
+    model: Model,
+    trained: Trained,
+    records: Sequence[Record],
+    held: Mapping[str, Quantity] | None = None,
+) -> Fit | None:
+    """A trained model fitted to records, from what it was trained to; None where there is no finite
+    cost.
 
-    Declared priors count once a record. ``held`` : estimates to which a prior of ``HELD`` sigmas ties what is left open.
+    Declared priors count once a record. ``held`` : estimates to which a prior of ``HELD`` sigmas
+    ties what is left open.
     """
     _, system = compiled_with(model, trained.effects, trained.outputs)
     local = [name for effect in trained.effects for name in local_names(effect)]
@@ -189,19 +252,25 @@ def _tied(layout: FitLayout, prior: Prior | None, held: Mapping[str, Quantity]) 
     return Prior(every, np.linalg.solve(both, slope[every]), both)
 
 
-def reasons_for(scenario: TraceScenario, tracing: Tracing, flown: FlownTrace, truth: Truth, found: Comparable) -> tuple[str, ...]:
+def reasons_for(
+    scenario: TraceScenario, tracing: Tracing, flown: FlownTrace, truth: Truth, found: Comparable
+) -> tuple[str, ...]:
     """Why comparable values differ from the true ones, in sentences with numbers."""
     d = tracing.diagnosis
     out = []
     open_derivatives = [name for name in found.open if name in truth.condensed and name in d.after]
     if open_derivatives:
         out.append(
-            f"{', '.join(open_derivatives)}: this flight leaves open which share of these loads the elastic mode takes; "
+            f"{', '.join(open_derivatives)}: this flight leaves open which share of these loads "
+            "the elastic mode takes; "
             "compared with the value by static condensation, the share of the mode at rest included"
         )
     others = [name for name in found.open if name not in open_derivatives]
     if others:
-        out.append(f"{', '.join(others)}: left open by this flight with or without noise; compared with the nearest value that fits it")
+        out.append(
+            f"{', '.join(others)}: left open by this flight with or without noise; compared with "
+            "the nearest value that fits it"
+        )
     out += _of_turbulence(tracing, flown)
     if scenario.flight.vehicle.startswith(CLOSED_LOOP) and found.basis == NOISE_FREE:
         out += _of_the_gearing(scenario, tracing, flown, truth, found)
@@ -209,43 +278,71 @@ def reasons_for(scenario: TraceScenario, tracing: Tracing, flown: FlownTrace, tr
 
 
 def _of_turbulence(tracing: Tracing, flown: FlownTrace) -> list[str]:
-    """How many scale lengths of hidden turbulence a record holds: so many independent gusts its level is estimated from."""
+    """How many scale lengths of hidden turbulence a record holds: so many independent gusts its
+    level is estimated from.
+    """
     length = flown.hidden.get(TURBULENCE, {}).get("length", 0.0)
     if not length or "airspeed" not in tracing.model.parameters:
         return []
     time = flown.train.time
     count = tracing.model.parameters["airspeed"].value * float(time[-1] - time[0]) / length
     return [
-        f"{TURBULENCE}: the true values are those of very long records; this one holds {count:.0f} scale lengths, whose own level and "
+        f"{TURBULENCE}: the true values are those of very long records; this one holds {count:.0f} "
+        "scale lengths, whose own level and "
         "length differ from them, and standard deviations shrink with the estimate"
     ]
 
 
-def _of_the_gearing(scenario: TraceScenario, tracing: Tracing, flown: FlownTrace, truth: Truth, found: Comparable) -> list[str]:
-    """How much of each difference is the gearing of the stick, by a second noise-free fit to a flight with a straight one."""
+def _of_the_gearing(
+    scenario: TraceScenario, tracing: Tracing, flown: FlownTrace, truth: Truth, found: Comparable
+) -> list[str]:
+    """How much of each difference is the gearing of the stick, by a second noise-free fit to a
+    flight with a straight one.
+    """
     curvature, d = loop_of(scenario).stick.curvature, tracing.diagnosis
-    _, straight = fly_loop(scenario, scenario.flight.train, "key flight.train", np.random.default_rng(0), curvature=0.0)
+    _, straight = fly_loop(
+        scenario, scenario.flight.train, "key flight.train", np.random.default_rng(0), curvature=0.0
+    )
     assert d.trained_after is not None
-    other = _comparable(tracing.model, d.trained_after, quantities_of(d), replace(flown, noise_free=straight), truth)
+    other = _comparable(
+        tracing.model, d.trained_after, quantities_of(d), replace(flown, noise_free=straight), truth
+    )
     estimates, geared, rest = quantities_of(d), [], []
     for name, true in truth.values.items():
         if name not in found.values or name not in estimates:
             continue
         if abs(found.values[name] - other.values[name]) > MOVED * estimates[name].std:
-            geared.append(f"{name} {other.values[name]:.4g} with a straight gearing, {found.values[name]:.4g} as flown")
+            geared.append(
+                f"{name} {other.values[name]:.4g} with a straight gearing, "
+                f"{found.values[name]:.4g} as flown"
+            )
         if abs(other.values[name] - true) > MOVED * estimates[name].std:
-            rest.append(f"{name} {true:.4g} by the frequency response, {other.values[name]:.4g} in this flight")
+            rest.append(
+                f"{name} {true:.4g} by the frequency response, {other.values[name]:.4g} in this "
+                "flight"
+            )
     out = []
     if geared:
-        out.append(f"the stick's gearing steepens by {100.0 * curvature:.3g} % an inch, and one gain is fitted: {'; '.join(geared)}")
+        out.append(
+            f"the stick's gearing steepens by {100.0 * curvature:.3g} % an inch, and one gain is "
+            f"fitted: {'; '.join(geared)}"
+        )
     if rest:
-        told = "the model has a lower order than the loop, and the flight weighs frequencies unlike the fit to the frequency response"
-        out.append(f"{told} (the recorded stick is held, which takes half a frame from the delay): {'; '.join(rest)}")
+        told = (
+            "the model has a lower order than the loop, and the flight weighs frequencies unlike "
+            "the fit to the frequency response"
+        )
+        out.append(
+            f"{told} (the recorded stick is held, which takes half a frame from the delay): "
+            f"{'; '.join(rest)}"
+        )
     return out
 
 
 def estimated_modes(tracing: Tracing, modes: int) -> dict[str, Quantity]:
-    """Frequencies and damping ratios of the elastic modes of the fitted model, all couplings in; empty without any."""
+    """Frequencies and damping ratios of the elastic modes of the fitted model, all couplings in;
+    empty without any.
+    """
     trained = tracing.diagnosis.trained_after
     if not modes or trained is None:
         return {}
@@ -263,27 +360,38 @@ def estimated_modes(tracing: Tracing, modes: int) -> dict[str, Quantity]:
 
 def slow_states(trained: Trained) -> set[str]:
     """States of motion that any record may have, slower than the modes asked for."""
-    slow = (effect for effect in trained.effects if effect.traits.background and isinstance(effect, DynamicsEffect))
+    slow = (
+        effect
+        for effect in trained.effects
+        if effect.traits.background and isinstance(effect, DynamicsEffect)
+    )
     return {state.name for effect in slow for state in effect.states}
 
 
-def modes_of(system: System, estimate: Estimate, held: Collection[str] = (), modes: int = 0) -> dict[str, tuple[float, float]]:
+def modes_of(
+    system: System, estimate: Estimate, held: Collection[str] = (), modes: int = 0
+) -> dict[str, tuple[float, float]]:
     """Frequencies and damping ratios of an estimated model, with standard deviations, by name.
 
-    Those of ``modal_estimate``; where the aircraft has elastic ``modes`` also those of further oscillations of the model
-    with all couplings, ``elastic_mode_1_frequency`` (rad/s), ``elastic_mode_1_damping`` and so on.
+    Those of ``modal_estimate``; where the aircraft has elastic ``modes`` also those of further
+    oscillations of the model with all couplings, ``elastic_mode_1_frequency`` (rad/s),
+    ``elastic_mode_1_damping`` and so on.
     """
     found = modal_estimate(system, estimate, held)
     if not modes:
         return found
     names, centre, gradient = propagated(lambda p: elastic_modes(system, p, held), system, estimate)
-    spread = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", gradient, estimate.covariance, gradient), 0.0))
+    spread = np.sqrt(
+        np.maximum(np.einsum("ki,ij,kj->k", gradient, estimate.covariance, gradient), 0.0)
+    )
     rows = zip(names, centre, spread, strict=True)
     return found | {name: (float(value), float(std)) for name, value, std in rows}
 
 
 def elastic_modes(system: System, p: np.ndarray, held: Collection[str] = ()) -> dict[str, float]:
-    """Undamped frequency (rad/s) and damping ratio of each oscillation at rest but the slowest, the short period."""
+    """Undamped frequency (rad/s) and damping ratio of each oscillation at rest but the slowest, the
+    short period.
+    """
     n, u = len(system.states), [0.0] * len(system.inputs)
     F = complex_step_jacobian(lambda x: system.f(0.0, x, u, p.tolist()), [0.0] * n)
     moving = [i for i, state in enumerate(system.states) if state.name not in held]
@@ -300,7 +408,11 @@ def true_modes(vehicle: Model) -> dict[str, float]:
     system = compile_model(vehicle)
     p = system.parameters.values()
     short_period = slowest_oscillation(system, p)
-    named = {} if short_period is None else dict(zip(("natural_frequency", "damping_ratio"), short_period, strict=True))
+    named = (
+        {}
+        if short_period is None
+        else dict(zip(("natural_frequency", "damping_ratio"), short_period, strict=True))
+    )
     return named | elastic_modes(system, p)
 
 
@@ -322,9 +434,10 @@ class Scored:
 
     Attributes
     ----------
-    true : None where the truth has no such number. comparable : the value that the fitted model should find.
-    before : None where there is none. condensed : of a rigid model's derivative on a flexible aircraft, else None.
-    open : the flight leaves this parameter open, with or without noise. comparable_before : as ``comparable``, of ``before``.
+    true : None where the truth has no such number. comparable : the value that the fitted model
+    should find. before : None where there is none. condensed : of a rigid model's derivative on a
+    flexible aircraft, else None. open : the flight leaves this parameter open, with or without
+    noise. comparable_before : as ``comparable``, of ``before``.
     """
 
     name: str
@@ -340,7 +453,11 @@ class Scored:
     @property
     def sigmas(self) -> float:
         """Error after against the comparable value, in its reported standard deviations."""
-        return (self.after.value - self.comparable) / self.after.std if self.after.std > 0 else math.nan
+        return (
+            (self.after.value - self.comparable) / self.after.std
+            if self.after.std > 0
+            else math.nan
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,8 +466,8 @@ class TraceStudy:
 
     Attributes
     ----------
-    derivatives, effects, modes : estimates against what the fitted model should find, ``basis`` says how that is known.
-    reasons : why a comparable value is not the true one, a sentence each.
+    derivatives, effects, modes : estimates against what the fitted model should find, ``basis``
+    says how that is known. reasons : why a comparable value is not the true one, a sentence each.
     test : the third record predicted, which took no part in fitting or in choosing.
     """
 
@@ -367,7 +484,11 @@ class TraceStudy:
     test: Predicted
 
 
-def run_trace(scenario: TraceScenario, seed: int | None = None, progress: Callable[[str, float], None] = lambda stage, share: None) -> TraceStudy:
+def run_trace(
+    scenario: TraceScenario,
+    seed: int | None = None,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+) -> TraceStudy:
     """Fly, trace on the files alone, score.
 
     Raises
@@ -379,7 +500,10 @@ def run_trace(scenario: TraceScenario, seed: int | None = None, progress: Callab
     flown = fly_trace(scenario, chosen)
     with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
         train, validate, vehicle = write_flown(flown, Path(folder))
-        tracing = diagnose_files(Request((train,), scenario.model, vehicle, (validate,), effort=scenario.effort), progress)
+        tracing = diagnose_files(
+            Request((train,), scenario.model, vehicle, (validate,), effort=scenario.effort),
+            progress,
+        )
     progress("comparing with the truth", 0.98)
     return scored(scenario, chosen, flown, tracing)
 
@@ -405,7 +529,11 @@ def scored(scenario: TraceScenario, seed: int, flown: FlownTrace, tracing: Traci
 
 def truth_of(scenario: TraceScenario, flown: FlownTrace) -> Truth:
     """Values that are known by declaration."""
-    hidden = {f"{name}.{local}": value for name, values in flown.hidden.items() for local, value in values.items()}
+    hidden = {
+        f"{name}.{local}": value
+        for name, values in flown.hidden.items()
+        for local, value in values.items()
+    }
     modes, condensed = scenario.flight.modes, {}
     if modes and scenario.model == "rigid":
         values = {item.name: item.value for item in true_vehicle(scenario.flight).parameters}
@@ -414,10 +542,16 @@ def truth_of(scenario: TraceScenario, flown: FlownTrace) -> Truth:
 
 
 def predicted_test(flown: FlownTrace, tracing: Tracing) -> Predicted:
-    """The third record predicted by the declared model and with the effects found, as `flightid predict` does."""
+    """The third record predicted by the declared model and with the effects found, as `flightid
+    predict` does.
+    """
     d, inputs = tracing.diagnosis, {channel.name for channel in flown.test.inputs}
     assert d.trained_before is not None and d.trained_after is not None
-    spiked = [name for claim in d.effects if claim.claimed and (name := claim.name.removeprefix(SPIKES)) in inputs]
+    spiked = [
+        name
+        for claim in d.effects
+        if claim.claimed and (name := claim.name.removeprefix(SPIKES)) in inputs
+    ]
     record = replace(flown.test, hold=tracing.records[0].hold, name="test.csv")
     return predict(d.trained_before, d.trained_after, tracing.model, [record], spiked)
 
@@ -427,19 +561,25 @@ def grade(expect: Expectation, tracing: Tracing) -> Grade:
     verdict = tracing.diagnosis.verdict.value
     claims = [claim for claim in tracing.diagnosis.effects if claim.claimed]
     names = tuple(sorted(claim.name for claim in claims))
-    if verdict in expect.verdicts and (names in expect.effects or (not names and not expect.effects)):
+    if verdict in expect.verdicts and (
+        names in expect.effects or (not names and not expect.effects)
+    ):
         return Grade.RIGHT
     if verdict in expect.verdicts and not names and verdict == "unexplained":
         return Grade.RIGHT
     if verdict == "ambiguous" and names in expect.effects:
         return Grade.AMBIGUOUS
-    if verdict != "unexplained" and any(_stands_beside(claims, accepted) for accepted in expect.effects):
+    if verdict != "unexplained" and any(
+        _stands_beside(claims, accepted) for accepted in expect.effects
+    ):
         return Grade.AMBIGUOUS
     return Grade.UNDECIDED if verdict == "unexplained" and not names else Grade.WRONG
 
 
 def _stands_beside(claims: list[Claim], accepted: tuple[str, ...]) -> bool:
-    """Whether one exchange of a name for one of its alternatives makes the claims the accepted set."""
+    """Whether one exchange of a name for one of its alternatives makes the claims the accepted
+    set.
+    """
     names = [claim.name for claim in claims]
     for place, claim in enumerate(claims):
         for other in claim.alternatives:
@@ -448,7 +588,9 @@ def _stands_beside(claims: list[Claim], accepted: tuple[str, ...]) -> bool:
     return False
 
 
-def _derivatives(flown: FlownTrace, tracing: Tracing, truth: Truth, found: Comparable, before: Comparable) -> tuple[Scored, ...]:
+def _derivatives(
+    flown: FlownTrace, tracing: Tracing, truth: Truth, found: Comparable, before: Comparable
+) -> tuple[Scored, ...]:
     d = tracing.diagnosis
     return tuple(
         Scored(
@@ -472,28 +614,50 @@ def _effects(tracing: Tracing, truth: Truth, found: Comparable) -> tuple[Scored,
     d = tracing.diagnosis
     names = [name for name in quantities_of(d) if name not in d.after and name in found.values]
     return tuple(
-        Scored(name, q.unit, truth.values.get(name), found.values[name], None, q, open=name in found.open)
+        Scored(
+            name,
+            q.unit,
+            truth.values.get(name),
+            found.values[name],
+            None,
+            q,
+            open=name in found.open,
+        )
         for name, q in quantities_of(d).items()
         if name in names
     )
 
 
-def _modes(scenario: TraceScenario, tracing: Tracing, truth: Truth, found: Comparable) -> tuple[Scored, ...]:
+def _modes(
+    scenario: TraceScenario, tracing: Tracing, truth: Truth, found: Comparable
+) -> tuple[Scored, ...]:
     """Frequencies and damping ratios, those of elastic modes with all couplings of the aircraft."""
     d, flight = tracing.diagnosis, scenario.flight
     after = {**d.derived_after, **estimated_modes(tracing, truth.modes)}
     true = _true_modes(scenario)
     return tuple(
-        Scored(name, q.unit, true.get(name), found.derived.get(name, true.get(name, 0.0)), d.derived_before.get(name), q)
+        Scored(
+            name,
+            q.unit,
+            true.get(name),
+            found.derived.get(name, true.get(name, 0.0)),
+            d.derived_before.get(name),
+            q,
+        )
         for name, q in after.items()
         if name in found.derived or (name in true and flight.own is None)
     )
 
 
 def _true_modes(scenario: TraceScenario) -> dict[str, float]:
-    """Frequencies and damping ratios of the true aircraft by its own equations; empty where it has no rest at zero."""
+    """Frequencies and damping ratios of the true aircraft by its own equations; empty where it has
+    no rest at zero.
+    """
     flight = scenario.flight
     if flight.vehicle.startswith(CLOSED_LOOP):
         equivalent = equivalent_of(scenario)
-        return {"natural_frequency": equivalent.natural_frequency, "damping_ratio": equivalent.damping_ratio}
+        return {
+            "natural_frequency": equivalent.natural_frequency,
+            "damping_ratio": equivalent.damping_ratio,
+        }
     return true_modes(true_vehicle(flight)) if scenario.model in ("rigid", "flexible") else {}

@@ -20,7 +20,8 @@ MOST_SAMPLES = 200_000  # of all flights together
 class RollLoop:
     """The roll axis of a small aircraft under a sampled rate law.
 
-    p_dot = gain command(t - delay) - inv_T_roll p; returned = proportional p + integral (integral of p).
+    p_dot = gain command(t - delay) - inv_T_roll p; returned = proportional p + integral (integral
+    of p).
 
     Attributes
     ----------
@@ -42,8 +43,9 @@ class SweepScenario:
 
     Attributes
     ----------
-    loop : the roll axis of a small aircraft; None where ``airframe`` of the X-29-like aircraft flies.
-    amplitude : of the excitation, in the unit of the command. low, high : Hz. duration : s. flights :
+    loop : the roll axis of a small aircraft; None where ``airframe`` of the X-29-like aircraft
+    flies. amplitude : of the excitation, in the unit of the command. low, high : Hz. duration : s.
+    flights :
         how many are pooled. gyro : rad/s, rough_air : rad/s2, standard deviations.
     form : of the transfer function that is fitted, empty for none. band : Hz, of the estimate.
     """
@@ -116,7 +118,8 @@ def sweep_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Swe
 
     Raises
     ------
-    DeclarationError : an unknown or missing key, a value or unit that is wrong: one line with file and key.
+    DeclarationError : an unknown or missing key, a value or unit that is wrong: one line with file
+    and key.
     """
     content = checked(_Sweep, document, where)
     if (content.airframe is None) == (content.loop is None):
@@ -145,15 +148,25 @@ def sweep_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Swe
             r.integral,
             number(r.rate, "1/s", "loop.rate"),
         )
-    low, high = number(content.sweep.low, "1/s", "sweep.low"), number(content.sweep.high, "1/s", "sweep.high")
+    low, high = (
+        number(content.sweep.low, "1/s", "sweep.low"),
+        number(content.sweep.high, "1/s", "sweep.high"),
+    )
     duration = number(content.sweep.duration, "s", "sweep.duration")
     rate = loop.rate if loop is not None else 80.0
     if not low < high < 0.4 * rate:
         what = f"a sweep from {low:g} to {high:g} Hz at {rate:g} Hz"
-        raise DeclarationError(what, where=f"{where}, key sweep", remedy=f"give low below high, and that below {0.4 * rate:g} Hz")
+        raise DeclarationError(
+            what,
+            where=f"{where}, key sweep",
+            remedy=f"give low below high, and that below {0.4 * rate:g} Hz",
+        )
     if duration * rate * content.sweep.flights > MOST_SAMPLES or duration < 5.0 / low:
         what = f"{content.sweep.flights} flights of {duration:g} s"
-        remedy = f"give {5.0 / low:g} s or more, five periods of the lowest, and {MOST_SAMPLES} samples in all at most"
+        remedy = (
+            f"give {5.0 / low:g} s or more, five periods of the lowest, and {MOST_SAMPLES} samples "
+            "in all at most"
+        )
         raise DeclarationError(what, where=f"{where}, key sweep.duration", remedy=remedy)
     band = (number(content.band[0], "1/s", "band"), number(content.band[1], "1/s", "band"))
     return SweepScenario(

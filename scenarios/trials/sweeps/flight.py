@@ -21,7 +21,8 @@ FINE = 20_000  # frequencies of the true margins
 
 
 def fly_sweep(scenario: SweepScenario, rng: np.random.Generator, number: int = 1) -> Record:
-    """One flight: inputs ``sweep`` and ``command``, outputs ``returned`` and the rate that is fed back.
+    """One flight: inputs ``sweep`` and ``command``, outputs ``returned`` and the rate that is fed
+    back.
 
         command = sweep - returned
 
@@ -30,7 +31,14 @@ def fly_sweep(scenario: SweepScenario, rng: np.random.Generator, number: int = 1
     rate = frame_rate(scenario)
     time = np.arange(int(scenario.duration * rate + 1e-9)) / rate
     edges = 2.0 * math.pi * scenario.low, 2.0 * math.pi * scenario.high
-    shape = Sweep(scenario.amplitude, *edges, scenario.duration, 0.0, TAPER * scenario.duration, Spacing.LOGARITHMIC)
+    shape = Sweep(
+        scenario.amplitude,
+        *edges,
+        scenario.duration,
+        0.0,
+        TAPER * scenario.duration,
+        Spacing.LOGARITHMIC,
+    )
     sweep = np.asarray(shape(time))
     name, unit = ("p", "rad/s") if scenario.loop is not None else ("q", "rad/s")
     if scenario.loop is not None:
@@ -47,11 +55,17 @@ def fly_sweep(scenario: SweepScenario, rng: np.random.Generator, number: int = 1
 
 def frame_rate(scenario: SweepScenario) -> float:
     """Frames a second, those of the record."""
-    return scenario.loop.rate if scenario.loop is not None else 1.0 / load_x29(scenario.airframe).frame
+    return (
+        scenario.loop.rate if scenario.loop is not None else 1.0 / load_x29(scenario.airframe).frame
+    )
 
 
-def _roll(loop: RollLoop, sweep: np.ndarray, scenario: SweepScenario, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Command, returned signal and measured roll rate, frame by frame; the command is held between."""
+def _roll(
+    loop: RollLoop, sweep: np.ndarray, scenario: SweepScenario, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Command, returned signal and measured roll rate, frame by frame; the command is held
+    between.
+    """
     whole, decay, now, before = _held(loop)
     step = 1.0 / loop.rate
     share = math.exp(-step / AIR_TIME)
@@ -68,7 +82,11 @@ def _roll(loop: RollLoop, sweep: np.ndarray, scenario: SweepScenario, rng: np.ra
         air = share * air + math.sqrt(1.0 - share**2) * scenario.rough_air * white[n]
         p = decay * p + now * late[n + 1] + before * late[n] + step * air
         if not abs(p) < LARGEST:
-            raise DeclarationError("the loop is unstable", where="key loop", remedy="lower the gains of the law, or the delay")
+            raise DeclarationError(
+                "the loop is unstable",
+                where="key loop",
+                remedy="lower the gains of the law, or the delay",
+            )
     return command, returned, measured
 
 

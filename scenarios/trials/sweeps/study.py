@@ -16,7 +16,17 @@ from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_record, write_text
 from scenarios.pages.folder import figures as figure_blocks
 from scenarios.pages.folder import write_page
-from scenarios.pages.model import Block, Bullets, Page, Prose, as_sentence, capital, now, reproduction, section
+from scenarios.pages.model import (
+    Block,
+    Bullets,
+    Page,
+    Prose,
+    as_sentence,
+    capital,
+    now,
+    reproduction,
+    section,
+)
 from scenarios.pages.tables import estimates_table, printed_blocks
 from scenarios.plots.formats import USUAL, Drawn, Formats
 from scenarios.preparation.plan import Request
@@ -46,7 +56,8 @@ class SweepStudy:
 
     Attributes
     ----------
-    records : of the flights. response : of the rate to the command, with the fitted form; None where
+    records : of the flights. response : of the rate to the command, with the fitted form; None
+    where
         none is fitted. loop : of the returned signal to the command, with its margins.
     rows : what was estimated, with the truth.
     """
@@ -65,7 +76,11 @@ class SweepStudy:
         return self.records[0]
 
 
-def run_sweep(scenario: SweepScenario, seed: int | None, progress: Callable[[str, float], None] = lambda stage, share: None) -> SweepStudy:
+def run_sweep(
+    scenario: SweepScenario,
+    seed: int | None,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+) -> SweepStudy:
     """Fly and estimate as ``flightid response`` does from the files of the flights; the same seed
     gives the same numbers.
 
@@ -78,19 +93,26 @@ def run_sweep(scenario: SweepScenario, seed: int | None, progress: Callable[[str
     records = tuple(fly_sweep(scenario, rng, n) for n in range(1, scenario.flights + 1))
     progress("flown", 0.3)
     with TemporaryDirectory(prefix="flightid-") as folder:
-        paths = tuple(write_record(Path(folder), record, f"flight{n}", simulated=True)[0] for n, record in enumerate(records, 1))
+        paths = tuple(
+            write_record(Path(folder), record, f"flight{n}", simulated=True)[0]
+            for n, record in enumerate(records, 1)
+        )
         request, options = Request(paths), ResponseOptions(scenario.band)
         response = None
         if scenario.form:
             names = Names(("command",), (records[0].output_names[1],), ("sweep",))
             response = responses_of(request, names, options, FitOptions((scenario.form,)))
         progress("response", 0.6)
-        loop = responses_of(request, Names(("command",), ("returned",), ("sweep",)), options, margins=MINUS)
+        loop = responses_of(
+            request, Names(("command",), ("returned",), ("sweep",)), options, margins=MINUS
+        )
     rows, estimate = _estimated(scenario, response, loop)
     return SweepStudy(scenario, chosen, records, response, loop, rows, estimate)
 
 
-def _estimated(scenario: SweepScenario, response: ResponseEstimates | None, loop: ResponseEstimates) -> tuple[tuple[Row, ...], Estimate]:
+def _estimated(
+    scenario: SweepScenario, response: ResponseEstimates | None, loop: ResponseEstimates
+) -> tuple[tuple[Row, ...], Estimate]:
     """Parameters of the fitted form and the margins, with the truth, and as an estimate."""
     true: Mapping[str, float] = {**true_parameters(scenario), **true_margins(scenario)}
     rows, covariance = [], np.zeros((0, 0))
@@ -111,7 +133,9 @@ def _estimated(scenario: SweepScenario, response: ResponseEstimates | None, loop
     names, units = tuple(row.name for row in rows), tuple(row.unit for row in rows)
     values = np.array([row.estimate for row in rows]).reshape(size)
     none = np.zeros(0)
-    return tuple(rows), Estimate("frequency-response", names, units, values, whole, Outcome.CONVERGED, 0.0, (), none, ())
+    return tuple(rows), Estimate(
+        "frequency-response", names, units, values, whole, Outcome.CONVERGED, 0.0, (), none, ()
+    )
 
 
 def print_sweep(study: SweepStudy, out: Console | None = None, details: str = BELOW) -> None:
@@ -134,12 +158,23 @@ def print_sweep(study: SweepStudy, out: Console | None = None, details: str = BE
 def sweep_summary(study: SweepStudy, details: str) -> Summary:
     """What was flown, what came of it."""
     s = study.scenario
-    flown = f"{s.flights} flight{'s' * (s.flights > 1)} of {s.duration:g} s, a sweep of the command from {s.low:g} to {s.high:g} Hz"
+    flown = (
+        f"{s.flights} flight{'s' * (s.flights > 1)} of {s.duration:g} s, a sweep of the command "
+        f"from {s.low:g} to {s.high:g} Hz"
+    )
     inside = sum(abs(row.sigmas) <= 2.0 for row in study.rows if row.sigmas is not None)
     known = sum(row.sigmas is not None for row in study.rows)
     shown = [row for row in study.rows if row.name in ("gain_increase", "phase_margin")]
-    margins = "; ".join(f"{row.name.replace('_', ' ')} {number_text(row.estimate, row.std)} {row.unit}" for row in shown)
-    return Summary(f"{s.name}: {flown}", f"{inside} of {known} true values within two sigmas", margins, details=details)
+    margins = "; ".join(
+        f"{row.name.replace('_', ' ')} {number_text(row.estimate, row.std)} {row.unit}"
+        for row in shown
+    )
+    return Summary(
+        f"{s.name}: {flown}",
+        f"{inside} of {known} true values within two sigmas",
+        margins,
+        details=details,
+    )
 
 
 def truth_columns(study: SweepStudy) -> list[TableColumn]:
@@ -148,9 +183,21 @@ def truth_columns(study: SweepStudy) -> list[TableColumn]:
     for row in study.rows:
         true = "" if row.true is None else f"{row.true:.5g}"
         error = "" if row.sigmas is None else f"{row.sigmas:+.2f}"
-        rows.append([row.name, row.unit, true, number_text(row.estimate, row.std), number_text(row.std, row.std), error])
+        rows.append(
+            [
+                row.name,
+                row.unit,
+                true,
+                number_text(row.estimate, row.std),
+                number_text(row.std, row.std),
+                error,
+            ]
+        )
     headings = ("quantity", "unit", "true", "estimate", "+- sigma", "error, sigmas")
-    return [TableColumn(head, [row[n] for row in rows], left=head in ("quantity", "unit")) for n, head in enumerate(headings)]
+    return [
+        TableColumn(head, [row[n] for row in rows], left=head in ("quantity", "unit"))
+        for n, head in enumerate(headings)
+    ]
 
 
 def model_lines(study: SweepStudy) -> list[str]:
@@ -165,19 +212,25 @@ def cautions(study: SweepStudy) -> tuple[str, ...]:
 
 
 def write_sweep(study: SweepStudy, folder: str | Path, *, figures: Formats = USUAL) -> Path:
-    """Write records, responses, figures, the page, ``truth.json`` and ``comparison.json`` (last)."""
+    """Write records, responses, figures, the page, ``truth.json`` and ``comparison.json``
+    (last).
+    """
     with study_folder(folder, MAIN) as scratch:
         for n, record in enumerate(study.records, 1):
             write_record(scratch, record, "record" if n == 1 else f"record_{n}", simulated=True)
         both = [each for each in (study.response, study.loop) if each is not None]
         heads = [responses_csv(each).partition("\n") for each in both]
-        write_text(scratch / "responses.csv", heads[0][0] + "\n" + "".join(rest for _, _, rest in heads))
+        write_text(
+            scratch / "responses.csv", heads[0][0] + "\n" + "".join(rest for _, _, rest in heads)
+        )
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.drawing import drawn_for_page
             from scenarios.plots.low_order import figure_margins, figure_mismatch, figure_response
 
-            named: list[tuple[str, Any]] = [("response", partial(figure_response, study.response or study.loop))]
+            named: list[tuple[str, Any]] = [
+                ("response", partial(figure_response, study.response or study.loop))
+            ]
             if study.response is not None:
                 named.append(("mismatch", partial(figure_mismatch, study.response)))
             named.append(("loop", partial(figure_margins, study.loop)))
@@ -190,7 +243,11 @@ def write_sweep(study: SweepStudy, folder: str | Path, *, figures: Formats = USU
 
 def truth_content(study: SweepStudy) -> dict[str, Any]:
     """True parameters and margins."""
-    known = {row.name: {"value": row.true, "unit": row.unit} for row in study.rows if row.true is not None}
+    known = {
+        row.name: {"value": row.true, "unit": row.unit}
+        for row in study.rows
+        if row.true is not None
+    }
     return {"schema": "flightid/truth/1", "parameters": known, "distance": study.scenario.distance}
 
 
@@ -221,7 +278,9 @@ def sweep_page(study: SweepStudy, drawn: tuple[Drawn, ...]) -> Page:
         margins.append(Bullets(tuple(map(as_sentence, margin_lines(loop)))))
     model: list[Block] = [Prose(as_sentence(line)) for line in model_lines(study)]
     if study.response is not None:
-        model += printed_blocks(partial(print_table, title="Parameters", columns=fit_columns(study.response, 0, 0)))
+        model += printed_blocks(
+            partial(print_table, title="Parameters", columns=fit_columns(study.response, 0, 0))
+        )
     return Page(
         title=capital(scenario.title),
         kind=f"Study {scenario.name}: frequency response, model and margins of a loop",
@@ -235,8 +294,14 @@ def sweep_page(study: SweepStudy, drawn: tuple[Drawn, ...]) -> Page:
             *section("Transfer function", *model),
             *section("Stability margins", *margins),
             *section("Figures", *figure_blocks(drawn)),
-            *section("What was flown", Prose(scenario.about), Prose(f"Truth and model: {scenario.distance}.", "note")),
+            *section(
+                "What was flown",
+                Prose(scenario.about),
+                Prose(f"Truth and model: {scenario.distance}.", "note"),
+            ),
         ),
-        reproduction=reproduction(("flightid", "run", scenario.name, "--seed", str(study.seed)), f"Seed {study.seed}.", []),
+        reproduction=reproduction(
+            ("flightid", "run", scenario.name, "--seed", str(study.seed)), f"Seed {study.seed}.", []
+        ),
         created=now(),
     )

@@ -26,14 +26,29 @@ FACTOR = {name: math.degrees(1.0) if UNITS[name] in DEGREES else 1.0 for name in
 
 
 def about(name: str, stick_unit: str, delays: np.ndarray, reference: str | None, start: str) -> str:
-    """What does not change: names and units of the strips, the delays (ms), the study that is compared with."""
+    """What does not change: names and units of the strips, the delays (ms), the study that is
+    compared with.
+    """
     strips = [{"name": "stick", "word": "stick", "unit": "" if stick_unit == "1" else stick_unit}]
-    strips += [{"name": each, "word": CHANNELS[each], "unit": DEGREES.get(UNITS[each], UNITS[each])} for each in OUTPUTS]
-    return _line({"name": name, "strips": strips, "delays": (1000.0 * delays).tolist(), "reference": reference, "start": start})
+    strips += [
+        {"name": each, "word": CHANNELS[each], "unit": DEGREES.get(UNITS[each], UNITS[each])}
+        for each in OUTPUTS
+    ]
+    return _line(
+        {
+            "name": name,
+            "strips": strips,
+            "delays": (1000.0 * delays).tolist(),
+            "reference": reference,
+            "start": start,
+        }
+    )
 
 
 def rows(steps: Sequence[Step], offsets: Mapping[str, float]) -> str:
-    """Times, the stick, and of each channel what was measured and what the filter expected before it saw the sample."""
+    """Times, the stick, and of each channel what was measured and what the filter expected before
+    it saw the sample.
+    """
     table = np.array([step.row for step in steps]).T
     expected = np.array([_expected(step) for step in steps]).T
     out: dict[str, Any] = {"t": _rounded(table[0], 9), "stick": _rounded(table[1])}
@@ -44,22 +59,50 @@ def rows(steps: Sequence[Step], offsets: Mapping[str, float]) -> str:
 
 
 def estimates(time: float, items: Iterable[CrossValidation], weights: np.ndarray, kind: str) -> str:
-    """The quantities as the terminal's table has them, and the likelihood of each delay; ``kind`` says whose estimate it is."""
-    return _line({"t": round(time, 6), "kind": kind, "items": [_item(each) for each in items], "weights": _rounded(weights, 6)})
+    """The quantities as the terminal's table has them, and the likelihood of each delay; ``kind``
+    says whose estimate it is.
+    """
+    return _line(
+        {
+            "t": round(time, 6),
+            "kind": kind,
+            "items": [_item(each) for each in items],
+            "weights": _rounded(weights, 6),
+        }
+    )
 
 
 def status(state: str, sentence: str, numbers: Mapping[str, float]) -> str:
     """How the stream stands: ``state`` is waiting, collecting, running or ended."""
-    return _line({"state": state, "sentence": sentence, **{name: _number(value) for name, value in numbers.items()}})
+    return _line(
+        {
+            "state": state,
+            "sentence": sentence,
+            **{name: _number(value) for name, value in numbers.items()},
+        }
+    )
 
 
 def _item(each: CrossValidation) -> dict[str, Any]:
-    told = HANGING if each.hanging else f"{number_text(each.value, each.std)} ± {number_text(each.std, each.std)}"
-    out: dict[str, Any] = {"name": each.name, "word": WORDS.get(each.name, each.name), "unit": "" if each.unit == "1" else each.unit, "told": told}
+    told = (
+        HANGING
+        if each.hanging
+        else f"{number_text(each.value, each.std)} ± {number_text(each.std, each.std)}"
+    )
+    out: dict[str, Any] = {
+        "name": each.name,
+        "word": WORDS.get(each.name, each.name),
+        "unit": "" if each.unit == "1" else each.unit,
+        "told": told,
+    }
     out |= {} if each.hanging else {"value": _number(each.value), "std": _number(each.std)}
     if each.reference is not None:
         value, std = each.reference
-        out |= {"reference": _number(value), "reference_std": _number(std), "reference_told": f"{number_text(value, std)} ± {number_text(std, std)}"}
+        out |= {
+            "reference": _number(value),
+            "reference_std": _number(std),
+            "reference_told": f"{number_text(value, std)} ± {number_text(std, std)}",
+        }
         out |= {} if each.z is None else {"off": round(each.z, 2), "outside": each.beyond}
     return out
 
@@ -72,7 +115,9 @@ def _expected(step: Step) -> np.ndarray:
 
 def _rounded(values: np.ndarray, digits: int = 6) -> list[float | None]:
     """Significant digits enough for a page; None for what is missing."""
-    return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values.tolist()]
+    return [
+        float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values.tolist()
+    ]
 
 
 def _number(value: float) -> float | None:
@@ -88,11 +133,16 @@ def _line(content: Mapping[str, Any]) -> str:
 FRAME = 0.1  # s between two events of rows
 STANDING = 1.0  # s between two of how the stream stands
 RECENT = 5.0  # s over which the rate is taken
-KINDS = {True: "refined on line, delay between the grid points", False: "the most likely filter, deviations with what other starts led to"}
+KINDS = {
+    True: "refined on line, delay between the grid points",
+    False: "the most likely filter, deviations with what other starts led to",
+}
 
 
 class Follow:
-    """Tells a feed what a watch does; called with the steps as they are made, and with none when nothing came."""
+    """Tells a feed what a watch does; called with the steps as they are made, and with none when
+    nothing came.
+    """
 
     def __init__(self, watch: Watch, feed: Feed) -> None:
         self._watch, self._feed = watch, feed
@@ -107,7 +157,13 @@ class Follow:
         if session is not None and session.bank is not None and not self._introduced:
             self._introduced = True
             known = self._watch.reference
-            named = (self._watch.name, session.stick_unit, session.bank.delays, None if known is None else known.name, session.vehicle.name)
+            named = (
+                self._watch.name,
+                session.stick_unit,
+                session.bank.delays,
+                None if known is None else known.name,
+                session.vehicle.name,
+            )
             self._feed.put("about", about(*named))
         self._waiting += steps
         if session is not None and (now - self._sent >= FRAME or len(self._waiting) >= 1000):
@@ -135,8 +191,13 @@ class Follow:
             if second > self._second and second != after:
                 self._second = second
                 found = so_far(session, step)
-                items = comparisons(found.estimate, found.derived, self._watch.reference, found.hanging)
-                self._feed.put("estimates", estimates(step.state.time, items, found.weights, KINDS[found.refined]))
+                items = comparisons(
+                    found.estimate, found.derived, self._watch.reference, found.hanging
+                )
+                self._feed.put(
+                    "estimates",
+                    estimates(step.state.time, items, found.weights, KINDS[found.refined]),
+                )
 
     def _stand(self, session: Session | None, now: float, ended: str = "") -> None:
         rows = 0 if session is None or session.state is None else session.state.rows_seen
@@ -146,9 +207,25 @@ class Follow:
         begun, before = self._counted[0]
         passed = now - begun
         rate = (rows - before) / passed if passed > 0 else 0.0
-        numbers = {"rows": rows, "left_out": self._watch.left_out, "spikes": 0 if session is None else session.spikes, "rate": rate}
-        numbers |= {"silent": now - self._watch.heard, "t": np.nan if session is None or session.state is None else session.state.time}
-        state = "ended" if ended else "waiting" if session is None else "running" if session.bank is not None else "collecting"
+        numbers = {
+            "rows": rows,
+            "left_out": self._watch.left_out,
+            "spikes": 0 if session is None else session.spikes,
+            "rate": rate,
+        }
+        numbers |= {
+            "silent": now - self._watch.heard,
+            "t": np.nan if session is None or session.state is None else session.state.time,
+        }
+        state = (
+            "ended"
+            if ended
+            else "waiting"
+            if session is None
+            else "running"
+            if session.bank is not None
+            else "collecting"
+        )
         self._feed.put("status", status(state, ended, numbers))
 
 

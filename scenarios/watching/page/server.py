@@ -1,7 +1,7 @@
 """Events of a watch in a ring, and the local server of its page.
 
-A page of another site could have its own name resolve to 127.0.0.1 and then read what is served there (DNS rebinding); its requests
-bear that name in their Host header, and are refused.
+A page of another site could have its own name resolve to 127.0.0.1 and then read what is served
+there (DNS rebinding); its requests bear that name in their Host header, and are refused.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from sim.errors import DeclarationError
 
 # ---- Events of a watch
 
-ROWS, ESTIMATES = 6000, 2000  # kept: two and a half minutes at 40 Hz, half an hour at one estimate a second
+# kept: two and a half minutes at 40 Hz, half an hour at one estimate a second
+ROWS, ESTIMATES = 6000, 2000
 EVENTS = 1200  # two minutes of ten events a second
 
 
@@ -33,7 +34,8 @@ class Event(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Events for one reader: ``complete`` when they are all that is kept instead of what came since; ``last`` the number of the last of them.
+    """Events for one reader: ``complete`` when they are all that is kept instead of what came
+    since; ``last`` the number of the last of them.
 
     ``over`` where nothing comes after them.
     """
@@ -47,8 +49,9 @@ class Batch(NamedTuple):
 class Feed:
     """What a watch has told so far, for any number of readers in their own threads.
 
-    Memory is bounded whatever the length of the stream: the last ``EVENTS`` events; rows by their number, estimates thinned to every
-    second one whenever there are too many; of everything else the last of each name.
+    Memory is bounded whatever the length of the stream: the last ``EVENTS`` events; rows by their
+    number, estimates thinned to every second one whenever there are too many; of everything else
+    the last of each name.
     """
 
     def __init__(self, rows: int = ROWS, estimates: int = ESTIMATES, events: int = EVENTS) -> None:
@@ -98,7 +101,9 @@ class Feed:
             self._changed.notify_all()
 
     def since(self, last: int | None, timeout: float) -> Batch:
-        """What came after event ``last``, waiting up to ``timeout`` (s) for it; all that is kept where ``last`` is None or forgotten."""
+        """What came after event ``last``, waiting up to ``timeout`` (s) for it; all that is kept
+        where ``last`` is None or forgotten.
+        """
         with self._changed:
             if last is None or last > self._count or (self._ring and last < self._ring[0][0] - 1):
                 return Batch(self._whole(), self._count, True, self.closed)
@@ -111,7 +116,9 @@ class Feed:
             return Batch(events, self._count, False, self.closed)
 
     def _whole(self) -> list[Event]:
-        """All that is kept, in an order that a page can follow: what does not change, rows, estimates, and how it stands."""
+        """All that is kept, in an order that a page can follow: what does not change, rows,
+        estimates, and how it stands.
+        """
         first = [self._latest[name] for name in ("about",) if name in self._latest]
         estimates = list(self._estimates)
         if "estimates" in self._latest and self._latest["estimates"] not in estimates[-1:]:
@@ -134,7 +141,10 @@ READERS = 12  # at once; a browser has six connections to a host
 BEAT = 1.0  # s: an event or a sign of life
 RETRY = 500  # ms after which a browser comes back
 STUCK = 10.0  # s after which a reader that takes nothing is let go
-_POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"  # noqa: E501
+_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
 _GUARDS = {
     "Content-Security-Policy": _POLICY,
     "Cross-Origin-Resource-Policy": "same-origin",
@@ -165,12 +175,16 @@ class PageServer(ThreadingHTTPServer):
         except OSError as error:
             if port is not None:
                 what = f"port {port} cannot be had ({error.strerror})"
-                raise DeclarationError(what, where="--port", remedy="name another, or none") from None
+                raise DeclarationError(
+                    what, where="--port", remedy="name another, or none"
+                ) from None
             super().__init__((ADDRESS, 0), RequestHandler)
         self.port = int(self.server_address[1])
         self.address = f"http://{ADDRESS}:{self.port}/"
         self.hosts = frozenset({f"{ADDRESS}:{self.port}", f"localhost:{self.port}"})
-        self._thread = threading.Thread(target=self.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True, name="page")
+        self._thread = threading.Thread(
+            target=self.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True, name="page"
+        )
 
     def server_bind(self) -> None:
         """Bind without asking a name server what this machine is called, as the library's would."""
@@ -228,13 +242,19 @@ class RequestHandler(BaseHTTPRequestHandler):
         """The page at ``/``, its events at ``/events``."""
         hosts = self.headers.get_all("Host") or []
         if len(hosts) != 1 or hosts[0].strip().lower() not in self.server.hosts:
-            self._plain(HTTPStatus.MISDIRECTED_REQUEST, f"this page is served at {self.server.address} alone\n")
+            self._plain(
+                HTTPStatus.MISDIRECTED_REQUEST,
+                f"this page is served at {self.server.address} alone\n",
+            )
             return
         asked = urlsplit(self.path)
         if asked.path == "/":
             self._send(HTTPStatus.OK, "text/html; charset=utf-8", page().encode())
         elif asked.path == "/events":
-            self._events(self.headers.get("Last-Event-ID") or "".join(parse_qs(asked.query).get("last", [""])))
+            self._events(
+                self.headers.get("Last-Event-ID")
+                or "".join(parse_qs(asked.query).get("last", [""]))
+            )
         else:
             self._plain(HTTPStatus.NOT_FOUND, "there is nothing here\n")
 
@@ -265,7 +285,8 @@ class RequestHandler(BaseHTTPRequestHandler):
             batch = feed.since(last, BEAT)
             lines = ["event: anew\ndata: {}\n\n"] if batch.complete else []
             lines += [f"event: {event.name}\ndata: {event.data}\n\n" for event in batch.events]
-            # The number stands with the last event alone: who loses the line within a batch gets all of it again.
+            # The number stands with the last event alone: who loses the line within a batch gets
+            # all of it again.
             end = f"id: {feed.token}-{batch.last}\nevent: beat\ndata: {{}}\n\n"
             self.wfile.write(("".join(lines) + end).encode())
             last = batch.last
@@ -291,7 +312,10 @@ class RequestHandler(BaseHTTPRequestHandler):
 def page() -> str:
     """The page as one file."""
     here = files("scenarios.watching.page")
-    text, style, script = (here.joinpath(name).read_text(encoding="utf-8") for name in ("page.html", "page.css", "page.js"))
+    text, style, script = (
+        here.joinpath(name).read_text(encoding="utf-8")
+        for name in ("page.html", "page.css", "page.js")
+    )
     return text.replace("/* page.css */", style).replace("/* page.js */", script)
 
 

@@ -13,14 +13,16 @@ from sim.effects.airflow import PLAUSIBLE, calm_air, gust_parameters, gust_probe
 
 @dataclass(frozen=True)
 class GustHorizontal:
-    """The aircraft crosses one gust from ahead, w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)).
+    """The aircraft crosses one gust from ahead, w(t) = (peak/2) (1 - cos(2 pi (t -
+    start)/duration)).
 
-    ``peak`` in m/s, positive from ahead; ``start`` and ``duration`` in s. w adds to the airspeed in the loads and in the reading of the pitot
-    tube, not to the state.
+    ``peak`` in m/s, positive from ahead; ``start`` and ``duration`` in s. w adds to the airspeed in
+    the loads and in the reading of the pitot tube, not to the state.
 
     Attributes
     ----------
-    lasting, fine : as of a gust from below, see ``sim.effects.airflow``: one that stays at its peak; a freer course.
+    lasting, fine : as of a gust from below, see ``sim.effects.airflow``: one that stays at its
+    peak; a freer course.
     """
 
     lasting: bool = False
@@ -40,10 +42,14 @@ class GustHorizontal:
         per_record=True,
     )
     explanation: ClassVar[str] = (
-        "The wind from ahead freshens once: w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)) between start and start + duration. The air then "
-        "meets the aircraft faster by w than it moves: the pitot tube shows V + w at once, lift and drag grow with (V + w)^2, and the aircraft "
-        "itself gains and loses speed only slowly. An airspeed that jumps without any axial load factor before it, and a load factor that follows "
-        "it, are its mark. A second form keeps the peak after half the duration: the wind has changed for good, as in a shear. Either has a freer "
+        "The wind from ahead freshens once: w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)) "
+        "between start and start + duration. The air then "
+        "meets the aircraft faster by w than it moves: the pitot tube shows V + w at once, lift "
+        "and drag grow with (V + w)^2, and the aircraft "
+        "itself gains and loses speed only slowly. An airspeed that jumps without any axial load "
+        "factor before it, and a load factor that follows "
+        "it, are its mark. A second form keeps the peak after half the duration: the wind has "
+        "changed for good, as in a shear. Either has a freer "
         "form with three shapes more."
     )
 

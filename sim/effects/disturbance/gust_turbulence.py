@@ -16,13 +16,16 @@ ROOT3 = math.sqrt(3.0)
 
 @dataclass(frozen=True)
 class GustTurbulence:
-    """Vertical gusts of standard deviation ``sigma`` (m/s) and scale ``length`` (m), Dryden's form (MIL-F-8785C, 3.7.1.2).
+    """Vertical gusts of standard deviation ``sigma`` (m/s) and scale ``length`` (m), Dryden's form
+    (MIL-F-8785C, 3.7.1.2).
 
-    One-sided spectrum over the spatial frequency W: sigma^2 (L/pi) (1 + 3 (L W)^2) / (1 + (L W)^2)^2, whose integral is
-    sigma^2. White noise of unit density through sigma sqrt(T) (1 + sqrt(3) T s) / (1 + T s)^2, T = length/V, with two states in m/s:
-    gust_1_dot = -gust_1/T + noise of density sigma^2/T,  gust_2_dot = (gust_1 - gust_2)/T,
-    w = sqrt(3) gust_1 + (1 - sqrt(3)) gust_2. w/V adds to alpha in the loads and the vane's reading; V is the declared airspeed.
-    Without noise the states stay at zero and a simulation is that of calm air. On lateral equations the gusts come from the right.
+    One-sided spectrum over the spatial frequency W: sigma^2 (L/pi) (1 + 3 (L W)^2) / (1 + (L
+    W)^2)^2, whose integral is sigma^2. White noise of unit density through sigma sqrt(T) (1 +
+    sqrt(3) T s) / (1 + T s)^2, T = length/V, with two states in m/s: gust_1_dot = -gust_1/T + noise
+    of density sigma^2/T, gust_2_dot = (gust_1 - gust_2)/T, w = sqrt(3) gust_1 + (1 - sqrt(3))
+    gust_2. w/V adds to alpha in the loads and the vane's reading; V is the declared airspeed.
+    Without noise the states stay at zero and a simulation is that of calm air. On lateral equations
+    the gusts come from the right.
 
     Attributes
     ----------
@@ -41,21 +44,31 @@ class GustTurbulence:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"sigma": 0.0})
     regularity: ClassVar[Regularity] = Regularity.PROCESS_NOISE
     aliases: ClassVar[tuple[str, ...]] = ()
-    states: ClassVar[tuple[Signal, ...]] = (Signal("gust_1", "m/s", "filtered noise"), Signal("gust_2", "m/s", "the same, filtered twice"))
+    states: ClassVar[tuple[Signal, ...]] = (
+        Signal("gust_1", "m/s", "filtered noise"),
+        Signal("gust_2", "m/s", "the same, filtered twice"),
+    )
     traits: ClassVar[Traits] = Traits(
         sentences=("the air is turbulent: gusts of {sigma}, length scale {length}",),
-        # Below a fifth of what pilots call light, a few centimetres a second stand for something else that is small.
+        # Below a fifth of what pilots call light, a few centimetres a second stand for something
+        # else that is small.
         plausible={"sigma": (0.1, 8.0), "length": (40.0, 2000.0)},
         # Rough air is a row of gusts: a single one in it is no other cause.
         never_beside=("gust-discrete",),
     )
     explanation: ClassVar[str] = (
-        "The air is rough all along the record. Its vertical speed w is random, with standard deviation sigma and a correlation length L that the "
-        "aircraft crosses in L/V seconds; its spectrum is Dryden's, S(W) = sigma^2 (L/pi) (1 + 3 (L W)^2)/(1 + (L W)^2)^2 over the spatial "
-        "frequency W. alpha as the loads and the vane feel it is alpha + w/V. No simulation can follow such a record: one judges the model's "
-        "predictions one step ahead, whose errors stay correlated until the gust is estimated along with the motion. Left out, it makes every "
-        "derivative look better known than it is. A record tells sigma^2/L, the level at high frequency; where it holds few lengths, sigma and L "
-        "both come out low and surer than they are. On the lateral model w comes from the right and sideslip takes the place of alpha."
+        "The air is rough all along the record. Its vertical speed w is random, with standard "
+        "deviation sigma and a correlation length L that the "
+        "aircraft crosses in L/V seconds; its spectrum is Dryden's, S(W) = sigma^2 (L/pi) (1 + 3 "
+        "(L W)^2)/(1 + (L W)^2)^2 over the spatial "
+        "frequency W. alpha as the loads and the vane feel it is alpha + w/V. No simulation can "
+        "follow such a record: one judges the model's "
+        "predictions one step ahead, whose errors stay correlated until the gust is estimated "
+        "along with the motion. Left out, it makes every "
+        "derivative look better known than it is. A record tells sigma^2/L, the level at high "
+        "frequency; where it holds few lengths, sigma and L "
+        "both come out low and surer than they are. On the lateral model w comes from the right "
+        "and sideslip takes the place of alpha."
     )
 
     @property
@@ -63,7 +76,9 @@ class GustTurbulence:
         return (self.speed,)
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return {"gust": (ROOT3 * s.gust_1 + (1.0 - ROOT3) * s.gust_2) / getattr(vehicle, self.speed)}
+        return {
+            "gust": (ROOT3 * s.gust_1 + (1.0 - ROOT3) * s.gust_2) / getattr(vehicle, self.speed)
+        }
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         rate = getattr(vehicle, self.speed) / p.length
@@ -75,11 +90,15 @@ class GustTurbulence:
         return density, 0.0 * density
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Starts for a fit with process noise: three lengths, of which the record shows a few at least."""
+        """Starts for a fit with process noise: three lengths, of which the record shows a few at
+        least.
+        """
         far = max(50.0, context.airspeed * context.duration / 6.0)
-        return tuple(Probe({"sigma": 1.0, "length": length}) for length in (100.0, 300.0, 900.0) if length <= far) or (
-            Probe({"sigma": 1.0, "length": far}),
-        )
+        return tuple(
+            Probe({"sigma": 1.0, "length": length})
+            for length in (100.0, 300.0, 900.0)
+            if length <= far
+        ) or (Probe({"sigma": 1.0, "length": far}),)
 
 
 VARIANTS: tuple[Traceable, ...] = (GustTurbulence(), GustTurbulence("reference_airspeed"))

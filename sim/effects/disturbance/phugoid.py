@@ -1,4 +1,6 @@
-"""The phugoid: the slow exchange of speed and height that any aircraft has and a short period at constant speed leaves out."""
+"""The phugoid: the slow exchange of speed and height that any aircraft has and a short period at
+constant speed leaves out.
+"""
 
 from __future__ import annotations
 
@@ -16,29 +18,41 @@ from sim.maths import G0
 SPEED, ATTITUDE = "phugoid_speed", "phugoid_attitude"
 STEEPEST = 0.35  # rad, of a flight path that perturbations about level flight still describe
 # Three to five times what is known beforehand.
-BELIEVED = {"trim_moment": (-0.06, 0.06), "speed_damping": (-0.03, 0.05), "induced_drag": (-15.0, 25.0)}
-EVEN_CHANGE = 0.01  # rad: less changes the speed by less than 0.1 m/s a second, which a flight path that is not quite level does
-TRIED = (0.0, -0.12, -0.03, 0.03, 0.12)  # rad: the speed is almost linear in the attitude, so few places reach all
+BELIEVED = {
+    "trim_moment": (-0.06, 0.06),
+    "speed_damping": (-0.03, 0.05),
+    "induced_drag": (-15.0, 25.0),
+}
+# rad: less changes the speed by less than 0.1 m/s a second, which a flight path that is not quite
+# level does
+EVEN_CHANGE = 0.01
+# rad: the speed is almost linear in the attitude, so few places reach all
+TRIED = (0.0, -0.12, -0.03, 0.03, 0.12)
 
 
 @dataclass(frozen=True)
 class Phugoid:
-    """u_dot = -gravity (theta - alpha + (speed_damping u + induced_drag alpha)/g0),  theta_dot = q,  V = airspeed + u.
+    """u_dot = -gravity (theta - alpha + (speed_damping u + induced_drag alpha)/g0), theta_dot = q,
+    V = airspeed + u.
 
-    Perturbations about level flight at the declared airspeed. The trim loads follow the dynamic pressure: the lift that carries the weight
-    (``weight_lift``: alpha_dot gains -(2 g0/V^2) u and nz gains 2 u/V to first order) and the moment that balances what does not follow it,
-    that of the engines (Cm gains ``trim_moment`` (1 - qbar_0/qbar), near 2 trim_moment u/V). All other loads go with (1 + u/V)^2.
-    A record begins at u = 0; ``attitude`` (rad, nose up) is theta against the level flight path there, each record's own. A steady
-    deceleration is the same as an attitude: u_dot = -gravity attitude. With ``gravity`` = 0 there is no exchange, and no effect.
+    Perturbations about level flight at the declared airspeed. The trim loads follow the dynamic
+    pressure: the lift that carries the weight (``weight_lift``: alpha_dot gains -(2 g0/V^2) u and
+    nz gains 2 u/V to first order) and the moment that balances what does not follow it, that of the
+    engines (Cm gains ``trim_moment`` (1 - qbar_0/qbar), near 2 trim_moment u/V). All other loads go
+    with (1 + u/V)^2. A record begins at u = 0; ``attitude`` (rad, nose up) is theta against the
+    level flight path there, each record's own. A steady deceleration is the same as an attitude:
+    u_dot = -gravity attitude. With ``gravity`` = 0 there is no exchange, and no effect.
 
-    ``speed_damping`` (1/s), ``induced_drag`` (m/(s2 rad)) and ``trim_moment`` (1, nose up) belong to the aircraft. They are known beforehand to
-    what aircraft have: D/m changes with the speed by 2 g0 D/(L V), with the angle of attack by g0 times the slope of D/L, and thrust at
-    an arm of a chord makes a moment coefficient of the size of CD.
+    ``speed_damping`` (1/s), ``induced_drag`` (m/(s2 rad)) and ``trim_moment`` (1, nose up) belong
+    to the aircraft. They are known beforehand to what aircraft have: D/m changes with the speed by
+    2 g0 D/(L V), with the angle of attack by g0 times the slope of D/L, and thrust at an arm of a
+    chord makes a moment coefficient of the size of CD.
 
     Attributes
     ----------
-    attitude_recorded : the pitch attitude is an input of the equations, ``theta`` (rad, from its value at the record's begin), and no state.
-    speed_recorded : so is the airspeed, with the lift that carries the weight: only the trim moment is left to find.
+    attitude_recorded : the pitch attitude is an input of the equations, ``theta`` (rad, from its
+    value at the record's begin), and no state. speed_recorded : so is the airspeed, with the lift
+    that carries the weight: only the trim moment is left to find.
     """
 
     attitude_recorded: bool = False
@@ -51,29 +65,42 @@ class Phugoid:
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ("speed-variation",)
     explanation: ClassVar[str] = (
-        "Pull the nose up and the aircraft climbs, loses speed, loses lift and sinks again: u_dot = -g (theta - alpha) and theta_dot = q. Over the "
-        "tens of seconds of a maneuver this is the beginning of the phugoid, the slow oscillation of speed and height with a frequency near "
-        "sqrt(2) g/V. As the speed falls, the lift that carries the weight falls with the dynamic pressure: the load factor gains 2 u/V, the angle "
-        "of attack the rate -(2 g/V^2) u, and all other loads and dampings go with the speed. The moment of the engines does not fall, and turns "
-        "the aircraft where it was balanced by the air. A model at constant speed leaves all this out, and a slow drift of the accelerometer or of "
-        "the vane, a jump of a derivative or a load that nobody measured will imitate it. Any real aircraft has it, whatever else is wrong with "
-        "the model, so it is offered before them. A recorded airspeed takes its place, a recorded pitch attitude that of its second state."
+        "Pull the nose up and the aircraft climbs, loses speed, loses lift and sinks again: u_dot "
+        "= -g (theta - alpha) and theta_dot = q. Over the "
+        "tens of seconds of a maneuver this is the beginning of the phugoid, the slow oscillation "
+        "of speed and height with a frequency near "
+        "sqrt(2) g/V. As the speed falls, the lift that carries the weight falls with the dynamic "
+        "pressure: the load factor gains 2 u/V, the angle "
+        "of attack the rate -(2 g/V^2) u, and all other loads and dampings go with the speed. The "
+        "moment of the engines does not fall, and turns "
+        "the aircraft where it was balanced by the air. A model at constant speed leaves all this "
+        "out, and a slow drift of the accelerometer or of "
+        "the vane, a jump of a derivative or a load that nobody measured will imitate it. Any real "
+        "aircraft has it, whatever else is wrong with "
+        "the model, so it is offered before them. A recorded airspeed takes its place, a recorded "
+        "pitch attitude that of its second state."
     )
 
     @property
     def traits(self) -> Traits:
         return Traits(
             sentences=(
-                "the aircraft exchanges speed and height (phugoid), its flight path {attitude} nose up at the record's begin",
-                "with the airspeed the moment changes that balances the engines, a coefficient of {trim_moment} in trim",
+                "the aircraft exchanges speed and height (phugoid), its flight path {attitude} "
+                "nose up at the record's begin",
+                "with the airspeed the moment changes that balances the engines, a coefficient of "
+                "{trim_moment} in trim",
             ),
             short_name="phugoid",
             separating={"speed-variation": STEADY_FLIGHT, "sensor-drift": STEADY_FLIGHT},
-            plausible={"trim_moment": BELIEVED["trim_moment"]} if self.speed_recorded else {"attitude": (-STEEPEST, STEEPEST), **BELIEVED},
+            plausible={"trim_moment": BELIEVED["trim_moment"]}
+            if self.speed_recorded
+            else {"attitude": (-STEEPEST, STEEPEST), **BELIEVED},
             same_as={} if self.speed_recorded else {"attitude": ("speed-variation", EVEN_CHANGE)},
             never_beside=("speed-variation",),
             per_record=not self.speed_recorded,
-            of_aircraft=() if self.speed_recorded else ("speed_damping", "induced_drag", "trim_moment"),
+            of_aircraft=()
+            if self.speed_recorded
+            else ("speed_damping", "induced_drag", "trim_moment"),
             background=True,
         )
 
@@ -81,7 +108,9 @@ class Phugoid:
     def states(self) -> tuple[Signal, ...]:
         speed = Signal(SPEED, "m/s", "airspeed above that at the record's begin")
         attitude = Signal(ATTITUDE, "rad", "pitch attitude above that at the record's begin")
-        return () if self.speed_recorded else (speed,) if self.attitude_recorded else (speed, attitude)
+        return (
+            () if self.speed_recorded else (speed,) if self.attitude_recorded else (speed, attitude)
+        )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -104,7 +133,11 @@ class Phugoid:
         change = s.airspeed_change if self.speed_recorded else getattr(s, SPEED)
         ratio = vehicle.airspeed / (vehicle.airspeed + change)
         moment = {"moment": p.trim_moment * (1.0 - ratio * ratio)}
-        return moment if self.speed_recorded else {"airspeed_change": change, "lift": weight_lift(change, vehicle), **moment}
+        return (
+            moment
+            if self.speed_recorded
+            else {"airspeed_change": change, "lift": weight_lift(change, vehicle), **moment}
+        )
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         if self.speed_recorded:
@@ -116,10 +149,16 @@ class Phugoid:
 
     def fitted_to(self, context: SearchContext) -> Phugoid:
         """The same with those states left out that the records have as inputs."""
-        return replace(self, attitude_recorded="theta" in context.input_peak, speed_recorded="airspeed_change" in context.input_peak)
+        return replace(
+            self,
+            attitude_recorded="theta" in context.input_peak,
+            speed_recorded="airspeed_change" in context.input_peak,
+        )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Flight paths up and down, each with its slope: at none at all there is an exchange already."""
+        """Flight paths up and down, each with its slope: at none at all there is an exchange
+        already.
+        """
         start = {item.name: item.value for item in self.parameters}
         if self.speed_recorded:
             return (Probe(self.absent, ("trim_moment",)),)

@@ -19,16 +19,19 @@ DURATIONS = (0.3, 0.7, 1.5, 3.0, 6.0)  # s, pulses that a search tries
 
 @dataclass(frozen=True)
 class UnmeasuredInput(SizedOnPorts):
-    """A pulse of lift and moment from ``start`` on for ``duration``, both s; a step where it lasts to the record's end.
+    """A pulse of lift and moment from ``start`` on for ``duration``, both s; a step where it lasts
+    to the record's end.
 
-    ``lift`` and ``moment`` are free: coefficients on the rigid aircraft, 1/s of alpha_dot and 1/s2 on the low-order
-    equivalent system. The edges rise over ``width`` s, centred on their times.
+    ``lift`` and ``moment`` are free: coefficients on the rigid aircraft, 1/s of alpha_dot and 1/s2
+    on the low-order equivalent system. The edges rise over ``width`` s, centred on their times.
 
     Attributes
     ----------
-    lasting : a step without ``duration``. width : of the edges, s. units, sizes : of lift and moment.
-    needs_constants : those of the equations it is written for. ports : that it loads, and the names of these parameters. label : of the name,
-        where it is one port of several. sized : whether it is known what is large there; else any size is believed.
+    lasting : a step without ``duration``. width : of the edges, s. units, sizes : of lift and
+    moment. needs_constants : those of the equations it is written for. ports : that it loads, and
+    the names of these parameters. label : of the name,
+        where it is one port of several. sized : whether it is known what is large there; else any
+        size is believed.
     """
 
     lasting: bool = False
@@ -47,12 +50,23 @@ class UnmeasuredInput(SizedOnPorts):
 
     @property
     def explanation(self) -> str:
-        loads = "CL += lift and Cm += moment" if self.ports == LOADS else f"Its coefficient of {self.ports[0].replace('_', ' ')} += {self.ports[0]}"
-        ratio = "its lift and moment stand in the ratio of CL_alpha to Cm_alpha" if self.ports == LOADS else "its loads stand in a known ratio"
+        loads = (
+            "CL += lift and Cm += moment"
+            if self.ports == LOADS
+            else f"Its coefficient of {self.ports[0].replace('_', ' ')} += {self.ports[0]}"
+        )
+        ratio = (
+            "its lift and moment stand in the ratio of CL_alpha to Cm_alpha"
+            if self.ports == LOADS
+            else "its loads stand in a known ratio"
+        )
         return (
-            "Something pushed the aircraft that no channel shows: a flap, a speed brake, another surface, thrust that pitches, a store let go. "
-            f"{loads} between start and start + duration, or from start on for good. The motion begins without any recorded input and follows the "
-            "aircraft's own modes. A gust does so too, but it acts through the angle of the air and moves the vane at once, so that "
+            "Something pushed the aircraft that no channel shows: a flap, a speed brake, another "
+            "surface, thrust that pitches, a store let go. "
+            f"{loads} between start and start + duration, or from start on for good. The motion "
+            "begins without any recorded input and follows the "
+            "aircraft's own modes. A gust does so too, but it acts through the angle of the air "
+            "and moves the vane at once, so that "
             f"{ratio}."
         )
 
@@ -73,7 +87,12 @@ class UnmeasuredInput(SizedOnPorts):
                 "something that is not recorded acts for {duration} from {start}: {rest}",
                 "something that is not recorded acts from {start} on: {rest}",
             ),
-            plausible={port: (-30.0 * size, 30.0 * size) for port, size in zip(self.ports, self.sizes, strict=True)} if self.sized else {},
+            plausible={
+                port: (-30.0 * size, 30.0 * size)
+                for port, size in zip(self.ports, self.sizes, strict=True)
+            }
+            if self.sized
+            else {},
             lasts="duration",
             onset="start",
             per_record=True,
@@ -97,31 +116,50 @@ class UnmeasuredInput(SizedOnPorts):
         return replace(self, width=edge_width(context.interval))
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by all loads at the record's begin, for some durations; a later start only shifts them."""
+        """Slopes by all loads at the record's begin, for some durations; a later start only shifts
+        them.
+        """
         start = {"start": context.begin + self.width, **self.absent}
         if self.lasting:
             return (Probe(start, self.ports, shifts=True),)
-        durations = [duration for duration in DURATIONS if 2.0 * context.interval <= duration <= 0.5 * context.duration]
-        return tuple(Probe({**start, "duration": duration}, self.ports, shifts=True) for duration in durations)
+        durations = [
+            duration
+            for duration in DURATIONS
+            if 2.0 * context.interval <= duration <= 0.5 * context.duration
+        ]
+        return tuple(
+            Probe({**start, "duration": duration}, self.ports, shifts=True)
+            for duration in durations
+        )
 
 
 VARIANTS: tuple[Traceable, ...] = (
     UnmeasuredInput(),
     UnmeasuredInput(lasting=True),
     UnmeasuredInput(units=("1/s", "1/s2"), sizes=(0.01, 0.1), needs_constants=("M_alpha",)),
-    UnmeasuredInput(lasting=True, units=("1/s", "1/s2"), sizes=(0.01, 0.1), needs_constants=("M_alpha",)),
+    UnmeasuredInput(
+        lasting=True, units=("1/s", "1/s2"), sizes=(0.01, 0.1), needs_constants=("M_alpha",)
+    ),
 )
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """A pulse and a step on each port for loads that none of the above is for."""
     ports, known = load_ports(equations), {*equations.parameter_names}
-    covered = {port for each in VARIANTS if isinstance(each, UnmeasuredInput) and known.issuperset(each.needs_constants) for port in each.ports}
+    covered = {
+        port
+        for each in VARIANTS
+        if isinstance(each, UnmeasuredInput) and known.issuperset(each.needs_constants)
+        for port in each.ports
+    }
     found: list[Traceable] = []
     for port in ports:
         if port.name in covered and covered <= {each.name for each in ports}:
             continue
         label, size = port.name if len(ports) > 1 else "", _USUAL_LOAD.get(port.unit, 1.0)
         sized = port.unit in _USUAL_LOAD
-        found += [UnmeasuredInput(lasting, WIDTH, (port.unit,), (size,), (), (port.name,), label, sized) for lasting in (False, True)]
+        found += [
+            UnmeasuredInput(lasting, WIDTH, (port.unit,), (size,), (), (port.name,), label, sized)
+            for lasting in (False, True)
+        ]
     return tuple(found)

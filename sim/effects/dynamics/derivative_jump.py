@@ -7,7 +7,14 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Parameter, Regularity, Signal, Station, constants_needed, ports_needed
+from sim.declaration.effect import (
+    Parameter,
+    Regularity,
+    Signal,
+    Station,
+    constants_needed,
+    ports_needed,
+)
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.declaration.user_equations import OwnEquations
@@ -16,22 +23,30 @@ from sim.effects.parameter_jump import jumps_of
 from sim.effects.timing import WIDTH, edge_width, risen
 
 OF_PITCH = (
-    "Something happens to the aircraft in flight: ice breaks off, a surface is damaged, fuel or a store moves the centre of gravity, a flap "
-    "runs. From time t0 on the moment is Cm = (Cm_alpha + change) alpha + ... and the lift likewise: stability, damping, control power and "
-    "lift slope may each change. Before t0 the model fits, after it no longer. A change after the last maneuver leaves no trace, since a "
+    "Something happens to the aircraft in flight: ice breaks off, a surface is damaged, fuel or a "
+    "store moves the centre of gravity, a flap "
+    "runs. From time t0 on the moment is Cm = (Cm_alpha + change) alpha + ... and the lift "
+    "likewise: stability, damping, control power and "
+    "lift slope may each change. Before t0 the model fits, after it no longer. A change after the "
+    "last maneuver leaves no trace, since a "
     "derivative shows only while its signal moves."
 )
 ALL_AXES = (
-    "Something happens to the aircraft in flight: ice breaks off, a surface is damaged, a store leaves one wing, a fin tank empties. From a time t0 "
-    "on one coefficient obeys other derivatives: for yaw Cn = (Cn_beta + change) beta + (Cn_dr + change) rudder + ..., for roll and side force Cl "
-    "and CY likewise. Before t0 the model fits, after it no longer. A change after the last maneuver leaves no trace, since a derivative shows "
+    "Something happens to the aircraft in flight: ice breaks off, a surface is damaged, a store "
+    "leaves one wing, a fin tank empties. From a time t0 "
+    "on one coefficient obeys other derivatives: for yaw Cn = (Cn_beta + change) beta + (Cn_dr + "
+    "change) rudder + ..., for roll and side force Cl "
+    "and CY likewise. Before t0 the model fits, after it no longer. A change after the last "
+    "maneuver leaves no trace, since a derivative shows "
     "only while its signal moves."
 )
 
 
 @dataclass(frozen=True)
 class Change:
-    """One derivative that may change: its name, its unit, the signal it multiplies, a usual size and the largest believed."""
+    """One derivative that may change: its name, its unit, the signal it multiplies, a usual size
+    and the largest believed.
+    """
 
     derivative: str
     unit: str
@@ -59,20 +74,26 @@ def _lateral(axis: str, size: float, largest: float) -> tuple[Change, ...]:
     """All derivatives of one lateral coefficient; by the rates they are several times larger."""
     rates = {"p": 5.0, "r": 5.0}
     return tuple(
-        Change(f"{axis}_{by}", "1/rad", signal, size * rates.get(by, 1.0), largest * rates.get(by, 1.0)) for by, signal in _LATERAL_SIGNALS.items()
+        Change(
+            f"{axis}_{by}", "1/rad", signal, size * rates.get(by, 1.0), largest * rates.get(by, 1.0)
+        )
+        for by, signal in _LATERAL_SIGNALS.items()
     )
 
 
 @dataclass(frozen=True)
 class DerivativeJump:
-    """From ``time`` on some derivatives are larger by given amounts: moment += sum of changes times their signals, lift likewise.
+    """From ``time`` on some derivatives are larger by given amounts: moment += sum of changes times
+    their signals, lift likewise.
 
-    ``time`` in s; the changes carry the names and units of the derivatives. Any of them may stay zero. The edge rises over
-    ``width`` s, centred on ``time``. Changes act on perturbations about the same trim; a moment that jumps, too, is `unmeasured-input`.
+    ``time`` in s; the changes carry the names and units of the derivatives. Any of them may stay
+    zero. The edge rises over ``width`` s, centred on ``time``. Changes act on perturbations about
+    the same trim; a moment that jumps, too, is `unmeasured-input`.
 
     Attributes
     ----------
-    moment, lift : derivatives that may change. width : of the edge, s. ports : that these add to. label : of the name, where an aircraft has
+    moment, lift : derivatives that may change. width : of the edge, s. ports : that these add to.
+    label : of the name, where an aircraft has
         several groups of derivatives: yaw, roll, side force.
     """
 
@@ -105,7 +126,10 @@ class DerivativeJump:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        sizes = tuple(Parameter(change.derivative, change.size, change.unit) for change in (*self.moment, *self.lift))
+        sizes = tuple(
+            Parameter(change.derivative, change.size, change.unit)
+            for change in (*self.moment, *self.lift)
+        )
         return (Parameter("time", 3.0, "s"), *sizes)
 
     @property
@@ -116,7 +140,10 @@ class DerivativeJump:
     def traits(self) -> Traits:
         return Traits(
             sentences=("the derivatives change at {time}: {rest}",),
-            plausible={change.derivative: (-change.largest, change.largest) for change in (*self.moment, *self.lift)},
+            plausible={
+                change.derivative: (-change.largest, change.largest)
+                for change in (*self.moment, *self.lift)
+            },
             onset="time",
             per_record=True,
         )
@@ -124,7 +151,13 @@ class DerivativeJump:
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         share = risen(s.time, p.time, self.width)
         groups = zip(self.ports, (self.moment, self.lift), strict=True)
-        added = {port: sum(getattr(p, change.derivative) * getattr(s, change.signal) for change in changes) for port, changes in groups if changes}
+        added = {
+            port: sum(
+                getattr(p, change.derivative) * getattr(s, change.signal) for change in changes
+            )
+            for port, changes in groups
+            if changes
+        }
         return {port: share * load for port, load in added.items()}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
@@ -140,21 +173,35 @@ class DerivativeJump:
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by all changes at 36 times; a later time does not merely shift the signature."""
-        return tuple(Probe({**self.absent, "time": time}, self.needs_constants) for time in context.onsets())
+        return tuple(
+            Probe({**self.absent, "time": time}, self.needs_constants) for time in context.onsets()
+        )
 
 
 VARIANTS: tuple[Traceable, ...] = (
     DerivativeJump(),
     DerivativeJump(moment=LOES_MOMENT, lift=LOES_LIFT),
     *(
-        DerivativeJump(moment=_lateral(axis, size, 10.0 * size), lift=(), ports=(port, port), label=port)
-        for axis, port, size in (("Cn", "yaw", 0.02), ("Cl", "roll", 0.03), ("CY", "side_force", 0.1))
+        DerivativeJump(
+            moment=_lateral(axis, size, 10.0 * size), lift=(), ports=(port, port), label=port
+        )
+        for axis, port, size in (
+            ("Cn", "yaw", 0.02),
+            ("Cl", "roll", 0.03),
+            ("CY", "side_force", 0.1),
+        )
     ),
 )
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Groups of parameters of a user's own model, those that act through one port each, unless one of the above is for its derivatives."""
+    """Groups of parameters of a user's own model, those that act through one port each, unless one
+    of the above is for its derivatives.
+    """
     known, ports = {*equations.parameter_names}, {port.name for port in equations.ports}
-    listed = (each for each in VARIANTS if known.issuperset(constants_needed(each)) and ports.issuperset(ports_needed(each)))
+    listed = (
+        each
+        for each in VARIANTS
+        if known.issuperset(constants_needed(each)) and ports.issuperset(ports_needed(each))
+    )
     return jumps_of(equations) if isinstance(equations, OwnEquations) and not any(listed) else ()

@@ -16,7 +16,8 @@ from sim.maths import log
 
 @dataclass(frozen=True)
 class DragJump:
-    """From ``time`` (s) on the drag is ``factor`` times as large; beta is the ballistic coefficient before.
+    """From ``time`` (s) on the drag is ``factor`` times as large; beta is the ballistic coefficient
+    before.
 
     log drag += ln(1 + (factor - 1) e), e an edge that rises over ``width`` s, centred on ``time``.
     """
@@ -26,7 +27,10 @@ class DragJump:
     name: ClassVar[str] = "drag-jump"
     station: ClassVar[Station] = Station.DYNAMICS
     needs: ClassVar[tuple[str, ...]] = ("log_drag",)
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("time", 8.0, "s"), Parameter("factor", 1.3, "1", bounds=(1e-3, 1e3)))
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("time", 8.0, "s"),
+        Parameter("factor", 1.3, "1", bounds=(1e-3, 1e3)),
+    )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"factor": 1.0})
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
@@ -39,9 +43,12 @@ class DragJump:
         per_record=True,
     )
     explanation: ClassVar[str] = (
-        "At one time the body changes: a heat shield is dropped, a drogue opens, a fin breaks, it starts to tumble. From then on the drag is "
-        "another multiple of the dynamic pressure, drag = factor * 0.5 rho v^2 / beta. The altitude itself shows no step, only its curvature does: "
-        "the residual bends from that time on. High up, where there is hardly any air, a change leaves no trace until the air thickens."
+        "At one time the body changes: a heat shield is dropped, a drogue opens, a fin breaks, it "
+        "starts to tumble. From then on the drag is "
+        "another multiple of the dynamic pressure, drag = factor * 0.5 rho v^2 / beta. The "
+        "altitude itself shows no step, only its curvature does: "
+        "the residual bends from that time on. High up, where there is hardly any air, a change "
+        "leaves no trace until the air thickens."
     )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:

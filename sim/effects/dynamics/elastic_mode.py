@@ -1,4 +1,6 @@
-"""One elastic mode that the declared model lacks, as a record can show it: an oscillator driven by control and angle of attack."""
+"""One elastic mode that the declared model lacks, as a record can show it: an oscillator driven by
+control and angle of attack.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +20,13 @@ SLOWEST = 4.0  # rad/s, below which no structure bends
 FASTEST = 250.0  # rad/s, beyond which usual sub-steps no longer follow
 
 
-# The aircraft's moments by the angle and by the control, of which a mode of the same structure has about the ratio; and how far beyond it may lie.
-TURNED_BY = {"elevator": ("Cm_alpha", "Cm_de"), "delta": ("M_alpha", "M_delta"), "rudder": ("Cn_beta", "Cn_dr")}
+# The aircraft's moments by the angle and by the control, of which a mode of the same structure has
+# about the ratio; and how far beyond it may lie.
+TURNED_BY = {
+    "elevator": ("Cm_alpha", "Cm_de"),
+    "delta": ("M_alpha", "M_delta"),
+    "rudder": ("Cn_beta", "Cn_dr"),
+}
 BEYOND = 3.0
 
 # eta = control + angle_gain alpha.
@@ -27,25 +34,32 @@ BEYOND = 3.0
 
 @dataclass(frozen=True)
 class ElasticMode:
-    """eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + angle_gain alpha - eta), and what it adds.
+    """eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + angle_gain alpha - eta), and
+    what it adds.
 
-    The gain of the control is one by convention: eta is the deflection of the control that bends the structure as much when
-    held. Then ``lift`` and ``moment`` times eta add to the loads, and the gyro reads q + ``gyro`` eta_dot, the local rate of
-    bending. On the rigid aircraft eta is in rad and the loads are coefficients; on the low-order equivalent eta is
-    in the stick's unit and driven by the pseudo-control, with lift in 1/s and moment in 1/s2. alpha includes the gust.
+    The gain of the control is one by convention: eta is the deflection of the control that bends
+    the structure as much when held. Then ``lift`` and ``moment`` times eta add to the loads, and
+    the gyro reads q + ``gyro`` eta_dot, the local rate of bending. On the rigid aircraft eta is in
+    rad and the loads are coefficients; on the low-order equivalent eta is in the stick's unit and
+    driven by the pseudo-control, with lift in 1/s and moment in 1/s2. alpha includes the gust.
 
     Attributes
     ----------
-    angle_std : of ``angle_gain`` beforehand. The air that the angle brings bends a structure about as it turns the aircraft: where a record does not
+    angle_std : of ``angle_gain`` beforehand. The air that the angle brings bends a structure about
+    as it turns the aircraft: where a record does not
         tell it, no moment of the aircraft is to be lost in it.
     number : 1 is ``elastic-mode``, 2 a second one, ``elastic-mode#2``.
-    fine : also loads by the rate of bending, forcing by the pitch rate, and an accelerometer away from the node: ``lift_rate``
-        and ``moment_rate`` times eta_dot/frequency, ``pitch_gain`` q in the forcing, nz + ``accelerometer`` eta_ddot.
-    control : the signal that drives it; ``angle`` its unit; ``loads`` units, ``sizes`` starts of lift, moment, gyro.
-    needs_constants : those of the equations it is written for. fastest : rad/s, that the records resolve.
-    ports : that it loads, and the names of these parameters. read_as : the angle that drives it, the rate that its gyro adds to, the
-        accelerometer's channel. total : whether control and angle are totals; ``trim``, what they force in steady flight, is then free and
-        taken off, since a record begins without bending, and starts from ``middle``, that of the deflections used.
+    fine : also loads by the rate of bending, forcing by the pitch rate, and an accelerometer away
+    from the node: ``lift_rate``
+        and ``moment_rate`` times eta_dot/frequency, ``pitch_gain`` q in the forcing, nz +
+        ``accelerometer`` eta_ddot.
+    control : the signal that drives it; ``angle`` its unit; ``loads`` units, ``sizes`` starts of
+    lift, moment, gyro. needs_constants : those of the equations it is written for. fastest : rad/s,
+    that the records resolve. ports : that it loads, and the names of these parameters. read_as :
+    the angle that drives it, the rate that its gyro adds to, the
+        accelerometer's channel. total : whether control and angle are totals; ``trim``, what they
+        force in steady flight, is then free and taken off, since a record begins without bending,
+        and starts from ``middle``, that of the deflections used.
     """
 
     number: int = 1
@@ -66,19 +80,29 @@ class ElasticMode:
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ()
     bends: ClassVar[str] = (
-        "The structure bends, and the declared model holds it for rigid. One mode is an oscillator that the control and the angle of attack drive: "
-        "eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + angle_gain alpha - eta). Bending changes the lift and the moment, lift "
-        "eta and moment eta, and turns the place where the gyro sits: it reads q + gyro eta_dot. After each quick control input the record rings "
-        "at one frequency above the short period, mostly in pitch rate and load factor. The scale of eta is a convention, fixed here by the gain "
-        "of one on the control. A mode much faster than the input merely changes the derivatives and leaves no trace."
+        "The structure bends, and the declared model holds it for rigid. One mode is an oscillator "
+        "that the control and the angle of attack drive: "
+        "eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + angle_gain alpha - eta). "
+        "Bending changes the lift and the moment, lift "
+        "eta and moment eta, and turns the place where the gyro sits: it reads q + gyro eta_dot. "
+        "After each quick control input the record rings "
+        "at one frequency above the short period, mostly in pitch rate and load factor. The scale "
+        "of eta is a convention, fixed here by the gain "
+        "of one on the control. A mode much faster than the input merely changes the derivatives "
+        "and leaves no trace."
     )
 
     fin_bends: ClassVar[str] = (
-        "The fin or the aft fuselage bends sideways, and the declared model holds it for rigid. One mode is an oscillator that the rudder and the "
-        "sideslip drive: eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + angle_gain beta - eta). Bending changes side force and "
-        "yawing moment, side_force eta and yaw eta, and turns the place where the gyro sits: it reads r + gyro eta_dot. After each quick rudder the "
-        "record rings at one frequency above the Dutch roll, mostly in yaw rate and lateral load factor. The scale of eta is a convention, fixed "
-        "here by the gain of one on the rudder. A mode much faster than the input merely changes the derivatives and leaves no trace."
+        "The fin or the aft fuselage bends sideways, and the declared model holds it for rigid. "
+        "One mode is an oscillator that the rudder and the "
+        "sideslip drive: eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + "
+        "angle_gain beta - eta). Bending changes side force and "
+        "yawing moment, side_force eta and yaw eta, and turns the place where the gyro sits: it "
+        "reads r + gyro eta_dot. After each quick rudder the "
+        "record rings at one frequency above the Dutch roll, mostly in yaw rate and lateral load "
+        "factor. The scale of eta is a convention, fixed "
+        "here by the gain of one on the rudder. A mode much faster than the input merely changes "
+        "the derivatives and leaves no trace."
     )
 
     @property
@@ -87,7 +111,9 @@ class ElasticMode:
 
     def __post_init__(self) -> None:
         if self.number < 1:
-            raise ModelError(f"mode {self.number}", where="elastic-mode", remedy="number further modes from 2")
+            raise ModelError(
+                f"mode {self.number}", where="elastic-mode", remedy="number further modes from 2"
+            )
 
     @property
     def name(self) -> str:
@@ -100,9 +126,12 @@ class ElasticMode:
     @property
     def traits(self) -> Traits:
         return Traits(
-            sentences=("the structure bends: a mode of {frequency} ({frequency_hertz}), damping {damping}",),
+            sentences=(
+                "the structure bends: a mode of {frequency} ({frequency_hertz}), damping {damping}",
+            ),
             short_name="bending structure",
-            # A structure has .01 to .05, and with what the air takes from a first wing bending up to about .15.
+            # A structure has .01 to .05, and with what the air takes from a first wing bending up
+            # to about .15.
             plausible={"frequency": (3.0, min(200.0, self.fastest)), "damping": (0.003, 0.2)},
             oscillates=("frequency",),
         )
@@ -146,7 +175,9 @@ class ElasticMode:
         added = {port: getattr(p, port) * eta for port in self.ports}
         if self.fine:
             phase = rate / p.frequency
-            added = {port: load + getattr(p, f"{port}_rate") * phase for port, load in added.items()}
+            added = {
+                port: load + getattr(p, f"{port}_rate") * phase for port, load in added.items()
+            }
         return added
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
@@ -163,31 +194,56 @@ class ElasticMode:
         rate, acceleration = self.derivatives(s, vehicle, p)
         _, gyro, accelerometer = self.read_as
         changed = {gyro: y[gyro] + p.gyro * rate}
-        return {**changed, accelerometer: y[accelerometer] + p.accelerometer * acceleration} if self.fine and accelerometer in y else changed
+        return (
+            {**changed, accelerometer: y[accelerometer] + p.accelerometer * acceleration}
+            if self.fine and accelerometer in y
+            else changed
+        )
 
     def finer(self) -> ElasticMode:
         """The same mode with all its couplings."""
         return replace(self, fine=True)
 
     def fitted_to(self, context: SearchContext) -> ElasticMode:
-        """The mode kept to frequencies that the records resolve, driven by the angle not far beyond what the aircraft is turned by it.
+        """The mode kept to frequencies that the records resolve, driven by the angle not far beyond
+        what the aircraft is turned by it.
 
         Where deflections are totals, about the middle of them.
         """
-        low, high = (context.flown_range(self.control) if self.total else None) or (self.middle, self.middle)
-        by_angle, by_control = (abs(context.values.get(name, 0.0)) for name in TURNED_BY[self.control])
+        low, high = (context.flown_range(self.control) if self.total else None) or (
+            self.middle,
+            self.middle,
+        )
+        by_angle, by_control = (
+            abs(context.values.get(name, 0.0)) for name in TURNED_BY[self.control]
+        )
         std = BEYOND * by_angle / by_control if by_angle > 0.0 and by_control > 0.0 else math.inf
         return replace(self, fastest=_resolved(context), middle=0.5 * (low + high), angle_std=std)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by the couplings at the peaks of the residual's spectrum, then over a grid up to four fifths of the sampling limit."""
-        slowest, fastest = max(2.0, 4.0 * math.pi / max(context.duration, 1.0)), min(_resolved(context), FASTEST)
+        """Slopes by the couplings at the peaks of the residual's spectrum, then over a grid up to
+        four fifths of the sampling limit.
+        """
+        slowest, fastest = (
+            max(2.0, 4.0 * math.pi / max(context.duration, 1.0)),
+            min(_resolved(context), FASTEST),
+        )
         count = max(2, math.ceil(math.log(max(fastest / slowest, 1.1)) / math.log(SPACING)))
-        grid = [min(slowest * (fastest / slowest) ** (i / (count - 1)), fastest) for i in range(count)]
-        peaks = [frequency for frequency in context.residual_peaks if slowest <= frequency <= fastest]
+        grid = [
+            min(slowest * (fastest / slowest) ** (i / (count - 1)), fastest) for i in range(count)
+        ]
+        peaks = [
+            frequency for frequency in context.residual_peaks if slowest <= frequency <= fastest
+        ]
         slopes = tuple(self.absent)
-        start = {item.name: item.value for item in self.parameters} | dict.fromkeys(slopes, 0.0) | {"damping": DAMPING}
-        return tuple(Probe({**start, "frequency": frequency}, slopes) for frequency in (*peaks, *grid))
+        start = (
+            {item.name: item.value for item in self.parameters}
+            | dict.fromkeys(slopes, 0.0)
+            | {"damping": DAMPING}
+        )
+        return tuple(
+            Probe({**start, "frequency": frequency}, slopes) for frequency in (*peaks, *grid)
+        )
 
     def _bending(self, s: Any) -> tuple[Any, Any]:
         return getattr(s, f"bending_{self.number}"), getattr(s, f"bending_rate_{self.number}")
@@ -199,9 +255,19 @@ def _resolved(context: SearchContext) -> float:
 
 VARIANTS: tuple[Traceable, ...] = (
     ElasticMode(),
-    ElasticMode(control="delta", angle="1", loads=("1/s", "1/s2"), sizes=(0.002, -0.04, 0.002), needs_constants=("M_delta",)),
     ElasticMode(
-        control="rudder", sizes=(0.05, -0.02, 0.01), needs_constants=("Cn_dr",), ports=("side_force", "yaw"), read_as=("beta_air", "r", "ny")
+        control="delta",
+        angle="1",
+        loads=("1/s", "1/s2"),
+        sizes=(0.002, -0.04, 0.002),
+        needs_constants=("M_delta",),
+    ),
+    ElasticMode(
+        control="rudder",
+        sizes=(0.05, -0.02, 0.01),
+        needs_constants=("Cn_dr",),
+        ports=("side_force", "yaw"),
+        read_as=("beta_air", "r", "ny"),
     ),
     ElasticMode(needs_constants=("Cm_alpha", "reference_airspeed"), total=True),
 )

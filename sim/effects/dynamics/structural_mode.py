@@ -1,6 +1,8 @@
-"""One declared mode of a flexible aircraft, numbered, coupled to the rigid motion and to the other modes.
+"""One declared mode of a flexible aircraft, numbered, coupled to the rigid motion and to the other
+modes.
 
-It belongs to the vehicle: its data file gives the coefficients. A mode that a record shows and the model lacks is `elastic_mode`.
+It belongs to the vehicle: its data file gives the coefficients. A mode that a record shows and the
+model lacks is `elastic_mode`.
 """
 
 from __future__ import annotations
@@ -22,17 +24,20 @@ class StructuralMode:
     """Mode ``number`` of a flexible aircraft: eqs. 26-30 of the simulated-flight-data paper.
 
     CL += CL_eta eta + CL_etadot etadot c/(2V), Cm likewise, and
-    eta_ddot = -2 zeta omega etadot - omega^2 eta + rho V^2 S c/(2 M) [Ceta_alpha alpha + Ceta_q q c/(2V)
-    + Ceta_de elevator + sum_j (Ceta_etaJ eta_J + Ceta_etadotJ etadot_J c/(2V))], alpha with the gust in it.
+    eta_ddot = -2 zeta omega etadot - omega^2 eta + rho V^2 S c/(2 M) [Ceta_alpha alpha + Ceta_q q
+    c/(2V) + Ceta_de elevator + sum_j (Ceta_etaJ eta_J + Ceta_etadotJ etadot_J c/(2V))], alpha with
+    the gust in it.
 
     Attributes
     ----------
     number : of this mode, from 1.
-    modes : numbers of the modes it is coupled to, itself among them; one that the model lacks adds nothing.
+    modes : numbers of the modes it is coupled to, itself among them; one that the model lacks adds
+    nothing.
 
-    Full parameter names carry the number: ``omega1`` (rad/s), ``zeta1``, ``generalized_mass1`` (kg m2), ``CL_eta1``,
-    ``Ceta1_alpha``, ``Ceta1_eta2``. Estimated unless told otherwise: frequency, damping and the couplings to and from
-    the rigid motion, but ``Ceta1_de``, which sets the scale of eta; the rest is held.
+    Full parameter names carry the number: ``omega1`` (rad/s), ``zeta1``, ``generalized_mass1`` (kg
+    m2), ``CL_eta1``, ``Ceta1_alpha``, ``Ceta1_eta2``. Estimated unless told otherwise: frequency,
+    damping and the couplings to and from the rigid motion, but ``Ceta1_de``, which sets the scale
+    of eta; the rest is held.
     """
 
     number: int = 1
@@ -41,22 +46,34 @@ class StructuralMode:
     station: ClassVar[Station] = Station.DYNAMICS
     needs: ClassVar[tuple[str, ...]] = ("lift", "moment")
     needs_constants: ClassVar[tuple[str, ...]] = ("chord", "airspeed")
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"CL_eta": 0.0, "CL_etadot": 0.0, "Cm_eta": 0.0, "Cm_etadot": 0.0})
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType(
+        {"CL_eta": 0.0, "CL_etadot": 0.0, "Cm_eta": 0.0, "Cm_etadot": 0.0}
+    )
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ()
     needs_priors: ClassVar[bool] = True
     explanation: ClassVar[str] = (
-        "The structure bends. Each mode is an oscillator that the air drives and that changes the lift and the moment in turn: eta_ddot = "
-        "-2 zeta omega etadot - omega^2 eta + rho V^2 S c/(2 M) (Ceta_alpha alpha + Ceta_q q c/(2V) + Ceta_de elevator + ...), CL += CL_eta eta + "
-        "CL_etadot etadot c/(2V), Cm likewise. Slow maneuvers only see derivatives that have changed (the mode follows at once); fast ones ring at "
-        "the mode's frequency. The scale of eta is a convention: doubling it halves CL_eta and Cm_eta and doubles Ceta_alpha, Ceta_q and Ceta_de, "
+        "The structure bends. Each mode is an oscillator that the air drives and that changes the "
+        "lift and the moment in turn: eta_ddot = "
+        "-2 zeta omega etadot - omega^2 eta + rho V^2 S c/(2 M) (Ceta_alpha alpha + Ceta_q q "
+        "c/(2V) + Ceta_de elevator + ...), CL += CL_eta eta + "
+        "CL_etadot etadot c/(2V), Cm likewise. Slow maneuvers only see derivatives that have "
+        "changed (the mode follows at once); fast ones ring at "
+        "the mode's frequency. The scale of eta is a convention: doubling it halves CL_eta and "
+        "Cm_eta and doubles Ceta_alpha, Ceta_q and Ceta_de, "
         "so one of them must be held."
     )
 
     def __post_init__(self) -> None:
-        if self.number < 1 or self.number not in self.modes or len(set(self.modes)) < len(self.modes):
+        if (
+            self.number < 1
+            or self.number not in self.modes
+            or len(set(self.modes)) < len(self.modes)
+        ):
             raise ModelError(
-                f"mode {self.number} among the modes {self.modes}", where="elastic mode", remedy="number modes from 1, each once, its own included"
+                f"mode {self.number} among the modes {self.modes}",
+                where="elastic mode",
+                remedy="number modes from 1, each once, its own included",
             )
 
     @property
@@ -67,12 +84,18 @@ class StructuralMode:
     def states(self) -> tuple[Signal, ...]:
         return (
             Signal(f"eta{self.number}", "1", f"generalized coordinate of mode {self.number}"),
-            Signal(f"etadot{self.number}", "1/s", f"rate of the generalized coordinate of mode {self.number}"),
+            Signal(
+                f"etadot{self.number}",
+                "1/s",
+                f"rate of the generalized coordinate of mode {self.number}",
+            ),
         )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Starting values: a low bending mode of a large aircraft; couplings among modes start at zero."""
+        """Starting values: a low bending mode of a large aircraft; couplings among modes start at
+        zero.
+        """
         own = (
             Parameter("omega", 12.0, "rad/s", bounds=(0.5, 300.0)),
             Parameter("zeta", 0.02, "1", bounds=(0.0, 1.0)),
@@ -85,24 +108,39 @@ class StructuralMode:
             Parameter("Ceta_q", -0.1, "1/rad"),
             Parameter("Ceta_de", -0.013, "1/rad", free=False),
         )
-        couplings = [(Parameter(f"Ceta_eta{j}", 0.0, "1", free=False), Parameter(f"Ceta_etadot{j}", 0.0, "1", free=False)) for j in self.modes]
+        couplings = [
+            (
+                Parameter(f"Ceta_eta{j}", 0.0, "1", free=False),
+                Parameter(f"Ceta_etadot{j}", 0.0, "1", free=False),
+            )
+            for j in self.modes
+        ]
         return own + tuple(item for pair in couplings for item in pair)
 
     def rename(self, local: str) -> str:
         """Full name of a parameter: ``CL_eta`` is ``CL_eta1``, ``Ceta_eta2`` is ``Ceta1_eta2``."""
-        return local.replace("Ceta_", f"Ceta{self.number}_") if local.startswith("Ceta_") else f"{local}{self.number}"
+        return (
+            local.replace("Ceta_", f"Ceta{self.number}_")
+            if local.startswith("Ceta_")
+            else f"{local}{self.number}"
+        )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         eta = getattr(s, f"eta{self.number}")
         etadot_hat = getattr(s, f"etadot{self.number}") * vehicle.chord / (2.0 * s.V)
-        return {"lift": p.CL_eta * eta + p.CL_etadot * etadot_hat, "moment": p.Cm_eta * eta + p.Cm_etadot * etadot_hat}
+        return {
+            "lift": p.CL_eta * eta + p.CL_etadot * etadot_hat,
+            "moment": p.Cm_eta * eta + p.Cm_etadot * etadot_hat,
+        }
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         eta, etadot = getattr(s, f"eta{self.number}"), getattr(s, f"etadot{self.number}")
         half_chord_time = vehicle.chord / (2.0 * s.V)
         force = p.Ceta_alpha * s.alpha_air + p.Ceta_q * s.q_hat + p.Ceta_de * s.elevator
         couplings = p[_OWN:]  # by position, a third of the cost by name
-        for (eta_j, etadot_j), by_eta, by_etadot in zip(_signals(self.modes), couplings[::2], couplings[1::2], strict=True):
+        for (eta_j, etadot_j), by_eta, by_etadot in zip(
+            _signals(self.modes), couplings[::2], couplings[1::2], strict=True
+        ):
             force = force + by_eta * getattr(s, eta_j, 0.0)
             force = force + by_etadot * getattr(s, etadot_j, 0.0) * half_chord_time
         spring = -2.0 * p.zeta * p.omega * etadot - p.omega * p.omega * eta

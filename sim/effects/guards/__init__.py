@@ -1,1 +1,3 @@
-"""Guards: terms that no effect of the library stands for; a search that needs one has found something it cannot name."""
+"""Guards: terms that no effect of the library stands for; a search that needs one has found
+something it cannot name.
+"""

@@ -1,4 +1,6 @@
-"""Loads that no set of constant derivatives gives: damping that depends on its own size, derivatives that drift."""
+"""Loads that no set of constant derivatives gives: damping that depends on its own size,
+derivatives that drift.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,10 @@ from sim.effects.instances import all_labelled, labelled
 from sim.effects.loads import LOADS, SizedOnPorts, load_parameters
 from sim.maths import absolute
 
-_NO_CAUSE = "No cause of the library stands behind it. Where it explains a record better than every effect does, the cause is none of them."
+_NO_CAUSE = (
+    "No cause of the library stands behind it. Where it explains a record better than every effect "
+    "does, the cause is none of them."
+)
 
 
 @dataclass(frozen=True)
@@ -22,8 +27,9 @@ class DampingCurve(SizedOnPorts):
 
     Attributes
     ----------
-    rate : the signal. units, sizes : of lift and moment. needs_constants : those of the equations it is written for.
-    ports : that it loads, and the names of these parameters. label : of the name, where there are several rates.
+    rate : the signal. units, sizes : of lift and moment. needs_constants : those of the equations
+    it is written for. ports : that it loads, and the names of these parameters. label : of the
+    name, where there are several rates.
     """
 
     rate: str
@@ -38,7 +44,8 @@ class DampingCurve(SizedOnPorts):
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (
-        "A generic term: damping grows with the size of the rate, CL += lift q |q| and Cm += moment q |q|, q non-dimensional; of roll and yaw "
+        "A generic term: damping grows with the size of the rate, CL += lift q |q| and Cm += "
+        "moment q |q|, q non-dimensional; of roll and yaw "
         f"alike. {_NO_CAUSE}"
     )
 
@@ -71,12 +78,14 @@ class DampingCurve(SizedOnPorts):
 
 @dataclass(frozen=True)
 class DriftingDerivatives:
-    """moment += (t - begin) (``stability`` alpha + ``control`` d), lift += (t - begin) ``slope`` alpha; d the control signal.
+    """moment += (t - begin) (``stability`` alpha + ``control`` d), lift += (t - begin) ``slope``
+    alpha; d the control signal.
 
     Attributes
     ----------
-    begin : the time at which the declared derivatives hold, s. control_signal : d. units, sizes : of stability, control and slope.
-    needs_constants : those of the equations it is written for. ports : of lift and moment or their like. angle : the signal of alpha or its
+    begin : the time at which the declared derivatives hold, s. control_signal : d. units, sizes :
+    of stability, control and slope. needs_constants : those of the equations it is written for.
+    ports : of lift and moment or their like. angle : the signal of alpha or its
         like. label : of the name, where there are several groups of derivatives.
     """
 
@@ -90,7 +99,9 @@ class DriftingDerivatives:
     label: str = ""
 
     station: ClassVar[Station] = Station.DYNAMICS
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"stability": 0.0, "control": 0.0, "slope": 0.0})
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType(
+        {"stability": 0.0, "control": 0.0, "slope": 0.0}
+    )
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(
@@ -98,7 +109,8 @@ class DriftingDerivatives:
         guard=True,
     )
     explanation: ClassVar[str] = (
-        "A generic term: stability, control power and lift slope grow or shrink steadily with time, each at a rate of its own, as where fuel "
+        "A generic term: stability, control power and lift slope grow or shrink steadily with "
+        "time, each at a rate of its own, as where fuel "
         f"moves or ice grows. {_NO_CAUSE}"
     )
 
@@ -117,7 +129,10 @@ class DriftingDerivatives:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         names = ("stability", "control", "slope")
-        return tuple(Parameter(name, size, unit) for name, size, unit in zip(names, self.sizes, self.units, strict=True))
+        return tuple(
+            Parameter(name, size, unit)
+            for name, size, unit in zip(names, self.sizes, self.units, strict=True)
+        )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         since = s.time - self.begin
@@ -141,10 +156,30 @@ _PER_SECOND = ("1/(rad s)", "1/(rad s)", "1/(rad s)")
 GUARDS: tuple[Traceable, ...] = (
     DampingCurve("q_hat", ("1/rad2", "1/rad2"), (500.0, 500.0), ("Cm_de",)),
     DampingCurve("q", ("1/rad", "1/rad"), (0.3, 5.0), ("M_delta",)),
-    DriftingDerivatives("elevator", ("1/(rad s)", "1/(rad s)", "1/(rad s)"), (0.02, 0.02, 0.05), ("Cm_de",)),
+    DriftingDerivatives(
+        "elevator", ("1/(rad s)", "1/(rad s)", "1/(rad s)"), (0.02, 0.02, 0.05), ("Cm_de",)
+    ),
     DriftingDerivatives("delta", ("1/s3", "1/s3", "1/s2"), (0.1, 0.02, 0.02), ("M_delta",)),
     DampingCurve("p_hat", ("1/rad2", "1/rad2"), (-0.5, -3.0), ("Cn_dr",), ("yaw", "roll"), "p"),
     DampingCurve("r_hat", ("1/rad2", "1/rad2"), (1.0, -3.0), ("Cn_dr",), ("roll", "yaw"), "r"),
-    DriftingDerivatives("rudder", _PER_SECOND, (0.002, 0.002, 0.01), ("Cn_dr",), 0.0, ("side_force", "yaw"), "beta_air", "yaw"),
-    DriftingDerivatives("aileron", _PER_SECOND, (0.002, 0.002, 0.01), ("Cn_dr",), 0.0, ("side_force", "roll"), "beta_air", "roll"),
+    DriftingDerivatives(
+        "rudder",
+        _PER_SECOND,
+        (0.002, 0.002, 0.01),
+        ("Cn_dr",),
+        0.0,
+        ("side_force", "yaw"),
+        "beta_air",
+        "yaw",
+    ),
+    DriftingDerivatives(
+        "aileron",
+        _PER_SECOND,
+        (0.002, 0.002, 0.01),
+        ("Cn_dr",),
+        0.0,
+        ("side_force", "roll"),
+        "beta_air",
+        "roll",
+    ),
 )

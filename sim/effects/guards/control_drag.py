@@ -1,4 +1,6 @@
-"""Drag of the deflected elevator, which the equations of the whole longitudinal axis do not have."""
+"""Drag of the deflected elevator, which the equations of the whole longitudinal axis do not
+have.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,9 @@ from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 class ControlDrag:
     """drag += ``drag`` elevator, the deflection as a total: CD_de, per radian.
 
-    An axial accelerometer above or below the centre of gravity reads the pitch acceleration, which answers the elevator at once, and so does
-    nx where the elevator drags: without this guard the second is told as the first.
+    An axial accelerometer above or below the centre of gravity reads the pitch acceleration, which
+    answers the elevator at once, and so does nx where the elevator drags: without this guard the
+    second is told as the first.
     """
 
     name: ClassVar[str] = "guard:control-drag"
@@ -30,8 +33,10 @@ class ControlDrag:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"drag": 0.0})
     traits: ClassVar[Traits] = Traits(guard=True)
     explanation: ClassVar[str] = (
-        "A generic term: drag grows with the elevator. No cause of the library stands behind it. Where it explains a record better than every "
-        "effect does, the cause is none of them: the longitudinal equations have no drag of the controls."
+        "A generic term: drag grows with the elevator. No cause of the library stands behind it. "
+        "Where it explains a record better than every "
+        "effect does, the cause is none of them: the longitudinal equations have no drag of the "
+        "controls."
     )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:

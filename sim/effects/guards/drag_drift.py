@@ -13,22 +13,28 @@ from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 
 @dataclass(frozen=True)
 class DragDrift:
-    """log drag += ``rate`` (t - begin), ``rate`` in 1/s, ``begin`` the time at which beta holds, s."""
+    """log drag += ``rate`` (t - begin), ``rate`` in 1/s, ``begin`` the time at which beta holds,
+    s.
+    """
 
     begin: float = 0.0
 
     name: ClassVar[str] = "guard:drag-drift"
     station: ClassVar[Station] = Station.DYNAMICS
     needs: ClassVar[tuple[str, ...]] = ("log_drag",)
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("rate", 0.03, "1/s", bounds=(-1.0, 1.0)),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("rate", 0.03, "1/s", bounds=(-1.0, 1.0)),
+    )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ("density-scale-height", "drag-mach")
     states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(guard=True)
     explanation: ClassVar[str] = (
-        "A generic term: the drag of a falling body grows or shrinks steadily with time, drag = exp(rate (t - begin)) * 0.5 rho v^2 / beta. "
-        "No cause of the library stands behind it. Where it explains a record better than every effect does, the cause is none of them."
+        "A generic term: the drag of a falling body grows or shrinks steadily with time, drag = "
+        "exp(rate (t - begin)) * 0.5 rho v^2 / beta. "
+        "No cause of the library stands behind it. Where it explains a record better than every "
+        "effect does, the cause is none of them."
     )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:

@@ -16,15 +16,18 @@ WIDTHS = (0.005, 0.02, 0.06)  # rad, that a search tries: from friction to the w
 
 @dataclass(frozen=True)
 class Hysteresis(SizedOnPorts):
-    """memory_dot = (rate - |rate| memory)/``width``, lift += ``lift`` memory, moment += ``moment`` memory.
+    """memory_dot = (rate - |rate| memory)/``width``, lift += ``lift`` memory, moment += ``moment``
+    memory.
 
-    Dahl's law of friction and of hysteresis that knows no pace: the memory runs to the sign of the ``rate``, rad/s, while the nose turns by
-    ``width``, rad, and stays where the nose rests. Narrow, it is friction; wide, flow that attaches later than it left, or a load that slides.
+    Dahl's law of friction and of hysteresis that knows no pace: the memory runs to the sign of the
+    ``rate``, rad/s, while the nose turns by ``width``, rad, and stays where the nose rests. Narrow,
+    it is friction; wide, flow that attaches later than it left, or a load that slides.
 
     Attributes
     ----------
     units, sizes : of lift and moment. needs_constants : those of the equations it is written for.
-    ports : that it loads, and the names of these parameters. rate : the signal of the motion that is remembered.
+    ports : that it loads, and the names of these parameters. rate : the signal of the motion that
+    is remembered.
     """
 
     units: tuple[str, str]
@@ -37,17 +40,24 @@ class Hysteresis(SizedOnPorts):
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ()
-    states: ClassVar[tuple[Signal, ...]] = (Signal("memory", "1", "which way the motion went last, -1 to 1"),)
+    states: ClassVar[tuple[Signal, ...]] = (
+        Signal("memory", "1", "which way the motion went last, -1 to 1"),
+    )
     traits: ClassVar[Traits] = Traits(guard=True)
     explanation: ClassVar[str] = (
-        "A generic term: lift and moment differ by which way the nose went last, whatever its pace, as with friction, flow that attaches later than "
-        "it left, or a load that slides. No cause of the library stands behind it. Where it explains a record better than every effect does, the "
+        "A generic term: lift and moment differ by which way the nose went last, whatever its "
+        "pace, as with friction, flow that attaches later than "
+        "it left, or a load that slides. No cause of the library stands behind it. Where it "
+        "explains a record better than every effect does, the "
         "cause is none of them."
     )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter("width", 0.02, "rad", bounds=(1e-3, 1.0)), *load_parameters(self.sizes, self.units, self.ports))
+        return (
+            Parameter("width", 0.02, "rad", bounds=(1e-3, 1.0)),
+            *load_parameters(self.sizes, self.units, self.ports),
+        )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {port: getattr(p, port) * s.memory for port in self.ports}

@@ -14,15 +14,19 @@ from sim.effects.airflow import at_arm
 
 @dataclass(frozen=True)
 class VaneBehind:
-    """alpha_m = alpha + (arm/V) q, ``arm`` in m behind the centre of gravity, not negative; of sideslip beta_m = beta - (arm/V) r.
+    """alpha_m = alpha + (arm/V) q, ``arm`` in m behind the centre of gravity, not negative; of
+    sideslip beta_m = beta - (arm/V) r.
 
-    The library has no vane there, and an accelerometer as far ahead explains every record alike. It is put beside that one alone: where its
-    derivatives lie nearer to the declared ones, the accelerometer is not what is wrong.
+    The library has no vane there, and an accelerometer as far ahead explains every record alike. It
+    is put beside that one alone: where its derivatives lie nearer to the declared ones, the
+    accelerometer is not what is wrong.
 
     Attributes
     ----------
-    channel, rate : what the vane reads, and the rate of the nose in its plane. sign : of the rate's share. accelerometer : the channel of the
-        one that reads alike. speed : the constant that is the declared airspeed, for equations without an airspeed of the time.
+    channel, rate : what the vane reads, and the rate of the nose in its plane. sign : of the rate's
+    share. accelerometer : the channel of the
+        one that reads alike. speed : the constant that is the declared airspeed, for equations
+        without an airspeed of the time.
     """
 
     channel: str = "alpha"
@@ -37,9 +41,12 @@ class VaneBehind:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
-        "A generic term: the angle of attack is read too early, alpha_m = alpha + (arm/V) q, as a vane behind the centre of gravity or a correction "
-        "for a nose boom that is not there would do it. An accelerometer ahead of the centre of gravity gives the same record under other "
-        "derivatives. Where the declared derivatives speak for this reading, no cause of the library is named."
+        "A generic term: the angle of attack is read too early, alpha_m = alpha + (arm/V) q, as a "
+        "vane behind the centre of gravity or a correction "
+        "for a nose boom that is not there would do it. An accelerometer ahead of the centre of "
+        "gravity gives the same record under other "
+        "derivatives. Where the declared derivatives speak for this reading, no cause of the "
+        "library is named."
     )
 
     @property
@@ -62,7 +69,14 @@ class VaneBehind:
         return [Probe({"arm": 0.0}, ("arm",))]
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return {self.channel: y[self.channel] + at_arm(s, vehicle, self.sign * p.arm, self.rate, self.speed)}
+        return {
+            self.channel: y[self.channel]
+            + at_arm(s, vehicle, self.sign * p.arm, self.rate, self.speed)
+        }
 
 
-GUARDS: tuple[Traceable, ...] = (VaneBehind(), VaneBehind("beta", "r", -1.0, "ny"), VaneBehind(speed="reference_airspeed"))
+GUARDS: tuple[Traceable, ...] = (
+    VaneBehind(),
+    VaneBehind("beta", "r", -1.0, "ny"),
+    VaneBehind(speed="reference_airspeed"),
+)

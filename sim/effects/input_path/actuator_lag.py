@@ -20,10 +20,12 @@ SLOWEST = 5.0  # s, of what is no surface: an engine, a valve
 
 @dataclass(frozen=True)
 class ActuatorLag:
-    """The surface y follows the recorded command u as y_dot = (u - y)/time_constant, settled at the start.
+    """The surface y follows the recorded command u as y_dot = (u - y)/time_constant, settled at the
+    start.
 
-    ``time_constant`` in s, not negative; at zero y = u. The state form is stiff for a lag much shorter than the step.
-    With ``own_name`` the lag belongs to the vehicle's model, and that is the full name of its parameter, shared with other inputs' lags.
+    ``time_constant`` in s, not negative; at zero y = u. The state form is stiff for a lag much
+    shorter than the step. With ``own_name`` the lag belongs to the vehicle's model, and that is the
+    full name of its parameter, shared with other inputs' lags.
     """
 
     signal: str = "elevator"
@@ -33,13 +35,18 @@ class ActuatorLag:
 
     station: ClassVar[Station] = Station.INPUT_PATH
     rank: ClassVar[int] = 40
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("time_constant", 0.08, "s", bounds=(0.0, 5.0)),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("time_constant", 0.08, "s", bounds=(0.0, 5.0)),
+    )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"time_constant": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
-        "The surface follows the command with a first-order lag: time_constant dy/dt = u - y. A step arrives as an exponential, through two thirds "
-        "after one time constant, a slow input merely late by that time, a fast one late and too small. A servo valve or a command filter does "
-        "this. A slow record cannot tell it from a pure delay of the same length; steps sampled fast can, since a delay lets them pass as steps. "
+        "The surface follows the command with a first-order lag: time_constant dy/dt = u - y. A "
+        "step arrives as an exponential, through two thirds "
+        "after one time constant, a slow input merely late by that time, a fast one late and too "
+        "small. A servo valve or a command filter does "
+        "this. A slow record cannot tell it from a pure delay of the same length; steps sampled "
+        "fast can, since a delay lets them pass as steps. "
         "Large and small steps take the same time, unlike with a rate limit."
     )
 
@@ -57,7 +64,10 @@ class ActuatorLag:
             sentences=("the actuator follows the {control} with a lag of {time_constant}",),
             short_name="actuator lag",
             separating={
-                "input-delay": "quick inputs (short doublets, or a sweep up to the inverse of the lag): a lag loses amplitude there, a delay does not"
+                "input-delay": (
+                    "quick inputs (short doublets, or a sweep up to the inverse of the lag): a lag "
+                    "loses amplitude there, a delay does not"
+                )
             },
             plausible={"time_constant": (0.0, 0.5 if has_size(self.unit) else SLOWEST)},
             twins=all_labelled(("actuator-second-order",), self.label),
@@ -107,4 +117,6 @@ VARIANTS: tuple[Traceable, ...] = (ActuatorLag(),)
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """One for each input that has none yet."""
-    return tuple(ActuatorLag(signal.name, signal.unit, label) for signal, label in further_inputs(equations))
+    return tuple(
+        ActuatorLag(signal.name, signal.unit, label) for signal, label in further_inputs(equations)
+    )

@@ -16,21 +16,29 @@ from sim.effects.instances import all_labelled, further_inputs, has_size, labell
 from sim.maths import absolute, each_column, maximum
 
 UNLIMITED = 1e9
-PER_SECOND = (20.0, 9.0, 4.0, 2.0, 0.9)  # peaks of the input run through in a second: from hardly felt to always behind
-HALF_AND_TWICE = "the same maneuver at half and at twice the size: only a rate limit makes large inputs later than small ones"
-_LONG = 16  # cells behind on one side from which it is worth following the surface many cells at a time
+# peaks of the input run through in a second: from hardly felt to always behind
+PER_SECOND = (20.0, 9.0, 4.0, 2.0, 0.9)
+HALF_AND_TWICE = (
+    "the same maneuver at half and at twice the size: only a rate limit makes large inputs later "
+    "than small ones"
+)
+# cells behind on one side from which it is worth following the surface many cells at a time
+_LONG = 16
 
 
 @dataclass(frozen=True)
 class ActuatorRateLimit:
-    """The surface runs towards the held command with ``rate`` at most, in unit of the input per second, and stops there.
+    """The surface runs towards the held command with ``rate`` at most, in unit of the input per
+    second, and stops there.
 
-    At ``UNLIMITED`` it is taken as absent. It starts at the first recorded value. The rate is not a smooth function of where
-    the surface is: there is no state form, a filter takes it only with a rate that is held.
+    At ``UNLIMITED`` it is taken as absent. It starts at the first recorded value. The rate is not a
+    smooth function of where the surface is: there is no state form, a filter takes it only with a
+    rate that is held.
 
     Attributes
     ----------
-    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label : of the name, where there are several inputs.
+    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label :
+    of the name, where there are several inputs.
     """
 
     signal: str = "elevator"
@@ -44,9 +52,12 @@ class ActuatorRateLimit:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": UNLIMITED})
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
     explanation: ClassVar[str] = (
-        "The surface can move only so fast: |dy/dt| <= rate, towards the command until y = u. A commanded step becomes a ramp whose length grows "
-        "with the step, so that large inputs arrive later than small ones; a lag or a delay treats all sizes alike, and steps of one size cannot "
-        "tell the three apart. Under large fast inputs the surface never reaches the command, and amplitude is lost as well as time. A record in "
+        "The surface can move only so fast: |dy/dt| <= rate, towards the command until y = u. A "
+        "commanded step becomes a ramp whose length grows "
+        "with the step, so that large inputs arrive later than small ones; a lag or a delay treats "
+        "all sizes alike, and steps of one size cannot "
+        "tell the three apart. Under large fast inputs the surface never reaches the command, and "
+        "amplitude is lost as well as time. A record in "
         "which the command never moves faster than the limit shows nothing of it."
     )
 
@@ -64,7 +75,9 @@ class ActuatorRateLimit:
 
     @property
     def traits(self) -> Traits:
-        """Believed from a thirtieth to ten times the typical value: for an elevator from half a degree to some 170 degrees a second."""
+        """Believed from a thirtieth to ten times the typical value: for an elevator from half a
+        degree to some 170 degrees a second.
+        """
         return Traits(
             sentences=("the actuator moves no faster than {rate}",),
             short_name="actuator rate limit",
@@ -75,18 +88,26 @@ class ActuatorRateLimit:
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         fastest = context.input_rate.get(self.signal, 0.0)
-        return [Probe({"rate": rate}) for rate in shares_of_peak(context, self.signal, PER_SECOND) if 0.0 < rate < fastest]
+        return [
+            Probe({"rate": rate})
+            for rate in shares_of_peak(context, self.signal, PER_SECOND)
+            if 0.0 < rate < fastest
+        ]
 
     def fitted_to(self, context: SearchContext) -> ActuatorRateLimit:
-        """The same; where nothing is known of the input's unit, of a size that its record asks for."""
+        """The same; where nothing is known of the input's unit, of a size that its record asks
+        for.
+        """
         peak = context.input_peak.get(self.signal, 0.0)
         return self if self.sized or not peak > 0.0 else replace(self, typical=3.0 * peak)
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Mean of the exact response over each cell, for an input that is constant within cells; loops only while the surface is behind.
+        """Mean of the exact response over each cell, for an input that is constant within cells;
+        loops only while the surface is behind.
 
-        While the command stands, the distance to it shrinks from d to max(d - rate h, 0) over a cell of length h; its mean is
-        d - rate h/2, or d^2/(2 rate h) where the surface arrives within the cell.
+        While the command stands, the distance to it shrinks from d to max(d - rate h, 0) over a
+        cell of length h; its mean is d - rate h/2, or d^2/(2 rate h) where the surface arrives
+        within the cell.
         """
         edges = np.asarray(edges, dtype=float)
         return each_column(lambda u, rate: _limited(edges, u, rate), u, p.rate)
@@ -99,18 +120,24 @@ def _limited(edges: np.ndarray, u: np.ndarray, rate: Any) -> np.ndarray:
     begin = edges[starts]
     start = _distances(u[starts], rate * np.diff(begin, append=edges[-1]))
     count = np.diff(starts, append=len(u))
-    left = maximum(np.repeat(absolute(start), count) - rate * (edges[:-1] - np.repeat(begin, count)), 0.0)
+    left = maximum(
+        np.repeat(absolute(start), count) - rate * (edges[:-1] - np.repeat(begin, count)), 0.0
+    )
     way = rate * np.diff(edges)
     mean = np.where(left.real >= way.real, left - 0.5 * way, left * left / (2.0 * way))
     return u + np.repeat(np.where(start.real < 0, -1.0, 1.0), count) * mean
 
 
 def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """How far the surface is from each command as it is given; ``ways`` are the most it moves before the next."""
-    # Where it has arrived it is as far as the two commands are apart: the loop runs only while it is behind.
+    """How far the surface is from each command as it is given; ``ways`` are the most it moves
+    before the next.
+    """
+    # Where it has arrived it is as far as the two commands are apart: the loop runs only while it
+    # is behind.
     distances = np.append(commands[:1], commands[:-1]) - commands + 0.0 * ways
     reach, done, last = ways.real, 0, len(commands) - 1
-    target, most, most_real = commands.item, ways.item, reach.item  # a list of all would take longer than the loop
+    # a list of all would take longer than the loop
+    target, most, most_real = commands.item, ways.item, reach.item
     for first in np.flatnonzero(np.abs(distances.real) > reach).tolist():
         if first < done:
             continue
@@ -129,12 +156,18 @@ def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
     return distances
 
 
-def _one_way(commands: np.ndarray, ways: np.ndarray, start: int, distance: Any, side: float) -> np.ndarray:
-    """The distances after a cell, all at once, of a surface that is behind on one side, as far as it arrives or is overtaken: one at least."""
+def _one_way(
+    commands: np.ndarray, ways: np.ndarray, start: int, distance: Any, side: float
+) -> np.ndarray:
+    """The distances after a cell, all at once, of a surface that is behind on one side, as far as
+    it arrives or is overtaken: one at least.
+    """
     length, last = 2 * _LONG, len(commands) - 1
     while True:
         stop = min(start + length, last)
-        path = distance + np.cumsum(commands[start:stop] - commands[start + 1 : stop + 1] - side * ways[start:stop])
+        path = distance + np.cumsum(
+            commands[start:stop] - commands[start + 1 : stop + 1] - side * ways[start:stop]
+        )
         over = np.flatnonzero(side * path.real <= ways.real[start + 1 : stop + 1])
         if len(over) or stop == last:
             return path[: over[0] + 1] if len(over) else path
@@ -147,6 +180,8 @@ VARIANTS: tuple[Traceable, ...] = (ActuatorRateLimit(), ActuatorRateLimit("stick
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """One for each input that has none yet."""
     return tuple(
-        ActuatorRateLimit(signal.name, signal.unit, 3.0 * large_input(signal.unit), label, has_size(signal.unit))
+        ActuatorRateLimit(
+            signal.name, signal.unit, 3.0 * large_input(signal.unit), label, has_size(signal.unit)
+        )
         for signal, label in further_inputs(equations)
     )

@@ -16,19 +16,25 @@ from sim.effects.instances import all_labelled, further_inputs, has_size, labell
 from sim.maths import each_column, exp, real, sqrt, where
 
 UNLIMITED = 1e9
-MOST_DAMPED = 3.0  # its slower pole is then 34 times slower than the other: a lag to any record, and a fit need not run on to infinity
+# its slower pole is then 34 times slower than the other: a lag to any record, and a fit need not
+# run on to infinity
+MOST_DAMPED = 3.0
 SERVO = 0.7  # damping of a well-made servo
-FREQUENCIES = (45.0, 15.0)  # rad/s, a factor of three apart: a fit closes half of that; late by 1.4 over these
+# rad/s, a factor of three apart: a fit closes half of that; late by 1.4 over these
+FREQUENCIES = (45.0, 15.0)
 NEAR = 1e-3  # of the squared angle, below which four terms of a series are exact to rounding
 
 
 @dataclass(frozen=True)
 class ActuatorSecondOrder:
-    """The surface d follows the recorded command u as d_ddot = frequency^2 (u - d) - 2 damping frequency d_dot, settled at the start.
+    """The surface d follows the recorded command u as d_ddot = frequency^2 (u - d) - 2 damping
+    frequency d_dot, settled at the start.
 
-    ``frequency`` in rad/s; at ``UNLIMITED`` it is taken as absent and d = u. ``damping`` without unit, positive. With much damping it is a
-    lag of 2 damping/frequency, with a high frequency a delay of as long: either is simpler and goes first where it does as well. The
-    low-order equivalent system has its own lag and delay, which stand for all that lies between stick and surface: not offered there.
+    ``frequency`` in rad/s; at ``UNLIMITED`` it is taken as absent and d = u. ``damping`` without
+    unit, positive. With much damping it is a lag of 2 damping/frequency, with a high frequency a
+    delay of as long: either is simpler and goes first where it does as well. The low-order
+    equivalent system has its own lag and delay, which stand for all that lies between stick and
+    surface: not offered there.
     """
 
     signal: str = "elevator"
@@ -44,9 +50,12 @@ class ActuatorSecondOrder:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"frequency": UNLIMITED})
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     explanation: ClassVar[str] = (
-        "The surface has inertia and its servo a spring: d_ddot = frequency^2 (u - d) - 2 damping frequency d_dot for a command u. A step arrives "
-        "rounded at its beginning and, with little damping, goes too far and swings into its place. Slow inputs come late by 2 damping/frequency, "
-        "as behind a lag or a delay of that length; inputs near the actuator's frequency come too large with little damping, too small with much. "
+        "The surface has inertia and its servo a spring: d_ddot = frequency^2 (u - d) - 2 damping "
+        "frequency d_dot for a command u. A step arrives "
+        "rounded at its beginning and, with little damping, goes too far and swings into its "
+        "place. Slow inputs come late by 2 damping/frequency, "
+        "as behind a lag or a delay of that length; inputs near the actuator's frequency come too "
+        "large with little damping, too small with much. "
         "Steps sampled fast show which it is, a slow record does not."
     )
 
@@ -62,14 +71,21 @@ class ActuatorSecondOrder:
     @property
     def traits(self) -> Traits:
         return Traits(
-            sentences=("the actuator follows the {control} as an oscillator of {frequency} ({frequency_hertz}), damping {damping}",),
+            sentences=(
+                "the actuator follows the {control} as an oscillator of {frequency} "
+                "({frequency_hertz}), damping {damping}",
+            ),
             short_name="actuator of second order",
             separating=dict.fromkeys(
                 ("actuator-lag", "input-delay"),
-                "quick inputs (short doublets, or a sweep beyond the actuator's frequency): only an actuator of second order overshoots",
+                "quick inputs (short doublets, or a sweep beyond the actuator's frequency): only "
+                "an actuator of second order overshoots",
             ),
             twins=all_labelled(("actuator-lag", "input-delay"), self.label),
-            plausible={"frequency": (3.0 if has_size(self.unit) else 0.3, 200.0), "damping": (0.1, MOST_DAMPED)},
+            plausible={
+                "frequency": (3.0 if has_size(self.unit) else 0.3, 200.0),
+                "damping": (0.1, MOST_DAMPED),
+            },
         )
 
     @property
@@ -88,20 +104,27 @@ class ActuatorSecondOrder:
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Mean of the exact response over each cell, for an input that is constant within cells."""
         h = np.diff(edges)
-        return each_column(lambda row, frequency, damping: _followed(h, row, frequency, damping), u, p.frequency, p.damping)
+        return each_column(
+            lambda row, frequency, damping: _followed(h, row, frequency, damping),
+            u,
+            p.frequency,
+            p.damping,
+        )
 
     def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
         acts = real(p.frequency) < UNLIMITED
         frequency = where(acts, p.frequency, 0.0)
-        return where(acts, x[1], 0.0 * x[1]), frequency * (frequency * (v - x[0]) - 2.0 * p.damping * x[1])
+        return where(acts, x[1], 0.0 * x[1]), frequency * (
+            frequency * (v - x[0]) - 2.0 * p.damping * x[1]
+        )
 
     def pass_on(self, v: Any, x: Sequence[Any], p: Any) -> Any:
         return where(real(p.frequency) < UNLIMITED, x[0], v)
 
 
 def _followed(h: np.ndarray, u: np.ndarray, frequency: Any, damping: Any) -> np.ndarray:
-    """Cell means of d ``(n,)``. The equation itself gives d's integral over a cell of length h: u h - (d_dot + 2 damping frequency d) /
-    frequency^2, its bracket taken between the cell's ends."""
+    """Cell means of d ``(n,)``. The equation itself gives d's integral over a cell of length h: u h
+    - (d_dot + 2 damping frequency d) / frequency^2, its bracket taken between the cell's ends."""
     if frequency.real >= UNLIMITED:
         return u
     from scipy.linalg.lapack import dtbtrs, ztbtrs
@@ -109,8 +132,12 @@ def _followed(h: np.ndarray, u: np.ndarray, frequency: Any, damping: Any) -> np.
     sizes, place = np.unique(h, return_inverse=True)
     (a, b), (c, e) = _transition(sizes, frequency, damping)[:, :, place]
     n, complex_ = len(u), np.iscomplexobj(a) or np.iscomplexobj(u)
-    # The unknowns d and d_dot at one edge after the other; each pair rests on the one before it: a triangular band of width three.
-    band, right = np.zeros((4, 2 * n + 2), dtype=complex if complex_ else float), np.zeros(2 * n + 2, dtype=complex if complex_ else float)
+    # The unknowns d and d_dot at one edge after the other; each pair rests on the one before it: a
+    # triangular band of width three.
+    band, right = (
+        np.zeros((4, 2 * n + 2), dtype=complex if complex_ else float),
+        np.zeros(2 * n + 2, dtype=complex if complex_ else float),
+    )
     band[0] = 1.0
     band[2, 0 : 2 * n : 2], band[1, 1 : 2 * n : 2] = -a, -b
     band[3, 0 : 2 * n : 2], band[2, 1 : 2 * n : 2] = -c, -e
@@ -121,18 +148,32 @@ def _followed(h: np.ndarray, u: np.ndarray, frequency: Any, damping: Any) -> np.
 
 
 def _transition(h: np.ndarray, frequency: Any, damping: Any) -> np.ndarray:
-    """From distance to the command and its rate at a cell's begin to those at its end, ``(2, 2, n)``, exact for any damping.
+    """From distance to the command and its rate at a cell's begin to those at its end, ``(2, 2,
+    n)``, exact for any damping.
 
-    With r^2 = (damping^2 - 1) frequency^2 h^2: exp(-damping frequency h) times cosh r and sinh(r)/r.
+    With r^2 = (damping^2 - 1) frequency^2 h^2: exp(-damping frequency h) times cosh r and
+    sinh(r)/r.
     """
     square = (damping * damping - 1.0) * (frequency * h) ** 2
     near = np.abs(square) < NEAR
-    # Both are even in r; by a series where the root, which has no slope at zero, would spoil the derivative.
+    # Both are even in r; by a series where the root, which has no slope at zero, would spoil the
+    # derivative.
     r = sqrt(np.where(near, NEAR, square).astype(complex))
     decay = damping * frequency * h
     slow, fast = exp(r - decay), exp(-r - decay)
-    C = np.where(near, exp(-decay) * (1.0 + square / 2.0 * (1.0 + square / 12.0 * (1.0 + square / 30.0))), 0.5 * (slow + fast))
-    S = np.where(near, exp(-decay) * (1.0 + square / 6.0 * (1.0 + square / 20.0 * (1.0 + square / 42.0))), 0.5 * (slow - fast) / r) * h
+    C = np.where(
+        near,
+        exp(-decay) * (1.0 + square / 2.0 * (1.0 + square / 12.0 * (1.0 + square / 30.0))),
+        0.5 * (slow + fast),
+    )
+    S = (
+        np.where(
+            near,
+            exp(-decay) * (1.0 + square / 6.0 * (1.0 + square / 20.0 * (1.0 + square / 42.0))),
+            0.5 * (slow - fast) / r,
+        )
+        * h
+    )
     own = damping * frequency * S
     out = np.array([[C + own, S], [-frequency * frequency * S, C - own]])
     return out if isinstance(frequency, complex) or isinstance(damping, complex) else out.real
@@ -143,4 +184,7 @@ VARIANTS: tuple[Traceable, ...] = (ActuatorSecondOrder(),)
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """One for each input that has none yet."""
-    return tuple(ActuatorSecondOrder(signal.name, signal.unit, label) for signal, label in further_inputs(equations))
+    return tuple(
+        ActuatorSecondOrder(signal.name, signal.unit, label)
+        for signal, label in further_inputs(equations)
+    )

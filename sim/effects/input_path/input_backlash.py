@@ -18,14 +18,17 @@ from sim.maths import each_column, maximum, minimum
 
 @dataclass(frozen=True)
 class InputBacklash:
-    """The vehicle's input y stays where it is until |u - y| > half_width, then follows at that distance.
+    """The vehicle's input y stays where it is until |u - y| > half_width, then follows at that
+    distance.
 
-    ``half_width`` in the unit of the input, not negative. It starts at the first recorded value, in the middle of its play.
-    A play is no differential equation: there is no state form, a filter takes it only with a width that is held.
+    ``half_width`` in the unit of the input, not negative. It starts at the first recorded value, in
+    the middle of its play. A play is no differential equation: there is no state form, a filter
+    takes it only with a width that is held.
 
     Attributes
     ----------
-    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label : of the name, where there are several inputs.
+    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label :
+    of the name, where there are several inputs.
     """
 
     signal: str = "elevator"
@@ -39,9 +42,12 @@ class InputBacklash:
     absent: ClassVar[Mapping[str, float]] = ABSENT
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
-        "Play in a linkage: the far end y stays put until the near end has gone through the play, then follows, y = u - half_width on the way up "
-        "and y = u + half_width on the way down. Each reversal of the input loses 2 half_width before anything moves, whatever the position, so "
-        "that the response is too small and late after a reversal and the vehicle may rest off its trim after the maneuver. A dead band loses its "
+        "Play in a linkage: the far end y stays put until the near end has gone through the play, "
+        "then follows, y = u - half_width on the way up "
+        "and y = u + half_width on the way down. Each reversal of the input loses 2 half_width "
+        "before anything moves, whatever the position, so "
+        "that the response is too small and late after a reversal and the vehicle may rest off its "
+        "trim after the maneuver. A dead band loses its "
         "width about zero only, with no memory: reversals away from zero tell the two apart."
     )
 
@@ -62,7 +68,12 @@ class InputBacklash:
         return Traits(
             sentences=("the {control} has a play of +-{half_width} (hysteresis)",),
             short_name="hysteresis",
-            separating={"input-deadband": "small slow reversals about a deflected control: a play acts there, a dead band about zero does not"},
+            separating={
+                "input-deadband": (
+                    "small slow reversals about a deflected control: a play acts there, a dead "
+                    "band about zero does not"
+                )
+            },
             plausible=believed(self.typical),
             in_input_unit=("half_width",),
         )
@@ -71,20 +82,27 @@ class InputBacklash:
         return tried(context, self.signal)
 
     def fitted_to(self, context: SearchContext) -> InputBacklash:
-        """The same; where nothing is known of the input's unit, of a size that its record asks for."""
+        """The same; where nothing is known of the input's unit, of a size that its record asks
+        for.
+        """
         peak = context.input_peak.get(self.signal, 0.0)
         return self if self.sized or not peak > 0.0 else replace(self, typical=0.05 * peak)
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Exact for an input that is constant within cells; the loop runs over the turns of the input only."""
+        """Exact for an input that is constant within cells; the loop runs over the turns of the
+        input only.
+        """
         return each_column(_played, u, p.half_width)
 
 
 def _played(u: np.ndarray, half_width: Any) -> np.ndarray:
-    """One run. While the input rises y = max(y0, u - half_width), while it falls y = min(y0, u + half_width), y0 that at the last turn."""
+    """One run. While the input rises y = max(y0, u - half_width), while it falls y = min(y0, u +
+    half_width), y0 that at the last turn.
+    """
     change = np.sign(np.diff(u.real))
     moves = np.flatnonzero(change)
-    turns = moves[1:][change[moves[1:]] != change[moves[:-1]]]  # the last cell before each turn's first move
+    # the last cell before each turn's first move
+    turns = moves[1:][change[moves[1:]] != change[moves[:-1]]]
     last = np.append(turns, len(u) - 1)
     rising = bool(len(moves) == 0 or change[moves[0]] > 0)
     y, held = u[0].item(), []
@@ -95,7 +113,10 @@ def _played(u: np.ndarray, half_width: Any) -> np.ndarray:
         if pushed.real > y.real if up else pushed.real < y.real:
             y = pushed
     count = np.diff(last, prepend=-1)
-    from_last, upward = np.repeat(np.array(held), count), np.repeat((np.arange(len(last)) % 2 == 0) == rising, count)
+    from_last, upward = (
+        np.repeat(np.array(held), count),
+        np.repeat((np.arange(len(last)) % 2 == 0) == rising, count),
+    )
     return np.where(upward, maximum(from_last, u - half_width), minimum(from_last, u + half_width))
 
 
@@ -105,6 +126,8 @@ VARIANTS: tuple[Traceable, ...] = (InputBacklash(), InputBacklash("stick", "1", 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """One for each input that has none yet."""
     return tuple(
-        InputBacklash(signal.name, signal.unit, 0.05 * large_input(signal.unit), label, has_size(signal.unit))
+        InputBacklash(
+            signal.name, signal.unit, 0.05 * large_input(signal.unit), label, has_size(signal.unit)
+        )
         for signal, label in further_inputs(equations)
     )

@@ -10,19 +10,29 @@ from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.controls import ABSENT, believed, half_width, tried
-from sim.effects.instances import MANY_SIZES, all_labelled, further_inputs, has_size, labelled, large_input
+from sim.effects.instances import (
+    MANY_SIZES,
+    all_labelled,
+    further_inputs,
+    has_size,
+    labelled,
+    large_input,
+)
 from sim.maths import clip, each_column
 
 
 @dataclass(frozen=True)
 class InputDeadband:
-    """The vehicle feels sign(u) max(|u| - half_width, 0): nothing near zero, no step at the edge of the band.
+    """The vehicle feels sign(u) max(|u| - half_width, 0): nothing near zero, no step at the edge of
+    the band.
 
-    ``half_width`` in the unit of the input, not negative. Without memory: the state form has no states.
+    ``half_width`` in the unit of the input, not negative. Without memory: the state form has no
+    states.
 
     Attributes
     ----------
-    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label : of the name, where there are several inputs.
+    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label :
+    of the name, where there are several inputs.
     """
 
     signal: str = "elevator"
@@ -37,10 +47,14 @@ class InputDeadband:
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     online_states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (
-        "Near zero the input does nothing: u_vehicle = sign(u) max(|u| - half_width, 0). A break-out force at the stick, slack in a linkage that "
-        "is centred by springs, or a threshold in software do this. Outside the band the vehicle answers with its full slope but by half_width too "
-        "little, so that small inputs seem weaker than large ones, and an input that crosses zero arrives late. Inputs of a single size only see a "
-        "smaller control effectiveness; two sizes or more are needed, of which one is not much above the band."
+        "Near zero the input does nothing: u_vehicle = sign(u) max(|u| - half_width, 0). A "
+        "break-out force at the stick, slack in a linkage that "
+        "is centred by springs, or a threshold in software do this. Outside the band the vehicle "
+        "answers with its full slope but by half_width too "
+        "little, so that small inputs seem weaker than large ones, and an input that crosses zero "
+        "arrives late. Inputs of a single size only see a "
+        "smaller control effectiveness; two sizes or more are needed, of which one is not much "
+        "above the band."
     )
 
     @property
@@ -69,7 +83,9 @@ class InputDeadband:
         return tried(context, self.signal)
 
     def fitted_to(self, context: SearchContext) -> InputDeadband:
-        """The same; where nothing is known of the input's unit, of a size that its record asks for."""
+        """The same; where nothing is known of the input's unit, of a size that its record asks
+        for.
+        """
         peak = context.input_peak.get(self.signal, 0.0)
         return self if self.sized or not peak > 0.0 else replace(self, typical=0.1 * peak)
 
@@ -90,6 +106,8 @@ VARIANTS: tuple[Traceable, ...] = (InputDeadband(), InputDeadband("stick", "1", 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """One for each input that has none yet."""
     return tuple(
-        InputDeadband(signal.name, signal.unit, 0.1 * large_input(signal.unit), label, has_size(signal.unit))
+        InputDeadband(
+            signal.name, signal.unit, 0.1 * large_input(signal.unit), label, has_size(signal.unit)
+        )
         for signal, label in further_inputs(equations)
     )

@@ -21,11 +21,12 @@ from sim.maths import each_column
 class InputDelay:
     """The vehicle feels an input ``delay`` seconds after the record shows it: u(t) -> u(t - delay).
 
-    ``delay`` in s, not negative. Before the record's start the first value holds. It has no state form of
-    finite order: a filter takes it only with a delay that is held. It commutes with all effects that do not know the time, and
-    stands last on the path: a cell that holds part of a jump would else make dead band and rate limit uneven in the delay.
-    With ``own_name`` the delay belongs to the vehicle's model (the low-order equivalent system, a multirotor) and its full name is plain
-    ``delay``, shared with the delays of other inputs.
+    ``delay`` in s, not negative. Before the record's start the first value holds. It has no state
+    form of finite order: a filter takes it only with a delay that is held. It commutes with all
+    effects that do not know the time, and stands last on the path: a cell that holds part of a jump
+    would else make dead band and rate limit uneven in the delay. With ``own_name`` the delay
+    belongs to the vehicle's model (the low-order equivalent system, a multirotor) and its full name
+    is plain ``delay``, shared with the delays of other inputs.
     """
 
     signal: str = "elevator"
@@ -35,13 +36,18 @@ class InputDelay:
     station: ClassVar[Station] = Station.INPUT_PATH
     rank: ClassVar[int] = 90
     commutes: ClassVar[bool] = True
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("delay", 0.05, "s", bounds=(0.0, 2.0)),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("delay", 0.05, "s", bounds=(0.0, 2.0)),
+    )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"delay": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
-        "The control surface follows the recorded command after a dead time: u_vehicle(t) = u_record(t - delay), delay >= 0. Computing frames, "
-        "data buses and time skew between recorders do this. Every response is late by the same time, whatever its shape, so the effect shows most "
-        "where the input moves fast. A slow record cannot tell it from an actuator lag with a time constant equal to the delay."
+        "The control surface follows the recorded command after a dead time: u_vehicle(t) = "
+        "u_record(t - delay), delay >= 0. Computing frames, "
+        "data buses and time skew between recorders do this. Every response is late by the same "
+        "time, whatever its shape, so the effect shows most "
+        "where the input moves fast. A slow record cannot tell it from an actuator lag with a time "
+        "constant equal to the delay."
     )
 
     @property
@@ -74,7 +80,9 @@ class InputDelay:
         return [Probe({"delay": time}) for time in late_times(context)]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Mean of the shifted input over each cell; at no delay the derivative is the one towards longer delays, as the bound asks."""
+        """Mean of the shifted input over each cell; at no delay the derivative is the one towards
+        longer delays, as the bound asks.
+        """
         edges = np.asarray(edges, dtype=float)
         return each_column(lambda row, delay: moved_back(edges, row, delay), u, p.delay)
 
@@ -84,4 +92,6 @@ VARIANTS: tuple[Traceable, ...] = (InputDelay("elevator"),)
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """One for each input that has none yet."""
-    return tuple(InputDelay(signal.name, label=label) for signal, label in further_inputs(equations))
+    return tuple(
+        InputDelay(signal.name, label=label) for signal, label in further_inputs(equations)
+    )

@@ -12,41 +12,57 @@ from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.maths import G0
 
 MEASURE_IT = (
-    "no maneuver does while lift and moment are linear: measure where the instruments sit, or ask which lift of the control surface can be "
+    "no maneuver does while lift and moment are linear: measure where the instruments sit, or ask "
+    "which lift of the control surface can be "
     "(CL_de, L_delta; it differs most)"
 )
 _VANES = ("nz", "ny")  # a vane in the same plane is the same to the kinematics
 _TURNING = {"q": "pitch", "r": "yaw"}
 _PLACES = {"nz": "{arm_side}", "ny": "{arm_side}", "nx": "{arm} below"}
 OF_PITCH = (
-    "An accelerometer ahead of the centre of gravity is lifted when the nose accelerates upward: nz_m = nz + (arm/g0) q_dot, arm in m, positive "
-    "ahead, negative behind. The pitch acceleration answers the elevator at once, so the reading jumps when the elevator does, down first for "
-    "one that is ahead. To the kinematics alpha_dot = q - (g/V) nz an accelerometer at arm is the same as a vane at -arm, and the short period "
-    "keeps its form with alpha - (arm/V) q in the place of alpha: CL_de, CL_q, CL_alpha and Cm_q take other values and every sample is the same. "
-    "No maneuver tells the two apart while lift and moment are linear; only where the instruments sit does, or a CL_de that no tail could make. "
-    "The library has no vane behind the centre of gravity: where the declared derivatives speak for one, an accelerometer ahead is not claimed."
+    "An accelerometer ahead of the centre of gravity is lifted when the nose accelerates upward: "
+    "nz_m = nz + (arm/g0) q_dot, arm in m, positive "
+    "ahead, negative behind. The pitch acceleration answers the elevator at once, so the reading "
+    "jumps when the elevator does, down first for "
+    "one that is ahead. To the kinematics alpha_dot = q - (g/V) nz an accelerometer at arm is the "
+    "same as a vane at -arm, and the short period "
+    "keeps its form with alpha - (arm/V) q in the place of alpha: CL_de, CL_q, CL_alpha and Cm_q "
+    "take other values and every sample is the same. "
+    "No maneuver tells the two apart while lift and moment are linear; only where the instruments "
+    "sit does, or a CL_de that no tail could make. "
+    "The library has no vane behind the centre of gravity: where the declared derivatives speak "
+    "for one, an accelerometer ahead is not claimed."
 )
 OF_YAW = (
-    "A lateral accelerometer ahead of the centre of gravity is pushed to the right when the nose accelerates to the right: ny_m = ny + (arm/g0) "
-    "r_dot, arm in m, positive ahead, negative behind. The yaw acceleration answers the rudder at once, so the reading jumps when the rudder does. "
-    "To the kinematics of sideslip an accelerometer at arm is the same as a vane at -arm; side-force derivatives that are free take other values "
-    "and every sample is the same, so that only the declared derivatives, or those held at zero, tell the two apart."
+    "A lateral accelerometer ahead of the centre of gravity is pushed to the right when the nose "
+    "accelerates to the right: ny_m = ny + (arm/g0) "
+    "r_dot, arm in m, positive ahead, negative behind. The yaw acceleration answers the rudder at "
+    "once, so the reading jumps when the rudder does. "
+    "To the kinematics of sideslip an accelerometer at arm is the same as a vane at -arm; "
+    "side-force derivatives that are free take other values "
+    "and every sample is the same, so that only the declared derivatives, or those held at zero, "
+    "tell the two apart."
 )
 BELOW = (
-    "An axial accelerometer below the centre of gravity is carried forward when the nose accelerates upward: nx_m = nx + (arm/g0) q_dot, arm in m "
-    "below the centre of gravity. The pitch acceleration answers the elevator at once, so the reading jumps with it, while the axial force of the "
-    "whole aircraft hardly does: what is left in nx has the shape of the pitch acceleration, in no other channel."
+    "An axial accelerometer below the centre of gravity is carried forward when the nose "
+    "accelerates upward: nx_m = nx + (arm/g0) q_dot, arm in m "
+    "below the centre of gravity. The pitch acceleration answers the elevator at once, so the "
+    "reading jumps with it, while the axial force of the "
+    "whole aircraft hardly does: what is left in nx has the shape of the pitch acceleration, in no "
+    "other channel."
 )
 _EXPLANATIONS = {"nz": OF_PITCH, "ny": OF_YAW, "nx": BELOW}
 
 
 @dataclass(frozen=True)
 class AccelerometerOffset:
-    """The accelerometer sits ``arm`` metres ahead of the centre of gravity: nz_m = nz + (arm/g0) q_dot.
+    """The accelerometer sits ``arm`` metres ahead of the centre of gravity: nz_m = nz + (arm/g0)
+    q_dot.
 
-    ``arm`` in m, either sign, positive ahead. q_dot is that of the equations of motion at the same time, with what elastic modes, gusts and
-    other effects add to it; with a held input it jumps as the input does. A lateral one reads ny + (arm/g0) r_dot, an axial one
-    nx + (arm/g0) q_dot where it sits ``arm`` below the centre of gravity.
+    ``arm`` in m, either sign, positive ahead. q_dot is that of the equations of motion at the same
+    time, with what elastic modes, gusts and other effects add to it; with a held input it jumps as
+    the input does. A lateral one reads ny + (arm/g0) r_dot, an axial one nx + (arm/g0) q_dot where
+    it sits ``arm`` below the centre of gravity.
 
     Attributes
     ----------
@@ -58,7 +74,9 @@ class AccelerometerOffset:
 
     unit: ClassVar[str] = "g"
     station: ClassVar[Station] = Station.SENSOR_PATH
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("arm", 3.0, "m", bounds=(-100.0, 100.0)),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("arm", 3.0, "m", bounds=(-100.0, 100.0)),
+    )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
 
@@ -81,7 +99,10 @@ class AccelerometerOffset:
     @property
     def traits(self) -> Traits:
         return Traits(
-            sentences=(f"the accelerometer sits {_PLACES[self.channel]} the centre of gravity and feels the {_TURNING[self.rate]} acceleration",),
+            sentences=(
+                f"the accelerometer sits {_PLACES[self.channel]} the centre of gravity and feels "
+                f"the {_TURNING[self.rate]} acceleration",
+            ),
             short_name="accelerometer away from the centre of gravity",
             separating={"vane-offset": MEASURE_IT},
             twins=self.aliases,
@@ -97,4 +118,8 @@ class AccelerometerOffset:
         return {self.channel: y[self.channel] + p.arm / G0 * getattr(s, f"{self.rate}_dot")}
 
 
-VARIANTS: tuple[Traceable, ...] = (AccelerometerOffset(), AccelerometerOffset("ny", "r"), AccelerometerOffset("nx"))
+VARIANTS: tuple[Traceable, ...] = (
+    AccelerometerOffset(),
+    AccelerometerOffset("ny", "r"),
+    AccelerometerOffset("nx"),
+)

@@ -10,14 +10,18 @@ from typing import Any, ClassVar
 from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 
-JUMPS = "sharp steps of the control, recorded fast: the load factor jumps with the surface, and a gyro that feels it jumps along"
+JUMPS = (
+    "sharp steps of the control, recorded fast: the load factor jumps with the surface, and a gyro "
+    "that feels it jumps along"
+)
 
 
 @dataclass(frozen=True)
 class SensorCoupling:
     """The gyro reads q + gain nz, nz the true load factor at the centre of gravity.
 
-    ``gain`` in rad/s per g, either sign. The constant part of nz goes into the bias of q. It acts ahead of all other sensor effects.
+    ``gain`` in rad/s per g, either sign. The constant part of nz goes into the bias of q. It acts
+    ahead of all other sensor effects.
     """
 
     name: ClassVar[str] = "sensor-coupling:q"
@@ -36,9 +40,12 @@ class SensorCoupling:
         plausible={"gain": (-0.2, 0.2)},
     )
     explanation: ClassVar[str] = (
-        "A gyro whose gimbal or beam is not balanced answers to acceleration as well: q_m = q + gain nz, gain in rad/s per g. To the kinematics "
-        "alpha_dot = q - (g/V) nz it is the same as a load factor read by 1/(1 + gain V/g) of its size; what tells the two apart is only that nz "
-        "jumps with the control surface (CL_de) while a pitch rate cannot. Where CL_de is small the record cannot tell them apart, and the "
+        "A gyro whose gimbal or beam is not balanced answers to acceleration as well: q_m = q + "
+        "gain nz, gain in rad/s per g. To the kinematics "
+        "alpha_dot = q - (g/V) nz it is the same as a load factor read by 1/(1 + gain V/g) of its "
+        "size; what tells the two apart is only that nz "
+        "jumps with the control surface (CL_de) while a pitch rate cannot. Where CL_de is small "
+        "the record cannot tell them apart, and the "
         "derivatives differ."
     )
 

@@ -13,30 +13,48 @@ from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.instances import further_outputs, large_output, per, per_square
 
 _ALIASES = {
-    **{"alpha": ("lift-nonlinearity",), "nz": ("lift-nonlinearity",), "q": ("moment-nonlinearity",)},
-    **{"p": ("roll-nonlinearity",), "r": ("yaw-nonlinearity",), "ny": ("side-force-nonlinearity",), "nx": ("drag-nonlinearity",)},
+    **{
+        "alpha": ("lift-nonlinearity",),
+        "nz": ("lift-nonlinearity",),
+        "q": ("moment-nonlinearity",),
+    },
+    **{
+        "p": ("roll-nonlinearity",),
+        "r": ("yaw-nonlinearity",),
+        "ny": ("side-force-nonlinearity",),
+        "nx": ("drag-nonlinearity",),
+    },
 }
-LARGEST = {"alpha": 0.15, "q": 0.3, "nz": 3.0}  # rad, rad/s, g about trim: what a record without a known range is taken to fly
+# rad, rad/s, g about trim: what a record without a known range is taken to fly
+LARGEST = {"alpha": 0.15, "q": 0.3, "nz": 3.0}
 POWERS: Mapping[str, int] = MappingProxyType({"curvature": 2, "cubic": 3})
 BOTH = tuple(POWERS)
 AT_HALF = 2.0  # a cube starts where it is as large as the square at half of the range
-WITH_OTHERS = "a record with the other two of alpha, q and nz: a bent load moves all three by the kinematics, a bent reading one"
+WITH_OTHERS = (
+    "a record with the other two of alpha, q and nz: a bent load moves all three by the "
+    "kinematics, a bent reading one"
+)
 
 
 @dataclass(frozen=True)
 class SensorCurve:
-    """The recorded channel is y + curvature y^2 + cubic y^3, y the true value about trim, before the bias is added.
+    """The recorded channel is y + curvature y^2 + cubic y^3, y the true value about trim, before
+    the bias is added.
 
-    ``curvature`` in 1 over the unit of the channel, ``cubic`` in 1 over its square, of either sign; a plain curve has one of the two.
+    ``curvature`` in 1 over the unit of the channel, ``cubic`` in 1 over its square, of either sign;
+    a plain curve has one of the two.
 
     Attributes
     ----------
     channel, unit : the output it acts on. typical : starting curvature.
-    middle : of the readings, from where y counts; zero where they are perturbations. is_state : whether the channel
+    middle : of the readings, from where y counts; zero where they are perturbations. is_state :
+    whether the channel
         is a state, whose range is known without its bias.
     bends : which of the two it has.
-    low, high : flown range about trim, in the unit of the channel: believed is what leaves the reading rising all over it,
-        1 + 2 curvature y + 3 cubic y^2 > 0 where either stands alone, and at its ends no more than twice what it should be.
+    low, high : flown range about trim, in the unit of the channel: believed is what leaves the
+    reading rising all over it,
+        1 + 2 curvature y + 3 cubic y^2 > 0 where either stands alone, and at its ends no more than
+        twice what it should be.
     """
 
     channel: str
@@ -52,11 +70,16 @@ class SensorCurve:
     rank: ClassVar[int] = 5
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     explanation: ClassVar[str] = (
-        "The sensor's calibration is not straight: y_recorded = y + curvature y^2 + bias, y counted from trim, where the slope is one. A vane near "
-        "a fuselage whose upwash changes with the angle, a potentiometer loaded at one end and a filter of pressures do this. Pull-ups and "
-        "push-overs of one size then read unlike. A sensor that errs alike to both sides has cubic y^3 in the place of the square, and a freer form "
-        "has both. The kinematics alpha_dot = q - (g/V) nz show it in the one channel that is bent; lift or moment "
-        "that bend over the angle of attack change the motion itself and obey the kinematics. With one channel alone the two look much the same."
+        "The sensor's calibration is not straight: y_recorded = y + curvature y^2 + bias, y "
+        "counted from trim, where the slope is one. A vane near "
+        "a fuselage whose upwash changes with the angle, a potentiometer loaded at one end and a "
+        "filter of pressures do this. Pull-ups and "
+        "push-overs of one size then read unlike. A sensor that errs alike to both sides has cubic "
+        "y^3 in the place of the square, and a freer form "
+        "has both. The kinematics alpha_dot = q - (g/V) nz show it in the one channel that is "
+        "bent; lift or moment "
+        "that bend over the angle of attack change the motion itself and obey the kinematics. With "
+        "one channel alone the two look much the same."
     )
 
     @property
@@ -84,18 +107,25 @@ class SensorCurve:
     def traits(self) -> Traits:
         return Traits(
             sentences=(
-                "the reading of the {channel} is bent: it has {curvature} times its square and {cubic} times its cube too much",
-                "the reading of the {channel} is bent: it has {curvature} times its square too much",
+                "the reading of the {channel} is bent: it has {curvature} times its square and "
+                "{cubic} times its cube too much",
+                "the reading of the {channel} is bent: it has {curvature} times its square too "
+                "much",
                 "the reading of the {channel} is bent: it has {cubic} times its cube too much",
             ),
             separating=dict.fromkeys(("lift-nonlinearity", "moment-nonlinearity"), WITH_OTHERS),
-            plausible={name: range_ for name, range_ in self._believed().items() if name in self.bends},
+            plausible={
+                name: range_ for name, range_ in self._believed().items() if name in self.bends
+            },
         )
 
     def _believed(self) -> Mapping[str, tuple[float, float]]:
         up, down = max(self.high, 1e-6), min(self.low, -1e-6)
         reach = max(up, -down)
-        return {"curvature": (-0.5 / up, -0.5 / down), "cubic": (-1.0 / (3.0 * reach**2), 1.0 / reach**2)}
+        return {
+            "curvature": (-0.5 / up, -0.5 / down),
+            "cubic": (-1.0 / (3.0 * reach**2), 1.0 / reach**2),
+        }
 
     def finer(self) -> SensorCurve:
         """The same with square and cube."""
@@ -121,7 +151,9 @@ class SensorCurve:
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
         true = y[self.channel]
         off = true - self.middle if self.middle else true
-        bent = sum(getattr(p, name) * off**power for name, power in POWERS.items() if name in self.bends)
+        bent = sum(
+            getattr(p, name) * off**power for name, power in POWERS.items() if name in self.bends
+        )
         return {self.channel: true + bent}
 
 
@@ -143,4 +175,11 @@ def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """A square and a cube for each output that has none yet."""
     states = {signal.name for signal in equations.states}
     sized = ((each, large_output(each.unit)) for each in further_outputs(equations))
-    return _square_or_cube([SensorCurve(each.name, each.unit, 0.2 / large, -large, large, is_state=each.name in states) for each, large in sized])
+    return _square_or_cube(
+        [
+            SensorCurve(
+                each.name, each.unit, 0.2 / large, -large, large, is_state=each.name in states
+            )
+            for each, large in sized
+        ]
+    )

@@ -15,28 +15,37 @@ from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, la
 from sim.effects.instances import FASTER_MOTION, further_outputs
 from sim.effects.timing import each_run_earlier
 
-_LOOKS_LIKE: Mapping[str, tuple[str, ...]] = MappingProxyType({"alpha": ("vane-offset",), "nz": ("sensor-scale:alpha",)})
+_LOOKS_LIKE: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"alpha": ("vane-offset",), "nz": ("sensor-scale:alpha",)}
+)
 
 
 @dataclass(frozen=True)
 class SensorDelay:
     """The recorded channel shows what was true ``delay`` seconds before: y(t) -> y(t - delay).
 
-    ``delay`` in s, not negative. Before the record's start the first value holds. It has no state form of finite order.
+    ``delay`` in s, not negative. Before the record's start the first value holds. It has no state
+    form of finite order.
     """
 
     channel: str
 
     station: ClassVar[Station] = Station.SENSOR_PATH
     rank: ClassVar[int] = 20
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("delay", 0.05, "s", bounds=(0.0, 2.0)),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("delay", 0.05, "s", bounds=(0.0, 2.0)),
+    )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"delay": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
-        "One channel is recorded late: y_recorded(t) = y(t - delay), delay >= 0. Digital filters, buses and recorders with a clock of their own do "
-        "this. The shape is untouched, only the time is wrong, and by the same amount at all frequencies; a lag of the sensor also takes amplitude "
-        "from fast motion, which slow records do not show. A late angle of attack looks much like a vane ahead of the centre of gravity. If all "
-        "channels are late alike it is the input that is early: see input-delay. A late altitude of a falling body cannot be seen at all: the same "
+        "One channel is recorded late: y_recorded(t) = y(t - delay), delay >= 0. Digital filters, "
+        "buses and recorders with a clock of their own do "
+        "this. The shape is untouched, only the time is wrong, and by the same amount at all "
+        "frequencies; a lag of the sensor also takes amplitude "
+        "from fast motion, which slow records do not show. A late angle of attack looks much like "
+        "a vane ahead of the centre of gravity. If all "
+        "channels are late alike it is the input that is early: see input-delay. A late altitude "
+        "of a falling body cannot be seen at all: the same "
         "fall begun later is the same fall."
     )
 
@@ -59,7 +68,11 @@ class SensorDelay:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return () if self.channel == "altitude" else [Probe({"delay": time}) for time in late_times(context)]
+        return (
+            ()
+            if self.channel == "altitude"
+            else [Probe({"delay": time}) for time in late_times(context)]
+        )
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
         """Values at the earlier times, see ``sim.effects.timing``: continuous in the delay."""
@@ -71,7 +84,9 @@ def _late(edges: np.ndarray, delay: Any) -> Any:
     return edges - delay
 
 
-VARIANTS: tuple[Traceable, ...] = tuple(SensorDelay(channel) for channel in ("alpha", "q", "nz", "altitude"))
+VARIANTS: tuple[Traceable, ...] = tuple(
+    SensorDelay(channel) for channel in ("alpha", "q", "nz", "altitude")
+)
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:

@@ -19,13 +19,16 @@ SERIES_BELOW = 1e-3
 
 @dataclass(frozen=True)
 class SensorDrift:
-    """The recorded channel has slope (t - begin) added to it, or slope (1 - exp(-settling (t - begin))) / settling.
+    """The recorded channel has slope (t - begin) added to it, or slope (1 - exp(-settling (t -
+    begin))) / settling.
 
-    ``slope`` in the unit of the channel per second, either sign; ``settling`` in 1/s, zero where the drift goes on. Each record has its own.
+    ``slope`` in the unit of the channel per second, either sign; ``settling`` in 1/s, zero where
+    the drift goes on. Each record has its own.
 
     Attributes
     ----------
-    channel, unit : the output it acts on. typical : starting slope; believed up to twenty times that, or any where the
+    channel, unit : the output it acts on. typical : starting slope; believed up to twenty times
+    that, or any where the
         unit is not one whose sizes are known (``sized``). settles : whether it has ``settling``.
     begin : s, the record's first time. Where the channel has a bias it only keeps the two apart.
     """
@@ -43,11 +46,16 @@ class SensorDrift:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
-        "The sensor's zero wanders while the record runs: y_recorded = y + bias + slope (t - begin). Warming electronics and gyros do this, and "
-        "settle: a freer form has slope (1 - exp(-settling (t - begin))) / settling. The deviation grows steadily whatever the maneuver, in one "
-        "channel alone and against the kinematics. A trim or a speed that changes slowly moves all channels together instead. The slope belongs to "
-        "one record; on another it has another value, so that another record cannot confirm it, and on measured data slow disturbances easily "
-        "pass for it. On a falling body a drift of the altitude stands for anything that adds a constant to the measured velocity, a horizontal "
+        "The sensor's zero wanders while the record runs: y_recorded = y + bias + slope (t - "
+        "begin). Warming electronics and gyros do this, and "
+        "settle: a freer form has slope (1 - exp(-settling (t - begin))) / settling. The deviation "
+        "grows steadily whatever the maneuver, in one "
+        "channel alone and against the kinematics. A trim or a speed that changes slowly moves all "
+        "channels together instead. The slope belongs to "
+        "one record; on another it has another value, so that another record cannot confirm it, "
+        "and on measured data slow disturbances easily "
+        "pass for it. On a falling body a drift of the altitude stands for anything that adds a "
+        "constant to the measured velocity, a horizontal "
         "motion seen by the radar among them."
     )
 
@@ -58,21 +66,30 @@ class SensorDrift:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         slope = Parameter("slope", self.typical, f"{self.unit}/s")
-        return (slope, Parameter("settling", 0.2, "1/s", bounds=(0.0, FASTEST))) if self.settles else (slope,)
+        return (
+            (slope, Parameter("settling", 0.2, "1/s", bounds=(0.0, FASTEST)))
+            if self.settles
+            else (slope,)
+        )
 
     @property
     def most(self) -> float:
-        """The largest slope that is believed: of an altitude less, since a fall that is modelled wrong asks for any."""
+        """The largest slope that is believed: of an altitude less, since a fall that is modelled
+        wrong asks for any.
+        """
         return (8.0 if self.channel == "altitude" else 20.0) * self.typical
 
     @property
     def traits(self) -> Traits:
         return Traits(
             sentences=(
-                "the reading of the {channel} drifts by {slope} at first, and settles at a rate of {settling}",
+                "the reading of the {channel} drifts by {slope} at first, and settles at a rate of "
+                "{settling}",
                 "the reading of the {channel} drifts by {slope}",
             ),
-            separating=dict.fromkeys(("sensor-drift", "drag-mach", "density-scale-height"), STEADY_FLIGHT),
+            separating=dict.fromkeys(
+                ("sensor-drift", "drag-mach", "density-scale-height"), STEADY_FLIGHT
+            ),
             never_beside=(f"sensor-step:{self.channel}",),
             plausible={"slope": (-self.most, self.most)} if self.sized else {},
             per_record=True,
@@ -92,11 +109,16 @@ class SensorDrift:
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
         elapsed = s.time - self.begin
-        return {self.channel: y[self.channel] + p.slope * (settled(elapsed, p.settling) if self.settles else elapsed)}
+        return {
+            self.channel: y[self.channel]
+            + p.slope * (settled(elapsed, p.settling) if self.settles else elapsed)
+        }
 
 
 def settled(elapsed: Any, rate: Any) -> Any:
-    """(1 - exp(-rate elapsed)) / rate, in s: the time itself at a rate of zero; by its series where the difference would round."""
+    """(1 - exp(-rate elapsed)) / rate, in s: the time itself at a rate of zero; by its series where
+    the difference would round.
+    """
     x = rate * elapsed
     slow = real(absolute(x)) < SERIES_BELOW
     series = elapsed * (1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0)))
@@ -114,4 +136,9 @@ VARIANTS: tuple[Traceable, ...] = (
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """One for each output that has none yet."""
     outputs = further_outputs(equations)
-    return tuple(SensorDrift(each.name, each.unit, 0.0025 * large_output(each.unit), sized=has_output_size(each.unit)) for each in outputs)
+    return tuple(
+        SensorDrift(
+            each.name, each.unit, 0.0025 * large_output(each.unit), sized=has_output_size(each.unit)
+        )
+        for each in outputs
+    )

@@ -19,21 +19,28 @@ from sim.maths import trailing
 
 EVERY = (2, 3, 4, 5, 8, 10)  # samples between updates that a search tries
 LONGEST = 0.5  # s
-CLOSER = "a fast and steady motion (a sweep), or the raw column before any smoothing: a channel that is held goes in stairs, a late one does not"
+CLOSER = (
+    "a fast and steady motion (a sweep), or the raw column before any smoothing: a channel that is "
+    "held goes in stairs, a late one does not"
+)
 
 
 @dataclass(frozen=True)
 class SensorHold:
-    """The recorded channel shows its value at the last update; updates come ``phase + k period`` seconds after the record's start.
+    """The recorded channel shows its value at the last update; updates come ``phase + k period``
+    seconds after the record's start.
 
-    y(t) -> y(time of the last update). ``period`` in s, not negative; one not above the sampling ``interval`` changes nothing. ``phase`` in s.
-    The noise of the recorder comes after. Each record has its own period and phase.
+    y(t) -> y(time of the last update). ``period`` in s, not negative; one not above the sampling
+    ``interval`` changes nothing. ``phase`` in s. The noise of the recorder comes after. Each record
+    has its own period and phase.
 
-    Two things are approximated. A sample belongs to the update that is at most half of ``interval`` later than itself: where updates meet
-    samples (a period of whole samples, in step with the recorder) this is exact, and lets period and phase move a little without
-    any sample changing its update, so that slopes and sigmas exist: they are those of the value interpolated at the time of the update,
-    d y/d period = -k y_dot there. Where the sensor runs on a clock of its own, samples just before an update show it too early, by half an
-    interval at most; the fit spreads that over the phase. Which update a sample shows is found by trying: only periods of whole samples are
+    Two things are approximated. A sample belongs to the update that is at most half of ``interval``
+    later than itself: where updates meet samples (a period of whole samples, in step with the
+    recorder) this is exact, and lets period and phase move a little without any sample changing its
+    update, so that slopes and sigmas exist: they are those of the value interpolated at the time of
+    the update, d y/d period = -k y_dot there. Where the sensor runs on a clock of its own, samples
+    just before an update show it too early, by half an interval at most; the fit spreads that over
+    the phase. Which update a sample shows is found by trying: only periods of whole samples are
     proposed to a search, and the period that the residual shows.
 
     Attributes
@@ -49,10 +56,14 @@ class SensorHold:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"period": 0.0})
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
     explanation: ClassVar[str] = (
-        "The sensor delivers a new value every period and the recorder, which is faster, writes the last one again: y_recorded(t) = y(t_k), t_k = "
-        "phase + k period the last update. A slow bus or telemetry frame does this; without noise of its own behind it the raw column shows "
-        "repeated values. In the mean the channel is late by half a period, which is most of what is seen; the stairs themselves are the smaller "
-        "part, so that a delay or a lag of half the period is nearly the same where the motion is slow. The phase belongs to one record."
+        "The sensor delivers a new value every period and the recorder, which is faster, writes "
+        "the last one again: y_recorded(t) = y(t_k), t_k = "
+        "phase + k period the last update. A slow bus or telemetry frame does this; without noise "
+        "of its own behind it the raw column shows "
+        "repeated values. In the mean the channel is late by half a period, which is most of what "
+        "is seen; the stairs themselves are the smaller "
+        "part, so that a delay or a lag of half the period is nearly the same where the motion is "
+        "slow. The phase belongs to one record."
     )
 
     @property
@@ -61,10 +72,14 @@ class SensorHold:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Which update a sample shows tells the phase to half an interval: nothing else tells it from a delay of the same channel."""
+        """Which update a sample shows tells the phase to half an interval: nothing else tells it
+        from a delay of the same channel.
+        """
         return (
             Parameter("period", 0.25, "s", bounds=(0.0, 2.0)),
-            Parameter("phase", 0.0087, "s", prior_std=self.interval / math.sqrt(12.0), bounds=(-2.0, 2.0)),
+            Parameter(
+                "phase", 0.0087, "s", prior_std=self.interval / math.sqrt(12.0), bounds=(-2.0, 2.0)
+            ),
         )
 
     @property
@@ -83,13 +98,19 @@ class SensorHold:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """The whole change at periods of whole samples and that of the residual, at every phase: a fit moves no update from sample to sample."""
+        """The whole change at periods of whole samples and that of the residual, at every phase: a
+        fit moves no update from sample to sample.
+        """
         interval = context.interval
         periods = [every * interval for every in EVERY if 0 < every * interval <= LONGEST]
         found = context.update_periods.get(self.channel)
         if found is not None and 1.5 * interval < found <= LONGEST:
             periods.append(found)
-        tried = [(period, first * interval) for period in periods for first in range(round(period / interval))]
+        tried = [
+            (period, first * interval)
+            for period in periods
+            for first in range(round(period / interval))
+        ]
         return [Probe({"period": period, "phase": phase}) for period, phase in tried]
 
     def fitted_to(self, context: SearchContext) -> SensorHold:
@@ -97,7 +118,9 @@ class SensorHold:
         return replace(self, interval=context.interval if context.interval > 0 else self.interval)
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
-        """The values at the last updates, before which the first value holds; the channel itself where the period is no longer than a sample's."""
+        """The values at the last updates, before which the first value holds; the channel itself
+        where the period is no longer than a sample's.
+        """
         held = each_run_earlier(steps, begin, end, self._updated, p.period, p.phase)
         depth = held[0].ndim - 1
         acts = np.asarray(p.period).real > self.interval
@@ -112,7 +135,9 @@ class SensorHold:
         return phase + number * period
 
 
-VARIANTS: tuple[Traceable, ...] = tuple(SensorHold(channel) for channel in ("alpha", "q", "nz", "altitude"))
+VARIANTS: tuple[Traceable, ...] = tuple(
+    SensorHold(channel) for channel in ("alpha", "q", "nz", "altitude")
+)
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:

@@ -21,31 +21,43 @@ _ALIASES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     }
 )
 
-SLOW_AND_QUICK = "slow pull-ups beside quick doublets, small and large: a scale is the same in all of them"
-WITH_LOAD_FACTOR = "a record with the load factor as well: kinematics then tie the channels together"
+SLOW_AND_QUICK = (
+    "slow pull-ups beside quick doublets, small and large: a scale is the same in all of them"
+)
+WITH_LOAD_FACTOR = (
+    "a record with the load factor as well: kinematics then tie the channels together"
+)
 
 
 @dataclass(frozen=True)
 class SensorScale:
     """The recorded channel is ``scale`` times the true one, before the bias is added.
 
-    ``scale`` without unit, positive; 1 where the sensor is right. Of the altitude only a large one shows: another start and beta make nearly the
-    same fall (of three percent a seventh of the noise is left).
+    ``scale`` without unit, positive; 1 where the sensor is right. Of the altitude only a large one
+    shows: another start and beta make nearly the same fall (of three percent a seventh of the noise
+    is left).
     """
 
     channel: str
 
     station: ClassVar[Station] = Station.SENSOR_PATH
     rank: ClassVar[int] = 10
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("scale", 1.05, "1", bounds=(0.01, 100.0)),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("scale", 1.05, "1", bounds=(0.01, 100.0)),
+    )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"scale": 1.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     explanation: ClassVar[str] = (
-        "The sensor's calibration factor is wrong: y_recorded = scale y + bias. A vane in the upwash of the fuselage reads too much, a gyro with a "
-        "wrong range setting any amount. One scaled channel contradicts the others: the kinematics alpha_dot = q - (g/V)(nz - 1) join the three "
-        "without any aerodynamics, so that with alpha, q and nz at hand a single scale shows. With two channels it only changes the derivatives: "
-        "the lift slope for alpha, all moment derivatives for q, and the record cannot say which is at fault. An altitude scaled together with the "
-        "density's scale height and with beta gives the same fall but for gravity: only where it is large does it show."
+        "The sensor's calibration factor is wrong: y_recorded = scale y + bias. A vane in the "
+        "upwash of the fuselage reads too much, a gyro with a "
+        "wrong range setting any amount. One scaled channel contradicts the others: the kinematics "
+        "alpha_dot = q - (g/V)(nz - 1) join the three "
+        "without any aerodynamics, so that with alpha, q and nz at hand a single scale shows. With "
+        "two channels it only changes the derivatives: "
+        "the lift slope for alpha, all moment derivatives for q, and the record cannot say which "
+        "is at fault. An altitude scaled together with the "
+        "density's scale height and with beta gives the same fall but for gravity: only where it "
+        "is large does it show."
     )
 
     @property
@@ -60,7 +72,12 @@ class SensorScale:
     def traits(self) -> Traits:
         return Traits(
             sentences=("the {channel} is read {scale_percent} {scale_direction}",),
-            separating={**dict.fromkeys(("sensor-lag", "sensor-delay", "lift-nonlinearity"), SLOW_AND_QUICK), "sensor-scale": WITH_LOAD_FACTOR},
+            separating={
+                **dict.fromkeys(
+                    ("sensor-lag", "sensor-delay", "lift-nonlinearity"), SLOW_AND_QUICK
+                ),
+                "sensor-scale": WITH_LOAD_FACTOR,
+            },
             equivalents=("time-base",) if self.channel == "alpha" else (),
             plausible={"scale": (0.5, 2.0)},
         )
@@ -72,7 +89,9 @@ class SensorScale:
         return {self.channel: p.scale * y[self.channel]}
 
 
-VARIANTS: tuple[Traceable, ...] = tuple(SensorScale(channel) for channel in ("alpha", "q", "nz", "altitude"))
+VARIANTS: tuple[Traceable, ...] = tuple(
+    SensorScale(channel) for channel in ("alpha", "q", "nz", "altitude")
+)
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:

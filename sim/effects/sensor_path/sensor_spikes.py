@@ -16,29 +16,40 @@ from sim.effects.instances import further_inputs, further_outputs, large_input, 
 from sim.maths import maximum, minimum, real, trailing
 
 EXPLANATION = (
-    "A few samples are simply wrong: y_recorded = y + size at isolated moments, y elsewhere. Lost bits, telemetry dropouts and connectors that "
-    "lose contact do this. Nothing before or after such a sample answers to it, which no motion of the vehicle could do; in the recorded input the "
-    "vehicle does not react to it. A single one outweighs hundreds of good samples in a least-squares fit, so spikes are found by rule and set "
-    "aside before anything else is judged. Noise with heavy tails also has large samples, but of all sizes in between; that is no spike, nor are "
+    "A few samples are simply wrong: y_recorded = y + size at isolated moments, y elsewhere. Lost "
+    "bits, telemetry dropouts and connectors that "
+    "lose contact do this. Nothing before or after such a sample answers to it, which no motion of "
+    "the vehicle could do; in the recorded input the "
+    "vehicle does not react to it. A single one outweighs hundreds of good samples in a "
+    "least-squares fit, so spikes are found by rule and set "
+    "aside before anything else is judged. Noise with heavy tails also has large samples, but of "
+    "all sizes in between; that is no spike, nor are "
     "outliers in runs."
 )
 
 
 @dataclass(frozen=True)
 class Bursts:
-    """Where spikes stand: ``count`` moments, one in each equal part of the record, and their signs, drawn from ``seed``."""
+    """Where spikes stand: ``count`` moments, one in each equal part of the record, and their signs,
+    drawn from ``seed``.
+    """
 
     count: int = 6
     seed: int = 0
 
     def errors(self, begin: Any, end: Any, p: Any) -> Any:
-        """Mean error over each interval ``[begin, end]``, s from the record's start, ``(n,)``: ``(n, ...)`` with the batch axes of ``p``.
+        """Mean error over each interval ``[begin, end]``, s from the record's start, ``(n,)``:
+        ``(n, ...)`` with the batch axes of ``p``.
 
-        A spike begins at a multiple of ``p.width`` and lasts as long; at a moment (an interval of no length) it is read within
-        half a width about its beginning, so that rounding of sample times does not matter. The record lasts ``p.duration``.
+        A spike begins at a multiple of ``p.width`` and lasts as long; at a moment (an interval of
+        no length) it is read within half a width about its beginning, so that rounding of sample
+        times does not matter. The record lasts ``p.duration``.
         """
         rng = np.random.default_rng(self.seed)
-        places, signs = (np.arange(self.count) + rng.uniform(0.2, 0.8, self.count)) / self.count, rng.choice((-1.0, 1.0), self.count)
+        places, signs = (
+            (np.arange(self.count) + rng.uniform(0.2, 0.8, self.count)) / self.count,
+            rng.choice((-1.0, 1.0), self.count),
+        )
         depth = max(np.ndim(p.size), np.ndim(p.duration), np.ndim(p.width))
         begin, end = trailing(np.asarray(begin), depth), trailing(np.asarray(end), depth)
         long = end > begin
@@ -47,18 +58,23 @@ class Bursts:
             number = np.ceil(place * np.asarray(p.duration).real / np.asarray(p.width).real)
             first = np.where(long, number, number - 0.5) * p.width
             last = first + p.width
-            covered = maximum(minimum(end, last) - maximum(begin, first), 0.0) / np.where(long, end - begin, 1.0)
-            total = total + sign * np.where(long, covered, (begin >= real(first)) & (begin < real(last)))
+            covered = maximum(minimum(end, last) - maximum(begin, first), 0.0) / np.where(
+                long, end - begin, 1.0
+            )
+            total = total + sign * np.where(
+                long, covered, (begin >= real(first)) & (begin < real(last))
+            )
         return p.size * total
 
 
 @dataclass(frozen=True)
 class SensorSpikes:
-    """``bursts.count`` moments at which the recorded output is off by ``size``, up or down; no later stage changes them.
+    """``bursts.count`` moments at which the recorded output is off by ``size``, up or down; no
+    later stage changes them.
 
-    ``size`` in the unit of the channel; ``duration`` of the record and ``width`` of a spike, s, are held: with a width
-    of one sampling interval each spike is one sample. For simulation: a search finds and masks such samples by rule, it fits no
-    size.
+    ``size`` in the unit of the channel; ``duration`` of the record and ``width`` of a spike, s, are
+    held: with a width of one sampling interval each spike is one sample. For simulation: a search
+    finds and masks such samples by rule, it fits no size.
 
     Attributes
     ----------
@@ -104,10 +120,11 @@ class SensorSpikes:
 
 @dataclass(frozen=True)
 class InputSpikes:
-    """``bursts.count`` moments at which the recorded input is off by ``size``, up or down, while the vehicle feels the right one.
+    """``bursts.count`` moments at which the recorded input is off by ``size``, up or down, while
+    the vehicle feels the right one.
 
-    Parameters as those of SensorSpikes. Since the record is what a simulation starts from, the spikes are taken off it
-    before anything else acts on the input.
+    Parameters as those of SensorSpikes. Since the record is what a simulation starts from, the
+    spikes are taken off it before anything else acts on the input.
 
     Attributes
     ----------
@@ -142,7 +159,9 @@ class InputSpikes:
         return ()
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Takes the spikes off the mean over each cell, in proportion to the part of the cell that lies in one."""
+        """Takes the spikes off the mean over each cell, in proportion to the part of the cell that
+        lies in one.
+        """
         u, since = np.asarray(u), np.asarray(edges) - edges[0]
         wrong = self.bursts.errors(since[:-1], since[1:], p)
         depth = max(wrong.ndim, u.ndim) - 1
@@ -182,6 +201,12 @@ VARIANTS: tuple[Traceable, ...] = (
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """One for each output that has none yet."""
     return (
-        *(SensorSpikes(each.name, each.unit, 0.5 * large_output(each.unit)) for each in further_outputs(equations)),
-        *(InputSpikes(signal.name, signal.unit, large_input(signal.unit)) for signal, _ in further_inputs(equations)),
+        *(
+            SensorSpikes(each.name, each.unit, 0.5 * large_output(each.unit))
+            for each in further_outputs(equations)
+        ),
+        *(
+            InputSpikes(signal.name, signal.unit, large_input(signal.unit))
+            for signal, _ in further_inputs(equations)
+        ),
     )

@@ -18,13 +18,15 @@ from sim.effects.timing import risen
 class SensorStep:
     """From the time ``at`` on the recorded channel has ``size`` added to it.
 
-    ``at`` in s, ``size`` in the unit of the channel, either sign. Each record has its own. The edge rises over ``width`` s, centred on ``at``:
-    one sampling interval in a search, so that the fit feels the sample next to it; the time is then known to half an interval at best,
-    however small its sigma.
+    ``at`` in s, ``size`` in the unit of the channel, either sign. Each record has its own. The edge
+    rises over ``width`` s, centred on ``at``: one sampling interval in a search, so that the fit
+    feels the sample next to it; the time is then known to half an interval at best, however small
+    its sigma.
 
     Attributes
     ----------
-    channel, unit : the output it acts on. typical : the starting size; believed up to twenty times that, or any where the unit is
+    channel, unit : the output it acts on. typical : the starting size; believed up to twenty times
+    that, or any where the unit is
         not one whose sizes are known (``sized``). width : of the edge, s.
     """
 
@@ -40,9 +42,12 @@ class SensorStep:
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
-        "The sensor's zero jumps while the record runs and stays there: y_recorded = y + bias + size from the time at on. A vane that is knocked, a "
-        "connector that slips, an amplifier that changes its range and a resynchronised encoder do this. Before and after, the motion is that of "
-        "the model; no other channel takes part, which no force on the aircraft could leave so: a load that nobody recorded would move all "
+        "The sensor's zero jumps while the record runs and stays there: y_recorded = y + bias + "
+        "size from the time at on. A vane that is knocked, a "
+        "connector that slips, an amplifier that changes its range and a resynchronised encoder do "
+        "this. Before and after, the motion is that of "
+        "the model; no other channel takes part, which no force on the aircraft could leave so: a "
+        "load that nobody recorded would move all "
         "channels, and over the time of a short period. The step belongs to one record."
     )
 
@@ -59,7 +64,8 @@ class SensorStep:
         return Traits(
             sentences=("the zero of the {channel} jumps by {size} at {at}",),
             separating=dict.fromkeys(("sensor-drift", "unmeasured-input"), STEADY_FLIGHT),
-            # Twenty times what is usual: beyond (1 km of altitude, 2 g) a recorder has lost rows, and its channels go on from elsewhere.
+            # Twenty times what is usual: beyond (1 km of altitude, 2 g) a recorder has lost rows,
+            # and its channels go on from elsewhere.
             plausible={"size": (-20.0 * self.typical, 20.0 * self.typical)} if self.sized else {},
             onset="at",
             per_record=True,
@@ -67,7 +73,14 @@ class SensorStep:
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """The slope by the size at the record's begin; a later step only shifts it."""
-        return [Probe({"at": context.begin + 0.5 * self.width, **self.absent}, ("size",), shifts=True, sharp=True)]
+        return [
+            Probe(
+                {"at": context.begin + 0.5 * self.width, **self.absent},
+                ("size",),
+                shifts=True,
+                sharp=True,
+            )
+        ]
 
     def fitted_to(self, context: SearchContext) -> SensorStep:
         """The same with an edge of one sampling interval of that record."""
@@ -88,4 +101,9 @@ VARIANTS: tuple[Traceable, ...] = (
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """One for each output that has none yet."""
     outputs = further_outputs(equations)
-    return tuple(SensorStep(each.name, each.unit, 0.05 * large_output(each.unit), sized=has_output_size(each.unit)) for each in outputs)
+    return tuple(
+        SensorStep(
+            each.name, each.unit, 0.05 * large_output(each.unit), sized=has_output_size(each.unit)
+        )
+        for each in outputs
+    )

@@ -20,23 +20,46 @@ def lab_address(number: int, servers: Servers, folder: Path) -> str:
     """Serve a lab as ``flightid lab N --no-browser --port P`` does; its address."""
     port = free_port()
     folder.mkdir(exist_ok=True)
-    return servers.process([sys.executable, "-m", "scenarios", "lab", str(number), "--no-browser", "--port", str(port)], port, folder)
+    return servers.process(
+        [
+            sys.executable,
+            "-m",
+            "scenarios",
+            "lab",
+            str(number),
+            "--no-browser",
+            "--port",
+            str(port),
+        ],
+        port,
+        folder,
+    )
 
 
 def open_lab(page: Page, address: str, last: str) -> None:
-    """Open it and wait until a text of its last part stands there; a cell that failed says so in words of marimo's."""
+    """Open it and wait until a text of its last part stands there; a cell that failed says so in
+    words of marimo's.
+    """
     page.set_default_timeout(PATIENCE)
-    page.set_viewport_size({"width": (page.viewport_size or {"width": 1280})["width"], "height": TALL})
+    page.set_viewport_size(
+        {"width": (page.viewport_size or {"width": 1280})["width"], "height": TALL}
+    )
     page.goto(address)
     page.get_by_text(last).first.wait_for()
     page.locator("img").first.wait_for()
-    page.wait_for_function("() => document.readyState == 'complete' && ![...document.images].some(image => !image.complete)")
+    page.wait_for_function(
+        "() => document.readyState == 'complete' && ![...document.images].some(image => "
+        "!image.complete)"
+    )
     assert_no_failure(page)
 
 
 def assert_no_failure(page: Page) -> None:
     """No cell shows an exception in the place of its output."""
-    failed = page.locator("text=/This cell raised an exception|An internal error occurred|An ancestor raised|Traceback/")
+    failed = page.locator(
+        "text=/This cell raised an exception|An internal error occurred|An ancestor "
+        "raised|Traceback/"
+    )
     assert failed.count() == 0, failed.first.inner_text()
 
 
@@ -50,4 +73,8 @@ def move(page: Page, label: str, key: str, times: int = 1) -> None:
 
 def labelled(page: Page, label: str) -> Locator:
     """The element of the page that has a label."""
-    return page.locator("marimo-slider, marimo-number, marimo-radio, marimo-dropdown, marimo-checkbox").filter(has_text=label).first
+    return (
+        page.locator("marimo-slider, marimo-number, marimo-radio, marimo-dropdown, marimo-checkbox")
+        .filter(has_text=label)
+        .first
+    )

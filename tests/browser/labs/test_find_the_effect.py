@@ -1,4 +1,6 @@
-"""Lab 5 walked as its page says: a guess, the loop's evidence, the truth; and nothing of the truth before."""
+"""Lab 5 walked as its page says: a guess, the loop's evidence, the truth; and nothing of the truth
+before.
+"""
 
 from __future__ import annotations
 
@@ -23,18 +25,33 @@ def test_from_the_guess_to_the_truth(page: Page, servers: Servers, tmp_path: Pat
 
     words, values = drawn(FIRST_SEED)
     heard: list[str] = []
-    page.on("websocket", lambda socket: socket.on("framereceived", lambda frame: heard.append(str(frame))))
+    page.on(
+        "websocket",
+        lambda socket: socket.on("framereceived", lambda frame: heard.append(str(frame))),
+    )
     open_lab(page, lab_address(5, servers, tmp_path), "Play five seeds")
     show = page.get_by_role("button", name="Show the loop")
     assert show.is_disabled()
     assert page.get_by_text("What the loop says").count() == 0
-    # Neither what is shown nor what the page was sent tells the values, or names one of the suspects more often than the others.
+    # Neither what is shown nor what the page was sent tells the values, or names one of the
+    # suspects more often than the others.
     sent = "".join(heard) + page.content()
     assert not any(f"{value:.4g}" in sent for value in values.values())
-    assert len({sent.count(each) + sent.count(json.dumps(each)[1:-1]) * (not each.isascii()) for each in SUSPECTS}) == 1
+    assert (
+        len(
+            {
+                sent.count(each) + sent.count(json.dumps(each)[1:-1]) * (not each.isascii())
+                for each in SUSPECTS
+            }
+        )
+        == 1
+    )
 
     page.locator("marimo-radio").get_by_text(words, exact=True).click()
-    page.wait_for_function("() => ![...document.querySelectorAll('marimo-button')].some(b => b.shadowRoot?.querySelector('button[disabled]'))")
+    page.wait_for_function(
+        "() => ![...document.querySelectorAll('marimo-button')].some(b => "
+        "b.shadowRoot?.querySelector('button[disabled]'))"
+    )
     show.click()
     page.get_by_role("heading", name="What the loop says").wait_for()
     page.get_by_role("button", name="Open the envelope").wait_for()

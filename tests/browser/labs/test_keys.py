@@ -1,4 +1,6 @@
-"""The numbers of the instructor's keys are what the labs compute at the slider values beside them."""
+"""The numbers of the instructor's keys are what the labs compute at the slider values beside
+them.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +13,29 @@ from typing import Any
 import pytest
 
 KEYS = Path(__file__).parents[3] / "flightid" / "labs" / "keys"
-WORKINGS = {1: "falling_body", 2: "short_period", 3: "flexibility", 4: "augmented", 6: "honest_sigmas", 8: "swept_loop"}
+WORKINGS = {
+    1: "falling_body",
+    2: "short_period",
+    3: "flexibility",
+    4: "augmented",
+    6: "honest_sigmas",
+    8: "swept_loop",
+}
 LEFT = "as they are"
 
 
 def rows(number: int) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
-    """Slider values and the numbers beside them, as they are printed, of each row of a key's first table."""
-    lines = [line for line in (KEYS / f"lab{number}.md").read_text(encoding="utf-8").splitlines() if line.startswith("|")]
-    (_, *names), _, *cells = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
+    """Slider values and the numbers beside them, as they are printed, of each row of a key's first
+    table.
+    """
+    lines = [
+        line
+        for line in (KEYS / f"lab{number}.md").read_text(encoding="utf-8").splitlines()
+        if line.startswith("|")
+    ]
+    (_, *names), _, *cells = (
+        [cell.strip() for cell in line.strip("|").split("|")] for line in lines
+    )
     for sliders, *values in cells:
         yield _settings(sliders), dict(zip(names, values, strict=True))
 
@@ -44,7 +61,11 @@ def half_a_digit(text: str) -> float:
     return 0.5 * 10.0 ** -len(text.partition(".")[2])
 
 
-CASES = [pytest.param(number, *row, id=f"{number}: {row[0] or LEFT}") for number in WORKINGS for row in rows(number)]
+CASES = [
+    pytest.param(number, *row, id=f"{number}: {row[0] or LEFT}")
+    for number in WORKINGS
+    for row in rows(number)
+]
 
 
 @pytest.mark.parametrize(("number", "sliders", "expected"), CASES)
@@ -65,11 +86,25 @@ def test_answers_that_are_computed_are_those_of_the_keys() -> None:
 
     assert falling_body.passes_needed(550.0, 110.0) == 2
     assert falling_body.worse_prior().startswith("a narrow")
-    assert round(short_period.sigma_ratio(short_period.changes(), short_period.changes(amplitude=3.0)) ** 2) == 4
+    assert (
+        round(
+            short_period.sigma_ratio(short_period.changes(), short_period.changes(amplitude=3.0))
+            ** 2
+        )
+        == 4
+    )
     assert short_period.longest_unit(10.0) == 0.3
     assert short_period.tuned_doublet(1.967) == pytest.approx(1.18, abs=0.01)
-    assert (flexibility.nearer(), flexibility.worst(), flexibility.first_seen(), flexibility.enough_noise()) == ("condensed", "Cm_q", 1.5, 0.15)
-    assert (augmented.level_of_delay(), augmented.most_constant()) == ("Level 2", "delay and lag together")
+    assert (
+        flexibility.nearer(),
+        flexibility.worst(),
+        flexibility.first_seen(),
+        flexibility.enough_noise(),
+    ) == ("condensed", "Cm_q", 1.5, 0.15)
+    assert (augmented.level_of_delay(), augmented.most_constant()) == (
+        "Level 2",
+        "delay and lag together",
+    )
 
 
 def test_the_longest_delay_of_lab_8_is_that_of_its_key() -> None:
@@ -81,7 +116,9 @@ def test_the_longest_delay_of_lab_8_is_that_of_its_key() -> None:
 def test_secrets_of_lab_5_are_those_of_its_key() -> None:
     from flightid.labs.workings.hidden_effect import drawn, found_by_loop, residuals
 
-    listed = re.findall(r"^\| (\d+) \| (.+) \|$", (KEYS / "lab5.md").read_text(encoding="utf-8"), re.MULTILINE)
+    listed = re.findall(
+        r"^\| (\d+) \| (.+) \|$", (KEYS / "lab5.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
     assert len(listed) > 5
     assert [drawn(int(seed))[0] for seed, _ in listed] == [words for _, words in listed]
     assert found_by_loop(1) and found_by_loop(3)
@@ -90,13 +127,29 @@ def test_secrets_of_lab_5_are_those_of_its_key() -> None:
 
 
 def test_the_example_of_lab_7_is_what_its_key_says() -> None:
-    from flightid.labs.workings.own_data import MAP, checked, diagnosed, example, identified, kept, tried, vehicle_text
+    from flightid.labs.workings.own_data import (
+        MAP,
+        checked,
+        diagnosed,
+        example,
+        identified,
+        kept,
+        tried,
+        vehicle_text,
+    )
 
     given = kept(example(), vehicle_text("rigid"), MAP)
     assert any("9.1" in line and "vane" in line for line in checked(given).sentences)
     found = diagnosed(given, "rigid")
     assert [effect.name for effect in found.effects] == ["vane-offset"]
-    assert all(abs(found[name].value - found.before[name].value) <= 1.25 * found.before[name].sigma for name in found.before)
-    wrong = kept(example(), vehicle_text("rigid"), MAP.replace('"AoA1", unit = "deg"', '"AoA1", unit = "rad"'))
+    assert all(
+        abs(found[name].value - found.before[name].value) <= 1.25 * found.before[name].sigma
+        for name in found.before
+    )
+    wrong = kept(
+        example(),
+        vehicle_text("rigid"),
+        MAP.replace('"AoA1", unit = "deg"', '"AoA1", unit = "rad"'),
+    )
     _, refused = tried(lambda: identified(wrong, "rigid"))
     assert "414 deg" in refused and refused.startswith("point_1.csv")

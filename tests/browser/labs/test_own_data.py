@@ -1,4 +1,6 @@
-"""Lab 7 with files from a user's disk: read, refused in one line, identified, diagnosed, and a report to take home."""
+"""Lab 7 with files from a user's disk: read, refused in one line, identified, diagnosed, and a
+report to take home.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +29,11 @@ def test_from_an_uploaded_file_to_the_report(page: Page, servers: Servers, tmp_p
     open_lab(page, lab_address(7, servers, tmp_path / "server"), "What does the model lack?")
     page.get_by_text("my own files", exact=True).click()
     page.get_by_text("No file yet").first.wait_for()
-    page.locator("input[type=file]").first.set_input_files([str(path) for path in sorted(files.iterdir())])
-    # Without a map the headers are strange; the one line of the refusal stands in the place of the table.
+    page.locator("input[type=file]").first.set_input_files(
+        [str(path) for path in sorted(files.iterdir())]
+    )
+    # Without a map the headers are strange; the one line of the refusal stands in the place of the
+    # table.
     page.get_by_text("there is no column 'time'").first.wait_for()
     text = page.get_by_label("channel map (TOML)").or_(page.locator("textarea").last)
     text.last.fill(MAP)

@@ -13,23 +13,40 @@ import pytest
 pytest.importorskip("marimo", reason='no marimo: python -m pip install -e ".[labs]"')
 
 from tests.browser.complaints import fits, keep_picture
-from tests.browser.labs.opened import LABS, PATIENCE, assert_no_failure, lab_address, labelled, move, open_lab
+from tests.browser.labs.opened import (
+    LABS,
+    PATIENCE,
+    assert_no_failure,
+    lab_address,
+    labelled,
+    move,
+    open_lab,
+)
 from tests.browser.serving import Servers
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 # A text of each lab's last part.
-LAST: Mapping[int, str] = {**dict.fromkeys((1, 2, 3, 4, 6, 8), "To think about"), 5: "Play five seeds", 7: "What does the model lack?"}
+LAST: Mapping[int, str] = {
+    **dict.fromkeys((1, 2, 3, 4, 6, 8), "To think about"),
+    5: "Play five seeds",
+    7: "What does the model lack?",
+}
 
 
 @pytest.fixture(scope="module")
 def addresses(servers: Servers, tmp_path_factory: pytest.TempPathFactory) -> dict[int, str]:
-    return {number: lab_address(number, servers, tmp_path_factory.mktemp(f"lab{number}")) for number in LABS}
+    return {
+        number: lab_address(number, servers, tmp_path_factory.mktemp(f"lab{number}"))
+        for number in LABS
+    }
 
 
 @pytest.mark.parametrize("number", LABS)
-def test_it_opens_at_both_widths(number: int, addresses: Mapping[int, str], page: Page, phone: Page) -> None:
+def test_it_opens_at_both_widths(
+    number: int, addresses: Mapping[int, str], page: Page, phone: Page
+) -> None:
     for sheet, width in ((page, "wide"), (phone, "narrow")):
         open_lab(sheet, addresses[number], LAST[number])
         assert f"Lab {number}." in sheet.locator("h1").first.inner_text()
@@ -40,12 +57,16 @@ def test_it_opens_at_both_widths(number: int, addresses: Mapping[int, str], page
         keep_picture(sheet, f"lab{number}_{width}")
 
 
-def test_a_slider_moves_a_number_and_the_command_line(addresses: Mapping[int, str], page: Page) -> None:
+def test_a_slider_moves_a_number_and_the_command_line(
+    addresses: Mapping[int, str], page: Page
+) -> None:
     open_lab(page, addresses[1], LAST[1])
     found = re.search(r"One fall: β = ([\d.]+ ± [\d.]+) lb/ft²", page.locator("body").inner_text())
     assert found is not None
     move(page, "radar noise", "ArrowRight", 2)
-    page.wait_for_function("before => !document.body.innerText.includes(before)", arg=found[1], timeout=PATIENCE)
+    page.wait_for_function(
+        "before => !document.body.innerText.includes(before)", arg=found[1], timeout=PATIENCE
+    )
     page.get_by_text("flight.noise_std.altitude=35 ft").first.wait_for()
     assert_no_failure(page)
 
@@ -61,7 +82,9 @@ def test_an_answer_is_judged(addresses: Mapping[int, str], page: Page) -> None:
     page.get_by_text("1 of 5 answers hold").wait_for()
 
 
-def test_the_command_line_gives_the_same_numbers(addresses: Mapping[int, str], page: Page, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_line_gives_the_same_numbers(
+    addresses: Mapping[int, str], page: Page, capsys: pytest.CaptureFixture[str]
+) -> None:
     from scenarios.cli import main
 
     open_lab(page, addresses[2], LAST[2])
@@ -84,5 +107,16 @@ def test_a_copy_of_ones_own_runs_too(servers: Servers, page: Page, tmp_path: Pat
     from tests.browser.serving import free_port
 
     own, port = copy_lab(1, tmp_path / "mine"), free_port()
-    command = [sys.executable, "-m", "marimo", "run", str(own), "--host", "127.0.0.1", "--port", str(port), "--headless"]
+    command = [
+        sys.executable,
+        "-m",
+        "marimo",
+        "run",
+        str(own),
+        "--host",
+        "127.0.0.1",
+        "--port",
+        str(port),
+        "--headless",
+    ]
     open_lab(page, servers.process(command, port, tmp_path), LAST[1])

@@ -18,11 +18,23 @@ LABS = sorted((ROOT / "flightid" / "labs").glob("lab*.py"))
 @pytest.mark.parametrize("path", LABS, ids=lambda path: path.stem)
 def test_a_lab_runs_as_a_script(path: Path, tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    run = subprocess.run([sys.executable, str(path)], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=600)
+    run = subprocess.run(
+        [sys.executable, str(path)],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
     assert (run.returncode, run.stderr) == (0, "")
 
 
 @pytest.mark.parametrize("path", LABS, ids=lambda path: path.stem)
 def test_marimo_finds_nothing_wrong_with_it(path: Path) -> None:
-    run = subprocess.run([sys.executable, "-m", "marimo", "check", "--strict", str(path)], capture_output=True, text=True, timeout=120)
+    run = subprocess.run(
+        [sys.executable, "-m", "marimo", "check", "--strict", str(path)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     assert run.returncode == 0, run.stdout + run.stderr

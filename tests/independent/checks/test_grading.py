@@ -11,14 +11,24 @@ from tests.independent.examine import Outcome, summary, table
 from tests.independent.grading import Answer, Fault, Grade, Graded, graded, worst_derivative
 
 NOTHING = Fault("nothing")
-LATE = Fault("late-alpha", frozenset({"sensor-delay:alpha", "sensor-lag:alpha"}), frozenset({"vane-offset"}), ("alpha",))
+LATE = Fault(
+    "late-alpha",
+    frozenset({"sensor-delay:alpha", "sensor-lag:alpha"}),
+    frozenset({"vane-offset"}),
+    ("alpha",),
+)
 SCALE = Fault("q-scale", frozenset({"sensor-scale:q"}), channels=("q",))
 CLOCK = Fault("clock-fast", frozenset({"time-base"}), channels=("time_base", "clock"))
 SLOWER = Fault("deceleration", frozenset({"speed-variation", "phugoid"}))
 
 
 def claim(name: str, *others: str, **more: Any) -> dict[str, Any]:
-    return {"name": name, "alternatives": [{"name": other, "parameters": {}} for other in others], "parameters": {}, **more}
+    return {
+        "name": name,
+        "alternatives": [{"name": other, "parameters": {}} for other in others],
+        "parameters": {},
+        **more,
+    }
 
 
 def answer(verdict: str, *effects: dict[str, Any], **more: Any) -> Answer:
@@ -54,14 +64,22 @@ VANE_OR_DELAY = claim("vane-offset", "sensor-lag:alpha")
         ([LATE], Answer(2, {}, "alpha is in degrees"), Grade.NOTICED),
         ([LATE], answer("consistent"), Grade.MISSED),
         ([LATE], answer("traced", PHUGOID), Grade.MISSED),
-        ([LATE], answer("consistent", warnings=["held-out alpha is twice the noise"]), Grade.NOTICED),
+        (
+            [LATE],
+            answer("consistent", warnings=["held-out alpha is twice the noise"]),
+            Grade.NOTICED,
+        ),
         ([LATE], answer("consistent", warnings=["few samples"]), Grade.MISSED),
         ([LATE], answer("consistent", record=found("alpha stands still")), Grade.NOTICED),
         ([LATE], answer("consistent", record=found("nz stands still")), Grade.MISSED),
         ([SCALE], answer("consistent", warnings=["power at a low frequency of nz"]), Grade.MISSED),
         ([SCALE], answer("consistent", warnings=["power at 2 Hz in q"]), Grade.NOTICED),
         ([CLOCK], answer("consistent", warnings=["at the time 3 s nz jumps"]), Grade.MISSED),
-        ([CLOCK], answer("consistent", record=found("the time base disagrees with the kinematics")), Grade.NOTICED),
+        (
+            [CLOCK],
+            answer("consistent", record=found("the time base disagrees with the kinematics")),
+            Grade.NOTICED,
+        ),
         ([LATE, SCALE], answer("traced", DELAY, claim("sensor-scale:q")), Grade.RIGHT),
         ([LATE, SCALE], answer("partial", DELAY), Grade.NOTICED),
         ([LATE, SCALE], answer("traced", DELAY), Grade.NOTICED),
@@ -78,7 +96,9 @@ def test_grade(faults: list[Fault], said: Answer, grade: Grade) -> None:
 def test_worst_derivative_is_in_its_own_sigmas() -> None:
     after = {"CL_alpha": {"value": 5.2, "std": 0.1}, "Cm_q": {"value": -14.0, "std": 2.0}}
     said = answer("traced", parameters={"after": after})
-    assert worst_derivative(said, {"CL_alpha": 5.0, "Cm_q": -15.0, "CL_q": 7.0}) == pytest.approx(2.0)
+    assert worst_derivative(said, {"CL_alpha": 5.0, "Cm_q": -15.0, "CL_q": 7.0}) == pytest.approx(
+        2.0
+    )
     assert np.isnan(worst_derivative(answer("traced"), {"CL_alpha": 5.0}))
 
 

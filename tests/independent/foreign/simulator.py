@@ -1,6 +1,8 @@
-"""The second simulator with something in it that no library of effects names: a term with states of its own beside the rigid short period.
+"""The second simulator with something in it that no library of effects names: a term with states of
+its own beside the rigid short period.
 
-Runge-Kutta of the fourth order on a 200 Hz grid: the fastest cause swings at 20 rad/s, of which a step is a tenth of a radian.
+Runge-Kutta of the fourth order on a 200 Hz grid: the fastest cause swings at 20 rad/s, of which a
+step is a tenth of a radian.
 """
 
 from __future__ import annotations
@@ -22,9 +24,11 @@ DECLARED = Hidden()
 
 @dataclass(frozen=True, eq=False)
 class Now:
-    """The aircraft at one time: perturbations from trim but for ``airspeed`` (m/s) and ``load`` (g), and the term's ``own`` states.
+    """The aircraft at one time: perturbations from trim but for ``airspeed`` (m/s) and ``load``
+    (g), and the term's ``own`` states.
 
-    ``load`` and ``alpha_rate`` are those of the rigid aircraft in this state, ``surface`` is the command.
+    ``load`` and ``alpha_rate`` are those of the rigid aircraft in this state, ``surface`` is the
+    command.
     """
 
     vehicle: Vehicle
@@ -59,9 +63,10 @@ def _no_rates(now: Now) -> np.ndarray:
 class Term:
     """What is added to the rigid aircraft.
 
-    ``start`` of its own states and their ``rates``; ``surface`` (rad) is added to the command without being recorded; ``loads`` are added
-    coefficients of lift and moment; ``upwash`` (m/s, of time) meets wing and vane; ``bank`` (rad, of time) tilts the weight; ``climb`` is
-    the flight path angle at the start; ``read`` is what the sensors make of it all.
+    ``start`` of its own states and their ``rates``; ``surface`` (rad) is added to the command
+    without being recorded; ``loads`` are added coefficients of lift and moment; ``upwash`` (m/s, of
+    time) meets wing and vane; ``bank`` (rad, of time) tilts the weight; ``climb`` is the flight
+    path angle at the start; ``read`` is what the sensors make of it all.
     """
 
     start: tuple[float, ...] = ()
@@ -75,15 +80,16 @@ class Term:
 
 
 Make = Callable[[float, Vehicle, float, np.random.Generator], Term]
-"""A term from its size, the vehicle, the duration of the record (s), and a generator for what differs between records."""
+"""A term from its size, the vehicle, the duration of the record (s), and a generator for what differs between records."""  # noqa: E501
 
 
 @dataclass(frozen=True)
 class Cause:
     """One physical cause outside the library.
 
-    ``sizes`` are small, medium and large in ``unit``. ``like`` names the library's effects that it half resembles and is not.
-    ``right`` are names that are accepted, since no record could tell them from it; ``channels`` are words by which a warning can name it.
+    ``sizes`` are small, medium and large in ``unit``. ``like`` names the library's effects that it
+    half resembles and is not. ``right`` are names that are accepted, since no record could tell
+    them from it; ``channels`` are words by which a warning can name it.
     """
 
     name: str
@@ -96,7 +102,9 @@ class Cause:
 
 
 def along(values: np.ndarray, step: float = STEP) -> Callable[[float], float]:
-    """Straight lines between ``values`` of a grid of ``step`` from time zero; the last value lasts."""
+    """Straight lines between ``values`` of a grid of ``step`` from time zero; the last value
+    lasts.
+    """
     last = len(values) - 1
 
     def at(time: float) -> float:
@@ -107,20 +115,31 @@ def along(values: np.ndarray, step: float = STEP) -> Callable[[float], float]:
     return at
 
 
-def _motion(vehicle: Vehicle, hidden: Hidden, term: Term, time: float, state: np.ndarray, command: float) -> tuple[np.ndarray, float]:
+def _motion(
+    vehicle: Vehicle, hidden: Hidden, term: Term, time: float, state: np.ndarray, command: float
+) -> tuple[np.ndarray, float]:
     """Rates of (alpha, q, theta, V, own states), and the load factor with all that is added."""
     alpha, q, theta, speed = (float(value) for value in state[:4])
     upwash, bank = term.upwash(time) / speed, term.bank(time)
     now = Now(vehicle, time, alpha + upwash, q, theta, speed, command, state[4:])
     surface = command + term.surface(now)
     rigid, load = rates(vehicle, hidden, state[:4], surface, Added(upwash=upwash, bank=bank))
-    now = Now(vehicle, time, alpha + upwash, q, theta, speed, command, state[4:], load, float(rigid[0]))
+    now = Now(
+        vehicle, time, alpha + upwash, q, theta, speed, command, state[4:], load, float(rigid[0])
+    )
     lift, moment = term.loads(now)
     whole, load = rates(vehicle, hidden, state[:4], surface, Added(lift, moment, upwash, bank))
     return np.concatenate([whole, term.rates(now)]), load
 
 
-def flown_with(vehicle: Vehicle, maneuver: Maneuver, size: float, term: Term, hidden: Hidden = DECLARED, step: float = STEP) -> Flight:
+def flown_with(
+    vehicle: Vehicle,
+    maneuver: Maneuver,
+    size: float,
+    term: Term,
+    hidden: Hidden = DECLARED,
+    step: float = STEP,
+) -> Flight:
     """A maneuver of ``size`` rad on the recorded elevator, with a term that is not declared."""
     time = step * np.arange(round(maneuver.duration / step) + 1)
     command, middle = size * maneuver.at(time), size * maneuver.at(time + 0.5 * step)
@@ -131,9 +150,15 @@ def flown_with(vehicle: Vehicle, maneuver: Maneuver, size: float, term: Term, hi
         seen[:4, k], seen[4, k] = state[:4], load
         seen[0, k] += term.upwash(t) / state[3]
         if k + 1 < len(time):
-            second, _ = _motion(vehicle, hidden, term, t + 0.5 * step, state + 0.5 * step * first, middle[k])
-            third, _ = _motion(vehicle, hidden, term, t + 0.5 * step, state + 0.5 * step * second, middle[k])
-            fourth, _ = _motion(vehicle, hidden, term, t + step, state + step * third, command[k + 1])
+            second, _ = _motion(
+                vehicle, hidden, term, t + 0.5 * step, state + 0.5 * step * first, middle[k]
+            )
+            third, _ = _motion(
+                vehicle, hidden, term, t + 0.5 * step, state + 0.5 * step * second, middle[k]
+            )
+            fourth, _ = _motion(
+                vehicle, hidden, term, t + step, state + step * third, command[k + 1]
+            )
             state = state + step / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
     alpha, q, theta, speed = seen[:4]
     return term.read(Flight(step, command, alpha, q, seen[4], theta, speed, vehicle.airspeed))

@@ -1,4 +1,6 @@
-"""The catalogue: laws for every scenario, and what the cheap ones must show at their default seed."""
+"""The catalogue: laws for every scenario, and what the cheap ones must show at their default
+seed.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,13 @@ import pytest
 from scenarios.studies.catalogue import load_document, load_scenario, scenario_names, scenario_text
 from scenarios.studies.comparison import comparison
 from scenarios.studies.declaration import Estimation, ManeuverPlan, PublishedChoice, Start
-from scenarios.studies.estimating import DISTANCES, assumed_noise, declared_model, true_model, vehicle_constants
+from scenarios.studies.estimating import (
+    DISTANCES,
+    assumed_noise,
+    declared_model,
+    true_model,
+    vehicle_constants,
+)
 from scenarios.studies.published import published_remark, published_values
 from scenarios.studies.study import MethodResult, StudyResult, flexibility_sentences, run_scenario
 from scenarios.studies.text import print_study
@@ -45,7 +53,15 @@ EXPECTED = {
 WHOLE_AXES = tuple(name for name in factory.WHOLE_AXES if name in scenario_names("identification"))
 OWN_FLIGHTS = {*WHOLE_AXES, "unstable", "flexible-ac1-full-order"}  # that no paper has printed
 POUND_PER_SQUARE_FOOT = 4.882427636
-SWITCHES = [(0.0, 0.0), (1.0, 0.10471), (2.5, -0.10471), (3.5, 0.10471), (4.0, -0.10471), (4.5, 0.0)]  # the 3-2-1-1 of the rigid aircraft
+# the 3-2-1-1 of the rigid aircraft
+SWITCHES = [
+    (0.0, 0.0),
+    (1.0, 0.10471),
+    (2.5, -0.10471),
+    (3.5, 0.10471),
+    (4.0, -0.10471),
+    (4.5, 0.0),
+]
 every_scenario = pytest.mark.parametrize("name", scenario_names("identification"))
 
 
@@ -68,7 +84,9 @@ def test_says_how_far_its_truth_is_from_its_model(name: str) -> None:
     lacking = any(item.modes < scenario.flight.modes for item in scenario.estimations)
     assert scenario.distance in DISTANCES
     assert (scenario.distance == "effect missing") == lacking
-    assert scenario.condensed == lacking, "a model that lacks modes is held against condensed values"
+    assert scenario.condensed == lacking, (
+        "a model that lacks modes is held against condensed values"
+    )
 
 
 @every_scenario
@@ -76,13 +94,19 @@ def test_free_parameters_have_unit_and_prior_and_none_starts_at_the_truth(name: 
     scenario = load_scenario(name)
     truth = true_model(scenario.flight).parameters
     for estimation in scenario.estimations:
-        model = declared_model(estimation, vehicle_constants(estimation, scenario.flight.vehicle), assumed_noise(scenario, estimation))
+        model = declared_model(
+            estimation,
+            vehicle_constants(estimation, scenario.flight.vehicle),
+            assumed_noise(scenario, estimation),
+        )
         assert set(model.parameters.free_names) == set(estimation.start)
         for parameter in model.parameters:
             if parameter.free:
                 assert parameter.unit
                 assert 0 < parameter.prior_std < math.inf
-                assert parameter.value != truth[parameter.name].value, f"{parameter.name} starts at the truth"
+                assert parameter.value != truth[parameter.name].value, (
+                    f"{parameter.name} starts at the truth"
+                )
 
 
 @every_scenario
@@ -95,26 +119,47 @@ def test_results_are_explained_and_own_choices_are_named(name: str) -> None:
         assert "All numbers are [own]" in scenario_text(name)
         return
     document = load_document(name)[0]
-    assert "[own]" not in scenario_text(name).replace("\n[own]\n", ""), "what is chosen is told by the study, not by a mark in its file"
-    assert {key for key in ("start", "process_noise") if document["estimate"].get(key)} <= document["own"]["estimate"].keys()
+    assert "[own]" not in scenario_text(name).replace("\n[own]\n", ""), (
+        "what is chosen is told by the study, not by a mark in its file"
+    )
+    assert {key for key in ("start", "process_noise") if document["estimate"].get(key)} <= document[
+        "own"
+    ]["estimate"].keys()
     for method in document.get("methods", []):
-        assert {key for key in ("start", "process_noise") if method.get(key)} <= method.get("own", {}).keys(), method["name"]
+        assert {key for key in ("start", "process_noise") if method.get(key)} <= method.get(
+            "own", {}
+        ).keys(), method["name"]
 
 
 @pytest.mark.parametrize("name", ["ballistic", "rigid", "flexible-ac1-equivalent"])
 def test_a_study_tells_what_was_chosen_and_what_else_was_flown(name: str) -> None:
     found = study(name)
-    told, written = " ".join(as_text(lambda out: print_study(found, out)).split()), comparison(found)
+    told, written = (
+        " ".join(as_text(lambda out: print_study(found, out)).split()),
+        comparison(found),
+    )
     for choice in found.scenario.choices:
         assert f"{choice.key} = {choice.value}: {choice.reason}" in told
         assert written["own"][choice.key] == {"value": choice.value, "reason": choice.reason}
     for estimation in found.scenario.estimations[1:]:
-        assert written["methods"][estimation.name].get("own", {}).keys() == {choice.key for choice in estimation.choices}
+        assert written["methods"][estimation.name].get("own", {}).keys() == {
+            choice.key for choice in estimation.choices
+        }
         assert ("flight" in written["methods"][estimation.name]) is (estimation.flight is not None)
     origins = {name for names in written["vehicle_origins"].values() for name in names}
-    assert {"ballistic": {"gravity"}, "rigid": {"airspeed", "air_density", "mass", "pitch_inertia"}}.get(name, set()) <= origins
-    assert ("Cm_eta1 flies with -0.032, printed 0.0025" in told) is (name == "flexible-ac1-equivalent") is ("Cm_eta1" in written["misprints"])
-    assert ("its own flight: step 0.1 s; integration euler; truth and model: same equations and step" in told) is (name == "ballistic")
+    assert {
+        "ballistic": {"gravity"},
+        "rigid": {"airspeed", "air_density", "mass", "pitch_inertia"},
+    }.get(name, set()) <= origins
+    assert (
+        ("Cm_eta1 flies with -0.032, printed 0.0025" in told)
+        is (name == "flexible-ac1-equivalent")
+        is ("Cm_eta1" in written["misprints"])
+    )
+    assert (
+        "its own flight: step 0.1 s; integration euler; truth and model: same equations and step"
+        in told
+    ) is (name == "ballistic")
 
 
 @every_scenario
@@ -137,7 +182,16 @@ def test_no_filter_is_told_another_noise_than_its_sensors_have(name: str) -> Non
 
 
 @pytest.mark.parametrize(
-    "name", ["ballistic", "ballistic-process-noise", "rigid", "rigid-process-noise-a", "rigid-process-noise-b", "own-model", *WHOLE_AXES]
+    "name",
+    [
+        "ballistic",
+        "ballistic-process-noise",
+        "rigid",
+        "rigid-process-noise-a",
+        "rigid-process-noise-b",
+        "own-model",
+        *WHOLE_AXES,
+    ],
 )
 def test_main_result_is_within_three_sigma_of_the_truth(name: str) -> None:
     assert study(name).main.result.estimate.outcome.code == "converged"
@@ -154,14 +208,24 @@ def test_elastic_modes_of_a_rigid_set_are_refused() -> None:
 
 @pytest.mark.parametrize(
     ("name", "about", "modes"),
-    [("lateral", {}, ("dutch_roll",)), ("longitudinal", {"airspeed": 53.6448, "thrust": 1506.6}, ("phugoid", "short_period"))],
+    [
+        ("lateral", {}, ("dutch_roll",)),
+        ("longitudinal", {"airspeed": 53.6448, "thrust": 1506.6}, ("phugoid", "short_period")),
+    ],
 )
-def test_a_whole_axis_has_the_oscillations_of_its_true_derivatives(name: str, about: dict[str, float], modes: tuple[str, ...]) -> None:
+def test_a_whole_axis_has_the_oscillations_of_its_true_derivatives(
+    name: str, about: dict[str, float], modes: tuple[str, ...]
+) -> None:
     main, truth = study(name).main, true_model(study(name).scenario.flight)
     assert {row.name for row in main.rows} == set(truth.parameters.free_names), "biases are no rows"
     found = np.linalg.eigvals(linearise(truth, about=about).A)
-    for mode, root in zip(modes, sorted((root for root in found if root.imag > 0), key=abs), strict=True):
-        for key, told in ((f"{mode}_frequency", abs(root)), (f"{mode}_damping", -root.real / abs(root))):
+    for mode, root in zip(
+        modes, sorted((root for root in found if root.imag > 0), key=abs), strict=True
+    ):
+        for key, told in (
+            (f"{mode}_frequency", abs(root)),
+            (f"{mode}_damping", -root.real / abs(root)),
+        ):
             value, sigma = main.derived[key]
             assert abs(value - told) < 3.0 * sigma, key
 
@@ -176,9 +240,14 @@ def test_rigid_is_right_where_the_paper_is_many_of_its_sigmas_off() -> None:
 def test_rigid_sigmas_are_near_the_cramer_rao_bound() -> None:
     estimation = study("rigid").main.estimation
     values = {**read_parameter_set("bomber_rigid").values, "alpha": 0.0, "q": 0.0}
-    prior = {**{n: s.std for n, s in estimation.start.items()}, **{n: s.std for n, s in estimation.initial.items()}}
+    prior = {
+        **{n: s.std for n, s in estimation.start.items()},
+        **{n: s.std for n, s in estimation.initial.items()},
+    }
     noise = math.sqrt(0.016) * math.pi / 180
-    smallest = bound(short_period_outputs(study("rigid").record.time, SWITCHES), values, prior, [noise, noise])
+    smallest = bound(
+        short_period_outputs(study("rigid").record.time, SWITCHES), values, prior, [noise, noise]
+    )
     for row in study("rigid").main.rows:
         assert 1 / 1.3 < row.std / smallest[row.name] < 1.3, (row.name, row.std, smallest[row.name])
 
@@ -187,25 +256,38 @@ def test_ballistic_sigma_is_near_the_cramer_rao_bound_and_the_papers() -> None:
     main = study("ballistic").main
     data = read_parameter_set("ballistic_target")
     values = {**data.values, **{number.name: number.value for number in data.initial}}
-    prior = {"beta": main.estimation.start["beta"].std, **{n: s.std for n, s in main.estimation.initial.items()}}
+    prior = {
+        "beta": main.estimation.start["beta"].std,
+        **{n: s.std for n, s in main.estimation.initial.items()},
+    }
     smallest = bound(fall_outputs(study("ballistic").record.time), values, prior, [25 * 0.3048])
     assert main.rows[0].std == pytest.approx(smallest["beta"], rel=0.02)
     assert main.rows[0].std / POUND_PER_SQUARE_FOOT == pytest.approx(0.29, abs=0.01)
 
 
 def test_ballistic_shows_what_the_papers_set_up_hides_and_the_cure_of_the_rest() -> None:
-    papers, true_fall = method("ballistic", "paper-two-terms"), method("ballistic", "paper-true-fall")
+    papers, true_fall = (
+        method("ballistic", "paper-two-terms"),
+        method("ballistic", "paper-true-fall"),
+    )
     assert papers.result.record is not true_fall.result.record is study("ballistic").record
     assert true_fall.rows[0].sigmas is not None and papers.rows[0].sigmas is not None
-    assert true_fall.rows[0].sigmas < -35 < 10 * papers.rows[0].sigmas < 0, "Euler's error is hidden where the truth has it too"
+    assert true_fall.rows[0].sigmas < -35 < 10 * papers.rows[0].sigmas < 0, (
+        "Euler's error is hidden where the truth has it too"
+    )
     for name in ("paper-start-cured", "output-error"):
         assert abs(method("ballistic", name).rows[0].sigmas or math.inf) < 3
     assert papers.rows[0].published_sigmas == pytest.approx(-7.3, abs=0.1)
 
 
 def test_the_third_taylor_term_is_worth_far_less_than_the_papers_columns_differ() -> None:
-    for scenario, name, most in (("ballistic", "paper", 0.2), ("ballistic-process-noise", "paper", 0.4)):
-        two, three = (method(scenario, f"{name}-{terms}-terms").rows[0] for terms in ("two", "three"))
+    for scenario, name, most in (
+        ("ballistic", "paper", 0.2),
+        ("ballistic-process-noise", "paper", 0.4),
+    ):
+        two, three = (
+            method(scenario, f"{name}-{terms}-terms").rows[0] for terms in ("two", "three")
+        )
         assert two.published is not None and three.published is not None
         printed = (three.published.value - two.published.value) / POUND_PER_SQUARE_FOOT
         assert abs(three.estimate - two.estimate) / POUND_PER_SQUARE_FOOT < most
@@ -215,11 +297,17 @@ def test_the_third_taylor_term_is_worth_far_less_than_the_papers_columns_differ(
 def test_no_rate_of_eulers_steps_explains_the_papers_errors_of_the_rigid_aircraft() -> None:
     for name in ("main", "fifty-hertz", "twenty-hertz", "ten-hertz"):
         rows = {row.name: row for row in method("rigid-euler", name).rows}
-        share = {key: (row.estimate - (row.true or 0.0)) / (row.published.value - (row.true or 0.0)) for key, row in rows.items() if row.published}
+        share = {
+            key: (row.estimate - (row.true or 0.0)) / (row.published.value - (row.true or 0.0))
+            for key, row in rows.items()
+            if row.published
+        }
         assert share["CL_q"] < 0, "the other way"
         assert 0 < share["Cm_de"] < 0.5
         assert share["CL_alpha"] < -7, "where the paper is right"
-        assert share["CL_de"] > 0.6 and share["Cm_alpha"] > 0.2, "these two it does explain, CL_de at 100 and Cm_alpha near 25 Hz"
+        assert share["CL_de"] > 0.6 and share["Cm_alpha"] > 0.2, (
+            "these two it does explain, CL_de at 100 and Cm_alpha near 25 Hz"
+        )
     assert all(abs(row.sigmas or math.inf) < 3 for row in method("rigid-euler", "runge-kutta").rows)
 
 
@@ -234,17 +322,27 @@ def test_no_rate_of_eulers_steps_explains_the_papers_errors_of_the_rigid_aircraf
         ("rigid_equivalent", "ac2", "CL_q", 0.873),
     ],
 )
-def test_the_papers_sigmas_of_cm_q_are_its_prior_and_every_table_says_so(table: str, column: str, name: str, share: float) -> None:
+def test_the_papers_sigmas_of_cm_q_are_its_prior_and_every_table_says_so(
+    table: str, column: str, name: str, share: float
+) -> None:
     choice = PublishedChoice("simulated_flight_data", table, column)
     true = read_parameter_set("bomber_rigid")[name].value
-    assert published_values(choice, {})[name].std / (0.2 * abs(true)) == pytest.approx(share, abs=5e-4)
+    assert published_values(choice, {})[name].std / (0.2 * abs(true)) == pytest.approx(
+        share, abs=5e-4
+    )
     assert name in published_remark(choice) and "prior" in published_remark(choice)
 
 
 def test_table_5_claims_to_know_cm_q_far_better_than_table_4() -> None:
     for column, times in (("ac1", 24), ("ac2", 14)):
-        six, fifteen = (PublishedChoice("simulated_flight_data", table, column) for table in ("rigid_equivalent", "first_mode"))
-        assert round(published_values(six, {})["Cm_q"].std / published_values(fifteen, {})["Cm_q"].std) == times
+        six, fifteen = (
+            PublishedChoice("simulated_flight_data", table, column)
+            for table in ("rigid_equivalent", "first_mode")
+        )
+        assert (
+            round(published_values(six, {})["Cm_q"].std / published_values(fifteen, {})["Cm_q"].std)
+            == times
+        )
         assert f"a {times}th of" in published_remark(fifteen)
 
 
@@ -254,21 +352,35 @@ def test_a_remark_on_a_published_column_stands_under_every_table_that_shows_it(n
         assert bool(published_remark(estimation.published)) is (estimation.published is not None)
     if name in ("rigid", "ballistic"):
         told, written = as_text(lambda out: print_study(study(name), out)), comparison(study(name))
-        assert told.count("published: Table") == sum(item.published is not None for item in load_scenario(name).estimations)
+        assert told.count("published: Table") == sum(
+            item.published is not None for item in load_scenario(name).estimations
+        )
         assert written["published_remark"] in " ".join(told.split())
 
 
 def test_a_filter_that_hardly_sees_cm_q_has_the_papers_sigmas() -> None:
-    """Priors of 20 % and a sensitivity to Cm_q of 1/250: five printed sigmas within a fifth, Cm_de apart; whole, Cm_q is known 70 times better."""
+    """Priors of 20 % and a sensitivity to Cm_q of 1/250: five printed sigmas within a fifth, Cm_de
+    apart; whole, Cm_q is known 70 times better.
+    """
     values = {**read_parameter_set("bomber_rigid").values, "alpha": 0.0, "q": 0.0}
     found = published_values(PublishedChoice("simulated_flight_data", "rigid", "none"), {})
-    prior = {**{name: 0.2 * abs(values[name]) for name in found}, "alpha": math.radians(0.5), "q": math.radians(0.5)}
-    outputs, noise = short_period_outputs(study("rigid").record.time, SWITCHES), math.sqrt(0.016) * math.pi / 180
+    prior = {
+        **{name: 0.2 * abs(values[name]) for name in found},
+        "alpha": math.radians(0.5),
+        "q": math.radians(0.5),
+    }
+    outputs, noise = (
+        short_period_outputs(study("rigid").record.time, SWITCHES),
+        math.sqrt(0.016) * math.pi / 180,
+    )
 
     def hardly(v: Mapping[str, float]) -> np.ndarray:
         return outputs({**v, "Cm_q": values["Cm_q"] + (v["Cm_q"] - values["Cm_q"]) / 250})
 
-    blind, ours = bound(hardly, values, prior, [noise, noise]), {row.name: row.std for row in study("rigid").main.rows}
+    blind, ours = (
+        bound(hardly, values, prior, [noise, noise]),
+        {row.name: row.std for row in study("rigid").main.rows},
+    )
     for name, entry in found.items():
         assert 1 / 1.2 < blind[name] / entry.std < 1.2 or name == "Cm_de", name
     assert blind["Cm_q"] > 60 * ours["Cm_q"] and blind["CL_alpha"] < 0.6 * ours["CL_alpha"]
@@ -279,7 +391,9 @@ def test_what_the_paper_prints_as_sigma_with_process_noise_is_its_error() -> Non
         for terms in ("two", "three"):
             row = method(name, f"paper-{terms}-terms").rows[0]
             assert row.published_sigmas is not None
-            assert (abs(row.published_sigmas + 1.0) < 1e-5) is same, "to the last digit that is printed"
+            assert (abs(row.published_sigmas + 1.0) < 1e-5) is same, (
+                "to the last digit that is printed"
+            )
 
 
 def test_process_noise_on_beta_gives_a_sigma_of_the_printed_size() -> None:
@@ -294,13 +408,26 @@ def test_tuned_process_noise_gives_the_printed_sigmas() -> None:
             assert row.std == pytest.approx(row.published.std, rel=0.02)
 
 
-def test_equivalents_are_within_three_sigma_of_condensation_and_the_residual_says_why_others_are_not() -> None:
-    assert all(abs(row.sigmas or math.inf) < 3 for row in study("flexible-ac1-equivalent").main.rows)
+def test_equivalents_are_within_three_sigma_of_condensation_and_the_residual_says_why_others_are_not() -> (  # noqa: E501
+    None
+):
+    assert all(
+        abs(row.sigmas or math.inf) < 3 for row in study("flexible-ac1-equivalent").main.rows
+    )
     plain = method("flexible-ac1-equivalent", "no-process-noise")
     assert max(abs(row.sigmas or 0.0) for row in plain.rows) > 10
-    assert min(test.p_value for test in plain.tests) < 1e-20, "a rigid model leaves a residual that is not white"
-    note = next(note for note in study("flexible-ac1-equivalent").notes if note.startswith("no-process-noise: share"))
-    share, white = int(note.split(" q ")[1].split(" %")[0]), int(note.split("white noise has ")[1].split(" %")[0])
+    assert min(test.p_value for test in plain.tests) < 1e-20, (
+        "a rigid model leaves a residual that is not white"
+    )
+    note = next(
+        note
+        for note in study("flexible-ac1-equivalent").notes
+        if note.startswith("no-process-noise: share")
+    )
+    share, white = (
+        int(note.split(" q ")[1].split(" %")[0]),
+        int(note.split("white noise has ")[1].split(" %")[0]),
+    )
     assert share > 3 * white
 
 
@@ -309,7 +436,11 @@ def test_a_rigid_model_serves_the_first_flexible_aircraft_and_no_longer_the_seco
     for name in ("flexible-ac1-equivalent", "flexible-ac2-equivalent"):
         found, written = study(name).flexibility, comparison(study(name))["flexibility"]
         assert found is not None
-        assert written["misfit"] == found.misfit and written["largest_misfit"] == 1.0 and written["degree"] == found.degree
+        assert (
+            written["misfit"] == found.misfit
+            and written["largest_misfit"] == 1.0
+            and written["degree"] == found.degree
+        )
         serves[name] = written["rigid_serves"]
         said = " ".join(flexibility_sentences(found, study(name).scenario.flight.noise_std))
         assert ("no longer serves" in said) is not written["rigid_serves"]
@@ -321,8 +452,16 @@ def test_a_rigid_model_serves_the_first_flexible_aircraft_and_no_longer_the_seco
 
 def test_same_seed_same_numbers_other_seed_other_numbers() -> None:
     whole = load_scenario("ballistic")
-    scenario = replace(whole, estimations=whole.estimations[1:2], flight=replace(whole.flight, duration=5.0, step=0.01))
-    first, second, other = run_scenario(scenario), run_scenario(scenario), run_scenario(scenario, seed=2)
+    scenario = replace(
+        whole,
+        estimations=whole.estimations[1:2],
+        flight=replace(whole.flight, duration=5.0, step=0.01),
+    )
+    first, second, other = (
+        run_scenario(scenario),
+        run_scenario(scenario),
+        run_scenario(scenario, seed=2),
+    )
     assert first.main.rows == second.main.rows
     assert first.main.rows != other.main.rows
 
@@ -330,7 +469,9 @@ def test_same_seed_same_numbers_other_seed_other_numbers() -> None:
 @pytest.mark.parametrize("method_name", ["main", "one-pass"])
 def test_batched_runs_are_what_the_scenario_does(method_name: str) -> None:
     scenario = load_scenario("ballistic")
-    runs = repeat(scenario, next(item for item in scenario.estimations if item.name == method_name), [1, 2])
+    runs = repeat(
+        scenario, next(item for item in scenario.estimations if item.name == method_name), [1, 2]
+    )
     row = method("ballistic", method_name).rows[0]
     assert runs.estimate[0, 0] == pytest.approx(row.estimate, abs=0.01 * row.std)
     assert runs.std[0, 0] == pytest.approx(row.std, rel=1e-3)
@@ -341,24 +482,48 @@ def test_any_number_of_modes_can_be_estimated(modes: int) -> None:
     scenario = load_scenario("flexible-ac1-first-mode")
     truth = true_model(scenario.flight).parameters
     constants = ("omega", "zeta", "generalized_mass")
-    own = [f"{name}{i}" for i in range(1, modes + 1) for name in ("CL_eta", "CL_etadot", "Cm_eta", "Cm_etadot")]
-    own += [f"Ceta{i}_{by}" for i in range(1, modes + 1) for by in ("alpha", "q", "de", f"eta{i}", f"etadot{i}")]
+    own = [
+        f"{name}{i}"
+        for i in range(1, modes + 1)
+        for name in ("CL_eta", "CL_etadot", "Cm_eta", "Cm_etadot")
+    ]
+    own += [
+        f"Ceta{i}_{by}"
+        for i in range(1, modes + 1)
+        for by in ("alpha", "q", "de", f"eta{i}", f"etadot{i}")
+    ]
     free = [*scenario.estimations[0].start][:6] + own
-    couplings = [f"Ceta{i}_{by}{j}" for i in range(1, modes + 1) for j in range(1, modes + 1) if i != j for by in ("eta", "etadot")]
+    couplings = [
+        f"Ceta{i}_{by}{j}"
+        for i in range(1, modes + 1)
+        for j in range(1, modes + 1)
+        if i != j
+        for by in ("eta", "etadot")
+    ]
     size = {name: abs(truth[name].value) + 1e-5 for name in free}
-    states = {f"{state}{i}": Start(0.0, std) for i in range(1, modes + 1) for state, std in (("eta", 0.02), ("etadot", 0.2))}
+    states = {
+        f"{state}{i}": Start(0.0, std)
+        for i in range(1, modes + 1)
+        for state, std in (("eta", 0.02), ("etadot", 0.2))
+    }
     estimation: Estimation = replace(
         scenario.estimations[0],
         name="all",
         modes=modes,
-        start={name: Start(truth[name].value + 0.05 * size[name], 0.2 * size[name]) for name in free},
+        start={
+            name: Start(truth[name].value + 0.05 * size[name], 0.2 * size[name]) for name in free
+        },
         held={name: truth[name].value for name in couplings},
         initial={**dict(list(scenario.estimations[0].initial.items())[:2]), **states},
         published=None,
     )
     assert not any(name.startswith(constants) for name in free)
     plan = ManeuverPlan("elevator", "doublet", {"amplitude": 0.1, "unit": 0.3, "start": 0.1})
-    short = replace(scenario, flight=replace(scenario.flight, duration=1.5, rate=50.0, step=0.005, maneuvers=(plan,)), estimations=(estimation,))
+    short = replace(
+        scenario,
+        flight=replace(scenario.flight, duration=1.5, rate=50.0, step=0.005, maneuvers=(plan,)),
+        estimations=(estimation,),
+    )
     main = run_scenario(short).main
     assert main.result.estimate.outcome.code == "converged"
     assert len(main.rows) == 6 + 9 * modes

@@ -1,4 +1,6 @@
-"""The fifteen parameters of the first-mode model: alpha and q show twelve numbers of them, whatever the maneuver."""
+"""The fifteen parameters of the first-mode model: alpha and q show twelve numbers of them, whatever
+the maneuver.
+"""
 
 from __future__ import annotations
 
@@ -15,15 +17,21 @@ def sensitivities(outputs: tuple[str, ...]) -> np.ndarray:
     """Response per prior standard deviation of each parameter, one column each."""
     scenario = load_scenario("flexible-ac2-first-mode")
     estimation = scenario.estimations[0]
-    model = flexible_model(read_parameter_set("bomber_ac2"), 1).with_values(references(scenario, estimation))
+    model = flexible_model(read_parameter_set("bomber_ac2"), 1).with_values(
+        references(scenario, estimation)
+    )
     elevator = 0.1 * np.sign(np.random.default_rng(3).standard_normal(40)).repeat(20)
 
     def response(name: str, change: float) -> np.ndarray:
         value = model.parameters[name].value + change
-        return held_response(linearise(model.with_values({name: value}), outputs), elevator, 0.01).ravel()
+        return held_response(
+            linearise(model.with_values({name: value}), outputs), elevator, 0.01
+        ).ravel()
 
     sizes = {name: 1e-4 * start.std for name, start in estimation.start.items()}
-    return np.array([(response(name, size) - response(name, -size)) / 2e-4 for name, size in sizes.items()]).T
+    return np.array(
+        [(response(name, size) - response(name, -size)) / 2e-4 for name, size in sizes.items()]
+    ).T
 
 
 @pytest.mark.parametrize("outputs", [("alpha", "q"), ("alpha", "q", "nz")])

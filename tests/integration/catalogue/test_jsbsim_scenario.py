@@ -1,4 +1,6 @@
-"""`flightid simulate jsbsim` on the command line: refusals in one line, and a record that identification takes."""
+"""`flightid simulate jsbsim` on the command line: refusals in one line, and a record that
+identification takes.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +12,20 @@ import pytest
 
 from tests.integration.command_line import CommandLine
 
-needs_jsbsim = pytest.mark.skipif(importlib.util.find_spec("jsbsim") is None, reason="JSBSim is not installed (pip install 'flightid[jsbsim]')")
+needs_jsbsim = pytest.mark.skipif(
+    importlib.util.find_spec("jsbsim") is None,
+    reason="JSBSim is not installed (pip install 'flightid[jsbsim]')",
+)
 
 
-def test_without_jsbsim_one_line_says_what_to_install(flightid: CommandLine, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_jsbsim_one_line_says_what_to_install(
+    flightid: CommandLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert "JSBSim is not installed" in flightid.refused("simulate", "jsbsim", "--out", "x.csv")
-    assert "pip install 'flightid[jsbsim]'" in flightid.refused("simulate", "jsbsim", "--out", "x.csv")
+    assert "pip install 'flightid[jsbsim]'" in flightid.refused(
+        "simulate", "jsbsim", "--out", "x.csv"
+    )
 
 
 @needs_jsbsim
@@ -51,17 +60,42 @@ def test_a_flight_is_no_study(flightid: CommandLine) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["c172x", "A320"])
 @pytest.mark.parametrize("axis", ["lateral", "longitudinal"])
-def test_true_derivatives_lie_within_the_intervals(flightid: CommandLine, tmp_path: Path, name: str, axis: str) -> None:
-    """Two independent writings of flight mechanics agree: the pooled error of the main derivatives is a few sigmas of noise, or two per cent."""
+def test_true_derivatives_lie_within_the_intervals(
+    flightid: CommandLine, tmp_path: Path, name: str, axis: str
+) -> None:
+    """Two independent writings of flight mechanics agree: the pooled error of the main derivatives
+    is a few sigmas of noise, or two per cent.
+    """
     record = tmp_path / "flight.csv"
-    said = flightid.done("simulate", "jsbsim", "--set", f"aircraft={name}", "--set", f"axis={axis}", "--out", str(record))
+    said = flightid.done(
+        "simulate",
+        "jsbsim",
+        "--set",
+        f"aircraft={name}",
+        "--set",
+        f"axis={axis}",
+        "--out",
+        str(record),
+    )
     assert f"flightid identify {record} --model {axis}" in said
     flightid.done(
-        "identify", str(record), "--model", axis, "--vehicle", str(tmp_path / f"flight_{axis}.toml"), "--no-figures", "--out", str(tmp_path / "s")
+        "identify",
+        str(record),
+        "--model",
+        axis,
+        "--vehicle",
+        str(tmp_path / f"flight_{axis}.toml"),
+        "--no-figures",
+        "--out",
+        str(tmp_path / "s"),
     )
     found = json.loads((tmp_path / "s" / "comparison.json").read_text())["parameters"]
     truth = json.loads((tmp_path / "flight_truth.json").read_text())["in_maneuver"][axis]
-    main = ("Cl_p", "Cl_da", "Cn_beta", "Cn_dr") if axis == "lateral" else ("CL_alpha", "Cm_alpha", "Cm_q", "Cm_de")
+    main = (
+        ("Cl_p", "Cl_da", "Cn_beta", "Cn_dr")
+        if axis == "lateral"
+        else ("CL_alpha", "Cm_alpha", "Cm_q", "Cm_de")
+    )
     for key in main:
         error = abs(found[key]["estimate"] - truth[key])
         assert error < max(3.0 * found[key]["std"], 0.04 * abs(truth[key])), key

@@ -1,4 +1,6 @@
-"""The scenario `stall` and its relatives: flow separation is named where it acts, and nothing else is called by its name."""
+"""The scenario `stall` and its relatives: flow separation is named where it acts, and nothing else
+is called by its name.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ CURVE = {"shape1": 0.02, "shape2": 0.008, "shape3": 0.004, "shape4": 0.002}
 
 
 def of_stall(seed: int, hidden: Mapping[str, Any] | None, pull: float = 1.0) -> TraceStudy:
-    """The flights of `stall` with something else hidden, or nothing, and with another share of the elevator's steps."""
+    """The flights of `stall` with something else hidden, or nothing, and with another share of the
+    elevator's steps.
+    """
     document, _, where = load_document("stall")
     for part in ("train", "validate"):
         for maneuver in document["flight"][part]["maneuvers"]:
@@ -40,7 +44,11 @@ def of_rigid(seed: int, hidden: Mapping[str, Any] | None) -> TraceStudy:
 def changed(document: dict[str, Any], hidden: Mapping[str, Any] | None) -> dict[str, Any]:
     document["hidden"] = [dict(hidden)] if hidden else []
     document["distance"] = "effect missing" if hidden else "nothing missing"
-    document["expect"] = {"verdicts": ["traced"], "effects": [[hidden["name"]]]} if hidden else {"verdicts": ["consistent"]}
+    document["expect"] = (
+        {"verdicts": ["traced"], "effects": [[hidden["name"]]]}
+        if hidden
+        else {"verdicts": ["consistent"]}
+    )
     return document
 
 
@@ -53,7 +61,9 @@ def test_the_scenario_is_traced_with_its_derivatives_and_its_times() -> None:
     document, short, where = load_document("stall")
     study = run_trace(trace_scenario_of(document, short, where))
     assert study.grade is Grade.RIGHT
-    assert len(study.derivatives) == 10 and {row.name for row in study.effects} == {f"{NAME}.{name}" for name in (*ON_RIGID, "drag")}
+    assert len(study.derivatives) == 10 and {row.name for row in study.effects} == {
+        f"{NAME}.{name}" for name in (*ON_RIGID, "drag")
+    }
     for row in (*study.derivatives, *study.effects):
         assert abs(row.sigmas) < 3.5, row
     told = {row.name: row.after for row in study.effects}
@@ -80,11 +90,19 @@ def test_a_slow_approach_without_separation_claims_nothing() -> None:
 @pytest.mark.parametrize("curve", ["moment-nonlinearity", "lift-nonlinearity"])
 def test_a_static_curve_is_not_called_separation(curve: str) -> None:
     sign = -4.0 if curve.startswith("lift") else 1.0
-    study = of_rigid(1, {"name": curve, "values": {name: sign * value for name, value in CURVE.items()}})
+    study = of_rigid(
+        1, {"name": curve, "values": {name: sign * value for name, value in CURVE.items()}}
+    )
     assert claimed(study) == [curve]
 
 
 @pytest.mark.slow
 def test_a_bent_moment_of_the_whole_axis_is_not_called_separation() -> None:
-    study = of_stall(1, {"name": "moment-nonlinearity", "values": {name: -0.5 * value for name, value in CURVE.items()}})
+    study = of_stall(
+        1,
+        {
+            "name": "moment-nonlinearity",
+            "values": {name: -0.5 * value for name, value in CURVE.items()},
+        },
+    )
     assert claimed(study) == ["moment-nonlinearity"]

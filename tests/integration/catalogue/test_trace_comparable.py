@@ -1,4 +1,6 @@
-"""Tracing studies are scored with what the fitted model should find, predict a third record, and say why a hint is not claimed."""
+"""Tracing studies are scored with what the fitted model should find, predict a third record, and
+say why a hint is not claimed.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,17 @@ from scenarios.trials.planted.declaration import TraceScenario, true_vehicle
 from scenarios.trials.planted.flights import fly_trace, write_flown
 from scenarios.trials.planted.report import trace_text, write_trace
 from scenarios.trials.planted.schema import trace_scenario_of
-from scenarios.trials.planted.study import NOISE_FREE, Grade, Scored, TraceStudy, comparable_to, noise_free_fit, quantities_of, run_trace, truth_of
+from scenarios.trials.planted.study import (
+    NOISE_FREE,
+    Grade,
+    Scored,
+    TraceStudy,
+    comparable_to,
+    noise_free_fit,
+    quantities_of,
+    run_trace,
+    truth_of,
+)
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.maths import complex_step_jacobian
@@ -40,7 +52,9 @@ def rows(found: TraceStudy) -> dict[str, Scored]:
 
 
 def condensed_by_the_equations(vehicle: Model) -> dict[str, float]:
-    """The six derivatives with the bending states eliminated from the linear equations of motion, their rates set to zero."""
+    """The six derivatives with the bending states eliminated from the linear equations of motion,
+    their rates set to zero.
+    """
     system, v = compile_model(vehicle), {item.name: item.value for item in vehicle.parameters}
     p = system.parameters.values().tolist()
     A = complex_step_jacobian(lambda x: system.f(0.0, x, [0.0], p), [0.0] * len(system.states))
@@ -48,11 +62,19 @@ def condensed_by_the_equations(vehicle: Model) -> dict[str, float]:
     moves = np.linalg.solve(A[2:, 2:], np.hstack([A[2:, :2], B[2:]]))
     reduced = np.hstack([A[:2, :2], B[:2]]) - A[:2, 2:] @ moves
     lift = 2.0 * v["mass"] / (v["air_density"] * v["airspeed"] * v["wing_area"])
-    moment = 2.0 * v["pitch_inertia"] / (v["air_density"] * v["airspeed"] ** 2 * v["wing_area"] * v["chord"])
+    moment = (
+        2.0
+        * v["pitch_inertia"]
+        / (v["air_density"] * v["airspeed"] ** 2 * v["wing_area"] * v["chord"])
+    )
     per_rate = 2.0 * v["airspeed"] / v["chord"]
     loads = np.vstack([lift * (np.array([0.0, 1.0, 0.0]) - reduced[0]), moment * reduced[1]])
     scale = {"alpha": 1.0, "q": per_rate, "de": 1.0}
-    return {f"{load}_{by}": float(loads[i, j] * scale[by]) for i, load in enumerate(("CL", "Cm")) for j, by in enumerate(scale)}
+    return {
+        f"{load}_{by}": float(loads[i, j] * scale[by])
+        for i, load in enumerate(("CL", "Cm"))
+        for j, by in enumerate(scale)
+    }
 
 
 def test_of_a_closed_loop_the_flown_lift_equation_and_gearing_are_the_truth() -> None:
@@ -60,11 +82,16 @@ def test_of_a_closed_loop_the_flown_lift_equation_and_gearing_are_the_truth() ->
     row = rows(found)
     assert row["L_q"].true == 0.994, "as the airframe flies"
     assert all(abs(each.sigmas) < SIGMAS for each in row.values())
-    # A gearing that steepens by 5 % an inch, flown with inputs of up to an inch, and nothing else raises the gain.
+    # A gearing that steepens by 5 % an inch, flown with inputs of up to an inch, and nothing else
+    # raises the gain.
     true = row["M_delta"].true
     assert true is not None and 1.05 < row["M_delta"].comparable / true < 1.08
     (geared,) = [reason for reason in found.reasons if "gearing" in reason]
-    assert "5 % an inch" in geared and "M_delta" in geared and "half_width 0.15 with a straight gearing" in geared
+    assert (
+        "5 % an inch" in geared
+        and "M_delta" in geared
+        and "half_width 0.15 with a straight gearing" in geared
+    )
     assert geared in trace_text(found, width=10_000)
 
 
@@ -75,15 +102,21 @@ def test_of_a_flexible_aircraft_condensed_values_and_the_coupled_mode_are_the_tr
         assert row[name].condensed == pytest.approx(value, rel=1e-6)
     assert row["CL_alpha"].open and row["CL_alpha"].comparable == pytest.approx(2.721, abs=5e-4)
     frequency, damping = row["elastic_mode_1_frequency"], row["elastic_mode_1_damping"]
-    assert frequency.true == pytest.approx(12.402, abs=5e-4) and damping.true == pytest.approx(0.0381, abs=5e-5)
+    assert frequency.true == pytest.approx(12.402, abs=5e-4) and damping.true == pytest.approx(
+        0.0381, abs=5e-5
+    )
     # By the true equations and by a fit of the library's mode to the flight without noise.
     assert frequency.comparable == pytest.approx(frequency.true, rel=1e-3)
     assert damping.comparable == pytest.approx(damping.true, rel=1e-2)
     assert all(abs(each.sigmas) < SIGMAS for each in row.values())
-    assert "(2.7212)" in trace_text(found) and "static condensation" in trace_text(found, width=10_000)
+    assert "(2.7212)" in trace_text(found) and "static condensation" in trace_text(
+        found, width=10_000
+    )
 
 
-@pytest.mark.parametrize("name", ["trace-vane", "trace-drag", "trace-lateral-rudder", "trace-own-model"])
+@pytest.mark.parametrize(
+    "name", ["trace-vane", "trace-drag", "trace-lateral-rudder", "trace-own-model"]
+)
 def test_where_the_model_holds_the_truth_the_noise_free_fit_finds_it(name: str) -> None:
     found = study(name)
     d, truth = found.tracing.diagnosis, truth_of(found.scenario, found.flown)
@@ -114,7 +147,9 @@ def test_the_noise_of_both_copies_cancels(monkeypatch: pytest.MonkeyPatch) -> No
     first = {row.name: row.comparable for row in (*found.derivatives, *found.effects)}
     monkeypatch.setattr(comparable, "NOISE_SEED", 123)
     again = comparable_to(found.tracing, found.flown, truth_of(found.scenario, found.flown)).values
-    sigma = {name: quantity.std for name, quantity in quantities_of(found.tracing.diagnosis).items()}
+    sigma = {
+        name: quantity.std for name, quantity in quantities_of(found.tracing.diagnosis).items()
+    }
     assert all(abs(again[name] - value) < 0.15 * sigma[name] for name, value in first.items())
 
 
@@ -122,13 +157,21 @@ def test_the_noise_of_both_copies_cancels(monkeypatch: pytest.MonkeyPatch) -> No
 def test_the_third_record_is_flown_apart(name: str, tmp_path: Path) -> None:
     whole = scenario(name)
     flight = whole.flight
-    assert flight.test is not None and flight.test != flight.validate, "its own maneuvers, or where none moves its own length"
-    train, validate, test = (replace(plan, duration=2.0) for plan in (flight.train, flight.validate, flight.test))
-    short = replace(whole, flight=replace(flight, step=0.01, train=train, validate=validate, test=test))
+    assert flight.test is not None and flight.test != flight.validate, (
+        "its own maneuvers, or where none moves its own length"
+    )
+    train, validate, test = (
+        replace(plan, duration=2.0) for plan in (flight.train, flight.validate, flight.test)
+    )
+    short = replace(
+        whole, flight=replace(flight, step=0.01, train=train, validate=validate, test=test)
+    )
     flown = fly_trace(short, 1)
     assert not np.array_equal(flown.test.output_array()[0], flown.validate.output_array()[0])
     write_flown(flown, tmp_path)
-    assert sorted(path.name for path in tmp_path.glob("*.csv")) == ["train.csv", "validate.csv"], "the loop is not given it"
+    assert sorted(path.name for path in tmp_path.glob("*.csv")) == ["train.csv", "validate.csv"], (
+        "the loop is not given it"
+    )
     plain = fly_trace(replace(short, flight=replace(short.flight, test=None)), 1)
     assert np.array_equal(plain.train.output_array()[0], flown.train.output_array()[0])
     assert np.array_equal(plain.validate.output_array()[0], flown.validate.output_array()[0])
@@ -146,13 +189,20 @@ def test_errors_on_the_third_record_are_told_before_and_after(tmp_path: Path) ->
     assert third["used_in_fit"] is False and third["used_to_choose"] is False
     header = (tmp_path / "study" / "test_prediction.csv").read_text().splitlines()[0]
     assert header.startswith("time,before_") and (tmp_path / "study" / "test.csv").is_file()
-    assert content["parameters"]["CL_alpha"]["comparable"] == 2.922 and content["comparable"]["basis"] == NOISE_FREE
+    assert (
+        content["parameters"]["CL_alpha"]["comparable"] == 2.922
+        and content["comparable"]["basis"] == NOISE_FREE
+    )
     assert "third record, test.csv, which took no part" in trace_text(found, width=10_000)
     assert "third record" in (tmp_path / "study" / "report.html").read_text()
 
 
 def missed(requirement: Requirement) -> bool:
-    return requirement.value <= requirement.bar if requirement.at_least else requirement.value >= requirement.bar
+    return (
+        requirement.value <= requirement.bar
+        if requirement.at_least
+        else requirement.value >= requirement.bar
+    )
 
 
 @pytest.mark.parametrize(
@@ -162,7 +212,9 @@ def missed(requirement: Requirement) -> bool:
         ("trace-rhythm", 1, "which is no effect of the library"),
     ],
 )
-def test_what_is_not_claimed_says_why_with_its_number_and_bar(name: str, seed: int, told: str, tmp_path: Path) -> None:
+def test_what_is_not_claimed_says_why_with_its_number_and_bar(
+    name: str, seed: int, told: str, tmp_path: Path
+) -> None:
     found = study(name, seed)
     d = found.tracing.diagnosis
     assert d.verdict is Verdict.UNEXPLAINED
@@ -174,13 +226,19 @@ def test_what_is_not_claimed_says_why_with_its_number_and_bar(name: str, seed: i
         assert not claim.claimed and claim.reasons, "a hint says why it is none"
     write_trace(found, tmp_path / "study", figures=())
     content = json.loads((tmp_path / "study" / "diagnosis.json").read_text())
-    assert [entry["sentence"] for entry in content["not_met"]] == [requirement.sentence for requirement in d.not_met]
-    assert all({"value", "required", "asked", "effects"} <= entry.keys() for entry in content["not_met"])
+    assert [entry["sentence"] for entry in content["not_met"]] == [
+        requirement.sentence for requirement in d.not_met
+    ]
+    assert all(
+        {"value", "required", "asked", "effects"} <= entry.keys() for entry in content["not_met"]
+    )
     assert all(entry["reasons"] for entry in content["effects"])
 
 
 def test_a_scale_height_is_found_beside_a_drag_that_drifts() -> None:
-    """In a fall a guard, drag that drifts, is nearly the same: the cause that has a name is the more probable."""
+    """In a fall a guard, drag that drifts, is nearly the same: the cause that has a name is the
+    more probable.
+    """
     found = study("trace-density")
     d = found.tracing.diagnosis
     (claim,) = d.effects
@@ -194,5 +252,8 @@ def test_a_requirement_is_a_sentence_with_both_numbers() -> None:
     low = Requirement("the damping over its standard deviation", 1.14, 2.0, at_least=True)
     high = Requirement("the standard deviation of CL_q", 28.3, 10.0, at_least=False, unit="1/rad")
     assert low.sentence == "the damping over its standard deviation is 1.14, required is at least 2"
-    assert high.sentence == "the standard deviation of CL_q is 28.3 1/rad, required is at most 10 1/rad"
+    assert (
+        high.sentence
+        == "the standard deviation of CL_q is 28.3 1/rad, required is at most 10 1/rad"
+    )
     assert study("trace-delay").tracing.diagnosis.not_met == ()

@@ -1,4 +1,6 @@
-"""Tracing scenarios: laws for every one of them, the files of one that is run, and how a diagnosis is scored."""
+"""Tracing scenarios: laws for every one of them, the files of one that is run, and how a diagnosis
+is scored.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,13 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Claim, Verdict
-from scenarios.studies.catalogue import load_document, load_scenario, scenario_kind, scenario_names, scenario_text
+from scenarios.studies.catalogue import (
+    load_document,
+    load_scenario,
+    scenario_kind,
+    scenario_names,
+    scenario_text,
+)
 from scenarios.studies.estimating import vehicle_model
 from scenarios.studies.schema import unit_of
 from scenarios.trials.planted.declaration import OWN, Expectation, TraceScenario, own_terms
@@ -23,9 +31,27 @@ from sim.errors import DeclarationError
 from tests.diagnoses import tracing_of
 
 NAMES = scenario_names("trace")
-EXPECTED = {"elastic", "breakout", "density", "drag", "delay", "vane", "turbulence", "pair", "other-form", "outside", "nothing", "flexible"}
+EXPECTED = {
+    "elastic",
+    "breakout",
+    "density",
+    "drag",
+    "delay",
+    "vane",
+    "turbulence",
+    "pair",
+    "other-form",
+    "outside",
+    "nothing",
+    "flexible",
+}
 LATERAL = {"lateral-rudder", "lateral-vane", "lateral-backlash", "lateral-gust"}
-LONGITUDINAL = {"longitudinal-thrust", "longitudinal-pitot", "longitudinal-drag", "longitudinal-wind"}
+LONGITUDINAL = {
+    "longitudinal-thrust",
+    "longitudinal-pitot",
+    "longitudinal-drag",
+    "longitudinal-wind",
+}
 HEADERS = {
     "lateral": {"time", "aileron", "rudder", "beta", "p", "r", "phi", "ny"},
     "longitudinal": {"time", "elevator", "thrust", "airspeed", "alpha", "theta", "q", "nz", "nx"},
@@ -52,22 +78,37 @@ def test_declares_what_is_hidden_and_what_should_be_found(name: str) -> None:
     library = {each.partition(":")[0] for each in effect_names()}
     own = {term.name for term in declared.flight.hidden if term.name.startswith(OWN)}
     assert own <= set(own_terms())
-    assert bool(own) == (declared.distance in ("effect of another form missing", "nothing in the library fits"))
+    assert bool(own) == (
+        declared.distance in ("effect of another form missing", "nothing in the library fits")
+    )
     for names in declared.expect.effects:
         assert {each.partition(":")[0] for each in names} <= library
-    assert ("unexplained" in declared.expect.verdicts) == (declared.distance == "nothing in the library fits")
-    assert declared.flight.train.maneuvers != declared.flight.validate.maneuvers or declared.model == "ballistic"
+    assert ("unexplained" in declared.expect.verdicts) == (
+        declared.distance == "nothing in the library fits"
+    )
+    assert (
+        declared.flight.train.maneuvers != declared.flight.validate.maneuvers
+        or declared.model == "ballistic"
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_files_hold_no_truth(name: str, tmp_path: Path) -> None:
     whole = scenario(name)
-    first, second = (replace(plan, duration=2.0) for plan in (whole.flight.train, whole.flight.validate))
-    flown = fly_trace(replace(whole, flight=replace(whole.flight, step=0.01, train=first, validate=second)), 1)
+    first, second = (
+        replace(plan, duration=2.0) for plan in (whole.flight.train, whole.flight.validate)
+    )
+    flown = fly_trace(
+        replace(whole, flight=replace(whole.flight, step=0.01, train=first, validate=second)), 1
+    )
     train, validate, vehicle = write_flown(flown, tmp_path)
     header = train.read_text().splitlines()[0].split(",")
     own = whole.flight.own
-    declared = {"time", *(signal.name for signal in (*own.equations.inputs, *own.equations.outputs))} if own is not None else USUAL_HEADER
+    declared = (
+        {"time", *(signal.name for signal in (*own.equations.inputs, *own.equations.outputs))}
+        if own is not None
+        else USUAL_HEADER
+    )
     assert set(header) <= HEADERS.get(whole.model, declared)
     assert not np.array_equal(flown.train.output_array()[0], flown.validate.output_array()[0])
     text = vehicle.read_text()
@@ -80,25 +121,46 @@ def test_the_files_hold_no_truth(name: str, tmp_path: Path) -> None:
 def test_what_is_hidden_acts_and_every_input_moves(name: str) -> None:
     whole = scenario(f"trace-{name}")
     coarse = replace(whole, flight=replace(whole.flight, step=0.02))
-    flown, bare = fly_trace(coarse, 1), fly_trace(replace(coarse, flight=replace(coarse.flight, hidden=())), 1)
+    flown, bare = (
+        fly_trace(coarse, 1),
+        fly_trace(replace(coarse, flight=replace(coarse.flight, hidden=())), 1),
+    )
     for record, without in ((flown.train, bare.train), (flown.validate, bare.validate)):
         assert all(np.ptp(channel.values) > 0 for channel in record.inputs)
-        assert {channel.name for channel in (*record.inputs, *record.outputs)} == HEADERS[whole.model] - {"time"}
+        assert {channel.name for channel in (*record.inputs, *record.outputs)} == HEADERS[
+            whole.model
+        ] - {"time"}
         misfit = record.output_array()[0] - without.output_array()[0]
         sigma = np.array([[flown.noise_std[channel.name]] for channel in record.outputs])
-        # The noise is the same, so that what differs is what is hidden; its log likelihood is half of this.
+        # The noise is the same, so that what differs is what is hidden; its log likelihood is half
+        # of this.
         assert np.sum((misfit / sigma) ** 2) > 100.0
-        assert np.max(np.abs(misfit / sigma)[:, record.time < 0.5]) < 1.0, "both begin alike, before anything moves"
+        assert np.max(np.abs(misfit / sigma)[:, record.time < 0.5]) < 1.0, (
+            "both begin alike, before anything moves"
+        )
     free = vehicle_model(whole.flight.vehicle, 0, Noise()).parameters.free_names
-    assert len(free) > 8 and set(flown.derivatives) == set(free), "a sideslip derivative is none of an elastic mode"
+    assert len(free) > 8 and set(flown.derivatives) == set(free), (
+        "a sideslip derivative is none of an elastic mode"
+    )
     for plan in (whole.flight.train, whole.flight.validate):
-        times = [maneuver.numbers[key] * whole.flight.rate for maneuver in plan.maneuvers for key in ("start", "unit") if key in maneuver.numbers]
-        assert times == pytest.approx(np.round(times)), "a switch between two samples would be recorded late"
+        times = [
+            maneuver.numbers[key] * whole.flight.rate
+            for maneuver in plan.maneuvers
+            for key in ("start", "unit")
+            if key in maneuver.numbers
+        ]
+        assert times == pytest.approx(np.round(times)), (
+            "a switch between two samples would be recorded late"
+        )
 
 
 def test_sideslip_is_an_angle_and_no_ballistic_coefficient() -> None:
     assert scenario("trace-lateral-vane").flight.noise_std["beta"] == pytest.approx(np.deg2rad(0.1))
-    assert unit_of("beta") == "kg/m2" and unit_of("beta", "lateral") == "rad" and unit_of("p", "lateral") == "rad/s"
+    assert (
+        unit_of("beta") == "kg/m2"
+        and unit_of("beta", "lateral") == "rad"
+        and unit_of("p", "lateral") == "rad/s"
+    )
 
 
 def test_a_study_is_written_with_truth_before_and_after(tmp_path: Path) -> None:
@@ -115,7 +177,9 @@ def test_a_study_is_written_with_truth_before_and_after(tmp_path: Path) -> None:
         assert abs(entry["estimate"] - entry["true"]) < 5.0 * entry["std"]
     assert set(content["methods"]) == {"declared-model"}
     assert json.loads((tmp_path / "study" / "truth.json").read_text())["effects"] == []
-    assert json.loads((tmp_path / "study" / "diagnosis.json").read_text())["verdict"] == "consistent"
+    assert (
+        json.loads((tmp_path / "study" / "diagnosis.json").read_text())["verdict"] == "consistent"
+    )
     for name in ("train.csv", "validate.csv", "vehicle.toml", "validate_prediction.csv"):
         assert (tmp_path / "study" / name).is_file()
     text = trace_text(study)
@@ -133,12 +197,21 @@ def test_grades() -> None:
     assert graded(Verdict.TRACED, (delay,), expect) is Grade.RIGHT
     assert graded(Verdict.AMBIGUOUS, (lag,), expect) is Grade.AMBIGUOUS
     # The right name first, with another that could take its place, is no worse.
-    assert graded(Verdict.AMBIGUOUS, (Claim("input-delay", {}, ("actuator-lag",)),), expect) is Grade.AMBIGUOUS
-    assert graded(Verdict.AMBIGUOUS, (Claim("vane-offset", {}, ("actuator-lag",)),), expect) is Grade.WRONG
+    assert (
+        graded(Verdict.AMBIGUOUS, (Claim("input-delay", {}, ("actuator-lag",)),), expect)
+        is Grade.AMBIGUOUS
+    )
+    assert (
+        graded(Verdict.AMBIGUOUS, (Claim("vane-offset", {}, ("actuator-lag",)),), expect)
+        is Grade.WRONG
+    )
     assert graded(Verdict.TRACED, (Claim("vane-offset", {}),), expect) is Grade.WRONG
     assert graded(Verdict.TRACED, (delay, Claim("vane-offset", {})), expect) is Grade.WRONG
     assert graded(Verdict.CONSISTENT, (), expect) is Grade.WRONG
-    assert graded(Verdict.UNEXPLAINED, (Claim("input-delay", {}, claimed=False),), expect) is Grade.UNDECIDED
+    assert (
+        graded(Verdict.UNEXPLAINED, (Claim("input-delay", {}, claimed=False),), expect)
+        is Grade.UNDECIDED
+    )
     assert graded(Verdict.UNEXPLAINED, (), Expectation(("unexplained",))) is Grade.RIGHT
     assert graded(Verdict.CONSISTENT, (), Expectation(("consistent",))) is Grade.RIGHT
     assert graded(Verdict.TRACED, (delay,), Expectation(("consistent",))) is Grade.WRONG

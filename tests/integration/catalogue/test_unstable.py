@@ -1,4 +1,6 @@
-"""The scenario `unstable`: an unstable aircraft under feedback is identified as well as a stable one in the same loop."""
+"""The scenario `unstable`: an unstable aircraft under feedback is identified as well as a stable
+one in the same loop.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,10 @@ def scenario(runs: int, *methods: str, flights: slice = slice(None)) -> Scenario
     """The scenario with few methods on its repeated flights."""
     whole = load_scenario("unstable", [f"repeated.runs={runs}"])
     assert whole.repeated is not None
-    kept = tuple(replace(each, methods=tuple(name for name in each.methods if name in methods)) for each in whole.repeated.flights[flights])
+    kept = tuple(
+        replace(each, methods=tuple(name for name in each.methods if name in methods))
+        for each in whole.repeated.flights[flights]
+    )
     return replace(whole, repeated=replace(whole.repeated, flights=kept))
 
 
@@ -47,11 +52,18 @@ def test_repeated_flights_are_told_drawn_and_written(tmp_path: Path) -> None:
     study = run_scenario(replace(small, estimations=small.estimations[:1], repeated=None))
     assert all(abs(row.sigmas or np.inf) < 4.0 for row in study.main.rows)
     study = replace(study, repeated=fly_repeatedly(small))
-    assert [(each.flight, each.errors.shape) for each in study.repeated] == [("unstable", (6, 2)), ("stable", (6, 2))]
+    assert [(each.flight, each.errors.shape) for each in study.repeated] == [
+        ("unstable", (6, 2)),
+        ("stable", (6, 2)),
+    ]
     write_study(study, tmp_path / "study")
-    written = json.loads((tmp_path / "study" / "comparison.json").read_text(encoding="utf-8"))["repeated"]
+    written = json.loads((tmp_path / "study" / "comparison.json").read_text(encoding="utf-8"))[
+        "repeated"
+    ]
     assert [each["outcomes"] for each in written] == [{"converged": 2}, {"converged": 2}]
-    assert written[0]["parameters"]["Cm_alpha"]["rms_error"] == pytest.approx(study.repeated[0].rms[3])
+    assert written[0]["parameters"]["Cm_alpha"]["rms_error"] == pytest.approx(
+        study.repeated[0].rms[3]
+    )
     assert (tmp_path / "study" / "repeated.png").is_file()
     out = console()
     with out.capture() as said:
@@ -72,8 +84,18 @@ def test_wrong_names_are_refused_by_key() -> None:
 def test_methods_of_other_derivatives_stand_in_one_table() -> None:
     """Each number under its own name, a dash where a method does not estimate it."""
     main, filtered = load_scenario("unstable").estimations[:2]
-    both = Scatter("calm", main, ("a", "b"), ("1", "1"), np.array([[2.0], [3.0]]), np.ones((2, 1)), {"converged": 1})
-    one = Scatter("calm", filtered, ("b",), ("1",), np.array([[5.0]]), np.ones((1, 1)), {"converged": 1})
+    both = Scatter(
+        "calm",
+        main,
+        ("a", "b"),
+        ("1", "1"),
+        np.array([[2.0], [3.0]]),
+        np.ones((2, 1)),
+        {"converged": 1},
+    )
+    one = Scatter(
+        "calm", filtered, ("b",), ("1",), np.array([[5.0]]), np.ones((1, 1)), {"converged": 1}
+    )
     out = console()
     with out.capture() as said:
         _print_repeated([both, one], out)
@@ -88,7 +110,9 @@ def held(found: Scatter, derivative: int) -> int:
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["main", "filter"])
 def test_two_sigma_intervals_hold_as_often_on_the_unstable_aircraft(method: str) -> None:
-    """Of 50 runs, by derivative, within the binomial bounds of 95.4 % at odds of one in a thousand; all runs settle."""
+    """Of 50 runs, by derivative, within the binomial bounds of 95.4 % at odds of one in a thousand;
+    all runs settle.
+    """
     few = int(binom.ppf(1e-3, 50, 0.9545))
     for found in fly_repeatedly(scenario(50, method, flights=slice(0, 2)), 101):
         assert found.outcomes == {"converged": 50}
@@ -98,8 +122,13 @@ def test_two_sigma_intervals_hold_as_often_on_the_unstable_aircraft(method: str)
 
 @pytest.mark.slow
 def test_in_rough_air_output_error_is_far_off_on_either_aircraft_and_filter_error_is_not() -> None:
-    """Errors in units: the filter's are those of calm air within a factor, output error's several times as large."""
-    found = {(each.flight, each.estimation.name): each for each in fly_repeatedly(scenario(20, "main", "filter-error"), 201)}
+    """Errors in units: the filter's are those of calm air within a factor, output error's several
+    times as large.
+    """
+    found = {
+        (each.flight, each.estimation.name): each
+        for each in fly_repeatedly(scenario(20, "main", "filter-error"), 201)
+    }
     for flight in ("unstable", "stable"):
         calm, rough = found[flight, "main"].rms, found[f"{flight}, rough air", "main"].rms
         filtered = found[f"{flight}, rough air", "filter-error"]
@@ -116,6 +145,12 @@ def test_the_estimate_of_one_run_is_what_the_repetition_counts() -> None:
 
     record, truth = fly_scenario(replace(small, flight=small.repeated.flights[0].flight), 4)  # type: ignore[union-attr]
     estimation = found.estimation
-    model = declared_model(estimation, vehicle_constants(estimation, small.flight.vehicle), assumed_noise(small, estimation))
+    model = declared_model(
+        estimation,
+        vehicle_constants(estimation, small.flight.vehicle),
+        assumed_noise(small, estimation),
+    )
     estimate = estimate_record(estimation, record, model).estimate
-    assert found.errors[3, 1] == pytest.approx(estimate.value("Cm_alpha") - truth.parameters["Cm_alpha"].value)
+    assert found.errors[3, 1] == pytest.approx(
+        estimate.value("Cm_alpha") - truth.parameters["Cm_alpha"].value
+    )

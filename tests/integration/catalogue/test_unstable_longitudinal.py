@@ -29,11 +29,15 @@ GAINS = {"elevator": {"alpha": 1.7, "q": 0.35}}
 TRIM = step(1507.0)
 MANEUVERS: dict[str, dict[str, Maneuver]] = {
     "train": {
-        "elevator": Sum((three_two_one_one(3.0 * DEGREE, 0.48, 1.0), doublet(-3.0 * DEGREE, 1.2, 5.28))),
+        "elevator": Sum(
+            (three_two_one_one(3.0 * DEGREE, 0.48, 1.0), doublet(-3.0 * DEGREE, 1.2, 5.28))
+        ),
         "thrust": Sum((TRIM, doublet(400.0, 2.0, 4.0))),
     },
     "validate": {
-        "elevator": Sum((doublet(3.0 * DEGREE, 0.8, 1.0), three_two_one_one(-2.4 * DEGREE, 0.4, 4.8))),
+        "elevator": Sum(
+            (doublet(3.0 * DEGREE, 0.8, 1.0), three_two_one_one(-2.4 * DEGREE, 0.4, 4.8))
+        ),
         "thrust": Sum((TRIM, doublet(-400.0, 2.0, 3.2))),
     },
 }
@@ -46,7 +50,9 @@ def aircraft() -> Model:
 
 def record(name: str, seed: int, duration: float = 8.0) -> Record:
     time = sample_times(25.0, duration)
-    return fly_with_feedback(aircraft(), MANEUVERS[name], GAINS, time, np.random.default_rng(seed), step=0.005, name=name)[0]
+    return fly_with_feedback(
+        aircraft(), MANEUVERS[name], GAINS, time, np.random.default_rng(seed), step=0.005, name=name
+    )[0]
 
 
 def vehicle_file(folder: Path) -> Path:
@@ -54,7 +60,10 @@ def vehicle_file(folder: Path) -> Path:
     parameters = aircraft().parameters
     free = [item for item in parameters if item.free]
     lines = [f"{name} = {parameters[name].value}" for name in LONGITUDINAL_CONSTANTS]
-    lines += ["[derivatives]", *(f"{item.name} = {item.value * (1.0 + 0.2 * (-1.0) ** i)}" for i, item in enumerate(free))]
+    lines += [
+        "[derivatives]",
+        *(f"{item.name} = {item.value * (1.0 + 0.2 * (-1.0) ** i)}" for i, item in enumerate(free)),
+    ]
     path = folder / "vehicle.toml"
     path.write_text("\n".join(lines), encoding="utf-8")
     return path
@@ -66,7 +75,9 @@ def off(found: dict[str, tuple[float, float]]) -> list[float]:
 
 
 def test_it_doubles_in_about_a_second() -> None:
-    roots = np.linalg.eigvals(linearise(aircraft(), about={"airspeed": 53.6448, "thrust": 1506.6}).A)
+    roots = np.linalg.eigvals(
+        linearise(aircraft(), about={"airspeed": 53.6448, "thrust": 1506.6}).A
+    )
     assert 0.5 < np.log(2.0) / max(roots.real) < 1.2
 
 
@@ -79,7 +90,13 @@ def test_output_error_finds_it_with_sigmas_that_hold() -> None:
         for seed in range(8):
             found = identify(record("train", seed, 10.0), vehicle, "output-error")
             assert found.estimate.outcome.code == "converged"
-            scores += off({row.name: (row.estimate, row.std) for row in found.rows if row.name in vehicle.derivatives})
+            scores += off(
+                {
+                    row.name: (row.estimate, row.std)
+                    for row in found.rows
+                    if row.name in vehicle.derivatives
+                }
+            )
     assert len(scores) == 80
     assert np.mean(np.abs(scores) < 2.0) > 0.85 and np.max(np.abs(scores)) < 4.5
 
@@ -90,7 +107,9 @@ def traced(seed: int) -> Tracing:
         vehicle = vehicle_file(folder)
         for stem, draw in (("train", seed), ("validate", seed + 100)):
             write_record(folder, record(stem, draw), stem)
-        return diagnose_files(Request((folder / "train.csv",), "longitudinal", vehicle, (folder / "validate.csv",)))
+        return diagnose_files(
+            Request((folder / "train.csv",), "longitudinal", vehicle, (folder / "validate.csv",))
+        )
 
 
 @pytest.mark.slow

@@ -21,7 +21,8 @@ from tests.oracles.flight_path import Sensors
 from tests.unit.ident.compatibility.flights import FOUR, SPEED, THREE, record
 
 LOES = f"airspeed = {SPEED}\ngravity = 9.80665\nvane_arm = 4.0\n[derivatives]\n" + "".join(
-    f"{name} = 1.0\n" for name in ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
+    f"{name} = 1.0\n"
+    for name in ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
 )
 
 
@@ -29,7 +30,9 @@ LOES = f"airspeed = {SPEED}\ngravity = 9.80665\nvane_arm = 4.0\n[derivatives]\n"
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The working folder: two records with a late alpha and a vehicle file beside them."""
     for number in (1, 2):
-        write_record(tmp_path, record(sensors=Sensors(delay={"alpha": 0.06}), seed=number), f"flight{number}")
+        write_record(
+            tmp_path, record(sensors=Sensors(delay={"alpha": 0.06}), seed=number), f"flight{number}"
+        )
     (tmp_path / "vehicle.toml").write_text(VEHICLE.replace("200.64984", str(SPEED)))
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -50,18 +53,37 @@ def test_one_record(flightid: CommandLine, place: Path) -> None:
     assert "stands: sensor-delay:alpha, alpha is late by 0.0" in out
     assert "a delay common to alpha, q and nz leaves no trace" in out and "written to out" in out
     content = json.loads((place / "out" / "compatibility.json").read_text())
-    assert content["schema"] == "flightid/compatibility/1" and content["constants"]["airspeed"] == SPEED
+    assert (
+        content["schema"] == "flightid/compatibility/1"
+        and content["constants"]["airspeed"] == SPEED
+    )
     late = content["joint"]["estimates"]["sensor-delay:alpha"]
-    assert late["smoother"]["value"] == pytest.approx(0.06, abs=0.005) and late["output_error"]["value"] == pytest.approx(0.06, abs=0.005)
-    assert content["findings"][0]["name"] == "sensor-delay:alpha" and content["findings"][0]["stands"] is True
+    assert late["smoother"]["value"] == pytest.approx(0.06, abs=0.005) and late["output_error"][
+        "value"
+    ] == pytest.approx(0.06, abs=0.005)
+    assert (
+        content["findings"][0]["name"] == "sensor-delay:alpha"
+        and content["findings"][0]["stands"] is True
+    )
     assert all(math.isfinite(value) for value in numbers(content))
-    assert content["files"] == ["compatibility.json", "reconstruction.png", "report.html", "report.json"]
-    assert content["inputs"]["records"] == ["flight1.csv"] and content["inputs"]["vehicle"]["name"] == "vehicle.toml"
+    assert content["files"] == [
+        "compatibility.json",
+        "reconstruction.png",
+        "report.html",
+        "report.json",
+    ]
+    assert (
+        content["inputs"]["records"] == ["flight1.csv"]
+        and content["inputs"]["vehicle"]["name"] == "vehicle.toml"
+    )
 
 
 def timeless(folder: Path) -> dict[str, str]:
     """Every file of a study without the times that its page tells."""
-    return {name: re.sub(r"\d{4}-\d\d-\d\d[T ][\d:]+Z?", "", raw.decode()) for name, raw in contents(folder).items()}
+    return {
+        name: re.sub(r"\d{4}-\d\d-\d\d[T ][\d:]+Z?", "", raw.decode())
+        for name, raw in contents(folder).items()
+    }
 
 
 def test_several_records_and_the_same_bytes_again(flightid: CommandLine, place: Path) -> None:
@@ -82,9 +104,13 @@ def test_degrees_odd_headers_az_and_a_window(flightid: CommandLine, place: Path)
         lines.append(f"{t},{math.degrees(alpha)!r},{math.degrees(q)!r},{-9.80665 * nz!r}")
     (place / "export.csv").write_text("\n".join(lines) + "\n")
     (place / "map.toml").write_text('time = "t"\nalpha = "AoA1"\naz = "AZ"\n')
-    odd = flightid.done("check", "export.csv", "--channels", "map.toml", "--from", "0.5", "--to", "18")
+    odd = flightid.done(
+        "check", "export.csv", "--channels", "map.toml", "--from", "0.5", "--to", "18"
+    )
     plain = flightid.done("check", "flight1.csv", "--from", "0.5", "--to", "18")
-    assert [line for line in odd.splitlines() if "stands" in line] == [line for line in plain.splitlines() if "stands" in line]
+    assert [line for line in odd.splitlines() if "stands" in line] == [
+        line for line in plain.splitlines() if "stands" in line
+    ]
     assert "nz is" in odd or "az serves as nz" in odd
 
 
@@ -95,7 +121,9 @@ def test_a_known_vane_arm_is_no_finding(flightid: CommandLine, place: Path) -> N
     assert "stands: vane-offset" in flightid.done("check", "vane.csv")
 
 
-def test_no_vehicle_file_is_needed_where_the_airspeed_is_recorded(flightid: CommandLine, place: Path) -> None:
+def test_no_vehicle_file_is_needed_where_the_airspeed_is_recorded(
+    flightid: CommandLine, place: Path
+) -> None:
     (place / "vehicle.toml").unlink()
     write_record(place, record((*FOUR, "airspeed"), seed=3), "whole")
     assert "relation of alpha" in flightid.done("check", "whole.csv")
@@ -110,35 +138,63 @@ def test_a_dynamic_pressure_makes_the_airspeed(flightid: CommandLine, place: Pat
     write_record(place, replace(whole, outputs=(*whole.outputs[:3], pressure)), "pressure")
     (place / "vehicle.toml").write_text(VEHICLE.replace("200.64984", "65.0"))
     out = " ".join(flightid.done("check", "pressure.csv").split())
-    assert "stands: sensor-delay:alpha, alpha is late by 0.0" in out and "airspeed from the dynamic pressure, in air of 1.05" in out
+    assert (
+        "stands: sensor-delay:alpha, alpha is late by 0.0" in out
+        and "airspeed from the dynamic pressure, in air of 1.05" in out
+    )
 
 
 def test_bank_heading_and_height_in_their_units(flightid: CommandLine, place: Path) -> None:
-    """Degrees, g and feet, a heading through north, and a roll gyro with a bias, in the sentence and the file."""
+    """Degrees, g and feet, a heading through north, and a roll gyro with a bias, in the sentence
+    and the file.
+    """
     channels = ("p", "q", "r", "phi", "theta", "psi", "alpha", "airspeed", "height", "ay", "beta")
     record = axes.shown(axes.fly(), channels, axes.Faults(bias={"p": 0.02}, delay={"phi": 0.08}), 1)
     assert record["psi"].values.max() > 6.0 > 1.0 > record["psi"].values.min()
-    units = {"rad": ("deg", 180.0 / math.pi), "rad/s": ("deg/s", 180.0 / math.pi), "m/s2": ("g", 1.0 / 9.80665), "m": ("ft", 1.0 / 0.3048)}
+    units = {
+        "rad": ("deg", 180.0 / math.pi),
+        "rad/s": ("deg/s", 180.0 / math.pi),
+        "m/s2": ("g", 1.0 / 9.80665),
+        "m": ("ft", 1.0 / 0.3048),
+    }
     columns, header = [record.time], ["time"]
     for channel in record.outputs:
         unit, factor = units.get(channel.unit, (channel.unit, 1.0))
         header.append(f"{channel.name} [{unit}]")
         columns.append(channel.values * factor)
-    np.savetxt(place / "axes.csv", np.array(columns).T, delimiter=",", header=",".join(header), comments="")
+    np.savetxt(
+        place / "axes.csv", np.array(columns).T, delimiter=",", header=",".join(header), comments=""
+    )
     out = " ".join(flightid.done("check", "axes.csv", "--out", "out", "--no-figures").split())
-    assert "relation of height: height, theta, alpha, airspeed, phi, beta" in out and "warning" not in out
-    assert "stands: bias:p, p reads 1." in out and "deg/s too much" in out and "phi is late by 0.0" in out
+    assert (
+        "relation of height: height, theta, alpha, airspeed, phi, beta" in out
+        and "warning" not in out
+    )
+    assert (
+        "stands: bias:p, p reads 1." in out
+        and "deg/s too much" in out
+        and "phi is late by 0.0" in out
+    )
     content = json.loads((place / "out" / "compatibility.json").read_text())
     found = {finding["name"]: finding for finding in content["findings"]}
-    assert found["bias:p"]["kind"] == "bias" and abs(found["bias:p"]["value"] - 0.02) < 3.0 * found["bias:p"]["std"]
+    assert (
+        found["bias:p"]["kind"] == "bias"
+        and abs(found["bias:p"]["value"] - 0.02) < 3.0 * found["bias:p"]["std"]
+    )
     assert all(math.isfinite(value) for value in numbers(content))
 
 
 def test_alpha_and_q_alone_say_so(flightid: CommandLine, place: Path) -> None:
     write_record(place, record(THREE).only(["alpha", "q"]), "two")
     out = flightid.done("check", "two.csv", "--out", "out")
-    assert "nothing is checked: these channels close no relation" in out and "no sensor fault stands" not in out
-    assert "alpha: nothing can be told" in out and "without the load the lift between alpha and q is unknown" in " ".join(out.split())
+    assert (
+        "nothing is checked: these channels close no relation" in out
+        and "no sensor fault stands" not in out
+    )
+    assert (
+        "alpha: nothing can be told" in out
+        and "without the load the lift between alpha and q is unknown" in " ".join(out.split())
+    )
     assert json.loads((place / "out" / "compatibility.json").read_text())["findings"] == []
 
 
@@ -146,18 +202,39 @@ BAD: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "no record": (("check",), ("missing argument 'RECORD...'",)),
     "not there": (("check", "absent.csv"), ("absent.csv", "no such file")),
     "twice": (("check", "flight1.csv", "./flight1.csv"), ("flight1.csv", "named twice", "once")),
-    "none of the channels": (("check", "other.csv"), ("other.csv, header", "no column 'alpha'", "--channels")),
+    "none of the channels": (
+        ("check", "other.csv"),
+        ("other.csv, header", "no column 'alpha'", "--channels"),
+    ),
     "elevator alone": (("check", "elevator.csv"), ("elevator.csv", "none of the channels")),
     "too short": (("check", "short.csv"), ("short.csv", "samples are too few", "at least 20")),
-    "window": (("check", "flight1.csv", "--from", "99"), ("flight1.csv", "no row between --from and --to")),
+    "window": (
+        ("check", "flight1.csv", "--from", "99"),
+        ("flight1.csv", "no row between --from and --to"),
+    ),
     "text": (("check", "text.csv"), ("text.csv, row 2", "'bad' is not a number")),
     "unit": (("check", "unit.csv"), ("column 'alpha [foo]'", "unknown unit 'foo'")),
-    "standstill": (("check", "still.csv"), ("still.csv, channel airspeed", "not above zero", "--from")),
+    "standstill": (
+        ("check", "still.csv"),
+        ("still.csv, channel airspeed", "not above zero", "--from"),
+    ),
     "beyond measure": (("check", "huge.csv"), ("huge.csv, channel alpha", "is no measurement")),
-    "falling body": (("check", "flight1.csv", "--vehicle", "body.toml"), ("body.toml", "falling body", "aircraft")),
-    "vehicle not there": (("check", "flight1.csv", "--vehicle", "absent.toml"), ("absent.toml", "no such file")),
-    "vehicle wrong": (("check", "flight1.csv", "--vehicle", "wrong.toml"), ("wrong.toml", "key chrod", "no such key")),
-    "map": (("check", "flight1.csv", "--channels", "map.toml"), ("map.toml, key alhpa", "did you mean 'alpha'?")),
+    "falling body": (
+        ("check", "flight1.csv", "--vehicle", "body.toml"),
+        ("body.toml", "falling body", "aircraft"),
+    ),
+    "vehicle not there": (
+        ("check", "flight1.csv", "--vehicle", "absent.toml"),
+        ("absent.toml", "no such file"),
+    ),
+    "vehicle wrong": (
+        ("check", "flight1.csv", "--vehicle", "wrong.toml"),
+        ("wrong.toml", "key chrod", "no such key"),
+    ),
+    "map": (
+        ("check", "flight1.csv", "--channels", "map.toml"),
+        ("map.toml, key alhpa", "did you mean 'alpha'?"),
+    ),
 }
 
 
@@ -169,9 +246,14 @@ def test_bad_input(flightid: CommandLine, place: Path, case: str) -> None:
     (place / "short.csv").write_text("\n".join([head, *rows[:10]]) + "\n")
     (place / "text.csv").write_text("\n".join([head, "0,bad,0,0", *rows[1:]]) + "\n")
     (place / "unit.csv").write_text("\n".join([head.replace("alpha", "alpha [foo]"), *rows]) + "\n")
-    (place / "still.csv").write_text("\n".join([f"{head},airspeed", *(f"{row},0" for row in rows)]) + "\n")
+    (place / "still.csv").write_text(
+        "\n".join([f"{head},airspeed", *(f"{row},0" for row in rows)]) + "\n"
+    )
     (place / "huge.csv").write_text("\n".join([head, "0,1e300,0,0", *rows[1:]]) + "\n")
-    (place / "body.toml").write_text("air_density_reference = 1.2\ndensity_scale_height = 7000.0\ngravity = 9.8\n[derivatives]\nbeta = 100.0\n")
+    (place / "body.toml").write_text(
+        "air_density_reference = 1.2\ndensity_scale_height = 7000.0\ngravity = "
+        "9.8\n[derivatives]\nbeta = 100.0\n"
+    )
     (place / "wrong.toml").write_text(VEHICLE.replace("chord =", "chrod ="))
     (place / "map.toml").write_text('alhpa = "AoA"\n')
     arguments, parts = BAD[case]

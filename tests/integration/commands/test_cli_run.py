@@ -1,4 +1,6 @@
-"""`flightid list`, `run`, `simulate`, `campaign`, `effects`, `vehicles`: what they print and write."""
+"""`flightid list`, `run`, `simulate`, `campaign`, `effects`, `vehicles`: what they print and
+write.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def strict(path: Path) -> dict[str, Any]:
 
     def no_null(value: Any) -> None:
         assert value is not None
-        for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        for inner in (
+            value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+        ):
             no_null(inner)
 
     content = json.loads(path.read_text(), parse_constant=refuse_constant)
@@ -101,7 +105,14 @@ def test_comparison_of_the_rigid_aircraft(rigid_folder: Path) -> None:
         assert row["published"]["std"] > 0
     assert content["parameters"]["CL_alpha"]["true"] == 2.922
     assert content["parameters"]["CL_alpha"]["published"] == {"value": 2.9096, "std": 0.00764}
-    assert set(content["fixed"]) >= {"mass", "wing_area", "chord", "pitch_inertia", "airspeed", "air_density"}
+    assert set(content["fixed"]) >= {
+        "mass",
+        "wing_area",
+        "chord",
+        "pitch_inertia",
+        "airspeed",
+        "air_density",
+    }
     assert not set(content["fixed"]) & set(content["parameters"])
     for name, unit in (("natural_frequency", "rad/s"), ("damping_ratio", "1")):
         assert content["derived"][name]["unit"] == unit and content["derived"][name]["std"] > 0
@@ -112,28 +123,56 @@ def test_comparison_of_the_rigid_aircraft(rigid_folder: Path) -> None:
 def test_the_study_folder_holds_what_the_comparison_lists(rigid_folder: Path) -> None:
     listed = strict(rigid_folder / "comparison.json")["files"]
     assert sorted(entry.name for entry in rigid_folder.iterdir()) == sorted(listed)
-    assert {"record.csv", "record.json", "truth.json", "comparison.json", "history.csv", "fit.png", "innovations.png", "parameters.png"} <= set(
-        listed
-    )
+    assert {
+        "record.csv",
+        "record.json",
+        "truth.json",
+        "comparison.json",
+        "history.csv",
+        "fit.png",
+        "innovations.png",
+        "parameters.png",
+    } <= set(listed)
     assert strict(rigid_folder / "record.json")["hold"] == "previous"
     assert strict(rigid_folder / "truth.json")["parameters"]["Cm_de"]["value"] == -2.578
     assert [entry.name for entry in rigid_folder.parent.iterdir()] == ["rigid"]
 
 
-def test_its_page_shows_every_figure_and_estimate_and_is_made_again_to_the_byte(flightid: CommandLine, rigid_folder: Path) -> None:
+def test_its_page_shows_every_figure_and_estimate_and_is_made_again_to_the_byte(
+    flightid: CommandLine, rigid_folder: Path
+) -> None:
     page = (rigid_folder / "report.html").read_bytes()
     content = strict(rigid_folder / "report.json")
-    drawn = [block for section in content["sections"] for block in section["blocks"] if "figure" in block]
-    assert {block["figure"] for block in drawn} == {f"figure-{path.stem}" for path in rigid_folder.glob("*.png")}
-    assert all(caption_of(block["figure"].removeprefix("figure-")) == block["caption"] for block in drawn)
-    (found,) = [block for section in content["sections"] for block in section["blocks"] if block.get("table", "").startswith("Extended Kalman")]
+    drawn = [
+        block for section in content["sections"] for block in section["blocks"] if "figure" in block
+    ]
+    assert {block["figure"] for block in drawn} == {
+        f"figure-{path.stem}" for path in rigid_folder.glob("*.png")
+    }
+    assert all(
+        caption_of(block["figure"].removeprefix("figure-")) == block["caption"] for block in drawn
+    )
+    (found,) = [
+        block
+        for section in content["sections"]
+        for block in section["blocks"]
+        if block.get("table", "").startswith("Extended Kalman")
+    ]
     at = [column["heading"] for column in found["columns"]].index("estimate ± σ")
     shown = {row[0]: (row[at]["value"], row[at]["sigma"]) for row in found["rows"]}
-    assert shown == {name: (row["estimate"], row["std"]) for name, row in strict(rigid_folder / "comparison.json")["parameters"].items()}
-    assert "written to" in flightid.done("report", rigid_folder) and (rigid_folder / "report.html").read_bytes() == page
+    assert shown == {
+        name: (row["estimate"], row["std"])
+        for name, row in strict(rigid_folder / "comparison.json")["parameters"].items()
+    }
+    assert (
+        "written to" in flightid.done("report", rigid_folder)
+        and (rigid_folder / "report.html").read_bytes() == page
+    )
 
 
-def test_report_of_a_folder_without_a_page_is_one_line(flightid: CommandLine, rigid_folder: Path, tmp_path: Path) -> None:
+def test_report_of_a_folder_without_a_page_is_one_line(
+    flightid: CommandLine, rigid_folder: Path, tmp_path: Path
+) -> None:
     (tmp_path / "comparison.json").write_bytes((rigid_folder / "comparison.json").read_bytes())
     assert "flightid run rigid --seed 1 --out" in flightid.refused("report", tmp_path)
 
@@ -148,11 +187,16 @@ def test_history_ends_at_the_estimate(rigid_folder: Path) -> None:
     assert all(math.isfinite(float(cell)) for row in rows for cell in row.values())
 
 
-def test_the_same_seed_writes_the_same_bytes(flightid: CommandLine, rigid_folder: Path, tmp_path: Path) -> None:
+def test_the_same_seed_writes_the_same_bytes(
+    flightid: CommandLine, rigid_folder: Path, tmp_path: Path
+) -> None:
     flightid.done("run", "rigid", "--no-figures", "--out", tmp_path / "a")
     for name in ("record.csv", "record.json", "truth.json", "history.csv"):
         assert (tmp_path / "a" / name).read_bytes() == (rigid_folder / name).read_bytes()
-    again, before = strict(tmp_path / "a" / "comparison.json"), strict(rigid_folder / "comparison.json")
+    again, before = (
+        strict(tmp_path / "a" / "comparison.json"),
+        strict(rigid_folder / "comparison.json"),
+    )
     for content in (again, before):
         content.pop("files")
         content.pop("versions")
@@ -163,8 +207,20 @@ def test_seed_and_set_change_what_they_name(flightid: CommandLine, tmp_path: Pat
     scenario = small(tmp_path / "short.toml")
     flightid.done("run", scenario, "--no-figures", "--out", tmp_path / "a")
     flightid.done("run", scenario, "--no-figures", "--seed", 7, "--out", tmp_path / "b")
-    flightid.done("run", scenario, "--no-figures", "--set", "flight.rate=25 Hz", "--set", "estimate.start.CL_q.value=-12", "--out", tmp_path / "c")
-    a, b, c = (read_record(tmp_path / each / "record.csv", ["elevator"], ["alpha", "q"]) for each in "abc")
+    flightid.done(
+        "run",
+        scenario,
+        "--no-figures",
+        "--set",
+        "flight.rate=25 Hz",
+        "--set",
+        "estimate.start.CL_q.value=-12",
+        "--out",
+        tmp_path / "c",
+    )
+    a, b, c = (
+        read_record(tmp_path / each / "record.csv", ["elevator"], ["alpha", "q"]) for each in "abc"
+    )
     assert (len(a), len(b), len(c)) == (101, 101, 51)
     assert (a["alpha"].values != b["alpha"].values).all()
     assert [strict(tmp_path / each / "comparison.json")["seed"] for each in "abc"] == [1, 7, 1]
@@ -184,9 +240,18 @@ def test_run_prints_true_estimate_and_published(flightid: CommandLine, rigid_fol
 
 
 def test_brackets_in_texts_are_printed(flightid: CommandLine, tmp_path: Path) -> None:
-    """Scenarios mark with [own] what this project chose; a terminal library must not take it for its own mark-up."""
+    """Scenarios mark with [own] what this project chose; a terminal library must not take it for
+    its own mark-up.
+    """
     scenario = small(tmp_path / "short.toml")
-    printed = flightid.done("run", scenario, "--set", "estimate.explanation=the unit is [own]", "--set", "title=[1] of [bold]2[/bold]")
+    printed = flightid.done(
+        "run",
+        scenario,
+        "--set",
+        "estimate.explanation=the unit is [own]",
+        "--set",
+        "title=[1] of [bold]2[/bold]",
+    )
     assert "the unit is [own]" in printed and "[1] of [bold]2[/bold]" in printed
 
 
@@ -207,7 +272,9 @@ def test_a_rerun_replaces_ours_and_leaves_others(flightid: CommandLine, tmp_path
     second = contents(out)
     assert second["notes.md"] == b"mine"
     assert second["record.csv"] != first["record.csv"]
-    assert any(name.endswith(".png") for name in first) and not any(name.endswith(".png") for name in second)
+    assert any(name.endswith(".png") for name in first) and not any(
+        name.endswith(".png") for name in second
+    )
     assert set(strict(out / "comparison.json")["files"]) | {"notes.md"} == set(second)
 
 
@@ -222,7 +289,9 @@ def test_a_failing_run_leaves_nothing_behind(flightid: CommandLine, tmp_path: Pa
     assert contents(tmp_path) == before
 
 
-def test_a_failure_while_writing_leaves_the_older_study_whole(flightid: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_while_writing_leaves_the_older_study_whole(
+    flightid: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     scenario, out = small(tmp_path / "short.toml"), tmp_path / "out"
     flightid.done("run", scenario, "--no-figures", "--out", out)
     before = contents(tmp_path)
@@ -232,7 +301,11 @@ def test_a_failure_while_writing_leaves_the_older_study_whole(flightid: CommandL
 
     monkeypatch.setattr("scenarios.studies.folder.write_history", broken)
     call = flightid("run", scenario, "--no-figures", "--seed", 2, "--out", out)
-    assert call.code == 1 and call.err.count("\n") == 1 and "internal error: RuntimeError: in the middle" in call.err
+    assert (
+        call.code == 1
+        and call.err.count("\n") == 1
+        and "internal error: RuntimeError: in the middle" in call.err
+    )
     assert contents(tmp_path) == before
     with pytest.raises(RuntimeError):
         from scenarios.cli import main
@@ -240,36 +313,72 @@ def test_a_failure_while_writing_leaves_the_older_study_whole(flightid: CommandL
         main(["--debug", "run", str(scenario), "--no-figures", "--out", str(out)])
 
 
-def test_simulate_writes_the_record_alone(flightid: CommandLine, rigid_folder: Path, tmp_path: Path) -> None:
+def test_simulate_writes_the_record_alone(
+    flightid: CommandLine, rigid_folder: Path, tmp_path: Path
+) -> None:
     assert flightid.done("simulate", "rigid", "--out", tmp_path / "new" / "flight.csv") == ""
     assert sorted(contents(tmp_path)) == ["new/flight.csv", "new/flight.json"]
-    assert (tmp_path / "new" / "flight.csv").read_bytes() == (rigid_folder / "record.csv").read_bytes()
+    assert (tmp_path / "new" / "flight.csv").read_bytes() == (
+        rigid_folder / "record.csv"
+    ).read_bytes()
 
 
 def test_campaign_counts_what_the_intervals_hold(flightid: CommandLine, tmp_path: Path) -> None:
-    printed = flightid.done("campaign", small(tmp_path / "short.toml"), "--runs", 20, "--seed", 3, "--out", tmp_path / "out")
+    printed = flightid.done(
+        "campaign",
+        small(tmp_path / "short.toml"),
+        "--runs",
+        20,
+        "--seed",
+        3,
+        "--out",
+        tmp_path / "out",
+    )
     assert "20 runs from seed 3" in printed and "within 2 sigma" in printed
     content = strict(tmp_path / "out" / "campaign.json")
-    assert (content["schema"], content["runs"], content["seed"], content["broken"]) == ("flightid/campaign/1", 20, 3, 0)
+    assert (content["schema"], content["runs"], content["seed"], content["broken"]) == (
+        "flightid/campaign/1",
+        20,
+        3,
+        0,
+    )
     rows = list(csv.DictReader((tmp_path / "out" / "estimates.csv").read_text().splitlines()))
     assert len(rows) == 20
     hits = {}
     for name, spread in content["parameters"].items():
         values = [float(row[name]) for row in rows]
         assert spread["bias"] == pytest.approx(sum(values) / 20 - spread["reference"], abs=1e-12)
-        hits[name] = sum(abs(float(row[name]) - spread["reference"]) <= 2 * float(row[f"std_{name}"]) for row in rows)
+        hits[name] = sum(
+            abs(float(row[name]) - spread["reference"]) <= 2 * float(row[f"std_{name}"])
+            for row in rows
+        )
         assert spread["within_two_sigma"] == hits[name] / 20
         assert spread["interval"][0] <= spread["within_two_sigma"] <= spread["interval"][1]
     assert content["pooled"]["within_two_sigma"] == pytest.approx(sum(hits.values()) / 120)
 
 
-@pytest.mark.parametrize("keys", [("passes=1",), ("passes=4",), ("passes=4", "spread=20"), ("method=output-error",)])
-def test_a_run_of_a_campaign_is_the_run_of_that_seed(flightid: CommandLine, tmp_path: Path, keys: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    "keys", [("passes=1",), ("passes=4",), ("passes=4", "spread=20"), ("method=output-error",)]
+)
+def test_a_run_of_a_campaign_is_the_run_of_that_seed(
+    flightid: CommandLine, tmp_path: Path, keys: tuple[str, ...]
+) -> None:
     scenario = small(tmp_path / "short.toml")
     changes = [text for key in keys for text in ("--set", f"estimate.{key}")]
-    flightid.done("campaign", scenario, "--runs", 2, "--seed", 6, *changes, "--out", tmp_path / "many")
+    flightid.done(
+        "campaign", scenario, "--runs", 2, "--seed", 6, *changes, "--out", tmp_path / "many"
+    )
     rows = list(csv.DictReader((tmp_path / "many" / "estimates.csv").read_text().splitlines()))
-    flightid.done("run", scenario, "--no-figures", "--seed", rows[1]["seed"], *changes, "--out", tmp_path / "one")
+    flightid.done(
+        "run",
+        scenario,
+        "--no-figures",
+        "--seed",
+        rows[1]["seed"],
+        *changes,
+        "--out",
+        tmp_path / "one",
+    )
     for name, row in strict(tmp_path / "one" / "comparison.json")["parameters"].items():
         assert float(rows[1][name]) == pytest.approx(row["estimate"], rel=1e-9)
         assert float(rows[1][f"std_{name}"]) == pytest.approx(row["std"], rel=1e-7)
@@ -283,18 +392,41 @@ def test_effects_and_vehicles_are_shown(flightid: CommandLine) -> None:
     assert "input path" in one and "delay" in one and "absent when" in one
     gust = flightid.done("effects", "gust-discrete")
     made = flightid.done("effects", "input-delay:rudder")
-    assert made.startswith("input-delay:rudder  (input path)") and "hard to tell from actuator-lag:rudder" in made
-    assert "flat on top" in gust and "adds shape1 (m/s), shape2 (m/s), shape3 (m/s)" in gust and "inf" not in gust
-    assert [line.split()[0] for line in flightid.done("vehicles").splitlines()] == list(vehicle_names())
+    assert (
+        made.startswith("input-delay:rudder  (input path)")
+        and "hard to tell from actuator-lag:rudder" in made
+    )
+    assert (
+        "flat on top" in gust
+        and "adds shape1 (m/s), shape2 (m/s), shape3 (m/s)" in gust
+        and "inf" not in gust
+    )
+    assert [line.split()[0] for line in flightid.done("vehicles").splitlines()] == list(
+        vehicle_names()
+    )
     assert "288017 lb" in flightid.done("vehicles", "bomber_rigid")
     difference = flightid.done("vehicles", "bomber_ac1", "--diff", "bomber_rigid")
     assert "omega1" in difference and "wing_area" not in difference
 
 
 def test_simulate_writes_what_the_loop_is_given(flightid: CommandLine, tmp_path: Path) -> None:
-    shorter = ("--set", "flight.train.duration=3", "--set", "flight.validate.duration=2", "--set", "flight.step=0.01")
-    printed = flightid.done("simulate", "trace-longitudinal-thrust", *shorter, "--out", tmp_path / "flight.csv")
+    shorter = (
+        "--set",
+        "flight.train.duration=3",
+        "--set",
+        "flight.validate.duration=2",
+        "--set",
+        "flight.step=0.01",
+    )
+    printed = flightid.done(
+        "simulate", "trace-longitudinal-thrust", *shorter, "--out", tmp_path / "flight.csv"
+    )
     assert "flight_validate.csv" in printed and "flight_vehicle.toml" in printed
     assert {"flight.csv", "flight_validate.csv", "flight_vehicle.toml"} <= set(contents(tmp_path))
-    assert (len(read_record(tmp_path / "flight.csv")), len(read_record(tmp_path / "flight_validate.csv"))) == (76, 51)
-    assert flightid.done("check", tmp_path / "flight.csv", "--vehicle", tmp_path / "flight_vehicle.toml")
+    assert (
+        len(read_record(tmp_path / "flight.csv")),
+        len(read_record(tmp_path / "flight_validate.csv")),
+    ) == (76, 51)
+    assert flightid.done(
+        "check", tmp_path / "flight.csv", "--vehicle", tmp_path / "flight_vehicle.toml"
+    )

@@ -1,4 +1,6 @@
-"""`flightid compare` and `flightid run --compare`: studies side by side, from their folders alone."""
+"""`flightid compare` and `flightid run --compare`: studies side by side, from their folders
+alone.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,14 @@ def strict(path: Path) -> Any:
 def study(folder: Path, parameters: dict[str, Any], **further: Any) -> Path:
     folder.mkdir(parents=True)
     (folder / "comparison.json").write_text(
-        json.dumps({"schema": "flightid/comparison/1", "parameters": parameters, "outcome": "converged", **further})
+        json.dumps(
+            {
+                "schema": "flightid/comparison/1",
+                "parameters": parameters,
+                "outcome": "converged",
+                **further,
+            }
+        )
     )
     return folder
 
@@ -37,45 +46,84 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.raises(SystemExit) as ended:
         from scenarios.cli import main
 
-        main(["run", "rigid", "flexible-ac1-equivalent", *CHEAP, "--compare", "--no-figures", "--out", str(folder)])
+        main(
+            [
+                "run",
+                "rigid",
+                "flexible-ac1-equivalent",
+                *CHEAP,
+                "--compare",
+                "--no-figures",
+                "--out",
+                str(folder),
+            ]
+        )
     assert ended.value.code == 0
     return folder
 
 
 def test_run_and_compare_leaves_the_studies_and_their_comparison(flown: Path) -> None:
     written = {"compared.json", "compared.csv", "report.html", "report.json"}
-    assert {entry.name for entry in flown.iterdir()} == {"rigid", "flexible-ac1-equivalent"} | written
+    assert {entry.name for entry in flown.iterdir()} == {
+        "rigid",
+        "flexible-ac1-equivalent",
+    } | written
     content = strict(flown / "compared.json")
     assert [each["label"] for each in content["studies"]] == ["rigid", "flexible-ac1-equivalent"]
-    assert set(content["parameters"]) == set(NAMES) and set(content["derived"]) == {"damping_ratio", "natural_frequency"}
+    assert set(content["parameters"]) == set(NAMES) and set(content["derived"]) == {
+        "damping_ratio",
+        "natural_frequency",
+    }
     for label in ("rigid", "flexible-ac1-equivalent"):
         own = strict(flown / label / "comparison.json")["parameters"]
         for name in NAMES:
             shown = dict(content["parameters"][name]["studies"][label])
             printed = shown.pop("published")
-            assert {key: shown[key] for key in shown} == pytest.approx({key: own[name][key] for key in shown}, rel=1e-12)
+            assert {key: shown[key] for key in shown} == pytest.approx(
+                {key: own[name][key] for key in shown}, rel=1e-12
+            )
             assert {key: printed[key] for key in ("value", "std")} == own[name]["published"]
             reference = own[name].get("condensed", own[name]["true"])
-            assert printed["error_sigmas"] == pytest.approx((printed["value"] - reference) / printed["std"])
+            assert printed["error_sigmas"] == pytest.approx(
+                (printed["value"] - reference) / printed["std"]
+            )
 
 
-def test_the_table_has_a_row_for_each_parameter_and_study_in_the_order_of_the_equations(flown: Path) -> None:
+def test_the_table_has_a_row_for_each_parameter_and_study_in_the_order_of_the_equations(
+    flown: Path,
+) -> None:
     rows = list(csv.DictReader((flown / "compared.csv").read_text().splitlines()))
     assert [row["parameter"] for row in rows[:12:2]] == list(NAMES)
     assert [row["study"] for row in rows[:2]] == ["rigid", "flexible-ac1-equivalent"]
     content = strict(flown / "compared.json")["parameters"]
-    assert float(rows[1]["condensed"]) == content["CL_alpha"]["studies"]["flexible-ac1-equivalent"]["condensed"] and rows[0]["condensed"] == ""
+    assert (
+        float(rows[1]["condensed"])
+        == content["CL_alpha"]["studies"]["flexible-ac1-equivalent"]["condensed"]
+        and rows[0]["condensed"] == ""
+    )
 
 
-def test_compare_again_is_the_same_and_touches_no_study(flown: Path, tmp_path: Path, flightid: CommandLine) -> None:
+def test_compare_again_is_the_same_and_touches_no_study(
+    flown: Path, tmp_path: Path, flightid: CommandLine
+) -> None:
     before = contents(flown)
-    printed = flightid.done("compare", flown / "rigid", flown / "flexible-ac1-equivalent" / "comparison.json", "--out", tmp_path / "again")
+    printed = flightid.done(
+        "compare",
+        flown / "rigid",
+        flown / "flexible-ac1-equivalent" / "comparison.json",
+        "--out",
+        tmp_path / "again",
+    )
     assert contents(flown) == before
     again = contents(tmp_path / "again")
     assert {"compared_estimates.png", "compared_errors.png", "compared_responses.png"} <= set(again)
     assert again["compared.csv"] == before["compared.csv"]
     table = printed[printed.index("estimate +- sigma") :]
-    assert table.index("CL_alpha") < table.index("Cm_alpha") and "condensed" in table and "published +- sigma" in table
+    assert (
+        table.index("CL_alpha") < table.index("Cm_alpha")
+        and "condensed" in table
+        and "published +- sigma" in table
+    )
 
 
 def test_responses_are_what_was_measured_and_what_the_innovations_say(flown: Path) -> None:
@@ -85,7 +133,9 @@ def test_responses_are_what_was_measured_and_what_the_innovations_say(flown: Pat
     record = list(csv.DictReader((flown / "rigid" / "record.csv").read_text().splitlines()))
     for name in ("alpha", "q"):
         innovation = np.array([float(row[f"innovation_{name}"]) for row in history])
-        assert found.measured[name] == pytest.approx(np.array([float(row[name]) for row in record]), rel=1e-8)
+        assert found.measured[name] == pytest.approx(
+            np.array([float(row[name]) for row in record]), rel=1e-8
+        )
         assert found.measured[name] - found.predicted[name] == pytest.approx(innovation, abs=1e-8)
         assert np.std(found.measured[name] - found.true[name]) == pytest.approx(0.0022, rel=0.3)
     assert found.units["q"] == "rad/s" and set(found.inputs) == {"elevator"}
@@ -93,8 +143,15 @@ def test_responses_are_what_was_measured_and_what_the_innovations_say(flown: Pat
 
 def test_methods_and_diagnoses_are_columns_too(tmp_path: Path, flightid: CommandLine) -> None:
     row = {"estimate": 2.0, "std": 0.1, "unit": "1"}
-    one = study(tmp_path / "a" / "s", {"beta": row, "k": row}, methods={"other": {"parameters": {"beta": {**row, "estimate": 3.0}}}})
-    two = study(tmp_path / "b" / "s", {"beta": {**row, "true": 1.5}, "gain10": row, "gain9": row, "k": {**row, "unit": "s"}})
+    one = study(
+        tmp_path / "a" / "s",
+        {"beta": row, "k": row},
+        methods={"other": {"parameters": {"beta": {**row, "estimate": 3.0}}}},
+    )
+    two = study(
+        tmp_path / "b" / "s",
+        {"beta": {**row, "true": 1.5}, "gain10": row, "gain9": row, "k": {**row, "unit": "s"}},
+    )
     third = tmp_path / "d"
     third.mkdir()
     entry = {"value": 4.0, "std": 0.1, "unit": "1"}
@@ -104,15 +161,35 @@ def test_methods_and_diagnoses_are_columns_too(tmp_path: Path, flightid: Command
         "parameters": {"before": {"beta": {**entry, "value": 9.0}}, "after": {"beta": entry}},
     }
     (third / "diagnosis.json").write_text(json.dumps(diagnosis))
-    printed = flightid.done("compare", one, two, third, f"{third}:before", f"{one}:other", "--no-figures", "--out", tmp_path / "out")
+    printed = flightid.done(
+        "compare",
+        one,
+        two,
+        third,
+        f"{third}:before",
+        f"{one}:other",
+        "--no-figures",
+        "--out",
+        tmp_path / "out",
+    )
     content = strict(tmp_path / "out" / "compared.json")
-    found = {label: each["estimate"] for label, each in content["parameters"]["beta"]["studies"].items()}
-    assert found == {"a/s": 2.0, "b/s": 2.0, f"{tmp_path.name}/d": 4.0, f"{tmp_path.name}/d:before": 9.0, "a/s:other": 3.0}
+    found = {
+        label: each["estimate"] for label, each in content["parameters"]["beta"]["studies"].items()
+    }
+    assert found == {
+        "a/s": 2.0,
+        "b/s": 2.0,
+        f"{tmp_path.name}/d": 4.0,
+        f"{tmp_path.name}/d:before": 9.0,
+        "a/s:other": 3.0,
+    }
     assert content["other_unit"] == ["k"] and content["not_shared"] == {"b/s": ["gain9", "gain10"]}
     assert content["parameters"]["beta"]["studies"]["b/s"]["error_sigmas"] == pytest.approx(5.0)
     assert "in different units, therefore not compared: k" in printed
     both = flightid.done("compare", one, "--methods")
-    assert "s:other" in both and "3.00 +- 0.10" in both and "error" not in both, "no truth, no table of errors"
+    assert "s:other" in both and "3.00 +- 0.10" in both and "error" not in both, (
+        "no truth, no table of errors"
+    )
 
 
 def test_what_cannot_be_compared_is_refused(tmp_path: Path, flightid: CommandLine) -> None:
@@ -138,7 +215,9 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path, flightid: CommandLin
     assert "name at least two" in flightid.refused("run", "rigid", "--compare")
 
 
-def test_without_a_folder_the_studies_are_compared_and_gone(flightid: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_folder_the_studies_are_compared_and_gone(
+    flightid: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     printed = flightid.done("run", "rigid", "rigid-process-noise-b", *CHEAP, "--compare")

@@ -1,4 +1,6 @@
-"""`flightid diagnose` from the command line: exit codes, single lines, files, and what it must not load."""
+"""`flightid diagnose` from the command line: exit codes, single lines, files, and what it must not
+load.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,16 @@ from tests.diagnoses import NOISE, RIGID, written_inputs
 
 ROOT = Path(__file__).parents[3]
 EXAMPLE = ROOT / "docs" / "how-to" / "own-effect.md"
-FORBIDDEN = ("control", "filterpy", "scipy.signal", "scipy.optimize", "pint", "pandas", "matplotlib.pyplot", "matplotlib.figure")
+FORBIDDEN = (
+    "control",
+    "filterpy",
+    "scipy.signal",
+    "scipy.optimize",
+    "pint",
+    "pandas",
+    "matplotlib.pyplot",
+    "matplotlib.figure",
+)
 WATCHED = f"""
 import sys
 from scenarios.cli import main
@@ -38,7 +49,9 @@ finally:
 
 @pytest.fixture(scope="module")
 def flights(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two records of an aircraft whose vane is turned as the documented effect says, and its vehicle file 10 % off."""
+    """Two records of an aircraft whose vane is turned as the documented effect says, and its
+    vehicle file 10 % off.
+    """
     folder = tmp_path_factory.mktemp("flights")
     _, _, vehicle = written_inputs(folder)
     own = folder / "my_effects.py"
@@ -49,22 +62,48 @@ def flights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     turned = model.with_effects(*read_effects(own, model)).with_values({"vane-upwash.upwash": 0.2})
     turned = turned.with_noise(Noise({name: NOISE[name] for name in ("alpha", "q", "nz")}))
     for stem, size, unit, seed in (("train", -0.06, 0.8, 1), ("validate", 0.05, 0.6, 2)):
-        record, _ = fly(turned, three_two_one_one(size, unit, 1.0), sample_times(25.0, 10.0), np.random.default_rng(seed), step=0.01)
+        record, _ = fly(
+            turned,
+            three_two_one_one(size, unit, 1.0),
+            sample_times(25.0, 10.0),
+            np.random.default_rng(seed),
+            step=0.01,
+        )
         write_record(folder, record, stem)
     lines = [f"{key} = {value}" for key, value in RIGID.constants.items()] + ["[derivatives]"]
-    vehicle.write_text("\n".join([*lines, *(f"{key} = {1.1 * value}" for key, value in RIGID.derivatives.items())]))
+    vehicle.write_text(
+        "\n".join([*lines, *(f"{key} = {1.1 * value}" for key, value in RIGID.derivatives.items())])
+    )
     return folder
 
 
-def run(*arguments: object, code: str = "from scenarios.cli import main; main()") -> subprocess.CompletedProcess[str]:
+def run(
+    *arguments: object, code: str = "from scenarios.cli import main; main()"
+) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-c", code, *(str(argument) for argument in arguments)]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, cwd=ROOT)
+    return subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=120, cwd=ROOT
+    )
 
 
 def test_documented_effect_is_traced_and_written(flights: Path, tmp_path: Path) -> None:
-    arguments = ["diagnose", flights / "train.csv", "--model", "rigid", "--vehicle", flights / "vehicle.toml"]
-    arguments += ["--validate", flights / "validate.csv", "--effects", flights / "my_effects.py", "--out", tmp_path / "out"]
+    arguments = [
+        "diagnose",
+        flights / "train.csv",
+        "--model",
+        "rigid",
+        "--vehicle",
+        flights / "vehicle.toml",
+    ]
+    arguments += [
+        "--validate",
+        flights / "validate.csv",
+        "--effects",
+        flights / "my_effects.py",
+        "--out",
+        tmp_path / "out",
+    ]
     done = run(*arguments, code=WATCHED)
     assert done.returncode == 0, done.stderr
     # Where no terminal is nothing else belongs on stderr.
@@ -76,7 +115,10 @@ def test_documented_effect_is_traced_and_written(flights: Path, tmp_path: Path) 
     found = effect["parameters"]["upwash"]
     assert abs(found["value"] - 0.2) < 4.0 * found["std"]
     assert "the control surface turns the vane" in done.stdout
-    assert content["error"]["after"]["rmse"]["alpha"] < 0.5 * content["error"]["before"]["rmse"]["alpha"]
+    assert (
+        content["error"]["after"]["rmse"]["alpha"]
+        < 0.5 * content["error"]["before"]["rmse"]["alpha"]
+    )
     measured = (flights / "validate.csv").read_text().splitlines()
     predicted = (tmp_path / "out" / "validate_prediction.csv").read_text().splitlines()
     assert len(predicted) == len(measured)
@@ -85,7 +127,9 @@ def test_documented_effect_is_traced_and_written(flights: Path, tmp_path: Path) 
     # The printed error is that of the written prediction.
     alpha = np.array([float(line.split(",")[2]) for line in measured[1:]])
     after = np.array([float(line.split(",")[4]) for line in predicted[1:]])
-    assert math.sqrt(np.mean((alpha - after) ** 2)) == pytest.approx(content["error"]["after"]["rmse"]["alpha"], rel=1e-6)
+    assert math.sqrt(np.mean((alpha - after) ** 2)) == pytest.approx(
+        content["error"]["after"]["rmse"]["alpha"], rel=1e-6
+    )
     assert (tmp_path / "out" / "held_out.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -94,22 +138,48 @@ def test_documented_effect_is_traced_and_written(flights: Path, tmp_path: Path) 
     [
         (["diagnose"], "missing argument 'RECORD...'"),
         (["diagnose", "TRAIN"], "missing option '--model'"),
-        (["diagnose", "TRAIN", "--model", "glider"], "--model: there is no model 'glider'; use one of ballistic, rigid, flexible, loes"),
-        (["diagnose", "no.csv", "--model", "rigid", "--vehicle", "VEHICLE"], "no.csv: there is no such file"),
-        (["diagnose", "TRAIN", "--model", "rigid", "--vehicle", "no.toml"], "no.toml: there is no such file"),
+        (
+            ["diagnose", "TRAIN", "--model", "glider"],
+            "--model: there is no model 'glider'; use one of ballistic, rigid, flexible, loes",
+        ),
+        (
+            ["diagnose", "no.csv", "--model", "rigid", "--vehicle", "VEHICLE"],
+            "no.csv: there is no such file",
+        ),
+        (
+            ["diagnose", "TRAIN", "--model", "rigid", "--vehicle", "no.toml"],
+            "no.toml: there is no such file",
+        ),
         (
             ["diagnose", "TRAIN", "--model", "loes", "--vehicle", "VEHICLE"],
             "vehicle.toml, key derivatives.CL_alpha: there is no such key; did you mean 'L_alpha'?",
         ),
-        (["diagnose", "TRAIN", "--model", "rigid", "--validate", "TRAIN"], "the record is named twice"),
-        (["diagnose", "TRAIN", "--model", "rigid", "--class", "V"], "--class: there is no class 'V'"),
-        (["diagnose", "TRAIN", "--model", "rigid", "--effects", "no.py"], "no.py: there is no such file"),
-        (["diagnose", "TRAIN", "--model", "rigid", "--from", "9"], "rows are too few to hold a part out"),
-        (["diagnose", "TRAIN", "--model", "rigid", "--from", "99"], "there is no row between --from and --to"),
+        (
+            ["diagnose", "TRAIN", "--model", "rigid", "--validate", "TRAIN"],
+            "the record is named twice",
+        ),
+        (
+            ["diagnose", "TRAIN", "--model", "rigid", "--class", "V"],
+            "--class: there is no class 'V'",
+        ),
+        (
+            ["diagnose", "TRAIN", "--model", "rigid", "--effects", "no.py"],
+            "no.py: there is no such file",
+        ),
+        (
+            ["diagnose", "TRAIN", "--model", "rigid", "--from", "9"],
+            "rows are too few to hold a part out",
+        ),
+        (
+            ["diagnose", "TRAIN", "--model", "rigid", "--from", "99"],
+            "there is no row between --from and --to",
+        ),
         (["diagnose", "TRAIN", "--model", "rigid", "--frm", "1"], "no such option"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(arguments: list[str], line: str, flights: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_is_one_line_and_exit_code_2(
+    arguments: list[str], line: str, flights: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     places = {"TRAIN": str(flights / "train.csv"), "VEHICLE": str(flights / "vehicle.toml")}
     with pytest.raises(SystemExit) as stopped:
         main([places.get(argument, argument) for argument in arguments])
@@ -122,20 +192,53 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments: list[str], line: str, 
 @pytest.mark.parametrize(
     ("given", "meant"),
     [
-        ("diagnose a.csv --model rigid --validate b.csv c.csv --out o", "diagnose a.csv --model rigid --validate b.csv --validate c.csv --out o"),
-        ("diagnose a.csv --validate b.csv --validate c.csv --model rigid", "diagnose a.csv --validate b.csv --validate c.csv --model rigid"),
+        (
+            "diagnose a.csv --model rigid --validate b.csv c.csv --out o",
+            "diagnose a.csv --model rigid --validate b.csv --validate c.csv --out o",
+        ),
+        (
+            "diagnose a.csv --validate b.csv --validate c.csv --model rigid",
+            "diagnose a.csv --validate b.csv --validate c.csv --model rigid",
+        ),
         ("diagnose a.csv x.csv --validate b.csv", "diagnose a.csv x.csv --validate b.csv"),
-        ("diagnose --model rigid --validate b.csv a.csv", "diagnose --model rigid --validate b.csv a.csv"),
-        ("diagnose a.csv --validate b.csv c.csv --no-figures", "diagnose a.csv --validate b.csv --validate c.csv --no-figures"),
-        ("diagnose --no-figures a.csv --validate b.csv c.csv", "diagnose --no-figures a.csv --validate b.csv --validate c.csv"),
-        ("identify a.csv --validate b.csv c.csv", "identify a.csv --validate b.csv --validate c.csv"),
-        ("identify a.csv --profile p q --model m", "identify a.csv --profile p --profile q --model m"),
+        (
+            "diagnose --model rigid --validate b.csv a.csv",
+            "diagnose --model rigid --validate b.csv a.csv",
+        ),
+        (
+            "diagnose a.csv --validate b.csv c.csv --no-figures",
+            "diagnose a.csv --validate b.csv --validate c.csv --no-figures",
+        ),
+        (
+            "diagnose --no-figures a.csv --validate b.csv c.csv",
+            "diagnose --no-figures a.csv --validate b.csv --validate c.csv",
+        ),
+        (
+            "identify a.csv --validate b.csv c.csv",
+            "identify a.csv --validate b.csv --validate c.csv",
+        ),
+        (
+            "identify a.csv --profile p q --model m",
+            "identify a.csv --profile p --profile q --model m",
+        ),
         ("identify a.csv --profile --model m", "identify a.csv --profile all --model m"),
         ("identify --profile a.csv --model m", "identify --profile all a.csv --model m"),
-        ("identify --band 0.1 2 --model m a.csv --profile", "identify --band 0.1 2 --model m a.csv --profile all"),
-        ("identify --band 0.1 2 --validate b.csv a.csv", "identify --band 0.1 2 --validate b.csv a.csv"),
-        ("identify --validate b.csv a.csv --profile", "identify --validate b.csv a.csv --profile all"),
-        ("identify --profile --validate b.csv a.csv", "identify --profile all --validate b.csv a.csv"),
+        (
+            "identify --band 0.1 2 --model m a.csv --profile",
+            "identify --band 0.1 2 --model m a.csv --profile all",
+        ),
+        (
+            "identify --band 0.1 2 --validate b.csv a.csv",
+            "identify --band 0.1 2 --validate b.csv a.csv",
+        ),
+        (
+            "identify --validate b.csv a.csv --profile",
+            "identify --validate b.csv a.csv --profile all",
+        ),
+        (
+            "identify --profile --validate b.csv a.csv",
+            "identify --profile all --validate b.csv a.csv",
+        ),
         ("check a.csv --validate b.csv c.csv", "check a.csv --validate b.csv c.csv"),
     ],
 )
@@ -144,6 +247,15 @@ def test_validate_takes_every_record_up_to_the_next_option(given: str, meant: st
 
 
 def test_failed_run_leaves_no_process_and_no_folder(flights: Path, tmp_path: Path) -> None:
-    done = run("diagnose", flights / "nothing.csv", "--model", "rigid", "--vehicle", flights / "vehicle.toml", "--out", tmp_path / "out")
+    done = run(
+        "diagnose",
+        flights / "nothing.csv",
+        "--model",
+        "rigid",
+        "--vehicle",
+        flights / "vehicle.toml",
+        "--out",
+        tmp_path / "out",
+    )
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []

@@ -76,7 +76,9 @@ def spoiled(record: Record) -> Record:
 def lost(record: Record) -> Record:
     """The record without a sample of q after its gap."""
     values = np.where(record.time > 20.0, np.nan, record["q"].values)
-    outputs = tuple(Channel.of("q", "rad/s", values) if each.name == "q" else each for each in record.outputs)
+    outputs = tuple(
+        Channel.of("q", "rad/s", values) if each.name == "q" else each for each in record.outputs
+    )
     return Record(record.time, record.inputs, outputs, record.hold, record.name)
 
 
@@ -97,13 +99,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     }
     forms["lost"] = lost(gap)
     forms["both"] = less(spoiled(sound), (18.01, 26.02))
-    assert float(np.ptp(sound["elevator"].values[361:521])) > 0.05  # what moves in the gap would be missed by a simulation through it
+    # what moves in the gap would be missed by a simulation through it
+    assert float(np.ptp(sound["elevator"].values[361:521])) > 0.05
     for name, record in forms.items():
         write_record(made, record, name)
     return made
 
 
-def written(flightid: CommandLine, document: str, out: Path, command: str, *options: object) -> dict[str, Any]:
+def written(
+    flightid: CommandLine, document: str, out: Path, command: str, *options: object
+) -> dict[str, Any]:
     """What a command writes."""
     flightid.done(command, *options, "--no-figures", "--out", out)
     content: dict[str, Any] = json.loads((out / document).read_text())
@@ -119,7 +124,9 @@ def same(errors: dict[str, dict[str, float]]) -> None:
             assert found[name] == pytest.approx(NOISE[name], rel=0.1), (kind, name)
 
 
-def test_identify_predicts_each_part_and_pools_the_errors(flightid: CommandLine, folder: Path, tmp_path: Path) -> None:
+def test_identify_predicts_each_part_and_pools_the_errors(
+    flightid: CommandLine, folder: Path, tmp_path: Path
+) -> None:
     errors = {}
     for kind in KINDS:
         validate = ["--model", "rigid", "--validate", folder / f"{kind}.csv"]
@@ -135,15 +142,21 @@ def test_identify_predicts_each_part_and_pools_the_errors(flightid: CommandLine,
         assert held["record"] == f"{kind}.csv"
         errors[kind] = {name: row["rms_error"] for name, row in held["channels"].items()}
         said = json.dumps(content)
-        assert ("predicted in 2 parts; initial states and biases are fitted to each" in said) is (kind in ("gap", "scrap", "both"))
+        assert ("predicted in 2 parts; initial states and biases are fitted to each" in said) is (
+            kind in ("gap", "scrap", "both")
+        )
         assert ("has 1 wild point" in said) is (kind in ("spike", "both"))
     same(errors)
 
 
 @pytest.mark.parametrize("command", ["identify", "diagnose"])
-def test_predict_predicts_each_part_and_pools_the_errors(flightid: CommandLine, folder: Path, tmp_path: Path, command: str) -> None:
+def test_predict_predicts_each_part_and_pools_the_errors(
+    flightid: CommandLine, folder: Path, tmp_path: Path, command: str
+) -> None:
     document = {"identify": "comparison.json", "diagnose": "diagnosis.json"}[command]
-    written(flightid, document, tmp_path / "study", command, folder / "train.csv", "--model", "rigid")
+    written(
+        flightid, document, tmp_path / "study", command, folder / "train.csv", "--model", "rigid"
+    )
     errors = {}
     for kind in KINDS:
         content = written(
@@ -155,12 +168,18 @@ def test_predict_predicts_each_part_and_pools_the_errors(flightid: CommandLine, 
             folder / f"{kind}.csv",
         )
         errors[kind] = {name: row["rms_error"] for name, row in content["channels"].items()}
-        assert any("wild point" in warning for warning in content["warnings"]) is (kind in ("spike", "both"))
-        assert any("predicted in 2 parts" in note for note in content["notes"]) is (kind in ("gap", "scrap", "both"))
+        assert any("wild point" in warning for warning in content["warnings"]) is (
+            kind in ("spike", "both")
+        )
+        assert any("predicted in 2 parts" in note for note in content["notes"]) is (
+            kind in ("gap", "scrap", "both")
+        )
     same(errors)
 
 
-def test_a_part_of_a_record_with_a_gap_is_predicted(flightid: CommandLine, folder: Path, tmp_path: Path) -> None:
+def test_a_part_of_a_record_with_a_gap_is_predicted(
+    flightid: CommandLine, folder: Path, tmp_path: Path
+) -> None:
     written(
         flightid,
         "comparison.json",
@@ -184,17 +203,25 @@ def test_a_part_of_a_record_with_a_gap_is_predicted(flightid: CommandLine, folde
         for kind in KINDS[:2]
     ]
     for name in NOISE:
-        assert some[1]["channels"][name]["rms_error"] == pytest.approx(some[0]["channels"][name]["rms_error"], rel=0.06)
+        assert some[1]["channels"][name]["rms_error"] == pytest.approx(
+            some[0]["channels"][name]["rms_error"], rel=0.06
+        )
 
 
-def test_diagnose_predicts_each_part_and_writes_every_row(flightid: CommandLine, folder: Path, tmp_path: Path) -> None:
+def test_diagnose_predicts_each_part_and_writes_every_row(
+    flightid: CommandLine, folder: Path, tmp_path: Path
+) -> None:
     errors = {}
     for kind in KINDS:
         validate = ["--model", "rigid", "--validate", folder / f"{kind}.csv"]
-        content = written(flightid, "diagnosis.json", tmp_path / kind, "diagnose", folder / "train.csv", *validate)
+        content = written(
+            flightid, "diagnosis.json", tmp_path / kind, "diagnose", folder / "train.csv", *validate
+        )
         assert content["verdict"] == "consistent", kind
         errors[kind] = content["error"]["after"]["rmse"]
-        header, *rows = csv.reader((tmp_path / kind / "validate_prediction.csv").read_text().splitlines())
+        header, *rows = csv.reader(
+            (tmp_path / kind / "validate_prediction.csv").read_text().splitlines()
+        )
         recorded = list(csv.reader((folder / f"{kind}.csv").read_text().splitlines()))[1:]
         assert header == [
             "time",
@@ -206,16 +233,49 @@ def test_diagnose_predicts_each_part_and_writes_every_row(flightid: CommandLine,
     same(errors)
 
 
-def test_a_channel_that_a_part_does_not_have_counts_in_the_others(flightid: CommandLine, folder: Path, tmp_path: Path) -> None:
+def test_a_channel_that_a_part_does_not_have_counts_in_the_others(
+    flightid: CommandLine, folder: Path, tmp_path: Path
+) -> None:
     validate = ["--model", "rigid", "--validate", folder / "lost.csv"]
-    content = written(flightid, "comparison.json", tmp_path / "study", "identify", folder / "train.csv", *validate)
+    content = written(
+        flightid, "comparison.json", tmp_path / "study", "identify", folder / "train.csv", *validate
+    )
     (held,) = [fit for fit in content["records_fitted"] if fit["held_out"]]
-    predicted = written(flightid, "prediction.json", tmp_path / "later", "predict", tmp_path / "study", folder / "lost.csv")
-    diagnosed = written(flightid, "diagnosis.json", tmp_path / "cause", "diagnose", folder / "train.csv", *validate)
+    predicted = written(
+        flightid,
+        "prediction.json",
+        tmp_path / "later",
+        "predict",
+        tmp_path / "study",
+        folder / "lost.csv",
+    )
+    diagnosed = written(
+        flightid, "diagnosis.json", tmp_path / "cause", "diagnose", folder / "train.csv", *validate
+    )
     for name, noise in NOISE.items():
-        for error in (held["channels"][name]["rms_error"], predicted["channels"][name]["rms_error"], diagnosed["error"]["after"]["rmse"][name]):
+        for error in (
+            held["channels"][name]["rms_error"],
+            predicted["channels"][name]["rms_error"],
+            diagnosed["error"]["after"]["rmse"][name],
+        ):
             assert error == pytest.approx(noise, rel=0.1), name
-    cells = [cell for row in csv.reader((tmp_path / "cause" / "validate_prediction.csv").read_text().splitlines()[1:]) for cell in row]
+    cells = [
+        cell
+        for row in csv.reader(
+            (tmp_path / "cause" / "validate_prediction.csv").read_text().splitlines()[1:]
+        )
+        for cell in row
+    ]
     assert all(math.isfinite(float(cell)) for cell in cells)
-    fitted = written(flightid, "comparison.json", tmp_path / "fit", "identify", folder / "lost.csv", "--model", "rigid")
-    assert fitted["parameters"]["Cm_de"]["estimate"] == pytest.approx(-2.1, abs=4.0 * fitted["parameters"]["Cm_de"]["std"])
+    fitted = written(
+        flightid,
+        "comparison.json",
+        tmp_path / "fit",
+        "identify",
+        folder / "lost.csv",
+        "--model",
+        "rigid",
+    )
+    assert fitted["parameters"]["Cm_de"]["estimate"] == pytest.approx(
+        -2.1, abs=4.0 * fitted["parameters"]["Cm_de"]["std"]
+    )

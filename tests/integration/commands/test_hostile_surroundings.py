@@ -93,10 +93,14 @@ def test_a_full_standard_output_is_one_line(place: Path, full: int, call: tuple[
         (("simulate", "trace-vane", "--out", "new.csv"), "new.csv: "),
     ],
 )
-def test_a_full_disk_leaves_nothing_half_written(place: Path, call: tuple[str, ...], named: str) -> None:
+def test_a_full_disk_leaves_nothing_half_written(
+    place: Path, call: tuple[str, ...], named: str
+) -> None:
     """A limit of the size of files fails within a write, as a full disk does."""
     before = contents(place)
-    refused(run(place, *call, before=limited(resource.RLIMIT_FSIZE, 512)), named, "cannot be written")
+    refused(
+        run(place, *call, before=limited(resource.RLIMIT_FSIZE, 512)), named, "cannot be written"
+    )
     assert contents(place) == before
 
 
@@ -140,11 +144,14 @@ def test_too_few_open_files_are_one_line_and_leave_nothing(place: Path, handles:
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
-def test_a_signal_that_ends_leaves_nothing_temporary(place: Path, number: signal.Signals, code: int) -> None:
+def test_a_signal_that_ends_leaves_nothing_temporary(
+    place: Path, number: signal.Signals, code: int
+) -> None:
     before = contents(place)
     code_text = (
         "import signal, sys, time, pathlib\n"
-        f"signal.signal({int(number)}, signal.SIG_DFL)\n"  # tests that are started in the background inherit that it is ignored
+        # tests that are started in the background inherit that it is ignored
+        f"signal.signal({int(number)}, signal.SIG_DFL)\n"
         "from scenarios.files import folders\n"
         "from scenarios.studies import files\n"
         "def slow(*arguments, **named):\n"
@@ -176,7 +183,9 @@ def test_a_signal_that_ends_leaves_nothing_temporary(place: Path, number: signal
     ) as running:
         began = time.monotonic()
         while not (place / "begun").exists():
-            assert running.poll() is None and time.monotonic() - began < PATIENCE, running.communicate()
+            assert running.poll() is None and time.monotonic() - began < PATIENCE, (
+                running.communicate()
+            )
             time.sleep(0.05)
         assert list(place.glob(".study-*"))
         running.send_signal(number)
@@ -196,7 +205,9 @@ def test_a_signal_that_is_ignored_stays_ignored() -> None:
         "sys.exit(len(came))\n"
     )
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    assert subprocess.run([sys.executable, "-c", code], env=environment, check=False).returncode == 0
+    assert (
+        subprocess.run([sys.executable, "-c", code], env=environment, check=False).returncode == 0
+    )
 
 
 @pytest.mark.parametrize("call", ["record", "vehicle", "channels", "model", "reference", "study"])
@@ -233,7 +244,9 @@ def test_a_path_without_an_end_or_a_file_is_one_line(
     assert set(place.iterdir()) == before
 
 
-def test_bombs_are_refused_by_their_size_with_the_limit(flightid: CommandLine, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bombs_are_refused_by_their_size_with_the_limit(
+    flightid: CommandLine, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The limit is lowered: a true bomb of a gibibyte would take the test too long."""
     import pandas
 
@@ -242,8 +255,12 @@ def test_bombs_are_refused_by_their_size_with_the_limit(flightid: CommandLine, p
     monkeypatch.setattr("scenarios.files.formats.sizes.MOST_NUMBERS", 1 << 17)
     rows = 1 << 18
     (place / "bomb.csv.gz").write_bytes(gzip.compress(b"time,alpha\n" + b"0,0\n" * rows))
-    savemat(place / "bomb.mat", {"time": np.zeros(rows), "alpha": np.zeros(rows)}, do_compression=True)
-    pandas.DataFrame({"time": np.zeros(rows), "alpha": np.zeros(rows)}).to_parquet(place / "bomb.parquet")
+    savemat(
+        place / "bomb.mat", {"time": np.zeros(rows), "alpha": np.zeros(rows)}, do_compression=True
+    )
+    pandas.DataFrame({"time": np.zeros(rows), "alpha": np.zeros(rows)}).to_parquet(
+        place / "bomb.parquet"
+    )
     for name in ("bomb.csv.gz", "bomb.mat", "bomb.parquet"):
         assert (place / name).stat().st_size < 1 << 16
         said = flightid.refused("check", name, "--vehicle", "vehicle.toml")
@@ -255,7 +272,9 @@ def test_packed_files_of_usual_size_are_read(flightid: CommandLine, place: Path)
 
     table = pandas.read_csv(place / "flight.csv")
     table.to_parquet(place / "packed.parquet")
-    savemat(place / "packed.mat", {name: table[name].to_numpy() for name in table}, do_compression=True)
+    savemat(
+        place / "packed.mat", {name: table[name].to_numpy() for name in table}, do_compression=True
+    )
     (place / "packed.csv.gz").write_bytes(gzip.compress((place / "flight.csv").read_bytes()))
     tables = [
         flightid.done("identify", name, *IDENTIFY[2:], "--method", "equation-error")
@@ -279,7 +298,9 @@ def test_packed_files_of_usual_size_are_read(flightid: CommandLine, place: Path)
 def test_a_folder_that_cannot_be_is_one_line(flightid: CommandLine, place: Path, out: str) -> None:
     os.symlink("circle", place / "circle")
     before = contents(place)
-    said = flightid.refused(*IDENTIFY, "--method", "equation-error", "--figures", "none", "--out", out)
+    said = flightid.refused(
+        *IDENTIFY, "--method", "equation-error", "--figures", "none", "--out", out
+    )
     assert out[:50] in said and contents(place) == before
 
 
@@ -288,15 +309,20 @@ def test_the_longest_name_of_a_folder_serves(flightid: CommandLine, place: Path)
     assert (place / ("y" * 255) / "comparison.json").is_file()
 
 
-@pytest.mark.parametrize("theirs", ["new.json", "new_validate.json", "new_vehicle.toml", "new_validate.csv"])
-def test_simulate_takes_no_file_of_somebody_else(flightid: CommandLine, place: Path, theirs: str) -> None:
+@pytest.mark.parametrize(
+    "theirs", ["new.json", "new_validate.json", "new_vehicle.toml", "new_validate.csv"]
+)
+def test_simulate_takes_no_file_of_somebody_else(
+    flightid: CommandLine, place: Path, theirs: str
+) -> None:
     (place / theirs).write_text('{"mine": 1}')
     before = contents(place)
     assert theirs in flightid.refused("simulate", "trace-vane", "--out", "new.csv")
     assert contents(place) == before
     (place / theirs).unlink()
     flightid.done("simulate", "trace-vane", "--out", "new.csv")
-    flightid.done("simulate", "trace-vane", "--out", "new.csv", "--seed", "7")  # its own files are replaced
+    # its own files are replaced
+    flightid.done("simulate", "trace-vane", "--out", "new.csv", "--seed", "7")
     assert sorted(path.name for path in place.glob("new*")) == [
         "new.csv",
         "new.json",

@@ -39,7 +39,9 @@ MODEL = own_model(
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A short record, a vehicle file, a user's model, and a study of each kind that commands read."""
+    """A short record, a vehicle file, a user's model, and a study of each kind that commands
+    read.
+    """
     from scenarios.cli import main
 
     folder = tmp_path_factory.mktemp("made")
@@ -111,7 +113,9 @@ def test_json_that_is_nested_too_deeply(text: str) -> None:
         json_value(text)
 
 
-@pytest.mark.parametrize("text", ["NaN", "[Infinity]", '{"a": -1e999}', DIGITS, "1" + "0" * 300, "[1,]", "", "\xff"])
+@pytest.mark.parametrize(
+    "text", ["NaN", "[Infinity]", '{"a": -1e999}', DIGITS, "1" + "0" * 300, "[1,]", "", "\xff"]
+)
 def test_json_that_is_not_strict(text: str) -> None:
     with pytest.raises(DocumentError):
         json_value(text.encode("latin-1"))
@@ -139,8 +143,12 @@ def test_what_every_file_of_ours_may_hold_is_read() -> None:
         "[" * 100 + "]" * 100,
     ],
 )
-@pytest.mark.parametrize("file", ["plane.toml", "channels.toml", "limits.toml", "flights.toml", "scenario.toml"])
-def test_toml_that_is_deep_or_long_is_one_line_in_every_file(flightid: CommandLine, place: Path, file: str, value: str) -> None:
+@pytest.mark.parametrize(
+    "file", ["plane.toml", "channels.toml", "limits.toml", "flights.toml", "scenario.toml"]
+)
+def test_toml_that_is_deep_or_long_is_one_line_in_every_file(
+    flightid: CommandLine, place: Path, file: str, value: str
+) -> None:
     (place / file).write_text(f"mass = {value}\n")
     plan = ("design", "--model", "rigid", "--vehicle")
     calls = {
@@ -166,7 +174,9 @@ def test_toml_that_is_deep_or_long_is_one_line_in_every_file(flightid: CommandLi
         ),
     ],
 )
-def test_a_spoiled_file_of_a_study_is_one_line(flightid: CommandLine, place: Path, file: str, call: tuple[str, ...], value: str) -> None:
+def test_a_spoiled_file_of_a_study_is_one_line(
+    flightid: CommandLine, place: Path, file: str, call: tuple[str, ...], value: str
+) -> None:
     content = json.loads((place / "fit" / file).read_text())
     text = json.dumps({**content, "spoiled": 12345}).replace("12345", value)
     (place / "fit" / file).write_text(text)
@@ -191,7 +201,9 @@ def test_a_spoiled_file_of_a_study_is_one_line(flightid: CommandLine, place: Pat
         ({"effects": [{"name": "x", "class": "os:system", "fields": {}}]}, "cannot be made again"),
     ],
 )
-def test_values_of_another_type_in_a_kept_model_are_one_line(flightid: CommandLine, place: Path, change: dict[str, object], what: str) -> None:
+def test_values_of_another_type_in_a_kept_model_are_one_line(
+    flightid: CommandLine, place: Path, change: dict[str, object], what: str
+) -> None:
     path = place / "fit" / "model.json"
     content = json.loads(path.read_text())
     content["after"] |= change
@@ -210,7 +222,9 @@ def test_values_of_another_type_in_a_kept_model_are_one_line(flightid: CommandLi
         "<svg ></svg><b>more</b>",
     ],
 )
-def test_a_figure_of_a_foreign_report_that_does_more_than_draw_is_refused(flightid: CommandLine, place: Path, drawing: str) -> None:
+def test_a_figure_of_a_foreign_report_that_does_more_than_draw_is_refused(
+    flightid: CommandLine, place: Path, drawing: str
+) -> None:
     path = place / "fit" / "report.json"
     content = json.loads(path.read_text())
     content["sections"][0]["blocks"] = [{"figure": "one", "svg": drawing, "caption": "a figure"}]
@@ -218,13 +232,17 @@ def test_a_figure_of_a_foreign_report_that_does_more_than_draw_is_refused(flight
     assert "no content of a page" in flightid.refused("report", "fit")
 
 
-def test_html_and_control_characters_in_a_foreign_report_are_shown(flightid: CommandLine, place: Path) -> None:
+def test_html_and_control_characters_in_a_foreign_report_are_shown(
+    flightid: CommandLine, place: Path
+) -> None:
     path = place / "fit" / "report.json"
     content = json.loads(path.read_text()) | {"title": f"<script>alert(1)</script>{RED}"}
     path.write_text(json.dumps(content))
     flightid.done("report", "fit")
     page = (place / "fit" / "report.html").read_text()
-    assert "&lt;script&gt;alert(1)&lt;/script&gt;\\u001b[31mred\\u0007" in page and "\x1b" not in page
+    assert (
+        "&lt;script&gt;alert(1)&lt;/script&gt;\\u001b[31mred\\u0007" in page and "\x1b" not in page
+    )
 
 
 @pytest.mark.parametrize(
@@ -258,8 +276,12 @@ def test_units_with_powers_are_converted(unit: str, target: str, factor: float) 
     assert to_si(1.0, unit, target, "here") == pytest.approx(factor, rel=1e-12)
 
 
-@pytest.mark.parametrize("line", ["mass = 1e-300", 'mass = "1e-300 lb"', "Cm_q = -28e300", "air_density = 1e300"])
-def test_numbers_that_nothing_can_be_computed_with_are_one_line(flightid: CommandLine, place: Path, line: str) -> None:
+@pytest.mark.parametrize(
+    "line", ["mass = 1e-300", 'mass = "1e-300 lb"', "Cm_q = -28e300", "air_density = 1e300"]
+)
+def test_numbers_that_nothing_can_be_computed_with_are_one_line(
+    flightid: CommandLine, place: Path, line: str
+) -> None:
     key = line.split(" ")[0]
     lines = [line if each.startswith(key) else each for each in VEHICLE.splitlines()]
     (place / "plane.toml").write_text("\n".join(lines))
@@ -293,33 +315,45 @@ def test_numbers_that_nothing_can_be_computed_with_are_one_line(flightid: Comman
         ("design", "--model", "rigid", "--vehicle", "plane.toml", "--noise", "alpha=٣"),
     ],
 )
-def test_numbers_on_the_command_line_are_bounded_and_plain(flightid: CommandLine, place: Path, call: tuple[str, ...]) -> None:
+def test_numbers_on_the_command_line_are_bounded_and_plain(
+    flightid: CommandLine, place: Path, call: tuple[str, ...]
+) -> None:
     before = contents(place)
     flightid.refused(*call)
     assert contents(place) == before
 
 
 @pytest.mark.parametrize("digits", ["٠١٢٣٤٥٦٧٨٩", "０１２３４５６７８９"])
-def test_digits_of_other_scripts_are_refused_by_every_reader(flightid: CommandLine, place: Path, digits: str) -> None:
+def test_digits_of_other_scripts_are_refused_by_every_reader(
+    flightid: CommandLine, place: Path, digits: str
+) -> None:
     foreign = str.maketrans("0123456789", digits)
     text = (place / "flight.csv").read_text().splitlines()
-    (place / "foreign.csv").write_text("\n".join([text[0], *(line.translate(foreign) for line in text[1:])]))
+    (place / "foreign.csv").write_text(
+        "\n".join([text[0], *(line.translate(foreign) for line in text[1:])])
+    )
     assert "row 2" in flightid.refused("check", "foreign.csv", "--vehicle", "plane.toml")
     (place / "plane.toml").write_text(VEHICLE.replace("288017 lb", "288017 lb".translate(foreign)))
     assert "key mass" in flightid.refused(*IDENTIFY)
-    (place / "stream.csv").write_text("time,stick,alpha\n" + "".join(f"{k},0,0\n".translate(foreign) for k in range(9)))
+    (place / "stream.csv").write_text(
+        "time,stick,alpha\n" + "".join(f"{k},0,0\n".translate(foreign) for k in range(9))
+    )
     call = flightid("watch", "stream.csv", "--model", "loes", "--until-end", "--no-refine")
     assert call.code == 2
 
 
 @pytest.mark.parametrize("bad", ["\x1b[31m", "\x07", "\x9b31m", "\u202e", "\x7f"])
-def test_control_characters_never_reach_the_terminal(flightid: CommandLine, place: Path, bad: str) -> None:
+def test_control_characters_never_reach_the_terminal(
+    flightid: CommandLine, place: Path, bad: str
+) -> None:
     name = f"fl{bad}ight.csv"
     (place / name).write_bytes((place / "flight.csv").read_bytes())
     (place / "plane.toml").write_text(
         VEHICLE.replace(
             '"bomber"',
-            f'"bom{bad}ber"'.replace("\x1b", "\\u001b").replace("\x07", "\\u0007").replace("\x7f", "\\u007f"),
+            f'"bom{bad}ber"'.replace("\x1b", "\\u001b")
+            .replace("\x07", "\\u0007")
+            .replace("\x7f", "\\u007f"),
         )
     )
     shown = f"fl\\u{ord(bad[0]):04x}"
@@ -338,9 +372,15 @@ def test_a_record_of_thousands_of_columns_is_read(flightid: CommandLine, place: 
     names = [f"further_channel_{k}" for k in range(9000)]
     head = ",".join([rows[0], *names])
     assert len(head) > 131_072
-    (place / "wide.csv").write_text("\n".join([head, *(row + ",0" * len(names) for row in rows[1:])]))
-    plain, wide = (flightid.done("identify", name, *IDENTIFY[2:]) for name in ("flight.csv", "wide.csv"))
-    tables = [[line for line in text.splitlines() if line.startswith("  C")] for text in (plain, wide)]
+    (place / "wide.csv").write_text(
+        "\n".join([head, *(row + ",0" * len(names) for row in rows[1:])])
+    )
+    plain, wide = (
+        flightid.done("identify", name, *IDENTIFY[2:]) for name in ("flight.csv", "wide.csv")
+    )
+    tables = [
+        [line for line in text.splitlines() if line.startswith("  C")] for text in (plain, wide)
+    ]
     assert len(tables[0]) >= 6 and tables[0][:6] == tables[1][:6]
 
 
@@ -360,7 +400,9 @@ def test_a_record_of_thousands_of_columns_is_read(flightid: CommandLine, place: 
         "return None",
     ],
 )
-def test_a_model_that_ends_the_program_or_changes_its_answers_is_one_line(flightid: CommandLine, place: Path, late: str, after: int) -> None:
+def test_a_model_that_ends_the_program_or_changes_its_answers_is_one_line(
+    flightid: CommandLine, place: Path, late: str, after: int
+) -> None:
     (place / "roll.py").write_text(MODEL.format(after=after, late=late))
     before = contents(place)
     calls = [
@@ -381,21 +423,27 @@ def test_a_model_that_ends_the_program_or_changes_its_answers_is_one_line(flight
         "raise BaseException('x')",
     ],
 )
-def test_a_model_file_that_ends_the_program_when_it_is_read_is_one_line(flightid: CommandLine, place: Path, line: str) -> None:
+def test_a_model_file_that_ends_the_program_when_it_is_read_is_one_line(
+    flightid: CommandLine, place: Path, line: str
+) -> None:
     with (place / "roll.py").open("a") as file:
         file.write(f"\n{line}\n")
     assert "roll.py, line 18" in flightid.refused("models", "roll.py")
 
 
 def test_a_true_interrupt_inside_a_model_stays_one(flightid: CommandLine, place: Path) -> None:
-    (place / "roll.py").write_text(MODEL.format(after=40, late="import signal; signal.raise_signal(signal.SIGINT)"))
+    (place / "roll.py").write_text(
+        MODEL.format(after=40, late="import signal; signal.raise_signal(signal.SIGINT)")
+    )
     call = flightid("identify", "roll.csv", "--model", "roll.py")
     assert (call.code, call.err) == (130, "flightid: stopped; nothing was written\n")
 
 
 @pytest.mark.parametrize("last", ["1e308", "-1e308"])
 @pytest.mark.parametrize("method", ["ekf", "output-error", "equation-error"])
-def test_a_time_at_the_end_of_the_numbers_is_one_line(flightid: CommandLine, place: Path, last: str, method: str) -> None:
+def test_a_time_at_the_end_of_the_numbers_is_one_line(
+    flightid: CommandLine, place: Path, last: str, method: str
+) -> None:
     rows = (place / "flight.csv").read_text().splitlines()
     _, _, rest = rows[-1].partition(",")
     (place / "flight.csv").write_text("\n".join([*rows[:-1], f"{last},{rest}"]))
@@ -403,7 +451,9 @@ def test_a_time_at_the_end_of_the_numbers_is_one_line(flightid: CommandLine, pla
 
 
 @pytest.mark.parametrize("late", ["raise SystemExit(0)", "raise GeneratorExit", "1 / 0"])
-def test_what_comes_through_a_users_file_is_its_fault(place: Path, capsys: pytest.CaptureFixture[str], late: str) -> None:
+def test_what_comes_through_a_users_file_is_its_fault(
+    place: Path, capsys: pytest.CaptureFixture[str], late: str
+) -> None:
     """Effects are called from many places; whichever it was, their file and line are named."""
     (place / "effects.py").write_text(f"def read(s):\n    {late}\n")
     read = run_python(read_source("effects.py", DeclarationError, "a file"), "effects").read

@@ -1,4 +1,6 @@
-"""`flightid lab` and what every lab must have; no notebook is run here, for marimo may be absent (see `tests/browser/labs`)."""
+"""`flightid lab` and what every lab must have; no notebook is run here, for marimo may be absent
+(see `tests/browser/labs`).
+"""
 
 from __future__ import annotations
 
@@ -29,8 +31,17 @@ def test_eight_labs_are_listed(flightid: CommandLine) -> None:
 def test_a_lab_has_what_a_lab_must_have(number: int) -> None:
     text = LABS[number].read_text(encoding="utf-8")
     cells = [node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)]
-    assert len(cells) > 7 and all(any("cell" in ast.unparse(mark) for mark in cell.decorator_list) for cell in cells)
-    for part in (f"page.heading(\n        {number},", "## Theory", "$$", "Questions", "page.picture(", 'if __name__ == "__main__":\n    app.run()'):
+    assert len(cells) > 7 and all(
+        any("cell" in ast.unparse(mark) for mark in cell.decorator_list) for cell in cells
+    )
+    for part in (
+        f"page.heading(\n        {number},",
+        "## Theory",
+        "$$",
+        "Questions",
+        "page.picture(",
+        'if __name__ == "__main__":\n    app.run()',
+    ):
         assert part in text, part
     # Markdown takes a line that begins with a sign for a list, also within an equation.
     assert not [line for line in text.splitlines() if re.match(r"\s+[-+=] [^\"]*\\", line)]
@@ -55,7 +66,9 @@ def test_a_copy_is_ones_own(flightid: CommandLine, tmp_path: Path) -> None:
     assert copy.read_text() == "mine"
 
 
-def test_what_cannot_be_opened_is_refused_in_one_line(flightid: CommandLine, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_opened_is_refused_in_one_line(
+    flightid: CommandLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert "there is no lab 9" in flightid.refused("lab", 9)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert 'pip install "flightid[labs]"' in flightid.refused("lab", 1)
@@ -67,7 +80,9 @@ def test_what_cannot_be_opened_is_refused_in_one_line(flightid: CommandLine, mon
         assert f"port {port} is taken" in flightid.refused("lab", 1, "--port", port)
 
 
-def test_it_is_served_to_this_machine_alone(flightid: CommandLine, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_it_is_served_to_this_machine_alone(
+    flightid: CommandLine, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     called: list[list[str]] = []
 
     def call(line: list[str]) -> int:
@@ -78,9 +93,20 @@ def test_it_is_served_to_this_machine_alone(flightid: CommandLine, monkeypatch: 
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: object())
     monkeypatch.chdir(tmp_path)
     flightid.done("lab", 1, "--no-browser")
-    assert called[0][1:] == ["-m", "marimo", "run", str(LABS[1]), "--host", "127.0.0.1", "--headless"]
+    assert called[0][1:] == [
+        "-m",
+        "marimo",
+        "run",
+        str(LABS[1]),
+        "--host",
+        "127.0.0.1",
+        "--headless",
+    ]
     flightid.done("lab", 1, "--edit")
-    assert called[1][2:6] == ["marimo", "edit", LABS[1].name, "--host"] and (tmp_path / LABS[1].name).is_file()
+    assert (
+        called[1][2:6] == ["marimo", "edit", LABS[1].name, "--host"]
+        and (tmp_path / LABS[1].name).is_file()
+    )
     (tmp_path / LABS[1].name).write_text("mine")
     flightid.done("lab", 1, "--edit")
     assert (tmp_path / LABS[1].name).read_text() == "mine"

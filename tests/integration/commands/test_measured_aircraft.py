@@ -27,7 +27,16 @@ elevator = {column = 22, unit = "deg"}
 aileron = {column = "0.5*(NAME28 - NAME29)", unit = "deg"}
 rudder = {column = 30, unit = "deg"}
 """
-HFB = ("hfb320.asc", "--model", "longitudinal", "--vehicle", "hfb320.toml", "--channels", "map.toml", "--no-figures")
+HFB = (
+    "hfb320.asc",
+    "--model",
+    "longitudinal",
+    "--vehicle",
+    "hfb320.toml",
+    "--channels",
+    "map.toml",
+    "--no-figures",
+)
 # Axis, kind, first and last second of each maneuver, as they are seen in the figures.
 FLOWN = {
     "fAttasAil1": [("roll", "multistep", 55.8, 60.5)],
@@ -60,20 +69,32 @@ def in_sigmas(content: dict[str, Any], name: str, value: float) -> float:
 
 
 @pytest.mark.slow
-def test_hfb_320_by_the_commands_of_the_page(flightid: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hfb_320_by_the_commands_of_the_page(
+    flightid: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     hfb(tmp_path)
     told = " ".join(flightid.done("identify", *HFB).split())
     command = " ".join(["flightid identify", *HFB[:-1], "--method filter-error"])
-    assert "one cause moves the residuals of airspeed, alpha, theta, q, nz and nx" in told and command in told
+    assert (
+        "one cause moves the residuals of airspeed, alpha, theta, q, nz and nx" in told
+        and command in told
+    )
     flightid.done(*command.split()[1:], "--no-figures", "--out", "fe")
     content = json.loads((tmp_path / "fe" / "comparison.json").read_text())
     assert content["outcome"] == "converged"
     # The published model: nothing of it is in the commands but its structure.
     assert in_sigmas(content, "CL_alpha", 4.328) < 2.0 and in_sigmas(content, "Cm_q", -34.7) < 1.0
-    for name, value in {"CD_V": -0.0645, "CD_alpha": 0.320, "CL_V": 0.1487, "Cm_de": -1.529}.items():
+    for name, value in {
+        "CD_V": -0.0645,
+        "CD_alpha": 0.320,
+        "CL_V": 0.1487,
+        "Cm_de": -1.529,
+    }.items():
         assert in_sigmas(content, name, value) < 2.5, name
-    assert {"held", "linear"} & set(" ".join(content["notes"] + content["warnings"]).split()), "the reading of the inputs is said"
+    assert {"held", "linear"} & set(" ".join(content["notes"] + content["warnings"]).split()), (
+        "the reading of the inputs is said"
+    )
 
 
 @pytest.mark.parametrize("name", list(FLOWN))
@@ -84,23 +105,43 @@ def test_maneuvers_of_measured_flights(flightid: CommandLine, tmp_path: Path, na
     else:
         record = present(f"{name}.mat")
         (tmp_path / "map.toml").write_text(ATTAS.replace("NAME", name))
-    flightid.done("maneuvers", record, "--channels", tmp_path / "map.toml", "--no-figures", "--out", tmp_path / "found")
+    flightid.done(
+        "maneuvers",
+        record,
+        "--channels",
+        tmp_path / "map.toml",
+        "--no-figures",
+        "--out",
+        tmp_path / "found",
+    )
     found = json.loads((tmp_path / "found" / "maneuvers.json").read_text())["maneuvers"]
     moves = [each for each in found if each["kind"] != "trim"]
-    assert [(each["axis"], each["kind"]) for each in moves] == [(axis, kind) for axis, kind, _, _ in FLOWN[name]]
+    assert [(each["axis"], each["kind"]) for each in moves] == [
+        (axis, kind) for axis, kind, _, _ in FLOWN[name]
+    ]
     for each, (_, _, start, end) in zip(moves, FLOWN[name], strict=True):
         assert [each["start"], each["end"]] == pytest.approx([start, end], abs=0.3)
 
 
 def attas(name: str, columns: dict[str, tuple[int, str, float]]) -> list[Record]:
-    """The two parts of a record, before and after its gap: outputs by column number, unit and factor."""
-    (rows,) = [value for key, value in loadmat(present(f"{name}.mat")).items() if not key.startswith("_")]
+    """The two parts of a record, before and after its gap: outputs by column number, unit and
+    factor.
+    """
+    (rows,) = [
+        value for key, value in loadmat(present(f"{name}.mat")).items() if not key.startswith("_")
+    ]
     cuts = np.flatnonzero(np.diff(rows[:, 0]) > 1.0) + 1
-    control = ("aileron", "rad", np.radians(rows[:, 27] - rows[:, 28]) / 2.0), ("rudder", "rad", np.radians(rows[:, 29]))
+    control = (
+        ("aileron", "rad", np.radians(rows[:, 27] - rows[:, 28]) / 2.0),
+        ("rudder", "rad", np.radians(rows[:, 29])),
+    )
     out = []
     for k, part in enumerate(np.split(np.arange(len(rows)), cuts)):
         inputs = tuple(Channel.of(each, unit, values[part]) for each, unit, values in control)
-        outputs = tuple(Channel.of(each, unit, factor * rows[part, at]) for each, (at, unit, factor) in columns.items())
+        outputs = tuple(
+            Channel.of(each, unit, factor * rows[part, at])
+            for each, (at, unit, factor) in columns.items()
+        )
         out.append(Record(rows[part, 0] - rows[part[0], 0], inputs, outputs, name=f"{name}-{k}"))
     return out
 
@@ -127,14 +168,23 @@ WHOLE = LATERAL | {
 @pytest.mark.parametrize("name", ["fAttasAilRud1", "fAttasAilRud2"])
 @pytest.mark.parametrize(
     ("columns", "boom", "twin"),
-    [(LATERAL, "vane-offset:beta", "accelerometer-offset:ay"), (WHOLE, "vane-offset:boom", "accelerometer-offset")],
+    [
+        (LATERAL, "vane-offset:beta", "accelerometer-offset:ay"),
+        (WHOLE, "vane-offset:boom", "accelerometer-offset"),
+    ],
 )
-def test_the_nose_boom_is_told_from_accelerometers_behind(name: str, columns: dict[str, Any], boom: str, twin: str) -> None:
-    """Vanes on the nose boom some 12 to 13 m ahead; accelerometers as far behind are as likely by kinematics, and were named."""
+def test_the_nose_boom_is_told_from_accelerometers_behind(
+    name: str, columns: dict[str, Any], boom: str, twin: str
+) -> None:
+    """Vanes on the nose boom some 12 to 13 m ahead; accelerometers as far behind are as likely by
+    kinematics, and were named.
+    """
     found = compatibility(attas(name, columns), CompatibilitySettings(chord=3.159))
     told = next(finding for finding in found.findings if finding.name == boom)
     assert told.stands and abs(told.value - 12.5) < 3.0 * told.std < 3.0
     assert twin in told.group and told.probabilities[boom] > 0.8 and told.probabilities[twin] < 0.1
-    assert not any(finding.name == twin and not finding.group for finding in found.findings if finding.stands)
+    assert not any(
+        finding.name == twin and not finding.group for finding in found.findings if finding.stands
+    )
     for channel, std in found.joint.noise_std.items():
         assert std > (1e-6 if channel in ("nz", "az", "ay", "ax", "airspeed") else 1e-8)

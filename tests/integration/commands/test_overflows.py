@@ -1,4 +1,6 @@
-"""Columns beyond all measure and models that do not fit: no warning of NumPy reaches the terminal, what overflows is left out and counted."""
+"""Columns beyond all measure and models that do not fit: no warning of NumPy reaches the terminal,
+what overflows is left out and counted.
+"""
 
 from __future__ import annotations
 
@@ -30,11 +32,24 @@ delay = 0.05
 """
 
 
-def diagnosed(flightid: CommandLine, model: str, record: Path, vehicle: Path, out: Path) -> tuple[str, dict[str, Any]]:
+def diagnosed(
+    flightid: CommandLine, model: str, record: Path, vehicle: Path, out: Path
+) -> tuple[str, dict[str, Any]]:
     """A diagnosis in which every warning is an error, so that none can reach a terminal."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        told = flightid.done("diagnose", record, "--model", model, "--vehicle", vehicle, "--trust-record", "--no-figures", "--out", out)
+        told = flightid.done(
+            "diagnose",
+            record,
+            "--model",
+            model,
+            "--vehicle",
+            vehicle,
+            "--trust-record",
+            "--no-figures",
+            "--out",
+            out,
+        )
     content: dict[str, Any] = json.loads((out / "diagnosis.json").read_text())
     return told, content
 
@@ -46,7 +61,9 @@ def table(tmp_path: Path) -> np.ndarray:
 
 
 def written(path: Path, table: np.ndarray, control: str = "elevator") -> Path:
-    np.savetxt(path, table, delimiter=",", header=f"time,{control},alpha,q,nz", comments="", fmt="%.10g")
+    np.savetxt(
+        path, table, delimiter=",", header=f"time,{control},alpha,q,nz", comments="", fmt="%.10g"
+    )
     return path
 
 
@@ -54,27 +71,54 @@ def refused(flightid: CommandLine, model: str, record: Path, vehicle: Path, out:
     """The one line of a diagnosis whose declared model cannot be fitted; nothing is written."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        call = flightid("diagnose", record, "--model", model, "--vehicle", vehicle, "--trust-record", "--no-figures", "--out", out)
+        call = flightid(
+            "diagnose",
+            record,
+            "--model",
+            model,
+            "--vehicle",
+            vehicle,
+            "--trust-record",
+            "--no-figures",
+            "--out",
+            out,
+        )
     assert (call.code, call.out, call.err.count("\n")) == (2, "", 1)
     assert not out.exists()
     return call.err
 
 
 @pytest.mark.parametrize("column", [1, 3])
-def test_a_column_of_1e30(flightid: CommandLine, table: np.ndarray, tmp_path: Path, column: int) -> None:
+def test_a_column_of_1e30(
+    flightid: CommandLine, table: np.ndarray, tmp_path: Path, column: int
+) -> None:
     """No fit of the declared model follows it: nothing is built on one that has failed."""
     table[:, column] *= 1e30
     vehicle = vehicle_file(tmp_path / "v.toml", BUSINESS_JET)
-    assert "the fit of the declared model has failed" in refused(flightid, "rigid", written(tmp_path / "huge.csv", table), vehicle, tmp_path / "out")
+    assert "the fit of the declared model has failed" in refused(
+        flightid, "rigid", written(tmp_path / "huge.csv", table), vehicle, tmp_path / "out"
+    )
 
 
-def test_a_low_order_model_of_an_aircraft_that_it_does_not_fit(flightid: CommandLine, table: np.ndarray, tmp_path: Path) -> None:
+def test_a_low_order_model_of_an_aircraft_that_it_does_not_fit(
+    flightid: CommandLine, table: np.ndarray, tmp_path: Path
+) -> None:
     (tmp_path / "loes.toml").write_text(LOES)
-    said = refused(flightid, "loes", written(tmp_path / "stick.csv", table, "stick"), tmp_path / "loes.toml", tmp_path / "out")
+    said = refused(
+        flightid,
+        "loes",
+        written(tmp_path / "stick.csv", table, "stick"),
+        tmp_path / "loes.toml",
+        tmp_path / "out",
+    )
     assert "the free simulation runs away" in said and "filter-error" in said
 
 
-def test_a_sound_record_overflows_nowhere(flightid: CommandLine, table: np.ndarray, tmp_path: Path) -> None:
+def test_a_sound_record_overflows_nowhere(
+    flightid: CommandLine, table: np.ndarray, tmp_path: Path
+) -> None:
     vehicle = vehicle_file(tmp_path / "v.toml", BUSINESS_JET)
-    told, content = diagnosed(flightid, "rigid", written(tmp_path / "sound.csv", table), vehicle, tmp_path / "out")
+    told, content = diagnosed(
+        flightid, "rigid", written(tmp_path / "sound.csv", table), vehicle, tmp_path / "out"
+    )
     assert "overflows" not in content and "range of numbers" not in told

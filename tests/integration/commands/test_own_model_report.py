@@ -1,4 +1,6 @@
-"""The rigid short period as a user's own file beside the built-in one: the same numbers and the same report, the name apart."""
+"""The rigid short period as a user's own file beside the built-in one: the same numbers and the
+same report, the name apart.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,11 @@ NOT_ALIKE = {"created", "model", "model_sha256"}  # when it was made, and what t
 
 def alike(text: str) -> str:
     """A report without its name, its folder and its time."""
-    return re.sub(r"seconds: .*|written to .*|below; in .*|--model \S+|\d{4}-\d\d-\d\d[T ][\d:]+Z?", "", text.replace(OWN, BUILT_IN))
+    return re.sub(
+        r"seconds: .*|written to .*|below; in .*|--model \S+|\d{4}-\d\d-\d\d[T ][\d:]+Z?",
+        "",
+        text.replace(OWN, BUILT_IN),
+    )
 
 
 def common(content: Any) -> Any:
@@ -29,23 +35,52 @@ def common(content: Any) -> Any:
     return [common(value) for value in content] if isinstance(content, list) else content
 
 
-@pytest.mark.parametrize("scenario", ["trace-nothing", pytest.param("trace-delay", marks=pytest.mark.slow)])
-def test_numbers_and_reports_are_the_same(flightid: CommandLine, tmp_path: Path, scenario: str) -> None:
-    changes = ("--set", "flight.rate=20 Hz", "--set", "flight.step=5 ms", "--set", "flight.train.duration=12 s")
+@pytest.mark.parametrize(
+    "scenario", ["trace-nothing", pytest.param("trace-delay", marks=pytest.mark.slow)]
+)
+def test_numbers_and_reports_are_the_same(
+    flightid: CommandLine, tmp_path: Path, scenario: str
+) -> None:
+    changes = (
+        "--set",
+        "flight.rate=20 Hz",
+        "--set",
+        "flight.step=5 ms",
+        "--set",
+        "flight.train.duration=12 s",
+    )
     flightid.done("simulate", scenario, "--out", tmp_path / "flight.csv", *changes)
     told, identified, folders = {}, {}, {name: tmp_path / name for name in ("rigid", "own")}
     for name, model in (("rigid", "rigid"), ("own", model_file(tmp_path, SHORT_PERIOD))):
-        asked = (tmp_path / "flight.csv", "--model", model, "--vehicle", tmp_path / "flight_vehicle.toml")
+        asked = (
+            tmp_path / "flight.csv",
+            "--model",
+            model,
+            "--vehicle",
+            tmp_path / "flight_vehicle.toml",
+        )
         validate = ("--validate", tmp_path / "flight_validate.csv")
-        told[name] = flightid.done("diagnose", *asked, *validate, "--out", folders[name], "--no-figures")
+        told[name] = flightid.done(
+            "diagnose", *asked, *validate, "--out", folders[name], "--no-figures"
+        )
         identified[name] = flightid.done("identify", *asked)
     for printed in (told, identified):
         assert OWN in printed["own"] and alike(printed["own"]) == alike(printed["rigid"])
     hidden = scenario == "trace-delay"
-    assert ("TRACED" in told["own"]) == hidden and re.search("(angle-of-attack|pitch-rate|load-factor) error", told["own"])
-    assert hidden <= ("kinematics alone" in told["own"]), "an aircraft's own model is asked for its kinematics"
-    found, expected = (json.loads((folder / "diagnosis.json").read_text()) for folder in (folders["own"], folders["rigid"]))
-    assert found["verdict"] == ("traced" if hidden else "consistent") and found["inputs"]["model"] == "my_model.py"
+    assert ("TRACED" in told["own"]) == hidden and re.search(
+        "(angle-of-attack|pitch-rate|load-factor) error", told["own"]
+    )
+    assert hidden <= ("kinematics alone" in told["own"]), (
+        "an aircraft's own model is asked for its kinematics"
+    )
+    found, expected = (
+        json.loads((folder / "diagnosis.json").read_text())
+        for folder in (folders["own"], folders["rigid"])
+    )
+    assert (
+        found["verdict"] == ("traced" if hidden else "consistent")
+        and found["inputs"]["model"] == "my_model.py"
+    )
     # The same operations run in the same order: equal to the last digit, and so to 1e-9.
     assert common(found) == common(expected)
     pages = [alike((folder / "report.html").read_text()) for folder in folders.values()]
@@ -56,8 +91,14 @@ def test_numbers_and_reports_are_the_same(flightid: CommandLine, tmp_path: Path,
 
 def test_what_speaks_of_an_aircraft(tmp_path: Path) -> None:
     whole = read_user_model(model_file(tmp_path, SHORT_PERIOD)).model
-    assert is_of_aircraft(whole) and not is_of_aircraft(read_user_model(model_file(tmp_path, ROLL)).model)
+    assert is_of_aircraft(whole) and not is_of_aircraft(
+        read_user_model(model_file(tmp_path, ROLL)).model
+    )
     # A charge q in coulomb, or a speed that is none of the air, is another matter.
-    belt = SHORT_PERIOD.replace("airspeed", "belt_speed").replace("belt_speed_change", "speed_change")
+    belt = SHORT_PERIOD.replace("airspeed", "belt_speed").replace(
+        "belt_speed_change", "speed_change"
+    )
     charge = SHORT_PERIOD.replace('"q": "rad/s"', '"q": "C"')
-    assert not any(is_of_aircraft(read_user_model(model_file(tmp_path, text)).model) for text in (belt, charge))
+    assert not any(
+        is_of_aircraft(read_user_model(model_file(tmp_path, text)).model) for text in (belt, charge)
+    )

@@ -54,14 +54,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for number, name in enumerate(("flight", "second")):
         record = flown(made, number)
         write_record(made, record, name)
-        (made / f"{name}.json").unlink()  # it says how the inputs are to be read, which a bare table cannot
-        columns = np.column_stack([record[each].values for each in ("elevator", "alpha", "q", "nz")])
+        # it says how the inputs are to be read, which a bare table cannot
+        (made / f"{name}.json").unlink()
+        columns = np.column_stack(
+            [record[each].values for each in ("elevator", "alpha", "q", "nz")]
+        )
         np.savetxt(made / f"{name}.txt", columns, fmt="%.17g")
     (made / "parts.toml").write_text(MANEUVER)
     return made
 
 
-def written(flightid: CommandLine, document: str, out: Path, command: str, *options: object) -> dict[str, Any]:
+def written(
+    flightid: CommandLine, document: str, out: Path, command: str, *options: object
+) -> dict[str, Any]:
     """What a command writes."""
     flightid.done(command, *options, "--no-figures", "--out", out)
     content: dict[str, Any] = json.loads((out / document).read_text())
@@ -70,8 +75,13 @@ def written(flightid: CommandLine, document: str, out: Path, command: str, *opti
 
 def test_every_command_that_reads_records_opens_them_alike() -> None:
     every = [command for some in COMMANDS.values() for command in some]
-    readers = {command.__name__.rstrip("_"): set(inspect.signature(command).parameters) for command in every}
-    readers = {name: options for name, options in readers.items() if {"record", "records"} & options}
+    readers = {
+        command.__name__.rstrip("_"): set(inspect.signature(command).parameters)
+        for command in every
+    }
+    readers = {
+        name: options for name, options in readers.items() if {"record", "records"} & options
+    }
     assert {"identify", "diagnose", "check", "predict", "maneuvers", "map", "watch"} <= set(readers)
     for name, options in readers.items():
         assert OPENING - options <= ({"channels"} if name == "map" else set()), name
@@ -79,20 +89,32 @@ def test_every_command_that_reads_records_opens_them_alike() -> None:
 
 
 def test_maneuvers_of_a_bare_table(flightid: CommandLine, folder: Path, tmp_path: Path) -> None:
-    named = written(flightid, "maneuvers.json", tmp_path / "named", "maneuvers", folder / "flight.csv")
-    bare = written(flightid, "maneuvers.json", tmp_path / "bare", "maneuvers", folder / "flight.txt", *BARE)
+    named = written(
+        flightid, "maneuvers.json", tmp_path / "named", "maneuvers", folder / "flight.csv"
+    )
+    bare = written(
+        flightid, "maneuvers.json", tmp_path / "bare", "maneuvers", folder / "flight.txt", *BARE
+    )
     assert bare["maneuvers"] == named["maneuvers"] and len(named["maneuvers"]) >= 2
-    assert "has a clock of its own" in flightid.refused("maneuvers", folder / "flight.csv", "--rate", "20")
+    assert "has a clock of its own" in flightid.refused(
+        "maneuvers", folder / "flight.csv", "--rate", "20"
+    )
 
 
-def test_a_check_of_a_bare_table_and_of_a_maneuver(flightid: CommandLine, folder: Path, tmp_path: Path) -> None:
+def test_a_check_of_a_bare_table_and_of_a_maneuver(
+    flightid: CommandLine, folder: Path, tmp_path: Path
+) -> None:
     vehicle = ["--vehicle", folder / "vehicle.toml"]
 
     def findings(name: str, *options: object) -> Any:
-        joint = written(flightid, "compatibility.json", tmp_path / name, "check", *options, *vehicle)["joint"]
+        joint = written(
+            flightid, "compatibility.json", tmp_path / name, "check", *options, *vehicle
+        )["joint"]
         return {key: value for key, value in joint.items() if key != "records"}
 
-    assert findings("bare", folder / "flight.txt", *BARE) == findings("named", folder / "flight.csv")
+    assert findings("bare", folder / "flight.txt", *BARE) == findings(
+        "named", folder / "flight.csv"
+    )
     times = findings("times", folder / "flight.csv", "--from", "1", "--to", "12")
     assert (
         findings(
@@ -107,7 +129,9 @@ def test_a_check_of_a_bare_table_and_of_a_maneuver(flightid: CommandLine, folder
     )
 
 
-def test_a_prediction_of_a_bare_table_and_of_a_maneuver(flightid: CommandLine, folder: Path, tmp_path: Path) -> None:
+def test_a_prediction_of_a_bare_table_and_of_a_maneuver(
+    flightid: CommandLine, folder: Path, tmp_path: Path
+) -> None:
     written(
         flightid,
         "comparison.json",
@@ -119,7 +143,9 @@ def test_a_prediction_of_a_bare_table_and_of_a_maneuver(flightid: CommandLine, f
     )
 
     def errors(name: str, *options: object) -> Any:
-        return written(flightid, "prediction.json", tmp_path / name, "predict", tmp_path / "study", *options)["channels"]
+        return written(
+            flightid, "prediction.json", tmp_path / name, "predict", tmp_path / "study", *options
+        )["channels"]
 
     assert errors("bare", folder / "flight.txt", *BARE) == errors("named", folder / "flight.csv")
     times = errors("times", folder / "flight.csv", "--from", "1", "--to", "12")
@@ -136,9 +162,13 @@ def test_a_prediction_of_a_bare_table_and_of_a_maneuver(flightid: CommandLine, f
     )
 
 
-def test_a_diagnosis_and_a_survey_of_bare_tables(flightid: CommandLine, folder: Path, tmp_path: Path) -> None:
+def test_a_diagnosis_and_a_survey_of_bare_tables(
+    flightid: CommandLine, folder: Path, tmp_path: Path
+) -> None:
     options = ["--model", "rigid", "--vehicle", folder / "vehicle.toml"]
-    named = written(flightid, "diagnosis.json", tmp_path / "named", "diagnose", folder / "flight.csv", *options)
+    named = written(
+        flightid, "diagnosis.json", tmp_path / "named", "diagnose", folder / "flight.csv", *options
+    )
     bare = written(
         flightid,
         "diagnosis.json",
@@ -158,9 +188,13 @@ def test_a_diagnosis_and_a_survey_of_bare_tables(flightid: CommandLine, folder: 
         ("flight.txt", '"elevator,alpha,q,nz"'),
         ("flight.t*", '["elevator", "alpha", "q", "nz"]'),
     ):
-        survey.write_text(f'model = "rigid"\nrecords = "{folder}/{pattern}"\ncolumns = {columns}\nrate = 20.0\n')
+        survey.write_text(
+            f'model = "rigid"\nrecords = "{folder}/{pattern}"\ncolumns = {columns}\nrate = 20.0\n'
+        )
         assert "failed" not in flightid.done("survey", survey, "--no-figures")
-    survey.write_text(f'model = "rigid"\nrecords = "{folder}/flight.txt"\ncolumns = "elevator,,q"\n')
+    survey.write_text(
+        f'model = "rigid"\nrecords = "{folder}/flight.txt"\ncolumns = "elevator,,q"\n'
+    )
     assert "a name is empty" in flightid.refused("survey", survey)
 
 
@@ -180,7 +214,9 @@ def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
         *(f"{name} = {value}" for name, value in LOES_CONSTANTS.items()),
         "[derivatives]",
     ]
-    (made / "vehicle.toml").write_text("\n".join([*lines, *(f"{name} = {value}" for name, value in start.items())]) + "\n")
+    (made / "vehicle.toml").write_text(
+        "\n".join([*lines, *(f"{name} = {value}" for name, value in start.items())]) + "\n"
+    )
     rate = 1.0 / float(np.median(np.diff(record.time)))
     (made / "rate").write_text(repr(rate))
     values = {name: record[name].values for name in ("stick", "alpha", "q", "nz")}
@@ -208,7 +244,9 @@ def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-def test_a_stream_is_opened_as_a_record_is(flightid: CommandLine, stream: Path, tmp_path: Path) -> None:
+def test_a_stream_is_opened_as_a_record_is(
+    flightid: CommandLine, stream: Path, tmp_path: Path
+) -> None:
     options = [
         "--model",
         "loes",
@@ -220,15 +258,21 @@ def test_a_stream_is_opened_as_a_record_is(flightid: CommandLine, stream: Path, 
 
     def parameters(name: str, *more: object) -> dict[str, Any]:
         flightid.done("watch", stream / f"{name}.csv", *options, *more, "--out", tmp_path / name)
-        found: dict[str, Any] = json.loads((tmp_path / name / "comparison.json").read_text())["parameters"]
+        found: dict[str, Any] = json.loads((tmp_path / name / "comparison.json").read_text())[
+            "parameters"
+        ]
         return found
 
     named = parameters("named")
-    bare = parameters("bare", "--columns", "stick,alpha,q,nz", "--rate", (stream / "rate").read_text())
+    bare = parameters(
+        "bare", "--columns", "stick,alpha,q,nz", "--rate", (stream / "rate").read_text()
+    )
     odd = parameters("odd", "--channels", stream / "map.toml")
     for name, row in named.items():
         for other in (bare, odd):
-            assert other[name]["estimate"] == pytest.approx(row["estimate"], abs=1e-6 * row["std"]), name
+            assert other[name]["estimate"] == pytest.approx(
+                row["estimate"], abs=1e-6 * row["std"]
+            ), name
 
 
 @pytest.mark.parametrize(
@@ -243,7 +287,9 @@ def test_a_stream_is_opened_as_a_record_is(flightid: CommandLine, stream: Path, 
         ("named", ['alpha = "2*beta"'], "there is no column 'beta'"),
     ],
 )
-def test_streams_that_cannot_be_opened(flightid: CommandLine, stream: Path, tmp_path: Path, name: str, options: list[str], said: str) -> None:
+def test_streams_that_cannot_be_opened(
+    flightid: CommandLine, stream: Path, tmp_path: Path, name: str, options: list[str], said: str
+) -> None:
     if options and "=" in options[0]:
         (tmp_path / "map.toml").write_text(options[0])
         options = ["--channels", str(tmp_path / "map.toml")]

@@ -72,7 +72,11 @@ def test_a_log_of_a_recorder(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     words = ["response", str(log), "--input", "SIDD.Targ", "--output", "SIDD.Gx", "--out", str(out)]
     assert typed(*words) == 0
     printed = capsys.readouterr().out
-    assert "SIDD.Gx/SIDD.Targ" in printed and "usable from" in printed and "decimated from 400" in printed
+    assert (
+        "SIDD.Gx/SIDD.Targ" in printed
+        and "usable from" in printed
+        and "decimated from 400" in printed
+    )
     found = json.loads((out / "responses.json").read_text())
     assert found["schema"] == "flightid/responses/1" and found["method"] == "direct"
     one = found["responses"][0]
@@ -216,9 +220,13 @@ def test_parts_of_a_record_are_pooled_and_gaps_part_it(tmp_path: Path) -> None:
         (["--input", "a", "--output", "b", "--from", "1", "--to", "1.5"], "too few"),
     ],
 )
-def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str) -> None:
+def test_bad_input_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str
+) -> None:
     time, target, rate = chirp_flight()
-    path = write_csv(tmp_path, time=time[::8], a=target[::8], b=rate[::8], flat=np.ones(time[::8].size))
+    path = write_csv(
+        tmp_path, time=time[::8], a=target[::8], b=rate[::8], flat=np.ones(time[::8].size)
+    )
     out = tmp_path / "bode"
     assert typed("response", path, *words, "--out", out) == 2
     shown = capsys.readouterr()
@@ -226,7 +234,9 @@ def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert not out.exists()
 
 
-def test_from_a_log_to_a_transfer_function_in_three_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_from_a_log_to_a_transfer_function_in_three_commands(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     log, out = write_log(tmp_path), tmp_path / "roll"
     signals = ("--input", "SIDD.Targ", "--output", "SIDD.Gx")
     assert typed("map", log) == 0
@@ -242,14 +252,23 @@ def test_from_a_log_to_a_transfer_function_in_three_commands(tmp_path: Path, cap
         each = one["parameters"][name]
         assert abs(each["value"] - value) < 3.0 * each["std"] < 0.05 * value, name
     assert one["unnoticeable"] is True and one["cost"] < 5.0
-    assert (out / "mismatch.png").is_file() and "Transfer functions" in (out / "report.html").read_text()
+    assert (out / "mismatch.png").is_file() and "Transfer functions" in (
+        out / "report.html"
+    ).read_text()
 
 
-def test_a_delay_that_may_be_none_is_said_and_is_no_rounding_in_print(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_delay_that_may_be_none_is_said_and_is_no_rounding_in_print(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     time = 0.01 * np.arange(6000)
     stick = np.sin(2.0 * np.pi * (0.05 * time + 0.02 * time**2))
     _, rate, _ = signal.lsim(signal.TransferFunction([8.0, 6.0], [1.0, 3.2, 6.5]), stick, time)
-    path = write_csv(tmp_path, time=time, a=stick, b=rate + 0.01 * np.random.default_rng(2).standard_normal(time.size))
+    path = write_csv(
+        tmp_path,
+        time=time,
+        a=stick,
+        b=rate + 0.01 * np.random.default_rng(2).standard_normal(time.size),
+    )
     asked = ("response", path, "--input", "a", "--output", "b", "--fit", "pitch")
     assert typed(*asked) == 0
     printed = " ".join(capsys.readouterr().out.split())
@@ -263,7 +282,9 @@ def test_fits_in_python(tmp_path: Path) -> None:
     time, target, rate = chirp_flight(8)
     lead = signal.lfilter([1.0 - 0.8], [1.0, -0.8], rate)
     path = write_csv(tmp_path, time=time[::8], a=target[::8], b=rate[::8], c=lead[::8])
-    found = fid.frequency_response(path, "a", ["b", "c"], band=(0.2, 6.0), fit={"b": "0/1"}, fix={"delay": 0.01875})
+    found = fid.frequency_response(
+        path, "a", ["b", "c"], band=(0.2, 6.0), fit={"b": "0/1"}, fix={"delay": 0.01875}
+    )
     (one,) = found.to_dict()["fits"]["functions"]
     assert one["output"] == "b" and one["fixed"] == {"delay": 0.01875} and "unnoticeable" not in one
     assert one["parameters"]["a0"]["value"] == pytest.approx(1 / LAG, rel=0.02)
@@ -292,7 +313,9 @@ def test_fits_in_python(tmp_path: Path) -> None:
         (["--fit", "0/1", "--fix", "a0=1", "--fix", "b0=1", "--fix", "delay=0"], "nothing is free"),
     ],
 )
-def test_bad_fits_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str) -> None:
+def test_bad_fits_are_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str
+) -> None:
     time, target, rate = chirp_flight()
     path = write_csv(tmp_path, time=time[::8], a=target[::8], b=rate[::8])
     out = tmp_path / "bode"
@@ -312,7 +335,9 @@ def test_flying_qualities_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixtu
     omega = one["phase_bandwidth"]["value"]
     attitude = np.degrees(np.angle(exact(np.array([omega / (2.0 * math.pi)])) / (1j * omega)))
     assert attitude[0] == pytest.approx(-135.0, abs=1.0)
-    assert (out / "bandwidth.png").is_file() and "Flying qualities" in (out / "report.html").read_text()
+    assert (out / "bandwidth.png").is_file() and "Flying qualities" in (
+        out / "report.html"
+    ).read_text()
     found = fid.frequency_response(log, "SIDD.Targ", "SIDD.Gx", bandwidth="rate")
     name, qualities = found.flying_qualities.popitem()
     assert name == "SIDD.Gx/SIDD.Targ" and qualities["phase_bandwidth"][0] == omega
@@ -353,16 +378,30 @@ def loop_flight(seed: int, duration: float = 60.0, sign: float = -1.0) -> dict[s
     return {"time": time, "sweep": sweep, "command": command, "returned": -sign * returned}
 
 
-LOOP_WORDS = ("--input", "command", "--output", "returned", "--reference", "sweep", "--band", "0.2", "10")
+LOOP_WORDS = (
+    "--input",
+    "command",
+    "--output",
+    "returned",
+    "--reference",
+    "sweep",
+    "--band",
+    "0.2",
+    "10",
+)
 
 
-def test_stability_margins_of_pooled_flights(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_stability_margins_of_pooled_flights(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     paths = [write_csv(tmp_path, f"flight{n}.csv", **loop_flight(n)) for n in (1, 2, 3)]
     out = tmp_path / "loop"
     assert typed("response", *paths, *LOOP_WORDS, "--margins", "minus", "--out", out) == 0
     printed = " ".join(capsys.readouterr().out.split())
     assert "phase margin" in printed and "The worst maneuver" in printed
-    assert "gain increase of 6 dB not met" in printed and "phase margin of 45 deg not met" in printed
+    assert (
+        "gain increase of 6 dB not met" in printed and "phase margin of 45 deg not met" in printed
+    )
     exact = margins(load_x29("F"))
     written = json.loads((out / "responses.json").read_text())["margins"]
     pooled = written["pooled"]
@@ -371,9 +410,14 @@ def test_stability_margins_of_pooled_flights(tmp_path: Path, capsys: pytest.Capt
         assert pooled[name]["high"] - pooled[name]["low"] < 0.1 * abs(value)
     phases = [each["phase_margin"]["value"] for each in written["maneuvers"]]
     assert written["worst"]["phase_margin"]["value"] == min(phases)
-    assert written["worst"]["phase_margin"]["maneuver"] == written["maneuvers"][int(np.argmin(phases))]["name"]
+    assert (
+        written["worst"]["phase_margin"]["maneuver"]
+        == written["maneuvers"][int(np.argmin(phases))]["name"]
+    )
     assert (out / "loop.png").is_file() and "Stability margins" in (out / "report.html").read_text()
-    found = fid.frequency_response(paths, "command", "returned", reference="sweep", band=(0.2, 10.0), margins="minus")
+    found = fid.frequency_response(
+        paths, "command", "returned", reference="sweep", band=(0.2, 10.0), margins="minus"
+    )
     assert found.margins["phase_margin"]["value"] == pooled["phase_margin"]["value"]
     assert found.worst_margins["phase_margin"] == written["worst"]["phase_margin"]
     assert found.plot.loop().axes
@@ -384,14 +428,18 @@ def test_a_loop_that_adds_has_the_same_margins(tmp_path: Path) -> None:
     wanted: dict[str, Any] = {"reference": "sweep", "band": (0.2, 10.0)}
     minus = fid.frequency_response(one, "command", "returned", margins="minus", **wanted)
     plus = fid.frequency_response(other, "command", "returned", margins="plus", **wanted)
-    assert minus.margins["phase_margin"]["value"] == pytest.approx(plus.margins["phase_margin"]["value"], rel=1e-9)
+    assert minus.margins["phase_margin"]["value"] == pytest.approx(
+        plus.margins["phase_margin"]["value"], rel=1e-9
+    )
     assert not any("--margins" in line for line in (*minus.warnings, *plus.warnings))
     wrong = fid.frequency_response(other, "command", "returned", margins="minus", **wanted)
     assert any("--margins plus fits these signals" in line for line in wrong.warnings)
 
 
 def test_margins_without_an_excitation_say_that_they_are_biased() -> None:
-    found = fid.frequency_response(loop_flight(5), "command", "returned", band=(0.3, 10.0), margins="minus")
+    found = fid.frequency_response(
+        loop_flight(5), "command", "returned", band=(0.3, 10.0), margins="minus"
+    )
     assert any("margins from the direct estimate" in line for line in found.warnings)
     plain = fid.frequency_response(loop_flight(5), "command", "returned", band=(0.3, 10.0))
     assert plain.margins == {} and plain.worst_margins == {}
@@ -402,12 +450,32 @@ def test_margins_without_an_excitation_say_that_they_are_biased() -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--input", "command", "--output", "returned", "--margins", "times"], "there is no sign 'times'"),
-        (["--input", "command", "--output", "returned", "--output", "sweep", "--margins", "minus"], "are no single loop"),
-        (["--input", "command", "--input", "sweep", "--output", "returned", "--margins", "plus"], "2 inputs and 1 outputs"),
+        (
+            ["--input", "command", "--output", "returned", "--margins", "times"],
+            "there is no sign 'times'",
+        ),
+        (
+            [
+                "--input",
+                "command",
+                "--output",
+                "returned",
+                "--output",
+                "sweep",
+                "--margins",
+                "minus",
+            ],
+            "are no single loop",
+        ),
+        (
+            ["--input", "command", "--input", "sweep", "--output", "returned", "--margins", "plus"],
+            "2 inputs and 1 outputs",
+        ),
     ],
 )
-def test_bad_loops_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str) -> None:
+def test_bad_loops_are_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str
+) -> None:
     path = write_csv(tmp_path, **loop_flight(1))
     assert typed("response", path, *words) == 2
     shown = capsys.readouterr()
@@ -420,10 +488,16 @@ def test_levels_of_fitted_forms(tmp_path: Path, capsys: pytest.CaptureFixture[st
     words = ("--input", "a", "--output", "b", "--fit", "roll", "--levels", "IV-A")
     assert typed("response", path, *words, "--out", out) == 0
     printed = " ".join(capsys.readouterr().out.split())
-    assert "b/a: roll time constant 0.0" in printed and "roll time constant: level 1 (MIL-F-8785C 3.3.1.2, table VII)" in printed
+    assert (
+        "b/a: roll time constant 0.0" in printed
+        and "roll time constant: level 1 (MIL-F-8785C 3.3.1.2, table VII)" in printed
+    )
     (one,) = json.loads((out / "responses.json").read_text())["flying_qualities"]
     assert one["roll_time_constant"]["value"] == pytest.approx(LAG, rel=0.05)
-    assert {each["quantity"]: each["level"] for each in one["levels"]} == {"roll_time_constant": 1, "total_delay": 1}
+    assert {each["quantity"]: each["level"] for each in one["levels"]} == {
+        "roll_time_constant": 1,
+        "total_delay": 1,
+    }
     found = fid.frequency_response(path, "a", "b", fit="roll", levels="IV-A")
     assert found.levels["b/a"]["roll_time_constant"] == (1, 1, 1)
     pitch = fid.frequency_response(path, "a", "b", fit="pitch", airspeed=90.0)
@@ -441,7 +515,9 @@ def test_levels_of_fitted_forms(tmp_path: Path, capsys: pytest.CaptureFixture[st
         (["--fit", "pitch", "--airspeed", "-1"], "no airspeed"),
     ],
 )
-def test_bad_levels_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str) -> None:
+def test_bad_levels_are_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str
+) -> None:
     time, target, rate = chirp_flight()
     path = write_csv(tmp_path, time=time[::8], a=target[::8], b=rate[::8])
     assert typed("response", path, "--input", "a", "--output", "b", *words) == 2

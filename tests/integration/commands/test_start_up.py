@@ -12,12 +12,19 @@ import pytest
 from scenarios.cli import main
 
 ROOT = Path(__file__).parents[3]
-HEAVY = ("numpy", "scipy", "control", "filterpy", "matplotlib", "pandas", "pint", "rich")  # typer itself may bring pydantic
+# typer itself may bring pydantic
+HEAVY = ("numpy", "scipy", "control", "filterpy", "matplotlib", "pandas", "pint", "rich")
 
 
 def process(code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run([sys.executable, "-c", code, *arguments], env=environment, capture_output=True, text=True, timeout=60)
+    return subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
 
 
 def imported_by(*arguments: str) -> set[str]:
@@ -36,30 +43,43 @@ print("imported:", *(name for name in {HEAVY!r} if name in sys.modules))
     return set(done.stdout.splitlines()[-1].split()[1:])
 
 
-@pytest.mark.parametrize("arguments", [("--help",), ("run", "--help"), ("list",), ("list", "rigid")])
+@pytest.mark.parametrize(
+    "arguments", [("--help",), ("run", "--help"), ("list",), ("list", "rigid")]
+)
 def test_help_and_list_import_nothing_heavy(arguments: tuple[str, ...]) -> None:
     assert imported_by(*arguments) == set()
 
 
 def test_help_starts_fast() -> None:
-    """Processor time, the least of three: other work on the machine stretches the wall clock, not this."""
+    """Processor time, the least of three: other work on the machine stretches the wall clock, not
+    this.
+    """
     spent: list[float] = []
     for _ in range(3):
         before = os.times()
         assert process("from scenarios.cli import main; main(['--help'])").returncode == 0
         after = os.times()
-        spent.append(after.children_user - before.children_user + after.children_system - before.children_system)
+        spent.append(
+            after.children_user
+            - before.children_user
+            + after.children_system
+            - before.children_system
+        )
     assert min(spent) < 0.3
 
 
 def test_a_run_imports_neither_control_nor_pandas(tmp_path: Path) -> None:
-    assert imported_by("run", "rigid", "--no-figures", "--out", str(tmp_path / "out")).isdisjoint({"control", "pandas", "matplotlib", "pint"})
+    assert imported_by("run", "rigid", "--no-figures", "--out", str(tmp_path / "out")).isdisjoint(
+        {"control", "pandas", "matplotlib", "pint"}
+    )
 
 
 def test_python_m_scenarios_is_the_command(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     call = [sys.executable, "-m", "scenarios", "run", "rigit"]
-    done = subprocess.run(call, env=environment, capture_output=True, text=True, timeout=60, cwd=tmp_path)
+    done = subprocess.run(
+        call, env=environment, capture_output=True, text=True, timeout=60, cwd=tmp_path
+    )
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == "flightid: there is no scenario 'rigit'; did you mean 'rigid'?\n"
 
@@ -67,13 +87,17 @@ def test_python_m_scenarios_is_the_command(tmp_path: Path) -> None:
 def test_a_closed_pipe_is_no_traceback() -> None:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     call = [sys.executable, "-m", "scenarios", "vehicles", "bomber_ac1"]
-    with subprocess.Popen(call, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+    with subprocess.Popen(
+        call, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as running:
         assert running.stdout is not None and running.stderr is not None
         running.stdout.close()
         assert "Traceback" not in running.stderr.read()
 
 
-def test_linear_algebra_gets_one_thread_unless_the_user_says_otherwise(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_linear_algebra_gets_one_thread_unless_the_user_says_otherwise(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
     with pytest.raises(SystemExit):
@@ -83,5 +107,8 @@ def test_linear_algebra_gets_one_thread_unless_the_user_says_otherwise(monkeypat
 
 
 def test_the_process_for_figures_is_started_before_numpy_is_loaded() -> None:
-    done = process("import sys, scenarios.commands.diagnose; print([name for name in ('numpy', 'pydantic') if name in sys.modules])")
+    done = process(
+        "import sys, scenarios.commands.diagnose; print([name for name in ('numpy', 'pydantic') if "
+        "name in sys.modules])"
+    )
     assert done.stdout == "[]\n", done.stderr

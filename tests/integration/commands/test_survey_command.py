@@ -1,4 +1,6 @@
-"""`flightid survey`: flights from their records to a page, in a folder that grows; on simulated fleets whose truth is known."""
+"""`flightid survey`: flights from their records to a page, in a folder that grows; on simulated
+fleets whose truth is known.
+"""
 
 from __future__ import annotations
 
@@ -41,19 +43,31 @@ def short_flights(folder: Path, late: dict[str, float]) -> list[str]:
     tables = []
     for number, (name, value) in enumerate(late.items()):
         airspeed = 120.0 + 10.0 * number
-        model = vehicle.with_values({"airspeed": airspeed}).with_noise(Noise({key: 2.0 * std for key, std in FLEET["NOISE"].items()}))
+        model = vehicle.with_values({"airspeed": airspeed}).with_noise(
+            Noise({key: 2.0 * std for key, std in FLEET["NOISE"].items()})
+        )
         if value:
             model = model.with_effects(delay).with_values({full_name(delay, "delay"): value})
         maneuver = three_two_one_one(np.radians(2.0), 0.5, 0.5)
         rng = np.random.default_rng([7, number])
-        record, _ = fly(model, maneuver, sample_times(20.0, 7.0), rng, step=0.005, outputs=list(FLEET["NOISE"]), name=name)
+        record, _ = fly(
+            model,
+            maneuver,
+            sample_times(20.0, 7.0),
+            rng,
+            step=0.005,
+            outputs=list(FLEET["NOISE"]),
+            name=name,
+        )
         write_record(folder / "records", record, name, simulated=True)
         tables.append(TABLE.format(name=name, airspeed=airspeed))
     return tables
 
 
 def document(out: Path) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads((out / "survey.json").read_text(), parse_constant=pytest.fail)
+    content: dict[str, Any] = json.loads(
+        (out / "survey.json").read_text(), parse_constant=pytest.fail
+    )
     return content
 
 
@@ -86,14 +100,24 @@ def test_a_survey_finds_what_recurs_and_writes_it(surveyed: tuple[Path, fid.Surv
     assert "in 2 of 3 flights" in page
     assert page.count("<svg") == 3
     written = contents(folder / "morning")
-    assert {"survey.json", "derivatives.csv", "report.html", "report.json", "effects.png", "shared.png", "over_airspeed.png"} <= set(written)
+    assert {
+        "survey.json",
+        "derivatives.csv",
+        "report.html",
+        "report.json",
+        "effects.png",
+        "shared.png",
+        "over_airspeed.png",
+    } <= set(written)
     for name in "abc":
         assert f'href="flights/{name}/report.html"' in page
         assert written[f"flights/{name}/report.html"]
     assert "sensor-delay:q" in found.summary()
 
 
-def test_a_second_survey_by_the_command_computes_nothing(flightid: CommandLine, surveyed: tuple[Path, fid.Survey], tmp_path: Path) -> None:
+def test_a_second_survey_by_the_command_computes_nothing(
+    flightid: CommandLine, surveyed: tuple[Path, fid.Survey], tmp_path: Path
+) -> None:
     folder, _ = surveyed
     shutil.copytree(folder, tmp_path / "fleet")
     flights, out = tmp_path / "fleet" / "flights.toml", tmp_path / "fleet" / "morning"
@@ -102,27 +126,40 @@ def test_a_second_survey_by_the_command_computes_nothing(flightid: CommandLine, 
     assert "0 computed now, 3 kept" in printed
     assert "RECURS: sensor-delay:q" in printed
     after = document(out)
-    assert {key: after[key] for key in after if key not in (*OWN, "files")} == {key: before[key] for key in before if key not in (*OWN, "files")}
+    assert {key: after[key] for key in after if key not in (*OWN, "files")} == {
+        key: before[key] for key in before if key not in (*OWN, "files")
+    }
     assert not (out / "effects.png").exists()
     flightid.done("report", out)
     assert "in 2 of 3 flights" in (out / "report.html").read_text()
-    flights.write_text(flights.read_text().replace('title = "short"', 'title = "renamed"').partition('[[flights]]\nrecord = "records/c')[0])
+    flights.write_text(
+        flights.read_text()
+        .replace('title = "short"', 'title = "renamed"')
+        .partition('[[flights]]\nrecord = "records/c')[0]
+    )
     told = json.loads(flightid.done("survey", flights, "--out", out, "--no-figures", "--json"))
     assert (told["title"], told["removed"], told["computed"]) == ("renamed", ["c"], [])
 
 
-def test_the_example_is_printed_and_faults_are_one_line(flightid: CommandLine, tmp_path: Path) -> None:
+def test_the_example_is_printed_and_faults_are_one_line(
+    flightid: CommandLine, tmp_path: Path
+) -> None:
     assert flightid.done("survey", "--example") == EXAMPLE
     assert "no file is named" in flightid.refused("survey")
     (tmp_path / "aircraft.toml").write_text(FLEET["AIRCRAFT"].format(**FLEET["STARTS"]))
     for text, said in (
         (HEAD + 'colour = "red"\n', "colour"),
         (HEAD + 'records = "none/*.csv"\n', "no file matches"),
-        (HEAD + '[[flights]]\nrecord = "a.csv"\nvehicle = {mass = "5 blorb"}\n', "flight a, mass: unknown unit"),
+        (
+            HEAD + '[[flights]]\nrecord = "a.csv"\nvehicle = {mass = "5 blorb"}\n',
+            "flight a, mass: unknown unit",
+        ),
         (HEAD + 2 * '[[flights]]\nrecord = "a.csv"\n', "two flights are called a"),
     ):
         (tmp_path / "flights.toml").write_text(text)
-        assert said in flightid.refused("survey", tmp_path / "flights.toml", "--out", tmp_path / "out")
+        assert said in flightid.refused(
+            "survey", tmp_path / "flights.toml", "--out", tmp_path / "out"
+        )
     assert not (tmp_path / "out").exists()
     assert "gone.toml" in flightid.refused("survey", tmp_path / "gone.toml")
 
@@ -165,20 +202,46 @@ def test_ctrl_c_keeps_the_flights_that_have_ended(flightid: CommandLine, tmp_pat
     assert "2 of 3 flights are kept in morning" in err.splitlines()[-1]
     assert "Traceback" not in err
     assert not (tmp_path / "morning" / "survey.json").exists()
-    printed = flightid.done("survey", tmp_path / "flights.toml", "--jobs", 1, "--no-figures", "--out", tmp_path / "morning")
+    printed = flightid.done(
+        "survey",
+        tmp_path / "flights.toml",
+        "--jobs",
+        1,
+        "--no-figures",
+        "--out",
+        tmp_path / "morning",
+    )
     assert "3 flights; 1 computed now, 2 kept" in printed
 
 
 @pytest.mark.slow
-def test_two_processes_write_the_same_survey(surveyed: tuple[Path, fid.Survey], tmp_path: Path) -> None:
+def test_two_processes_write_the_same_survey(
+    surveyed: tuple[Path, fid.Survey], tmp_path: Path
+) -> None:
     folder, _ = surveyed
-    fid.survey(folder / "flights.toml", tmp_path / "two", jobs=2).save(tmp_path / "two", figures="png")
+    fid.survey(folder / "flights.toml", tmp_path / "two", jobs=2).save(
+        tmp_path / "two", figures="png"
+    )
     one, two = document(folder / "morning"), document(tmp_path / "two")
-    assert {key: one[key] for key in one if key != "created"} == {key: two[key] for key in two if key != "created"}
-    for name in ("derivatives.csv", "effects.png", "shared.png", "over_airspeed.png", "flights/a/sets.json", "flights/c/diagnosis.json"):
-        first, second = ((where / name).read_bytes() for where in (folder / "morning", tmp_path / "two"))
+    assert {key: one[key] for key in one if key != "created"} == {
+        key: two[key] for key in two if key != "created"
+    }
+    for name in (
+        "derivatives.csv",
+        "effects.png",
+        "shared.png",
+        "over_airspeed.png",
+        "flights/a/sets.json",
+        "flights/c/diagnosis.json",
+    ):
+        first, second = (
+            (where / name).read_bytes() for where in (folder / "morning", tmp_path / "two")
+        )
         if name.endswith("diagnosis.json"):
-            first, second = (json.dumps({k: v for k, v in json.loads(each).items() if k not in TIMES}).encode() for each in (first, second))
+            first, second = (
+                json.dumps({k: v for k, v in json.loads(each).items() if k not in TIMES}).encode()
+                for each in (first, second)
+            )
         assert first == second, name
 
 
@@ -194,7 +257,11 @@ def test_a_fleet_with_a_nose_boom_and_a_late_channel_in_half_of_it(tmp_path: Pat
     truth = json.loads((tmp_path / "truth.json").read_text())["flights"]
     for effect in content["effects"]:
         for local, q in effect["parameters"].items():
-            (true,) = {flight[f"{effect['name']}.{local}"] for flight in truth.values() if f"{effect['name']}.{local}" in flight}
+            (true,) = {
+                flight[f"{effect['name']}.{local}"]
+                for flight in truth.values()
+                if f"{effect['name']}.{local}" in flight
+            }
             assert abs(q["value"] - true) < 3.0 * q["std"], effect["name"]
         for name, told in effect["flights"].items():
             acts = any(key.startswith(f"{effect['name']}.") for key in truth[name])
@@ -202,7 +269,10 @@ def test_a_fleet_with_a_nose_boom_and_a_late_channel_in_half_of_it(tmp_path: Pat
     (line,) = found.trends
     assert line.startswith("Cm_alpha changes with mass")
     slope = content["derivatives"]["Cm_alpha"]["trends"]["mass"]
-    assert abs(slope["slope"] - FLEET["TRUE"]["Cm_alpha"] * FLEET["DRIFT"] / 1000.0) < 3.0 * slope["std"]
+    assert (
+        abs(slope["slope"] - FLEET["TRUE"]["Cm_alpha"] * FLEET["DRIFT"] / 1000.0)
+        < 3.0 * slope["std"]
+    )
     assert found.standing_out == ()
     FLEET["simulate_fleet"](tmp_path, 13, seed=31)
     again = fid.survey(tmp_path / "flights.toml", tmp_path / "morning")

@@ -1,4 +1,6 @@
-"""Parameters that a record does not determine: what follows from them keeps a sigma that is right, and none is zero or no number."""
+"""Parameters that a record does not determine: what follows from them keeps a sigma that is right,
+and none is zero or no number.
+"""
 
 from __future__ import annotations
 
@@ -38,25 +40,47 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
         def rates(t: float, x: np.ndarray, push: float = float(force[at])) -> list[float]:
             return [x[1], push - DAMPING * x[1] - STIFFNESS * x[0]]
 
-        rows.append(solve_ivp(rates, (time[at], time[at + 1]), rows[-1], rtol=1e-9, atol=1e-11).y[:, -1])
+        rows.append(
+            solve_ivp(rates, (time[at], time[at + 1]), rows[-1], rtol=1e-9, atol=1e-11).y[:, -1]
+        )
     measured = np.array(rows) + 0.005 * np.random.default_rng(2).standard_normal((len(time), 2))
     path = tmp_path_factory.mktemp("record") / "record.csv"
-    np.savetxt(path, np.column_stack([time, force, measured]), delimiter=",", header="time,force,x,v", comments="")
+    np.savetxt(
+        path,
+        np.column_stack([time, force, measured]),
+        delimiter=",",
+        header="time,force,x,v",
+        comments="",
+    )
     return path
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("kind", MODELS)
-def test_modes_are_known_where_their_parameters_are_not(flightid: CommandLine, record: Path, tmp_path: Path, kind: str, method: str) -> None:
+def test_modes_are_known_where_their_parameters_are_not(
+    flightid: CommandLine, record: Path, tmp_path: Path, kind: str, method: str
+) -> None:
     parameters, acceleration = MODELS[kind]
     model = tmp_path / "redundant.py"
     model.write_text(
         "from sim.declaration import own_model\n"
-        'MODEL = own_model(name="redundant", states={"x": "m", "v": "m/s"}, inputs={"force": "N"}, outputs={"x": "m", "v": "m/s"},\n'
+        'MODEL = own_model(name="redundant", states={"x": "m", "v": "m/s"}, inputs={"force": "N"}, '
+        'outputs={"x": "m", "v": "m/s"},\n'
         f"    parameters={{{parameters}}},\n"
-        f'    rates=lambda s, p: {{"x": s.v, "v": {acceleration}}}, readings=lambda s, p: {{"x": s.x, "v": s.v}})\n'
+        f'    rates=lambda s, p: {{"x": s.v, "v": {acceleration}}}, readings=lambda s, p: {{"x": '
+        f's.x, "v": s.v}})\n'
     )
-    printed = flightid.done("identify", record, "--model", model, "--method", method, "--out", tmp_path / "out", "--no-figures")
+    printed = flightid.done(
+        "identify",
+        record,
+        "--model",
+        model,
+        "--method",
+        method,
+        "--out",
+        tmp_path / "out",
+        "--no-figures",
+    )
     assert not re.search(r"\+- 0(\.0*)?\b(?!\.)(?![\d])", printed)
     found = json.loads((tmp_path / "out" / "comparison.json").read_text())
     for quantity in (*found["parameters"].values(), *found["derived"].values()):
@@ -72,7 +96,9 @@ def test_modes_are_known_where_their_parameters_are_not(flightid: CommandLine, r
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_times_in_another_unit_end_in_an_outcome_or_one_line(flightid: CommandLine, tmp_path: Path, method: str) -> None:
+def test_times_in_another_unit_end_in_an_outcome_or_one_line(
+    flightid: CommandLine, tmp_path: Path, method: str
+) -> None:
     # Times in nanoseconds read as seconds: propagated matrices leave the range of numbers.
     time = np.arange(201) * 0.04
     aileron = 0.05 * ((time > 1) & (time < 2)) - 0.05 * ((time > 2) & (time < 3))
@@ -81,12 +107,20 @@ def test_times_in_another_unit_end_in_an_outcome_or_one_line(flightid: CommandLi
         p[k + 1] = np.exp(-0.08) * p[k] + 4.0 * (1.0 - np.exp(-0.08)) * aileron[k]
     p += 0.001 * np.random.default_rng(3).standard_normal(201)
     record, model = tmp_path / "record.csv", tmp_path / "roll.py"
-    np.savetxt(record, np.column_stack([1e9 * time, aileron, p]), delimiter=",", header="time,aileron,p", comments="")
+    np.savetxt(
+        record,
+        np.column_stack([1e9 * time, aileron, p]),
+        delimiter=",",
+        header="time,aileron,p",
+        comments="",
+    )
     model.write_text(
         "from sim.declaration import own_model\n"
-        'MODEL = own_model(name="roll", states={"p": "rad/s"}, inputs={"aileron": "rad"}, outputs={"p": "rad/s"},\n'
+        'MODEL = own_model(name="roll", states={"p": "rad/s"}, inputs={"aileron": "rad"}, '
+        'outputs={"p": "rad/s"},\n'
         '    parameters={"L_p": (-2.0, "1/s"), "L_da": (8.0, "1/s2")},\n'
-        '    rates=lambda s, p: {"p": p.L_p * s.p + p.L_da * s.aileron}, readings=lambda s, p: {"p": s.p})\n'
+        '    rates=lambda s, p: {"p": p.L_p * s.p + p.L_da * s.aileron}, readings=lambda s, p: '
+        '{"p": s.p})\n'
     )
     call = flightid("identify", record, "--model", model, "--method", method)
     assert call.code in (0, 2), call.err

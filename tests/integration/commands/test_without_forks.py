@@ -1,4 +1,6 @@
-"""Commands where nothing can fork, as on Windows: the same files to the last byte, and nothing used that Windows has not."""
+"""Commands where nothing can fork, as on Windows: the same files to the last byte, and nothing used
+that Windows has not.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,8 @@ from tests.integration.commands.test_watch import START
 ROOT = Path(__file__).parents[3]
 COMMAND = "from scenarios.cli import main; main()"
 
-# Found by every Python process below, before anything of flightid: it takes away what Windows has not.
+# Found by every Python process below, before anything of flightid: it takes away what Windows has
+# not.
 LIKE_WINDOWS = """
 import os, pathlib, select, signal, sys
 
@@ -43,7 +46,7 @@ def no_sockets(*arguments):
 select.select = no_sockets
 with open(os.environ["FLIGHTID_TEST_SEEN"], "a") as seen:
     seen.write("process\\n")
-"""
+"""  # noqa: E501
 
 # Any fork ends the process; workers and the process of figures are started by other means.
 NO_FORK = """
@@ -58,29 +61,54 @@ os.fork = fork
 """
 
 
-def run(folder: Path, arguments: list[str], prelude: str, standard_input: bytes | None = None, **environment: str) -> str:
-    """What a command prints that is run in ``folder`` by a process that has run ``prelude`` first, as have those that it starts."""
+def run(
+    folder: Path,
+    arguments: list[str],
+    prelude: str,
+    standard_input: bytes | None = None,
+    **environment: str,
+) -> str:
+    """What a command prints that is run in ``folder`` by a process that has run ``prelude`` first,
+    as have those that it starts.
+    """
     (folder / "prelude").mkdir(exist_ok=True)
     (folder / "prelude" / "sitecustomize.py").write_text(prelude)
     paths = os.pathsep.join((str(folder / "prelude"), str(ROOT)))
-    found = {**os.environ, "PYTHONPATH": paths, "FLIGHTID_TEST_SEEN": str(folder / "seen"), **environment}
-    done = subprocess.run([sys.executable, "-c", COMMAND, *arguments], cwd=folder, env=found, input=standard_input, capture_output=True, check=False)
+    found = {
+        **os.environ,
+        "PYTHONPATH": paths,
+        "FLIGHTID_TEST_SEEN": str(folder / "seen"),
+        **environment,
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", COMMAND, *arguments],
+        cwd=folder,
+        env=found,
+        input=standard_input,
+        capture_output=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr.decode()
     return done.stdout.decode()
 
 
-_RUN = (rb"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\dZ| UTC)", rb'"seconds": [\d.e-]+')  # when it was written, and how long it took
+# when it was written, and how long it took
+_RUN = (rb"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\dZ| UTC)", rb'"seconds": [\d.e-]+')
 
 
 def written(folder: Path) -> dict[str, bytes]:
-    """The bytes of every file, but for times; rows of a campaign as a table, since they hold times."""
+    """The bytes of every file, but for times; rows of a campaign as a table, since they hold
+    times.
+    """
     import pandas as pd
 
     found = {}
     for name, content in contents(folder).items():
         if name.endswith(".parquet"):
             frame = pd.read_parquet(folder / name)
-            content = frame[[column for column in frame if "second" not in column]].to_csv().encode()
+            content = (
+                frame[[column for column in frame if "second" not in column]].to_csv().encode()
+            )
         for pattern in _RUN:
             content = re.sub(pattern, b"", content)
         found[name] = content
@@ -102,13 +130,42 @@ def commands(flights: Path) -> Mapping[str, list[str]]:
     return {
         "run": ["run", "rigid", "--out", "out"],
         "identify": ["identify", record, *diagnosed, "--out", "out"],
-        "diagnose": ["diagnose", record, *diagnosed, "--validate", str(flights / "records" / "c.csv"), "--out", "out"],
-        "campaign": ["campaign", "ballistic", "--runs", "300", "--jobs", "2", "--out", "out", "--no-figures"],
-        "survey": ["survey", str(flights / "flights.toml"), "--jobs", "2", "--out", "out", "--no-figures"],
+        "diagnose": [
+            "diagnose",
+            record,
+            *diagnosed,
+            "--validate",
+            str(flights / "records" / "c.csv"),
+            "--out",
+            "out",
+        ],
+        "campaign": [
+            "campaign",
+            "ballistic",
+            "--runs",
+            "300",
+            "--jobs",
+            "2",
+            "--out",
+            "out",
+            "--no-figures",
+        ],
+        "survey": [
+            "survey",
+            str(flights / "flights.toml"),
+            "--jobs",
+            "2",
+            "--out",
+            "out",
+            "--no-figures",
+        ],
     }
 
 
-@pytest.mark.parametrize("name", ["run", "identify", "diagnose", "campaign", pytest.param("survey", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name",
+    ["run", "identify", "diagnose", "campaign", pytest.param("survey", marks=pytest.mark.slow)],
+)
 def test_the_same_files_without_a_fork(name: str, flights: Path, tmp_path: Path) -> None:
     folders = {}
     for method, prelude in (("fork", ""), ("spawn", NO_FORK)):
@@ -123,12 +180,15 @@ def test_the_same_files_without_a_fork(name: str, flights: Path, tmp_path: Path)
 
 
 @pytest.mark.parametrize("name", ["run", "identify", "diagnose"])
-def test_a_command_uses_nothing_that_windows_has_not(name: str, flights: Path, tmp_path: Path) -> None:
+def test_a_command_uses_nothing_that_windows_has_not(
+    name: str, flights: Path, tmp_path: Path
+) -> None:
     (tmp_path / "plain").mkdir()
     run(tmp_path / "plain", commands(flights)[name], "")
     run(tmp_path, commands(flights)[name], LIKE_WINDOWS)
     assert written(tmp_path / "out") == written(tmp_path / "plain" / "out")
-    # The prelude was really run, by the command and, where figures are drawn by another process, by that too.
+    # The prelude was really run, by the command and, where figures are drawn by another process, by
+    # that too.
     assert (tmp_path / "seen").read_text().count("process") == (2 if name == "diagnose" else 1)
 
 
@@ -136,8 +196,20 @@ def test_watch_reads_a_pipe_without_select(tmp_path: Path) -> None:
     write_record(tmp_path, problem.record(11, duration=6.0, gaps=True), "flight")
     record = (tmp_path / "flight.csv").read_bytes()
     constants = "".join(f"{name} = {value}\n" for name, value in LOES_CONSTANTS.items())
-    (tmp_path / "v.toml").write_text(f'name = "demonstrator"\n{constants}[derivatives]\n' + "".join(f"{n} = {v}\n" for n, v in START.items()))
-    arguments = ["watch", "-", "--model", "loes", "--vehicle", str(tmp_path / "v.toml"), "--out", "out"]
+    (tmp_path / "v.toml").write_text(
+        f'name = "demonstrator"\n{constants}[derivatives]\n'
+        + "".join(f"{n} = {v}\n" for n, v in START.items())
+    )
+    arguments = [
+        "watch",
+        "-",
+        "--model",
+        "loes",
+        "--vehicle",
+        str(tmp_path / "v.toml"),
+        "--out",
+        "out",
+    ]
     (tmp_path / "plain").mkdir()
     run(tmp_path / "plain", arguments, "", record)
     run(tmp_path, arguments, LIKE_WINDOWS, record)
@@ -150,7 +222,13 @@ def test_the_choice_is_one_function(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(START_METHOD, "spawn")
     assert not can_fork()
     monkeypatch.setenv(START_METHOD, "threads")
-    with pytest.raises(FlightidError, match=r"FLIGHTID_START_METHOD: 'threads' is no start method; set it to fork or spawn, or unset it"):
+    with pytest.raises(
+        FlightidError,
+        match=(
+            r"FLIGHTID_START_METHOD: 'threads' is no start method; set it to fork or spawn, or "
+            r"unset it"
+        ),
+    ):
         can_fork()
     monkeypatch.delattr(os, "fork", raising=False)
     monkeypatch.setenv(START_METHOD, "fork")
@@ -162,9 +240,25 @@ def test_the_choice_is_one_function(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_wrong_start_method_is_one_line(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(ROOT), START_METHOD: "forkserver"}
-    arguments = [sys.executable, "-c", COMMAND, "campaign", "ballistic", "--runs", "4", "--jobs", "2", "--out", "out"]
-    done = subprocess.run(arguments, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 2 and done.stderr.splitlines()[-1].startswith("flightid: FLIGHTID_START_METHOD: 'forkserver'")
+    arguments = [
+        sys.executable,
+        "-c",
+        COMMAND,
+        "campaign",
+        "ballistic",
+        "--runs",
+        "4",
+        "--jobs",
+        "2",
+        "--out",
+        "out",
+    ]
+    done = subprocess.run(
+        arguments, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2 and done.stderr.splitlines()[-1].startswith(
+        "flightid: FLIGHTID_START_METHOD: 'forkserver'"
+    )
     assert "Traceback" not in done.stderr
 
 
@@ -172,5 +266,11 @@ def test_a_wrong_start_method_is_one_line(tmp_path: Path) -> None:
 def test_json_is_utf8_on_a_pipe_of_any_coding(coding: str, flights: Path, tmp_path: Path) -> None:
     import json
 
-    arguments = ["check", str(flights / "records" / "a.csv"), "--vehicle", str(flights / "aircraft.toml"), "--json"]
+    arguments = [
+        "check",
+        str(flights / "records" / "a.csv"),
+        "--vehicle",
+        str(flights / "aircraft.toml"),
+        "--json",
+    ]
     assert json.loads(run(tmp_path, arguments, "", PYTHONIOENCODING=coding))

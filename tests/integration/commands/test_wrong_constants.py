@@ -1,4 +1,6 @@
-"""A length of the vehicle file that is several times too large or too small: the derivatives say so in both directions."""
+"""A length of the vehicle file that is several times too large or too small: the derivatives say so
+in both directions.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +13,9 @@ import pytest
 from tests.integration.command_line import CommandLine
 from tests.whole_axes import flown, vehicle_text
 
-# Model -> the scenario whose record and vehicle file are used (None: those of `tests.whole_axes`), a length that the moments contain, and
-# by how much it is wrong: a flexible aircraft that is started with ten chords is unstable, and the fit does not leave its start.
+# Model -> the scenario whose record and vehicle file are used (None: those of `tests.whole_axes`),
+# a length that the moments contain, and by how much it is wrong: a flexible aircraft that is
+# started with ten chords is unstable, and the fit does not leave its start.
 AIRCRAFT = {
     "rigid": ("trace-nothing", "chord", 10.0),
     "flexible": ("trace-flexible", "chord", 4.0),
@@ -22,7 +25,9 @@ AIRCRAFT = {
 
 
 @pytest.mark.parametrize("model", AIRCRAFT)
-def test_a_wrong_length_is_cautioned_both_ways(flightid: CommandLine, tmp_path: Path, model: str) -> None:
+def test_a_wrong_length_is_cautioned_both_ways(
+    flightid: CommandLine, tmp_path: Path, model: str
+) -> None:
     scenario, length, times = AIRCRAFT[model]
     record, vehicle = tmp_path / "flight.csv", tmp_path / "flight_vehicle.toml"
     if scenario is not None:
@@ -38,7 +43,17 @@ def test_a_wrong_length_is_cautioned_both_ways(flightid: CommandLine, tmp_path: 
         known = re.search(rf"(?m)^{length} = (\S+)$", text)
         assert known is not None
         vehicle.write_text(text.replace(known[0], f"{length} = {float(known[1]) * factor!r}"))
-        flightid.done("identify", record, "--model", model, "--vehicle", vehicle, "--out", tmp_path / word, "--no-figures")
+        flightid.done(
+            "identify",
+            record,
+            "--model",
+            model,
+            "--vehicle",
+            vehicle,
+            "--out",
+            tmp_path / word,
+            "--no-figures",
+        )
         warnings = json.loads((tmp_path / word / "comparison.json").read_text())["warnings"]
         said[word] = " ".join(warning for warning in warnings if "not to be believed" in warning)
     assert said["right"] == ""

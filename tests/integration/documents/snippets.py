@@ -20,7 +20,8 @@ DOCUMENTS = sorted(
 )
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
-# Lines of `sh` blocks and `python` blocks that no test of a page runs, by page and beginning, with the reason. Keep it short.
+# Lines of `sh` blocks and `python` blocks that no test of a page runs, by page and beginning, with
+# the reason. Keep it short.
 BY_CI = "`.ci/run` runs it in a fresh environment"
 RECORDS = "needs the measured records; test_record_pages.py runs it where they are"
 NOT_RUN: dict[tuple[str, str], str] = {
@@ -32,18 +33,26 @@ NOT_RUN: dict[tuple[str, str], str] = {
     ("docs/README.md", "python -m sphinx"): BY_CI,
     ("docs/how-to/labs.md", 'python -m pip install -e ".[labs]"'): BY_CI,
     ("labs/README.md", 'python -m pip install "flightid[labs]"'): BY_CI,
-    ("docs/how-to/labs.md", "flightid lab 5"): "opens a browser and waits; tests/browser walks through every lab",
+    (
+        "docs/how-to/labs.md",
+        "flightid lab 5",
+    ): "opens a browser and waits; tests/browser walks through every lab",
     ("docs/how-to/watch.md", "telemetry-decoder --csv |"): "stands for a program of the reader's",
     ("docs/records/cavour.md", ""): RECORDS,
     ("docs/records/prometheus.md", ""): RECORDS,
 }
 MOST_NOT_RUN = 12  # more are a sign that pages show what nobody can follow
 
-# Pages whose commands take long: they run with `-m slow`, and what stands here is tested otherwise by default.
+# Pages whose commands take long: they run with `-m slow`, and what stands here is tested otherwise
+# by default.
 SLOW = {
-    "docs/how-to/cluster.md": "tests/unit/scenarios/tasks/test_cluster.py runs on a cluster of its own",
+    "docs/how-to/cluster.md": (
+        "tests/unit/scenarios/tasks/test_cluster.py runs on a cluster of its own"
+    ),
     "docs/how-to/survey.md": "tests/unit/scenarios/survey surveys a smaller fleet",
-    "docs/how-to/own-effect.md": "tests/contracts/test_new_effect.py takes the page's effect through the whole loop",
+    "docs/how-to/own-effect.md": (
+        "tests/contracts/test_new_effect.py takes the page's effect through the whole loop"
+    ),
 }
 
 
@@ -58,7 +67,9 @@ def blocks(path: Path) -> Iterator[tuple[str, str]]:
 
 
 def snippets(path: Path) -> Iterator[tuple[str, str]]:
-    """What a reader would run, with its kind: each command of an ``sh`` block, and each ``python`` block that is no file."""
+    """What a reader would run, with its kind: each command of an ``sh`` block, and each ``python``
+    block that is no file.
+    """
     for kind, text in blocks(path):
         if kind == "sh":
             yield from (("sh", line) for line in commands(text))
@@ -67,13 +78,26 @@ def snippets(path: Path) -> Iterator[tuple[str, str]]:
 
 
 def commands(text: str) -> list[str]:
-    """Commands of a block; a line that ends with a backslash goes on in the next one, and remarks are none."""
-    return [line for line in re.sub(r"\\\n\s*", "", text).splitlines() if line.strip() and not line.startswith("#")]
+    """Commands of a block; a line that ends with a backslash goes on in the next one, and remarks
+    are none.
+    """
+    return [
+        line
+        for line in re.sub(r"\\\n\s*", "", text).splitlines()
+        if line.strip() and not line.startswith("#")
+    ]
 
 
 def why_not_run(path: Path, snippet: str) -> str | None:
     """The reason why nobody runs a snippet, None where it is run."""
-    return next((why for (page, start), why in NOT_RUN.items() if page == name_of(path) and snippet.startswith(start)), None)
+    return next(
+        (
+            why
+            for (page, start), why in NOT_RUN.items()
+            if page == name_of(path) and snippet.startswith(start)
+        ),
+        None,
+    )
 
 
 def is_run(kind: str, snippet: str) -> bool:
@@ -99,8 +123,9 @@ def words(text: str) -> str:
 class Reader:
     """One who follows a page in an empty folder, block by block.
 
-    A ``toml`` or ``python`` block that begins with ``# file: NAME`` is that file, any other ``python`` block is run after those before it;
-    ``# refused`` behind a command means exit code 2; each line of a ``text`` block stands in what the block before it printed.
+    A ``toml`` or ``python`` block that begins with ``# file: NAME`` is that file, any other
+    ``python`` block is run after those before it; ``# refused`` behind a command means exit code 2;
+    each line of a ``text`` block stands in what the block before it printed.
     """
 
     flightid: Program
@@ -111,11 +136,17 @@ class Reader:
     def follow(self, path: Path) -> None:
         for kind, text in blocks(path):
             if kind in ("toml", "python") and text.startswith("# file: "):
-                Path(text.splitlines()[0].removeprefix("# file: ").strip()).write_text(text, encoding="utf-8")
+                Path(text.splitlines()[0].removeprefix("# file: ").strip()).write_text(
+                    text, encoding="utf-8"
+                )
             elif kind == "python":
-                self.seen = printed_by(lambda text=text: exec(compile(text, name_of(path), "exec"), self.names))
+                self.seen = printed_by(
+                    lambda text=text: exec(compile(text, name_of(path), "exec"), self.names)
+                )
             elif kind == "sh":
-                self.seen = "".join(self.ran(line) for line in commands(text) if why_not_run(path, line) is None)
+                self.seen = "".join(
+                    self.ran(line) for line in commands(text) if why_not_run(path, line) is None
+                )
             elif kind == "text" and self.seen:
                 for line in text.splitlines():
                     assert words(line) in words(self.seen), f"{line!r} is not in\n{self.seen}"

@@ -1,4 +1,6 @@
-"""What the documents show is true: their files are read, their commands run, their outputs appear, their links lead somewhere."""
+"""What the documents show is true: their files are read, their commands run, their outputs appear,
+their links lead somewhere.
+"""
 
 from __future__ import annotations
 
@@ -16,25 +18,53 @@ from pydantic_core import PydanticUndefined
 from scenarios.cli.application import COMMANDS
 from scenarios.studies import schema
 from tests.integration.command_line import CommandLine
-from tests.integration.documents.snippets import DOCUMENTS, MOST_NOT_RUN, NOT_RUN, ROOT, SLOW, Reader, blocks, is_run, name_of, snippets, why_not_run
+from tests.integration.documents.snippets import (
+    DOCUMENTS,
+    MOST_NOT_RUN,
+    NOT_RUN,
+    ROOT,
+    SLOW,
+    Reader,
+    blocks,
+    is_run,
+    name_of,
+    snippets,
+    why_not_run,
+)
 from tests.recorders import flights, quadrotor
 
 RECORDERS = "docs/how-to/your-recorder.md"  # its logs are made here, as no reader can type one
 LINK = re.compile(r"\]\(([^)#\s]+)\)")
-FOLLOWED = [path for path in DOCUMENTS if any(why_not_run(path, snippet) is None for _, snippet in snippets(path))]
+FOLLOWED = [
+    path
+    for path in DOCUMENTS
+    if any(why_not_run(path, snippet) is None for _, snippet in snippets(path))
+]
 
 
 @pytest.fixture
 def blank_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures are set up and written, and nothing is drawn on them: that takes half of the time here, and tests of figures do it."""
+    """Figures are set up and written, and nothing is drawn on them: that takes half of the time
+    here, and tests of figures do it.
+    """
     monkeypatch.setattr(Figure, "draw", lambda figure, renderer: None)
 
 
 @pytest.mark.parametrize(
-    "path", [pytest.param(path, id=name_of(path), marks=[pytest.mark.slow] if name_of(path) in SLOW else []) for path in FOLLOWED]
+    "path",
+    [
+        pytest.param(
+            path, id=name_of(path), marks=[pytest.mark.slow] if name_of(path) in SLOW else []
+        )
+        for path in FOLLOWED
+    ],
 )
 def test_commands_do_what_the_document_shows(
-    path: Path, flightid: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, blank_figures: None
+    path: Path,
+    flightid: CommandLine,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    blank_figures: None,
 ) -> None:
     """See ``Reader``."""
     monkeypatch.chdir(tmp_path)
@@ -52,14 +82,20 @@ def test_commands_do_what_the_document_shows(
 def test_every_snippet_is_run_or_has_a_reason() -> None:
     for path in DOCUMENTS:
         for kind, snippet in snippets(path):
-            assert is_run(kind, snippet) or why_not_run(path, snippet), f"{name_of(path)}: {snippet.splitlines()[0]}"
+            assert is_run(kind, snippet) or why_not_run(path, snippet), (
+                f"{name_of(path)}: {snippet.splitlines()[0]}"
+            )
     for page, start in NOT_RUN:
-        assert any(snippet.startswith(start) for _, snippet in snippets(ROOT / page)), f"{page} no longer has {start!r}"
+        assert any(snippet.startswith(start) for _, snippet in snippets(ROOT / page)), (
+            f"{page} no longer has {start!r}"
+        )
     assert len(NOT_RUN) <= MOST_NOT_RUN
     assert {*SLOW} <= {name_of(path) for path in FOLLOWED}
 
 
-def test_a_page_that_is_wrong_is_seen(tmp_path: Path, flightid: CommandLine, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_page_that_is_wrong_is_seen(
+    tmp_path: Path, flightid: CommandLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("tests.integration.documents.snippets.ROOT", tmp_path)
     page = tmp_path / "page.md"
     page.write_text("```python\nx = 2\n```\n\n```python\nprint(3 * x)\n```\n\n```text\n6\n```\n")
@@ -105,7 +141,9 @@ def documented(title: str) -> dict[str, str]:
 
 
 def own_fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
-    """The fields of a table but those that it takes over from another one, which are documented there."""
+    """The fields of a table but those that it takes over from another one, which are documented
+    there.
+    """
     return {name: model.model_fields[name] for name in model.__annotations__}
 
 
@@ -122,7 +160,9 @@ def shown(default: object) -> str:
 @pytest.mark.parametrize("title", SECTIONS)
 def test_scenario_keys_and_defaults_are_documented(title: str) -> None:
     model = SECTIONS[title]
-    assert documented(title) == {field.alias or name: shown(field.default) for name, field in own_fields(model).items()}
+    assert documented(title) == {
+        field.alias or name: shown(field.default) for name, field in own_fields(model).items()
+    }
 
 
 def test_every_scenario_is_listed_with_its_title_and_fits_a_terminal(flightid: CommandLine) -> None:
@@ -130,7 +170,9 @@ def test_every_scenario_is_listed_with_its_title_and_fits_a_terminal(flightid: C
     section = text.split("\n## The built-in ones\n")[1].split("\n## ")[0]
     lines = flightid.done("list").splitlines()
     listed = [line.split(maxsplit=1) for line in lines]
-    assert re.findall(r"^\| `(\S+)` \| (.*) \|$", section, re.MULTILINE) == [(name, title.strip()) for name, title in listed]
+    assert re.findall(r"^\| `(\S+)` \| (.*) \|$", section, re.MULTILINE) == [
+        (name, title.strip()) for name, title in listed
+    ]
     assert max(len(line) for line in lines) <= 80
 
 
@@ -145,7 +187,11 @@ def test_every_choice_of_a_scenario_is_documented() -> None:
 
 def test_every_table_of_the_schema_is_documented() -> None:
     tables = {
-        kind for kind in vars(schema).values() if isinstance(kind, type) and issubclass(kind, BaseModel) and kind not in (BaseModel, schema.Strict)
+        kind
+        for kind in vars(schema).values()
+        if isinstance(kind, type)
+        and issubclass(kind, BaseModel)
+        and kind not in (BaseModel, schema.Strict)
     }
     assert tables == set(SECTIONS.values())
 
@@ -159,7 +205,9 @@ def choices(annotation: object) -> tuple[str, ...]:
 
 
 def test_the_commands_of_the_readme_are_those_that_exist() -> None:
-    listed = {function.__name__.rstrip("_") for functions in COMMANDS.values() for function in functions}
+    listed = {
+        function.__name__.rstrip("_") for functions in COMMANDS.values() for function in functions
+    }
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert {name for name in listed if f"| `flightid {name}" not in text} == set()
     assert set(re.findall(r"^\| `flightid (\w+)", text, re.MULTILINE)) <= listed

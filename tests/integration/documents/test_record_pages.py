@@ -1,4 +1,6 @@
-"""The pages on measured records: their commands run where the records are, and the numbers stand in what they print."""
+"""The pages on measured records: their commands run where the records are, and the numbers stand in
+what they print.
+"""
 
 from __future__ import annotations
 
@@ -50,17 +52,30 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def follow(page: str, folder: Path, flightid: CommandLine, capsys: pytest.CaptureFixture[str], slow: bool) -> int:
-    """Run the blocks of a page in order, those with a script only if ``slow``; the number of lines found in what the blocks printed."""
+def follow(
+    page: str, folder: Path, flightid: CommandLine, capsys: pytest.CaptureFixture[str], slow: bool
+) -> int:
+    """Run the blocks of a page in order, those with a script only if ``slow``; the number of lines
+    found in what the blocks printed.
+    """
     seen, found = "", 0
-    for kind, text in ((block[1], block[2]) for block in BLOCK.finditer((ROOT / "docs" / "records" / f"{page}.md").read_text(encoding="utf-8"))):
+    for kind, text in (
+        (block[1], block[2])
+        for block in BLOCK.finditer(
+            (ROOT / "docs" / "records" / f"{page}.md").read_text(encoding="utf-8")
+        )
+    ):
         if kind == "toml":
             (folder / text.splitlines()[0].removeprefix("# file: ")).write_text(text)
         elif kind == "sh":
             python = [line for line in text.splitlines() if line.startswith("python ")]
             seen = "".join(scripted(line, capsys) for line in python if slow or ">" in line)
             if not python or ">" in text:
-                seen += "".join(run(line, flightid) for line in text.splitlines() if line.startswith("flightid ") and not slow)
+                seen += "".join(
+                    run(line, flightid)
+                    for line in text.splitlines()
+                    if line.startswith("flightid ") and not slow
+                )
         elif kind == "text" and seen:
             for line in text.splitlines():
                 assert words(line) in words(seen), f"{line!r} is not in\n{seen}"
@@ -70,14 +85,18 @@ def follow(page: str, folder: Path, flightid: CommandLine, capsys: pytest.Captur
 
 @present
 @pytest.mark.parametrize("page", [PAGES[0], pytest.param(PAGES[1], marks=pytest.mark.slow)])
-def test_what_the_program_says(page: str, folder: Path, flightid: CommandLine, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_the_program_says(
+    page: str, folder: Path, flightid: CommandLine, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert follow(page, folder, flightid, capsys, slow=False) >= 8
 
 
 @present
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
-def test_what_stands_beside_it(page: str, folder: Path, flightid: CommandLine, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_stands_beside_it(
+    page: str, folder: Path, flightid: CommandLine, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Integrators, fits and figures of the pages' own."""
     assert follow(page, folder, flightid, capsys, slow=True) >= 8
 
@@ -89,4 +108,7 @@ def test_figures_are_drawn(page: str, folder: Path) -> None:
     (folder / "figures").mkdir()
     script(f"docs/records/{page}.py").main([str(RECORDS), "figures"])
     drawn = {path.name for path in (folder / "figures").iterdir()}
-    assert drawn == {path.name for path in (ROOT / "docs" / "records").glob(f"{page}-*.png")} and len(drawn) == 2
+    assert (
+        drawn == {path.name for path in (ROOT / "docs" / "records").glob(f"{page}-*.png")}
+        and len(drawn) == 2
+    )

@@ -12,7 +12,9 @@ import pytest
 from tests.integration.command_line import CommandLine
 
 FLIGHTDATA = Path(__file__).parents[4] / "shared" / "flightdata"
-pytestmark = pytest.mark.skipif(not FLIGHTDATA.is_dir(), reason="the folder of measured flights is not here")
+pytestmark = pytest.mark.skipif(
+    not FLIGHTDATA.is_dir(), reason="the folder of measured flights is not here"
+)
 NO_RECORDS = ("README.md", "LICENSE.RocketPy", "LICENCE.alpha_beta_modules")
 
 
@@ -40,7 +42,10 @@ class Use:
 
 def falling(density: float, beta: float, scale_height: float = 8500.0) -> str:
     """A vehicle file of a falling body."""
-    head = f'name = "body"\nair_density_reference = {density}\ndensity_scale_height = {scale_height}\ngravity = 9.80665\n'
+    head = (
+        f'name = "body"\nair_density_reference = {density}\ndensity_scale_height = '
+        f"{scale_height}\ngravity = 9.80665\n"
+    )
     return f"{head}[derivatives]\nbeta = {beta}\n"
 
 
@@ -180,7 +185,7 @@ MODEL = own_model(
                         "r": p.N_p * s.p + p.N_r * s.r + p.N_da * s.aileron + p.N_dr * s.rudder + p.N_v * s.v},
     readings=lambda s, p: {"p": s.p, "r": s.r},
 )
-"""
+"""  # noqa: E501
 SECOND_ORDER = """
 from sim.declaration import own_model
 MODEL = own_model(
@@ -210,7 +215,7 @@ az = {column = "fdata_250h13", unit = "g"}
 """
 
 
-HFB_NAMES = "time,elevator,pdyn,thrust,airspeed,alpha,theta,q,qdot,axc,azc,ayc,p,r,pdot,rdot,beta,phi,aileron,rudder"
+HFB_NAMES = "time,elevator,pdyn,thrust,airspeed,alpha,theta,q,qdot,axc,azc,ayc,p,r,pdot,rdot,beta,phi,aileron,rudder"  # noqa: E501
 OTTER = """
 elevator = {column = "* elevator (deg)", unit = "deg"}
 alpha = {column = "* alpha (deg)", unit = "deg"}
@@ -251,7 +256,7 @@ q = "sensor_combined.gyro_rad[1]"
 r = "sensor_combined.gyro_rad[2]"
 phi = "roll(vehicle_attitude.q[0], vehicle_attitude.q[1], vehicle_attitude.q[2], vehicle_attitude.q[3])"
 theta = "pitch(vehicle_attitude.q[0], vehicle_attitude.q[1], vehicle_attitude.q[2], vehicle_attitude.q[3])"
-"""
+"""  # noqa: E501
 PX4_ROLL = """
 command = "actuator_controls_0.control[0]"
 p = "sensor_combined.gyro_rad[0]"
@@ -285,11 +290,20 @@ def fall(start: str, channels: str, body: str, *holds: tuple[str, float, float])
 
 HEIGHT, ISA_HEIGHT, COAST = 'altitude = "h"', 'altitude = "h_isa"', "--from 5.3 --to 27"
 USES: dict[str, tuple[Use, ...]] = {
-    "cavour_ballistic.csv": fall("--from 44", HEIGHT, falling(1.225, 250.0), ("beta", 290.0, 325.0)),
-    "prometheus_telemega.csv": fall(COAST, ISA_HEIGHT, falling(1.0, 2000.0), ("beta", 2300.0, 2900.0)),
-    "prometheus_telemetrum.csv": fall(COAST, ISA_HEIGHT, falling(1.0, 2000.0), ("beta", 2300.0, 2900.0)),
-    "hedy_ascent.csv": fall("--from 10 --to 25", HEIGHT, falling(1.2, 3000.0), ("beta", 1000.0, 4000.0)),
-    # A meteor falls at 15 degrees and the model vertically: it is read, and no parameter is determined.
+    "cavour_ballistic.csv": fall(
+        "--from 44", HEIGHT, falling(1.225, 250.0), ("beta", 290.0, 325.0)
+    ),
+    "prometheus_telemega.csv": fall(
+        COAST, ISA_HEIGHT, falling(1.0, 2000.0), ("beta", 2300.0, 2900.0)
+    ),
+    "prometheus_telemetrum.csv": fall(
+        COAST, ISA_HEIGHT, falling(1.0, 2000.0), ("beta", 2300.0, 2900.0)
+    ),
+    "hedy_ascent.csv": fall(
+        "--from 10 --to 25", HEIGHT, falling(1.2, 3000.0), ("beta", 1000.0, 4000.0)
+    ),
+    # A meteor falls at 15 degrees and the model vertically: it is read, and no parameter is
+    # determined.
     "dfn_DN150417_fireball.csv": fall("", HEIGHT, falling(1.75, 500.0, 6900.0)),
     # Its column of pressure says that the altitude is in m up to the apogee.
     "logs/juno3.csv": fall("--from 7 --to 24", "", falling(1.05, 3000.0), ("beta", 3500.0, 5000.0)),
@@ -380,7 +394,9 @@ USES: dict[str, tuple[Use, ...]] = {
     # The file's own model has a delay besides.
     "aircraft/fdoe_example.mat": (
         Use("map", prints=("5241 rows",)),
-        Use("identify FILE --method frequency-domain", model=SECOND_ORDER, holds=(("a0", 1.6, 2.2),)),
+        Use(
+            "identify FILE --method frequency-domain", model=SECOND_ORDER, holds=(("a0", 1.6, 2.2),)
+        ),
     ),
     # A regression without a motion: it is opened, and no model of motion is in it.
     "aircraft/swr_example.mat": (Use("map", prints=("500 rows", "x1", "5 values for 500 times")),),
@@ -388,13 +404,19 @@ USES: dict[str, tuple[Use, ...]] = {
 
 
 def test_every_file_has_a_use() -> None:
-    present = {str(path.relative_to(FLIGHTDATA)) for path in FLIGHTDATA.rglob("*") if path.is_file() and path.name not in NO_RECORDS}
+    present = {
+        str(path.relative_to(FLIGHTDATA))
+        for path in FLIGHTDATA.rglob("*")
+        if path.is_file() and path.name not in NO_RECORDS
+    }
     assert present <= set(USES)
     assert all(len(uses) <= 3 for uses in USES.values())
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, id=name.replace("/", "-")) for name in USES])
-def test_a_file_is_used_as_its_owner_would(flightid: CommandLine, tmp_path: Path, name: str) -> None:
+def test_a_file_is_used_as_its_owner_would(
+    flightid: CommandLine, tmp_path: Path, name: str
+) -> None:
     path = FLIGHTDATA / name
     if not path.is_file():
         pytest.skip(f"{name} is not here")

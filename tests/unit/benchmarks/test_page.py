@@ -1,4 +1,6 @@
-"""The page names who is behind whom, who is not installed and whose answer differs; the JSON holds the same."""
+"""The page names who is behind whom, who is not installed and whose answer differs; the JSON holds
+the same.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,18 @@ from benchmarks.comparison.page import SCHEMA, Table, document, page, seconds, t
 from benchmarks.comparison.timing import Quartiles
 
 OURS = Contender("a", "flightid")
-QUICK, SLOW, GONE, WRONG = (Contender("b", name) for name in ("quick peer", "slow peer", "gone peer", "wrong peer"))
-JOB = Job("job", "A job", "Some\nwork.", OURS, (QUICK, SLOW, GONE, WRONG), lambda small: {}, lambda *all: Agreement("", True))
+QUICK, SLOW, GONE, WRONG = (
+    Contender("b", name) for name in ("quick peer", "slow peer", "gone peer", "wrong peer")
+)
+JOB = Job(
+    "job",
+    "A job",
+    "Some\nwork.",
+    OURS,
+    (QUICK, SLOW, GONE, WRONG),
+    lambda small: {},
+    lambda *all: Agreement("", True),
+)
 MACHINE = {"processor": "a machine", "date": "2026-01-02"}
 
 
@@ -26,7 +38,9 @@ def spread(value: float) -> Quartiles:
 
 def result(contender: Contender, ratio: float, agreement: Agreement | None = None) -> Result:
     near = agreement or Agreement("rounding apart", True)
-    return Result(contender, "", near, spread(0.01 * ratio), spread(1.0), spread(ratio), spread(2.0), 50.0)
+    return Result(
+        contender, "", near, spread(0.01 * ratio), spread(1.0), spread(ratio), spread(2.0), 50.0
+    )
 
 
 RESULTS = (
@@ -54,7 +68,9 @@ def test_the_page_says_who_is_ahead_and_who_is_not() -> None:
 def test_the_figure_has_a_row_for_each_peer_that_was_measured() -> None:
     few, many = (drawn([(JOB, results)]) for results in (RESULTS[:2], RESULTS))
     heights = [int.from_bytes(each[20:24], "big") for each in (few, many)]
-    assert few.startswith(b"\x89PNG") and heights[1] - heights[0] == pytest.approx(2 * 0.36 * 110, abs=2)
+    assert few.startswith(b"\x89PNG") and heights[1] - heights[0] == pytest.approx(
+        2 * 0.36 * 110, abs=2
+    )
 
 
 def test_every_row_has_the_cells_of_its_head() -> None:
@@ -73,13 +89,20 @@ def test_every_row_has_the_cells_of_its_head() -> None:
 
 def test_the_document_holds_the_same_numbers() -> None:
     found = json.loads(document(MACHINE, [(JOB, RESULTS)], [Table("More", "", ("x",), (), [1, 2])]))
-    assert found["schema"] == SCHEMA and found["tables"] == {"More": [1, 2]} and found["machine"] == MACHINE
+    assert (
+        found["schema"] == SCHEMA
+        and found["tables"] == {"More": [1, 2]}
+        and found["machine"] == MACHINE
+    )
     quick, gone = found["jobs"][0]["contenders"][1], found["jobs"][0]["contenders"][3]
     assert quick["warm_ratio"]["median"] == 0.5 and quick["same_answer"] is True
     assert gone["absent"] == "gone not installed" and gone["warm_s"] is None
 
 
-@pytest.mark.parametrize(("value", "text"), [(2.345, "2.35 s"), (0.0123, "12.3 ms"), (4.56e-5, "45.6 us"), (1e-3, "1 ms")])
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(2.345, "2.35 s"), (0.0123, "12.3 ms"), (4.56e-5, "45.6 us"), (1e-3, "1 ms")],
+)
 def test_times_have_a_unit(value: float, text: str) -> None:
     assert seconds(value) == text
 
@@ -90,10 +113,17 @@ def test_a_single_round_has_no_spread() -> None:
 
 
 def test_who_is_not_installed_says_what_is_missing() -> None:
-    assert Contender("b", "peer", "no-such-package", ("numpy", "no_such_package")).absent == "no_such_package not installed"
+    assert (
+        Contender("b", "peer", "no-such-package", ("numpy", "no_such_package")).absent
+        == "no_such_package not installed"
+    )
     assert Contender("b", "peer", missing=lambda: "no C compiler").absent == "no C compiler"
     assert Contender("b", "peer", "numpy", ("numpy",)).absent == ""
-    assert Contender("b", "peer", "no-such-package").version == "" != Contender("b", "peer", "numpy").version
+    assert (
+        Contender("b", "peer", "no-such-package").version
+        == ""
+        != Contender("b", "peer", "numpy").version
+    )
 
 
 def test_the_machine_is_told_with_its_versions() -> None:

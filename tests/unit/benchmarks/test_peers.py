@@ -1,4 +1,6 @@
-"""Every contender of every job gives flightid's answer on a small problem; who is not installed is skipped with the reason."""
+"""Every contender of every job gives flightid's answer on a small problem; who is not installed is
+skipped with the reason.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,12 @@ from benchmarks.jobs.rigid_flight import rigid_problem
 
 DEAR = {"dynamax", "aeroid"}  # seconds to import and compile
 PAIRS = [
-    pytest.param(job, peer, id=f"{job.name}-{peer.module}", marks=[pytest.mark.slow] if DEAR.intersection(peer.needs) else [])
+    pytest.param(
+        job,
+        peer,
+        id=f"{job.name}-{peer.module}",
+        marks=[pytest.mark.slow] if DEAR.intersection(peer.needs) else [],
+    )
     for job in JOBS
     for peer in job.peers
 ]
@@ -58,7 +65,9 @@ def test_the_c_by_hand_does_every_run() -> None:
     by_hand = next(peer for peer in job.peers if peer.module == "c_bank")
     if by_hand.absent:
         pytest.skip(by_hand.absent)
-    assert answer(job, by_hand)["estimate"].shape == answer(job, job.ours)["estimate"].shape == (6, 3)
+    assert (
+        answer(job, by_hand)["estimate"].shape == answer(job, job.ours)["estimate"].shape == (6, 3)
+    )
 
 
 def test_dop853_is_asked_for_flightids_accuracy_and_no_more() -> None:
@@ -68,8 +77,15 @@ def test_dop853_is_asked_for_flightids_accuracy_and_no_more() -> None:
     tolerance = float(flown["tolerance"])
 
     def error(clean: np.ndarray) -> float:
-        return float(np.max(np.abs(clean - flown["clean"]) / np.max(np.abs(flown["clean"]), axis=1, keepdims=True)))
+        return float(
+            np.max(
+                np.abs(clean - flown["clean"])
+                / np.max(np.abs(flown["clean"]), axis=1, keepdims=True)
+            )
+        )
 
     ours = error(flightid_fly.prepare(flown)()["clean"])
     assert tolerance == flight.LADDER[-1] or error(scipy_dop853.flown(flown, tolerance)) <= ours
-    assert tolerance == flight.LADDER[0] or error(scipy_dop853.flown(flown, 10.0 * tolerance)) > ours
+    assert (
+        tolerance == flight.LADDER[0] or error(scipy_dop853.flown(flown, 10.0 * tolerance)) > ours
+    )

@@ -1,4 +1,6 @@
-"""Exponents are those of known growth, series measure what they say, and whole commands are asked for as named."""
+"""Exponents are those of known growth, series measure what they say, and whole commands are asked
+for as named.
+"""
 
 from __future__ import annotations
 
@@ -32,12 +34,24 @@ def test_a_series_has_a_row_for_each_size_and_the_exponent() -> None:
     def slept(size: int) -> Callable[[], None]:
         return lambda: time.sleep(0.002 * size)
 
-    table = grown(Series("naps", "Naps", "About.", "naps", (1, 2, 4), {"sleep": slept}), Pace(rounds=3), quiet)
-    assert [row[0] for row in table.rows] == ["1", "2", "4", "exponent"] and table.head == ("naps", "sleep")
+    table = grown(
+        Series("naps", "Naps", "About.", "naps", (1, 2, 4), {"sleep": slept}), Pace(rounds=3), quiet
+    )
+    assert [row[0] for row in table.rows] == ["1", "2", "4", "exponent"] and table.head == (
+        "naps",
+        "sleep",
+    )
     assert table.data["sizes"] == [1, 2, 4] and len(table.data["works"]["sleep"]["seconds"]) == 3
     # A sleep is never shorter than asked for; what is added to it lowers the exponent.
     assert 0.5 < table.data["works"]["sleep"]["exponent"] < 1.1
-    assert len(grown(Series("naps", "Naps", "About.", "naps", (1, 2, 4), {"sleep": slept}), QUICK, quiet).rows) == 3
+    assert (
+        len(
+            grown(
+                Series("naps", "Naps", "About.", "naps", (1, 2, 4), {"sleep": slept}), QUICK, quiet
+            ).rows
+        )
+        == 3
+    )
 
 
 def test_models_have_the_states_and_parameters_that_rows_name() -> None:
@@ -57,7 +71,9 @@ def test_two_jobs_are_held_against_one(tmp_path: Path, monkeypatch: pytest.Monke
 
     monkeypatch.setattr(processes, "measured", as_if)
     table = processes.jobs(Pace(), tmp_path, quiet)
-    assert [row[0] for row in table.rows] == [f"`{name} --runs {runs}`" for name, _, runs, _, _ in processes.STUDIES]
+    assert [row[0] for row in table.rows] == [
+        f"`{name} --runs {runs}`" for name, _, runs, _, _ in processes.STUDIES
+    ]
     assert all(row[1] == "8 s" and row[2] == "4 s" and row[3].startswith("2") for row in table.rows)
 
 
@@ -72,9 +88,22 @@ def test_memory_is_told_of_every_command(tmp_path: Path, monkeypatch: pytest.Mon
     table = processes.memory(Pace(), tmp_path, quiet)
     assert len(asked) == len(table.rows) and all(row[1:] == ("123", "1.5 s") for row in table.rows)
     assert any("100000" in command for command in asked)
-    named = [part for command in asked for part in command if part.endswith((".toml", ".csv")) and part != "record.csv"]
+    named = [
+        part
+        for command in asked
+        for part in command
+        if part.endswith((".toml", ".csv")) and part != "record.csv"
+    ]
     assert named and all(Path(part).is_file() for part in named)
 
 
 def test_every_table_has_a_name() -> None:
-    assert list(TABLES) == ["samples", "states", "parameters", "candidates", "runs", "jobs", "memory"]
+    assert list(TABLES) == [
+        "samples",
+        "states",
+        "parameters",
+        "candidates",
+        "runs",
+        "jobs",
+        "memory",
+    ]

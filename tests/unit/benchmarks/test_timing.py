@@ -37,7 +37,9 @@ def test_everybody_takes_turns() -> None:
 
 def test_the_slow_drop_out_after_the_fewest_rounds() -> None:
     clock = Clock()
-    times = interleaved({"quick": clock.work("quick", 0.5), "slow": clock.work("slow", 50.0)}, 9, 10.0, clock)
+    times = interleaved(
+        {"quick": clock.work("quick", 0.5), "slow": clock.work("slow", 50.0)}, 9, 10.0, clock
+    )
     assert len(times["quick"]) == 9 and len(times["slow"]) == FEWEST
 
 

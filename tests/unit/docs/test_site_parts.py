@@ -1,4 +1,6 @@
-"""What the site's extension does to links, docstrings and declarations, and what its check finds; `.ci/run` builds the site itself."""
+"""What the site's extension does to links, docstrings and declarations, and what its check finds;
+`.ci/run` builds the site itself.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,12 @@ from sim.vehicles.factory import FAMILIES
 from sim.vehicles.library import read_parameter_set, vehicle_names
 
 ROOT = Path(__file__).parents[3]
-PAGES = {"docs/how-to/watch.md": "how-to/watch", "CHANGELOG.md": "made/changelog", "sim": "made/api/sim", "sim/record.py": "made/api/sim#recordpy"}
+PAGES = {
+    "docs/how-to/watch.md": "how-to/watch",
+    "CHANGELOG.md": "made/changelog",
+    "sim": "made/api/sim",
+    "sim/record.py": "made/api/sim#recordpy",
+}
 
 
 @pytest.mark.parametrize(
@@ -37,13 +44,29 @@ PAGES = {"docs/how-to/watch.md": "how-to/watch", "CHANGELOG.md": "made/changelog
     ],
 )
 def test_links_of_the_checkout_become_links_of_the_site(written: str, on_the_site: str) -> None:
-    assert turned(written, "docs/how-to/own-record.md", "how-to/own-record", PAGES, frozenset({"docs/phase.png"})) == on_the_site
+    assert (
+        turned(
+            written,
+            "docs/how-to/own-record.md",
+            "how-to/own-record",
+            PAGES,
+            frozenset({"docs/phase.png"}),
+        )
+        == on_the_site
+    )
 
 
 def test_every_document_and_package_is_a_page() -> None:
     names = page_names(ROOT)
-    assert {f"docs/{page}.md" for page in ("start", "limits", "how-to/watch", "decisions/0001-three-rooms")} <= names.keys()
-    assert names["sim/effects/dynamics"] == names["sim/effects/dynamics/README.md"] == "made/api/sim.effects.dynamics"
+    assert {
+        f"docs/{page}.md"
+        for page in ("start", "limits", "how-to/watch", "decisions/0001-three-rooms")
+    } <= names.keys()
+    assert (
+        names["sim/effects/dynamics"]
+        == names["sim/effects/dynamics/README.md"]
+        == "made/api/sim.effects.dynamics"
+    )
     assert names["ident/filters/ekf.py"] == "made/api/ident.filters#ekfpy"
     assert names["CONTRIBUTING.md"] == "made/contributing"
 
@@ -61,7 +84,8 @@ def test_a_docstring_reads_the_same() -> None:
         "",
     ]
     assert "\n".join(plain(text)) == (
-        "An update\\_ of \\*all\\* \\|x\\|, see \\ ``fly``\\  and \\ ``run``\\ .\n\n::\n\n        x_dot = A x\n\n"
+        "An update\\_ of \\*all\\* \\|x\\|, see \\ ``fly``\\  and \\ ``run``\\ .\n\n::\n\n        "
+        "x_dot = A x\n\n"
         "**Parameters**\n\n* ``a_, b``: shapes \\ ``(n,)``\\ , in s.\n"
     )
     assert plain(["- one", "  of two lines", "- two"]) == ["* one of two lines", "* two", ""]
@@ -70,16 +94,25 @@ def test_a_docstring_reads_the_same() -> None:
 
 def test_made_pages_say_what_the_code_declares() -> None:
     effects = effects_page()
-    assert all(f"\n### {name}\n" in effects for name in {name.partition(":")[0] for name in effect_names()})
+    assert all(
+        f"\n### {name}\n" in effects for name in {name.partition(":")[0] for name in effect_names()}
+    )
     assert all(f"`{name}`" in effects for name in effect_names())
     models, names = models_page(), names_page()
     for name, (equations, constants, derivatives) in FAMILIES.items():
         assert f"\n## {name}\n" in models
-        for each in (*constants, *derivatives, *(signal.name for signal in (*equations.states, *equations.inputs, *equations.outputs))):
+        for each in (
+            *constants,
+            *derivatives,
+            *(signal.name for signal in (*equations.states, *equations.inputs, *equations.outputs)),
+        ):
             assert f"| `{each}` |" in models and f"| `{each}` |" in names
     vehicles = vehicles_page()
     for name in vehicle_names():
-        assert all(f"| `{number.name}` | {number.value:.7g} |" in vehicles for number in read_parameter_set(name).numbers)
+        assert all(
+            f"| `{number.name}` | {number.value:.7g} |" in vehicles
+            for number in read_parameter_set(name).numbers
+        )
 
 
 def test_every_command_is_on_its_page_with_every_option() -> None:
@@ -88,18 +121,25 @@ def test_every_command_is_on_its_page_with_every_option() -> None:
     from scenarios.cli import app
 
     page = commands_page()
-    commands = {name: command for name, command in get_command(app).commands.items() if not command.hidden}  # type: ignore[attr-defined]
+    commands = {
+        name: command for name, command in get_command(app).commands.items() if not command.hidden
+    }  # type: ignore[attr-defined]
     for name, command in commands.items():
         part = page.split(f"\n## flightid {name}\n")[1].split("\n## ")[0]
         for item in command.params:
-            if not getattr(item, "hidden", False) and item.opts[0].startswith("-") and item.name != "help":
+            if (
+                not getattr(item, "hidden", False)
+                and item.opts[0].startswith("-")
+                and item.name != "help"
+            ):
                 assert f"`{item.opts[0]}" in part, (name, item.opts)
 
 
 def test_the_check_of_a_site_finds_what_is_wrong(tmp_path: Path) -> None:
     (tmp_path / "b.html").write_text('<h1 id="there">b</h1>')
     (tmp_path / "index.html").write_text(
-        '<a href="b.html#there">1</a><a href="b.html#gone">2</a><a href="c.html">3</a><a href="https://example.org">4</a>'
+        '<a href="b.html#there">1</a><a href="b.html#gone">2</a><a href="c.html">3</a><a '
+        'href="https://example.org">4</a>'
         '<script src="https://example.org/x.js"></script><img src="x.png">'
     )
     (tmp_path / "x.css").write_text("@font-face { src: url('https://example.org/x.woff'); }")

@@ -23,7 +23,9 @@ from tests.diagnoses import tracing_of
 @pytest.fixture(autouse=True)
 def loop(monkeypatch: pytest.MonkeyPatch) -> None:
     """A loop that finds the same everywhere."""
-    consistent, traced = (tracing_of(verdict).diagnosis for verdict in (Verdict.CONSISTENT, Verdict.TRACED))
+    consistent, traced = (
+        tracing_of(verdict).diagnosis for verdict in (Verdict.CONSISTENT, Verdict.TRACED)
+    )
 
     def told(declared, true, setting, rng) -> tuple[Diagnosis, float]:
         return (consistent if declared is true else traced), 1.0
@@ -36,8 +38,23 @@ CASE = Case(4, "light", ("a", "b"), frozenset({"z", "y", "x"}), False, ("alpha",
 SAMPLES: dict[Any, Any] = {
     Alarm: Alarm(1, "light", "traced", ("a",), 1.5, "alpha and q only"),
     Detection: Detection(2, "input-delay", 25.0, 0.1, Finding.AMBIGUOUS, (), 0.25),
-    CleanRun: CleanRun(3, "loes", "consistent", (), ("b",), {"M_q": 0.1 + 0.2}, {"M_q": 1.0 / 3.0}, 2.0),
-    CaseScore: CaseScore(CASE, "traced", ("a",), True, False, {"M_q": math.inf}, 0.5, 1.0, ((Named("a", True),),), (), {"a": {"delay": 0.1}}, ""),
+    CleanRun: CleanRun(
+        3, "loes", "consistent", (), ("b",), {"M_q": 0.1 + 0.2}, {"M_q": 1.0 / 3.0}, 2.0
+    ),
+    CaseScore: CaseScore(
+        CASE,
+        "traced",
+        ("a",),
+        True,
+        False,
+        {"M_q": math.inf},
+        0.5,
+        1.0,
+        ((Named("a", True),),),
+        (),
+        {"a": {"delay": 0.1}},
+        "",
+    ),
 }
 
 
@@ -51,7 +68,18 @@ SAMPLES: dict[Any, Any] = {
 def test_flights_are_counted_in_groups_and_together(
     name: str, runs: int, rows: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = (name, "--runs", str(runs), "--seed", "1", "--jobs", "1", "--no-figures", "--out", str(tmp_path / "out"))
+    words = (
+        name,
+        "--runs",
+        str(runs),
+        "--seed",
+        "1",
+        "--jobs",
+        "1",
+        "--no-figures",
+        "--out",
+        str(tmp_path / "out"),
+    )
     assert main(words) == 0
     said = capsys.readouterr().out
     assert f"{name}: {runs} flights, seeds from 1" in said and "written to" in said
@@ -63,7 +91,11 @@ def test_flights_are_counted_in_groups_and_together(
     if name == "false-alarms":
         assert (together["false claims"], together["not consistent"]) == ("0", "0")
     else:  # the loop here says dead band to everything
-        assert (together["detected"], together["named right"], together["named wrong"]) == ("9", "1", "8")
+        assert (together["detected"], together["named right"], together["named wrong"]) == (
+            "9",
+            "1",
+            "8",
+        )
 
 
 @pytest.mark.parametrize("found", [*SAMPLES])

@@ -1,4 +1,6 @@
-"""Clean records of every model: the bound against closed forms, flights that depend on their seed, rows that count."""
+"""Clean records of every model: the bound against closed forms, flights that depend on their seed,
+rows that count.
+"""
 
 from __future__ import annotations
 
@@ -36,10 +38,14 @@ def flown(model: Model) -> Record:
 
 
 def test_the_bound_of_a_straight_line_is_that_of_textbooks() -> None:
-    """sigma / sqrt(sum (t - mean t)^2); where it begins and a bias of the sensor are one unknown."""
+    """sigma / sqrt(sum (t - mean t)^2); where it begins and a bias of the sensor are one
+    unknown.
+    """
     expected = 0.3 / np.sqrt(np.sum((TIME - TIME.mean()) ** 2))
     for biased in ({}, {"height": np.inf}, {"height": 0.1}):
-        assert cramer_rao(falling(), flown, {"height": 0.3}, ("sink",), biased)["sink"] == pytest.approx(expected, rel=1e-6)
+        assert cramer_rao(falling(), flown, {"height": 0.3}, ("sink",), biased)[
+            "sink"
+        ] == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("model", ["rigid", "loes", "ballistic"])
@@ -48,18 +54,39 @@ def test_a_clean_case_hides_nothing_and_depends_on_its_seed(model: str, tmp_path
     for name in ("one", "other"):
         (tmp_path / name).mkdir()
         written, flight = write_clean(model, 3, tmp_path / name)
-        texts.append([(tmp_path / name / file).read_text() for file in ("train.csv", "validate.csv", "vehicle.toml")])
+        texts.append(
+            [
+                (tmp_path / name / file).read_text()
+                for file in ("train.csv", "validate.csv", "vehicle.toml")
+            ]
+        )
         assert written.case.hidden == () and written.request.model == model
-        assert flight.setting.model.parameters.values().tolist() == written.model.parameters.values().tolist()
+        assert (
+            flight.setting.model.parameters.values().tolist()
+            == written.model.parameters.values().tolist()
+        )
     assert texts[0] == texts[1]
 
 
 def test_rows_count_by_model_and_together() -> None:
     runs = [
-        CleanRun(1, "rigid", "consistent", (), (), {"Cm_q": 1.0, "CL_q": -2.5}, {"Cm_q": 1.0, "CL_q": 1.2}, 1.0),
+        CleanRun(
+            1,
+            "rigid",
+            "consistent",
+            (),
+            (),
+            {"Cm_q": 1.0, "CL_q": -2.5},
+            {"Cm_q": 1.0, "CL_q": 1.2},
+            1.0,
+        ),
         CleanRun(2, "own", "traced", ("sensor-delay:x",), (), {"gain": 0.1}, {"gain": 0.9}, 2.0),
     ]
     rows = {row[0]: row for row in clean_rows(runs)}
     assert set(rows) == {"rigid", "own", "all"} and set(rows) - {"all"} <= set(MODELS)
     assert rows["own"][1:3] == ("1", "1") and rows["own"][4] == "1" and rows["rigid"][2] == "0"
-    assert rows["rigid"][5].startswith("50.0 of 2 (") and rows["all"][5].startswith("66.7 of 3 (") and rows["all"][6].startswith("1.00 (")
+    assert (
+        rows["rigid"][5].startswith("50.0 of 2 (")
+        and rows["all"][5].startswith("66.7 of 3 (")
+        and rows["all"][6].startswith("1.00 (")
+    )

@@ -10,20 +10,29 @@ from scenarios.studies import catalogue
 
 def test_help_names_every_examination(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
-    told = [line.split()[0] for line in capsys.readouterr().out.splitlines() if line.startswith("  ")]
+    told = [
+        line.split()[0] for line in capsys.readouterr().out.splitlines() if line.startswith("  ")
+    ]
     assert told == [*EXAMINATIONS]
 
 
 @pytest.mark.parametrize("name", [*EXAMINATIONS])
-def test_every_examination_says_what_it_takes(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_examination_says_what_it_takes(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as ended:
         main([name, "--help"])
-    assert ended.value.code == 0 and capsys.readouterr().out.startswith(f"usage: python -m exam {name} ")
+    assert ended.value.code == 0 and capsys.readouterr().out.startswith(
+        f"usage: python -m exam {name} "
+    )
 
 
 def test_an_unknown_name_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["rando"]) == 2
-    assert capsys.readouterr() == ("", "python -m exam: there is no examination 'rando'; did you mean 'random'?\n")
+    assert capsys.readouterr() == (
+        "",
+        "python -m exam: there is no examination 'rando'; did you mean 'random'?\n",
+    )
 
 
 @pytest.mark.parametrize(
@@ -41,7 +50,9 @@ def test_an_unknown_name_is_one_line(capsys: pytest.CaptureFixture[str]) -> None
         (("hidden-effects", "trace-vane", "--runs", "2", "--figures", "bmp"), "'bmp' is no format"),
     ],
 )
-def test_what_is_typed_wrong_is_one_line(words: tuple[str, ...], told: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_typed_wrong_is_one_line(
+    words: tuple[str, ...], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     try:
         code: object = main(words)
     except SystemExit as ended:

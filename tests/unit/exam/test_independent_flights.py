@@ -1,4 +1,6 @@
-"""The flights by which sigmas are judged: they agree with the project's equations, of which they use none, and their noise is what they say."""
+"""The flights by which sigmas are judged: they agree with the project's equations, of which they
+use none, and their noise is what they say.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,12 @@ from sim.vehicles.factory import model_from_constants
 
 def test_nothing_of_the_project_is_used() -> None:
     tree = ast.parse(Path(flights.__file__).read_text(encoding="utf-8"))
-    used = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    used = {
+        alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Import)
+        for alias in node.names
+    }
     used |= {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
     assert {name.split(".")[0] for name in used} <= {
         "__future__",
@@ -51,7 +58,9 @@ def test_calm_flights_are_those_of_the_equations_under_test(model: str) -> None:
     if model == "longitudinal":
         alpha, _, _ = level()
         start = {"airspeed": CONSTANTS[model]["reference_airspeed"], "alpha": alpha, "theta": alpha}
-    system = compile_model(model_from_constants(model, CONSTANTS[model], TRUE[model], initial=start))
+    system = compile_model(
+        model_from_constants(model, CONSTANTS[model], TRUE[model], initial=start)
+    )
     grid, p = make_grid(time, 0.005), system.parameters.values()
     drive = drive_from_record(
         system,
@@ -70,8 +79,12 @@ def test_calm_flights_are_those_of_the_equations_under_test(model: str) -> None:
     )
     ours = motion(model, time, inputs)
     for name in SENSORS[model]:
-        assert np.std(ours[name]) > 2.0 * SENSORS[model][name], f"{name} moves by less than its noise"
-        np.testing.assert_allclose(ours[name], theirs[name], atol=1e-6 * np.max(np.abs(ours[name])), err_msg=name)
+        assert np.std(ours[name]) > 2.0 * SENSORS[model][name], (
+            f"{name} moves by less than its noise"
+        )
+        np.testing.assert_allclose(
+            ours[name], theirs[name], atol=1e-6 * np.max(np.abs(ours[name])), err_msg=name
+        )
 
 
 def test_a_flight_is_the_same_again_and_another_run_is_not() -> None:
@@ -97,7 +110,10 @@ def test_gusts_move_the_aircraft_and_not_only_its_vane() -> None:
     # A steady updraught is at first all angle of attack; then the aircraft rises with it.
     assert rough["alpha"][0] - calm["alpha"][0] == pytest.approx(1.0 / V)
     assert rough["nz"][0] > calm["nz"][0]
-    assert abs(rough["alpha"][-1] - calm["alpha"][-1]) < 0.02 / V and abs(rough["nz"][-1] - calm["nz"][-1]) < 0.01
+    assert (
+        abs(rough["alpha"][-1] - calm["alpha"][-1]) < 0.02 / V
+        and abs(rough["nz"][-1] - calm["nz"][-1]) < 0.01
+    )
 
 
 def test_noise_has_the_autocovariance_of_its_name() -> None:
@@ -108,10 +124,18 @@ def test_noise_has_the_autocovariance_of_its_name() -> None:
         return float(np.mean(row[lag:] * row[: len(row) - lag]))
 
     slow = ar1(rng, many)
-    assert [autocovariance(slow, lag) for lag in (0, 1, 5)] == pytest.approx([1.0, 0.9, 0.9**5], abs=0.05)
+    assert [autocovariance(slow, lag) for lag in (0, 1, 5)] == pytest.approx(
+        [1.0, 0.9, 0.9**5], abs=0.05
+    )
     gust = markov(rng, many, step, V)
-    assert [autocovariance(gust, lag) for lag in (0, 15, 30)] == pytest.approx([math.exp(-lag * step / T) for lag in (0, 15, 30)], abs=0.12)
+    assert [autocovariance(gust, lag) for lag in (0, 15, 30)] == pytest.approx(
+        [math.exp(-lag * step / T) for lag in (0, 15, 30)], abs=0.12
+    )
     gust = dryden(rng, many, step, V)
     # The inverse transform of Dryden's vertical spectrum: (1 - t/2T) exp(-t/T).
-    expected = [(1.0 - lag * step / (2.0 * T)) * math.exp(-lag * step / T) for lag in (0, 15, 30, 60)]
-    assert [autocovariance(gust, lag) for lag in (0, 15, 30, 60)] == pytest.approx(expected, abs=0.08)
+    expected = [
+        (1.0 - lag * step / (2.0 * T)) * math.exp(-lag * step / T) for lag in (0, 15, 30, 60)
+    ]
+    assert [autocovariance(gust, lag) for lag in (0, 15, 30, 60)] == pytest.approx(
+        expected, abs=0.08
+    )

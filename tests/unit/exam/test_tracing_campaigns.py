@@ -7,7 +7,18 @@ import pytest
 from scipy.optimize import least_squares
 
 from exam.aircraft import NOISE, drawn_aircraft
-from exam.detection import SETTINGS, Alarm, Detection, Finding, alarm_rows, detection_rows, flown, found, size_of, with_effect
+from exam.detection import (
+    SETTINGS,
+    Alarm,
+    Detection,
+    Finding,
+    alarm_rows,
+    detection_rows,
+    flown,
+    found,
+    size_of,
+    with_effect,
+)
 from exam.detection import _first as first_maneuver
 from ident.tracing.diagnosis import Claim, Verdict
 from tests.diagnoses import tracing_of
@@ -22,10 +33,18 @@ def test_size_brings_the_expected_gain(effect: str) -> None:
     names, states = model.parameters.free_names, model.initial.names
 
     def misfit(x: np.ndarray) -> np.ndarray:
-        values = {name: model.parameters[name].value * (1.0 + part) for name, part in zip(names, x, strict=False)}
-        initial = model.initial.with_values({state: 0.01 * part for state, part in zip(states, x[len(names) :], strict=True)})
+        values = {
+            name: model.parameters[name].value * (1.0 + part)
+            for name, part in zip(names, x, strict=False)
+        }
+        initial = model.initial.with_values(
+            {state: 0.01 * part for state, part in zip(states, x[len(names) :], strict=True)}
+        )
         rows = flown(model.with_values(values).with_initial(initial), first_maneuver(), SETTINGS[0])
-        rest = [(changed[name].values - rows[name].values) / NOISE[name] for name in SETTINGS[0].channels]
+        rest = [
+            (changed[name].values - rows[name].values) / NOISE[name]
+            for name in SETTINGS[0].channels
+        ]
         return np.concatenate([row - row.mean() for row in rest])
 
     left = least_squares(misfit, np.zeros(len(names) + len(states)), max_nfev=6).fun
@@ -33,11 +52,26 @@ def test_size_brings_the_expected_gain(effect: str) -> None:
 
 
 def test_rows_count_what_they_say() -> None:
-    alarms = [Alarm(0, "light", "consistent", (), 1.0), Alarm(1, "light", "traced", ("vane-offset",), 3.0), Alarm(2, "light", "unexplained", (), 2.0)]
+    alarms = [
+        Alarm(0, "light", "consistent", (), 1.0),
+        Alarm(1, "light", "traced", ("vane-offset",), 3.0),
+        Alarm(2, "light", "unexplained", (), 2.0),
+    ]
     row = alarm_rows({"all": alarms})[0]
     assert row[:4] == ("all", "3", "1", "2") and row[-1] == "2.0"
-    group = [Detection(i, "input-delay", 25.0, 0.01, finding, (), 1.0) for i, finding in enumerate(Finding)]
-    assert detection_rows(group, lambda d: d.effect)[0][:7] == ("input-delay", "5", "4", "1", "1", "1", "1")
+    group = [
+        Detection(i, "input-delay", 25.0, 0.01, finding, (), 1.0)
+        for i, finding in enumerate(Finding)
+    ]
+    assert detection_rows(group, lambda d: d.effect)[0][:7] == (
+        "input-delay",
+        "5",
+        "4",
+        "1",
+        "1",
+        "1",
+        "1",
+    )
 
 
 def test_a_lag_and_a_delay_of_one_sensor_are_one() -> None:
@@ -47,6 +81,9 @@ def test_a_lag_and_a_delay_of_one_sensor_are_one() -> None:
     named = lambda *claims: replace(made, effects=tuple(claims))  # noqa: E731
     assert found("sensor-lag:q", named(Claim("sensor-delay:q", {}))) is Finding.RIGHT
     assert found("sensor-lag:q", named(Claim("sensor-delay:alpha", {}))) is Finding.WRONG
-    assert found("sensor-lag:q", named(Claim("input-delay", {}, ("sensor-lag:q",)))) is Finding.AMBIGUOUS
+    assert (
+        found("sensor-lag:q", named(Claim("input-delay", {}, ("sensor-lag:q",))))
+        is Finding.AMBIGUOUS
+    )
     assert found("input-delay", tracing_of(Verdict.CONSISTENT).diagnosis) is Finding.MISSED
     assert found("input-delay", tracing_of(Verdict.UNEXPLAINED).diagnosis) is Finding.UNEXPLAINED

@@ -1,4 +1,6 @@
-"""A computation beside this process: the same result, a failure that is no failure, and nothing left behind."""
+"""A computation beside this process: the same result, a failure that is no failure, and nothing
+left behind.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +13,17 @@ import pytest
 
 from ident.background_task import START_METHOD, BackgroundTask, spare_processor
 
-forks = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="no fork that is safe beside threads")
+forks = pytest.mark.skipif(
+    not sys.platform.startswith("linux"), reason="no fork that is safe beside threads"
+)
 
 
 @pytest.fixture(autouse=True)
 def spare(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tests may run in a worker, or on one processor, where no fork is made."""
-    monkeypatch.setattr("ident.background_task.spare_processor", lambda: sys.platform.startswith("linux"))
+    monkeypatch.setattr(
+        "ident.background_task.spare_processor", lambda: sys.platform.startswith("linux")
+    )
 
 
 @forks

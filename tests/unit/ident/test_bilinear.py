@@ -1,4 +1,6 @@
-"""The table of a bilinear function: values and Jacobians are the function's own; what is not bilinear is found out."""
+"""The table of a bilinear function: values and Jacobians are the function's own; what is not
+bilinear is found out.
+"""
 
 from __future__ import annotations
 
@@ -31,8 +33,12 @@ def test_table_gives_values_and_jacobian(point: list[float]) -> None:
     assert table is not None
     found = table.at(np.array([[1.0, *point], [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]]))
     scale = 1.0 + float(np.max(np.abs(point))) ** 2
-    np.testing.assert_allclose(found[0, :, 4], np.array(FAIR([*point]), dtype=float), rtol=0.0, atol=1e-13 * scale)
-    np.testing.assert_allclose(found[0, :, :4], complex_step_jacobian(FAIR, point)[:, :4], rtol=0.0, atol=1e-13 * scale)
+    np.testing.assert_allclose(
+        found[0, :, 4], np.array(FAIR([*point]), dtype=float), rtol=0.0, atol=1e-13 * scale
+    )
+    np.testing.assert_allclose(
+        found[0, :, :4], complex_step_jacobian(FAIR, point)[:, :4], rtol=0.0, atol=1e-13 * scale
+    )
     np.testing.assert_array_equal(found[1, :, 4], [-1.5, 0.0])
 
 
@@ -42,7 +48,9 @@ def test_feed_through() -> None:
     without = bilinear(lambda w: [w[0] * w[2]], 4, 2, 1)
     assert without is not None and not without.feeds_through
     alone = bilinear(lambda w: [w[0] * w[2] + 0.5 * w[4]], 4, 2, 1)
-    assert alone is not None and alone.feeds_through, "an input that no parameter multiplies, as a force over a known mass"
+    assert alone is not None and alone.feeds_through, (
+        "an input that no parameter multiplies, as a force over a known mass"
+    )
 
 
 @pytest.mark.parametrize("name", WRONG)

@@ -8,7 +8,17 @@ from scipy.optimize import minimize
 from scipy.stats import chi2, kstest, multivariate_normal, norm
 from scipy.stats import t as student
 
-from ident.pooling import Evidence, _at, adjusted, conditioned, outlying_flights, pooled, recurrence, trend, without_one
+from ident.pooling import (
+    Evidence,
+    _at,
+    adjusted,
+    conditioned,
+    outlying_flights,
+    pooled,
+    recurrence,
+    trend,
+    without_one,
+)
 
 
 def restricted_oracle(values: np.ndarray, sigmas: np.ndarray) -> float:
@@ -21,7 +31,14 @@ def restricted_oracle(values: np.ndarray, sigmas: np.ndarray) -> float:
         covariance = contrasts @ np.diag(sigmas**2 + np.exp(2.0 * log_scatter[0])) @ contrasts.T
         return float(np.linalg.slogdet(covariance)[1] + seen @ np.linalg.solve(covariance, seen))
 
-    return float(np.exp(min((minimize(cost, [start], method="Nelder-Mead") for start in (-4.0, -1.0, 1.0)), key=lambda each: each.fun).x[0]))
+    return float(
+        np.exp(
+            min(
+                (minimize(cost, [start], method="Nelder-Mead") for start in (-4.0, -1.0, 1.0)),
+                key=lambda each: each.fun,
+            ).x[0]
+        )
+    )
 
 
 def test_scatter_and_common_value_are_those_of_the_contrasts() -> None:
@@ -50,8 +67,12 @@ def test_intervals_hold_the_truth_and_one_value_is_called_one() -> None:
     assert kstest(p_same, "uniform").pvalue > 1e-3
 
 
-def weighted_least_squares(design: np.ndarray, values: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients and covariance by the whitened problem, widened where the residuals scatter by more than ``variance``."""
+def weighted_least_squares(
+    design: np.ndarray, values: np.ndarray, variance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients and covariance by the whitened problem, widened where the residuals scatter by
+    more than ``variance``.
+    """
     root = 1.0 / np.sqrt(variance)
     found, _, _, _ = np.linalg.lstsq(root[:, None] * design, root * values, rcond=None)
     left = root * (values - design @ found)
@@ -60,19 +81,25 @@ def weighted_least_squares(design: np.ndarray, values: np.ndarray, variance: np.
 
 
 @pytest.mark.parametrize("n", [3, 5, 12])
-def test_the_sigma_of_a_common_value_is_that_of_least_squares_and_never_less_than_of_known_scatter(n: int) -> None:
+def test_the_sigma_of_a_common_value_is_that_of_least_squares_and_never_less_than_of_known_scatter(
+    n: int,
+) -> None:
     widened = 0
     for seed in range(12):
         rng = np.random.default_rng(seed)
         sigmas = np.exp(rng.normal(0.0, 1.0, n))
         values = 3.0 + sigmas * rng.standard_normal(n) + 0.5 * rng.standard_normal(n)
         found = pooled(values, sigmas)
-        (value,), covariance = weighted_least_squares(np.ones((n, 1)), values, sigmas**2 + found.scatter**2)
+        (value,), covariance = weighted_least_squares(
+            np.ones((n, 1)), values, sigmas**2 + found.scatter**2
+        )
         assert (found.value, found.sigma**2) == pytest.approx((value, covariance[0, 0]))
         assert found.high - found.value == pytest.approx(student.ppf(0.975, n - 1) * found.sigma)
         widened += bool(found.sigma**2 * np.sum(1.0 / (sigmas**2 + found.scatter**2)) > 1.01)
         exact = np.average(values, weights=sigmas**-2.0)
-        assert found.p_same == pytest.approx(chi2.sf(np.sum(((values - exact) / sigmas) ** 2), n - 1))
+        assert found.p_same == pytest.approx(
+            chi2.sf(np.sum(((values - exact) / sigmas) ** 2), n - 1)
+        )
     assert 0 < widened < 12, "both cases are met"
 
 
@@ -82,7 +109,9 @@ def test_a_trend_is_a_weighted_regression_with_students_probability(n: int) -> N
     for seed in range(12):
         rng = np.random.default_rng(seed)
         sigmas, condition = np.exp(rng.normal(0.0, 1.0, n)), rng.uniform(100.0, 200.0, n)
-        values = 2.0 + 0.01 * condition + sigmas * rng.standard_normal(n) + 0.3 * rng.standard_normal(n)
+        values = (
+            2.0 + 0.01 * condition + sigmas * rng.standard_normal(n) + 0.3 * rng.standard_normal(n)
+        )
         found = trend(values, sigmas, condition)
         assert found is not None
         variance = sigmas**2 + found.scatter**2
@@ -91,15 +120,21 @@ def test_a_trend_is_a_weighted_regression_with_students_probability(n: int) -> N
         assert (found.at_middle, found.slope) == pytest.approx((line[0], line[1]))
         np.testing.assert_allclose(found.covariance, covariance, rtol=1e-6, atol=1e-9)
         assert found.slope_sigma == pytest.approx(np.sqrt(covariance[1, 1]))
-        assert found.p_value == pytest.approx(2.0 * student.sf(abs(line[1]) / found.slope_sigma, n - 2))
+        assert found.p_value == pytest.approx(
+            2.0 * student.sf(abs(line[1]) / found.slope_sigma, n - 2)
+        )
         least = np.linalg.inv(design.T @ (design / variance[:, None]))[1, 1]
         widened += bool(found.slope_sigma**2 > 1.01 * least)
     assert 0 < widened < 12, "both cases are met"
 
 
 @pytest.mark.parametrize("scatter", [0.0, 0.7, 3.0])
-def test_how_far_a_flight_is_off_counts_its_own_sigma_and_the_scatter_between_flights_once_each(scatter: float) -> None:
-    """Residuals at the quantiles of a Gaussian of variance sigma^2 + scatter^2 are off by these quantiles, whatever their common value."""
+def test_how_far_a_flight_is_off_counts_its_own_sigma_and_the_scatter_between_flights_once_each(
+    scatter: float,
+) -> None:
+    """Residuals at the quantiles of a Gaussian of variance sigma^2 + scatter^2 are off by these
+    quantiles, whatever their common value.
+    """
     quantiles = norm.ppf((np.arange(101) + 0.5) / 101.0)
     off, out = outlying_flights(5.0 + np.hypot(0.5, scatter) * quantiles, np.full(101, 0.5))
     np.testing.assert_allclose(off, quantiles, rtol=0.02, atol=1e-9)
@@ -125,7 +160,10 @@ def test_a_trend_is_found_with_its_sigma_and_none_where_there_is_none() -> None:
     for _ in range(200):
         condition, sigmas = rng.uniform(100.0, 200.0, 12), rng.uniform(0.05, 0.2, 12)
         noise = 0.1 * rng.standard_normal(12) + sigmas * rng.standard_normal(12)
-        found, null = trend(2.0 + 0.01 * condition + noise, sigmas, condition), trend(noise, sigmas, condition)
+        found, null = (
+            trend(2.0 + 0.01 * condition + noise, sigmas, condition),
+            trend(noise, sigmas, condition),
+        )
         assert found is not None
         assert null is not None
         off.append((found.slope - 0.01) / found.slope_sigma)
@@ -174,9 +212,14 @@ def test_conditioning_every_flight_is_the_joint_fit() -> None:
     inverse = np.linalg.inv(design.T @ design)
     joint = inverse @ design.T @ targets.ravel()
     covariances = np.array([np.linalg.inv(b.T @ b) for b in blocks])
-    estimates = np.array([c @ b.T @ y for c, b, y in zip(covariances, blocks, targets, strict=True)])
+    estimates = np.array(
+        [c @ b.T @ y for c, b, y in zip(covariances, blocks, targets, strict=True)]
+    )
     weights = 1.0 / covariances[:, 2, 2]
-    value, covariance = np.array([weights @ estimates[:, 2] / weights.sum()]), np.array([[1.0 / weights.sum()]])
+    value, covariance = (
+        np.array([weights @ estimates[:, 2] / weights.sum()]),
+        np.array([[1.0 / weights.sum()]]),
+    )
     assert value[0] == pytest.approx(joint[8])
     at = np.array([2])
     for i in range(4):
@@ -189,14 +232,18 @@ def test_conditioning_every_flight_is_the_joint_fit() -> None:
 
 
 def flights(values: np.ndarray, sigmas: np.ndarray, rng: np.random.Generator) -> Evidence:
-    """Linear flights: each estimate with its own noise; the gain is what least squares gives over zero."""
+    """Linear flights: each estimate with its own noise; the gain is what least squares gives over
+    zero.
+    """
     seen = values + sigmas * rng.standard_normal(len(values))
     return Evidence(0.5 * (seen / sigmas) ** 2, seen[:, None], (sigmas**2)[:, None, None])
 
 
 @pytest.mark.parametrize("k", [1, 2])
 def test_what_a_flight_gains_by_a_common_value_is_its_marginal_likelihood(k: int) -> None:
-    """Its own value is drawn about the common one, with a scatter that is a share of it; without the effect it is zero."""
+    """Its own value is drawn about the common one, with a scatter that is a share of it; without
+    the effect it is zero.
+    """
     rng = np.random.default_rng(14)
     roots = rng.standard_normal((6, k, k)) + 2.0 * np.eye(k)
     covariance = roots @ roots.transpose(0, 2, 1)
@@ -208,12 +255,15 @@ def test_what_a_flight_gains_by_a_common_value_is_its_marginal_likelihood(k: int
         between = np.diag((scatters[c] * values[c]) ** 2)
         for n in range(6):
             having = multivariate_normal.logpdf(seen[n], values[c], covariance[n] + between)
-            assert found[c, n] == pytest.approx(having - multivariate_normal.logpdf(seen[n], np.zeros(k), covariance[n]))
+            assert found[c, n] == pytest.approx(
+                having - multivariate_normal.logpdf(seen[n], np.zeros(k), covariance[n])
+            )
 
 
 def test_an_effect_of_the_aircraft_is_told_even_where_no_flight_tells_it_alone() -> None:
     rng = np.random.default_rng(8)
-    found = recurrence(flights(np.full(40, 1.0), np.full(40, 0.6), rng), candidates=30)  # 1.7 sigmas a flight
+    # 1.7 sigmas a flight
+    found = recurrence(flights(np.full(40, 1.0), np.full(40, 0.6), rng), candidates=30)
     assert found.recurs
     assert found.belongs == "aircraft"
     assert abs(found.value[0] - 1.0) < 4.0 * np.sqrt(found.covariance[0, 0])
@@ -262,4 +312,6 @@ def test_chance_of_a_false_recurrence_is_bounded() -> None:
 
 def test_clean_fleets_show_no_recurrence() -> None:
     rng = np.random.default_rng(13)
-    assert not any(recurrence(flights(np.zeros(12), rng.uniform(0.5, 2.0, 12), rng)).recurs for _ in range(8))
+    assert not any(
+        recurrence(flights(np.zeros(12), rng.uniform(0.5, 2.0, 12), rng)).recurs for _ in range(8)
+    )

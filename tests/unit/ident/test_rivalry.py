@@ -1,4 +1,6 @@
-"""Bounds, rivals and decisions against second writings: finite differences of whole flights, least squares by scipy, simulated noise."""
+"""Bounds, rivals and decisions against second writings: finite differences of whole flights, least
+squares by scipy, simulated noise.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +32,22 @@ from sim.record import Channel, Record
 from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import model_from_constants
 
-CONSTANTS = {"mass": 7500.0, "wing_area": 30.0, "chord": 2.4, "pitch_inertia": 32000.0, "airspeed": 130.0, "air_density": 0.96}
-DERIVATIVES = {"CL_alpha": 5.2, "CL_q": 7.0, "CL_de": 0.4, "Cm_alpha": -0.95, "Cm_q": -17.0, "Cm_de": -1.3}
+CONSTANTS = {
+    "mass": 7500.0,
+    "wing_area": 30.0,
+    "chord": 2.4,
+    "pitch_inertia": 32000.0,
+    "airspeed": 130.0,
+    "air_density": 0.96,
+}
+DERIVATIVES = {
+    "CL_alpha": 5.2,
+    "CL_q": 7.0,
+    "CL_de": 0.4,
+    "Cm_alpha": -0.95,
+    "Cm_q": -17.0,
+    "Cm_de": -1.3,
+}
 NOISE = {"alpha": 0.0012, "q": 0.0015, "nz": 0.012}
 MANEUVER = three_two_one_one(0.04, 0.4, 1.0)
 UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g"}
@@ -66,10 +82,16 @@ def test_expected_sigmas_are_the_bounds_by_differences_of_flights() -> None:
     columns = []
     for name, value in DERIVATIVES.items():
         step = 1e-4 * abs(value)
-        both = [flown(model.with_values({name: value + way * step}), plan) / sigma for way in (1.0, -1.0)]
+        both = [
+            flown(model.with_values({name: value + way * step}), plan) / sigma
+            for way in (1.0, -1.0)
+        ]
         columns.append((both[0] - both[1]).ravel() / (2.0 * step))
     for name in ("alpha", "q"):
-        moved = [flown(model.with_initial(model.initial.with_values({name: way * 1e-4})), plan) / sigma for way in (1.0, -1.0)]
+        moved = [
+            flown(model.with_initial(model.initial.with_values({name: way * 1e-4})), plan) / sigma
+            for way in (1.0, -1.0)
+        ]
         columns.append((moved[0] - moved[1]).ravel() / 2e-4)
     for row in range(3):
         one = np.zeros((3, len(plan.record)))
@@ -104,13 +126,20 @@ def test_the_rival_fits_as_well_as_plain_least_squares_can() -> None:
         return ((clean - y) / plan.noise[:, None]).ravel()
 
     theta = np.array([*DERIVATIVES.values(), found.rival.values["arm"], *np.zeros(5)])
-    best = least_squares(left, theta, x_scale=np.array([*map(abs, DERIVATIVES.values()), 1.0, *[0.01] * 5]), max_nfev=4)
+    best = least_squares(
+        left,
+        theta,
+        x_scale=np.array([*map(abs, DERIVATIVES.values()), 1.0, *[0.01] * 5]),
+        max_nfev=4,
+    )
     assert 2.0 * found.left == pytest.approx(2.0 * best.cost, rel=0.02)
     assert linear_squares(plan, true, found.rival) == pytest.approx(2.0 * found.left, rel=0.1)
 
 
 def test_the_difference_of_log_likelihoods_scatters_as_told() -> None:
-    """Two lines through a plane, fitted to a thousand noisy points along the first: no engine of ours."""
+    """Two lines through a plane, fitted to a thousand noisy points along the first: no engine of
+    ours.
+    """
     rng = np.random.default_rng(5)
     one, cosine, size = np.array([1.0, 0.0]), 0.9, 6.0
     other = np.array([cosine, math.sqrt(1.0 - cosine**2)])
@@ -125,8 +154,12 @@ def test_the_difference_of_log_likelihoods_scatters_as_told() -> None:
 
 
 @pytest.mark.parametrize("share", [0.1, 1.0, 3.0])
-def test_where_noise_levels_are_estimated_the_difference_is_that_of_logarithms(share: float) -> None:
-    """N ln(sum (e + d)^2 / sum e^2) of 300 drawn samples, d of weighted squares ``share`` N: mean and scatter over 20,000 draws."""
+def test_where_noise_levels_are_estimated_the_difference_is_that_of_logarithms(
+    share: float,
+) -> None:
+    """N ln(sum (e + d)^2 / sum e^2) of 300 drawn samples, d of weighted squares ``share`` N: mean
+    and scatter over 20,000 draws.
+    """
     rng, count, runs = np.random.default_rng(6), 300, 20_000
     e = rng.standard_normal((runs, count))
     difference = count * np.log(np.sum((e + math.sqrt(share)) ** 2, axis=1) / np.sum(e**2, axis=1))
@@ -137,7 +170,9 @@ def test_where_noise_levels_are_estimated_the_difference_is_that_of_logarithms(s
 
 @pytest.mark.parametrize("own", [1, 3])
 @pytest.mark.parametrize("away", [-1.0, 0.0, 1.0])
-def test_an_effect_is_found_as_often_as_a_noncentral_chi_squared_exceeds_its_price(own: int, away: float) -> None:
+def test_an_effect_is_found_as_often_as_a_noncentral_chi_squared_exceeds_its_price(
+    own: int, away: float
+) -> None:
     gain = 60.0
     limit = 2.0 * gain + own + away * math.sqrt(8.0 * gain)
     expected = ncx2.sf(limit, own, 2.0 * gain)
@@ -153,7 +188,11 @@ def test_what_leaves_nothing_decides_nothing() -> None:
 
 def test_effects_that_no_record_tells_apart_are_told_by_no_maneuver() -> None:
     plan = planned()
-    both = contest(plan, acting("vane-offset", arm=5.0), find_effect("accelerometer-offset:nz", plain().equations))  # type: ignore[arg-type]
+    both = contest(
+        plan,
+        acting("vane-offset", arm=5.0),
+        find_effect("accelerometer-offset:nz", plain().equations),
+    )  # type: ignore[arg-type]
     assert both.shown > 0.99 and both.left < 1e-3 and both.chance < 0.01
 
 

@@ -13,7 +13,11 @@ from sim.effects.library import catch_all_terms_for, effects_for
 from sim.errors import DeclarationError
 from sim.vehicles.factory import FAMILIES
 
-EFFECTS = [effect for equations, _, _ in FAMILIES.values() for effect in (*effects_for(equations), *catch_all_terms_for(equations))]
+EFFECTS = [
+    effect
+    for equations, _, _ in FAMILIES.values()
+    for effect in (*effects_for(equations), *catch_all_terms_for(equations))
+]
 
 
 def there_and_back(effect: Any) -> Any:
@@ -21,11 +25,18 @@ def there_and_back(effect: Any) -> Any:
 
 
 def test_an_effect_is_made_again_as_it_was() -> None:
-    tried = [each for effect in EFFECTS for each in ((effect, effect.finer()) if isinstance(effect, Refinable) else (effect,))]
+    tried = [
+        each
+        for effect in EFFECTS
+        for each in ((effect, effect.finer()) if isinstance(effect, Refinable) else (effect,))
+    ]
     assert len({effect.name for effect in tried}) > 60
     for effect in tried:
         again = there_and_back(effect)
-        assert again == effect and (again.name, again.parameters) == (effect.name, effect.parameters)
+        assert again == effect and (again.name, again.parameters) == (
+            effect.name,
+            effect.parameters,
+        )
 
 
 def test_a_users_effect_is_looked_for_in_the_users_file() -> None:
@@ -37,7 +48,9 @@ def test_a_users_effect_is_looked_for_in_the_users_file() -> None:
         effect_of(kept, (), "model.json")
 
 
-@pytest.mark.parametrize("of", ["os:system", "sim.effects.library:library", "sim.effects.nowhere:Effect"])
+@pytest.mark.parametrize(
+    "of", ["os:system", "sim.effects.library:library", "sim.effects.nowhere:Effect"]
+)
 def test_nothing_but_an_effect_of_the_library_is_made(of: str) -> None:
     with pytest.raises(DeclarationError, match="run the study again"):
         effect_of({"name": "x", "class": of, "fields": {}}, (), "model.json")

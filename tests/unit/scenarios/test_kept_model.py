@@ -12,7 +12,13 @@ from scenarios.prediction import _vehicle
 from sim.errors import DeclarationError
 
 VEHICLE = "mass = 10.0"
-CONTENT = {"schema": SCHEMA, "made_by": "identify", "model": "ballistic", "vehicle_text": VEHICLE, "files": {}}
+CONTENT = {
+    "schema": SCHEMA,
+    "made_by": "identify",
+    "model": "ballistic",
+    "vehicle_text": VEHICLE,
+    "files": {},
+}
 
 
 def kept(folder: Path, **changed: object) -> KeptFile:
@@ -20,7 +26,15 @@ def kept(folder: Path, **changed: object) -> KeptFile:
     return read_kept(folder)
 
 
-@pytest.mark.parametrize("changed", [{"files": []}, {"files": {"vehicle": {"name": 3, "sha256": ""}}}, {"vehicle_text": None}, {"model": 5}])
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"files": []},
+        {"files": {"vehicle": {"name": 3, "sha256": ""}}},
+        {"vehicle_text": None},
+        {"model": 5},
+    ],
+)
 def test_a_spoilt_model_is_one_line(tmp_path: Path, changed: dict[str, object]) -> None:
     with pytest.raises(DeclarationError, match="no model that can be read here"):
         kept(tmp_path, **changed)
@@ -31,13 +45,19 @@ def test_a_model_that_lacks_its_parameters_is_one_line(tmp_path: Path) -> None:
         kept(tmp_path).model()
 
 
-@pytest.mark.parametrize("name", ["../outside.toml", "/outside.toml", "..", ".", "folder/outside.toml"])
-def test_the_vehicle_of_a_foreign_study_is_written_nowhere_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+@pytest.mark.parametrize(
+    "name", ["../outside.toml", "/outside.toml", "..", ".", "folder/outside.toml"]
+)
+def test_the_vehicle_of_a_foreign_study_is_written_nowhere_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(scratch))
     given = name.replace("/outside", f"{tmp_path}/outside", 1) if name.startswith("/") else name
-    file = kept(tmp_path, files={"vehicle": {"name": given, "sha256": ""}}, vehicle_text="nothing = [")
+    file = kept(
+        tmp_path, files={"vehicle": {"name": given, "sha256": ""}}, vehicle_text="nothing = ["
+    )
     with pytest.raises(DeclarationError, match="TOML"):
         _vehicle(file, None)
     assert {path.name for path in tmp_path.rglob("*")} == {"scratch", NAME}

@@ -21,7 +21,9 @@ Z = np.sin(np.linspace(0.0, 20.0, 400)) + 0.3
         (Z.mean() - (Z - Z.mean()), -100.0),
     ],
 )
-def test_the_fit_is_one_less_the_error_over_the_spread(predicted: np.ndarray, percent: float) -> None:
+def test_the_fit_is_one_less_the_error_over_the_spread(
+    predicted: np.ndarray, percent: float
+) -> None:
     record = Record(np.arange(400) * 0.05, (), (Channel.of("q", "rad/s", Z),))
     figures = error_figures([predicted[None]], [record], [np.ones((1, 400), dtype=bool)], ["q"])
     assert Simulation(predicted[None], figures).fit_percent("q") == pytest.approx(percent, abs=1e-9)

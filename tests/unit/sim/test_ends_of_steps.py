@@ -1,4 +1,6 @@
-"""Ends of sub-steps and instants within them: what a sensor with memory is fed, where a gap begins, which time the rates see."""
+"""Ends of sub-steps and instants within them: what a sensor with memory is fed, where a gap begins,
+which time the rates see.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,8 @@ def test_ends_of_a_delayed_line_are_those_of_the_line_there() -> None:
 
 
 def test_a_lagging_sensor_is_fed_the_input_before_its_switch() -> None:
-    # nz jumps with the elevator; the lag sees it jump at the sample, not rise over the sub-step before.
+    # nz jumps with the elevator; the lag sees it jump at the sample, not rise over the sub-step
+    # before.
     lag, step, time = 0.05, 0.01, np.arange(61) * 0.02
     model = rigid_model().with_effects(SensorLag("nz"))
     system = compile_model(model)
@@ -56,7 +59,8 @@ def test_a_lagging_sensor_is_fed_the_input_before_its_switch() -> None:
         state[3] = value
         exact.append(state[2])
         state = jump @ state
-    # Between edges the lag takes nz as straight: off by h^2/8 of its curvature, here 4e-5 of the jump; half a sub-step early would be 0.1.
+    # Between edges the lag takes nz as straight: off by h^2/8 of its curvature, here 4e-5 of the
+    # jump; half a sub-step early would be 0.1.
     np.testing.assert_allclose(found, exact, rtol=0.0, atol=2e-3 * abs(C[2]) * 0.2)
 
 
@@ -73,5 +77,8 @@ def test_rates_see_the_time_of_their_own_sub_step(step: Any) -> None:
     grid = make_grid(3.0 + np.arange(9) * 0.25, 0.125)
     drive = drive_from_record(system, [], np.zeros((0, 9)), grid.nodes, Hold.PREVIOUS, grid)
     found = propagate(replace(system, f=lambda t, x, u, p: [t**3]), [], [0.0], drive, grid, step)[0]
-    exact, summed = (grid.edges**4 - 3.0**4) / 4.0, np.concatenate([[0.0], np.cumsum(grid.edges[:-1] ** 3 * grid.steps)])
+    exact, summed = (
+        (grid.edges**4 - 3.0**4) / 4.0,
+        np.concatenate([[0.0], np.cumsum(grid.edges[:-1] ** 3 * grid.steps)]),
+    )
     np.testing.assert_allclose(found, exact if step is rk4_step else summed, rtol=1e-13, atol=1e-12)

@@ -15,11 +15,20 @@ from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, InputEffect, Parameter, Regularity, Station
 from sim.declaration.model import System
 from sim.effects.input_path.input_delay import InputDelay
-from sim.propagation import CELL, cell_edges, drive_from_cells, drive_from_means, drive_from_record, make_grid
+from sim.propagation import (
+    CELL,
+    cell_edges,
+    drive_from_cells,
+    drive_from_means,
+    drive_from_record,
+    make_grid,
+)
 from sim.record import Hold
 from tests.bases import rigid_model
 
-gaps = st.lists(st.sampled_from([0.02, 0.02, 0.02, 0.005, 0.033, 0.4, 3.0]), min_size=1, max_size=40)
+gaps = st.lists(
+    st.sampled_from([0.02, 0.02, 0.02, 0.005, 0.033, 0.4, 3.0]), min_size=1, max_size=40
+)
 max_steps = st.sampled_from([0.005, 0.01, 0.02, 0.05])
 
 
@@ -51,16 +60,25 @@ def test_the_toy_effect_is_one() -> None:
 
 
 @given(gaps, max_steps)
-def test_samples_are_met_exactly_by_steps_that_are_short_enough(gaps: list[float], max_step: float) -> None:
+def test_samples_are_met_exactly_by_steps_that_are_short_enough(
+    gaps: list[float], max_step: float
+) -> None:
     time = 7.0 + np.concatenate([[0.0], np.cumsum(gaps)])
     grid = make_grid(time, max_step)
     np.testing.assert_array_equal(grid.edges[grid.sample], time)
     np.testing.assert_array_equal(grid.edges[:: grid.substeps], grid.nodes)
-    assert len(grid.steps) == len(grid.source) == len(grid.edges) - 1 == (len(grid.nodes) - 1) * grid.substeps
+    assert (
+        len(grid.steps)
+        == len(grid.source)
+        == len(grid.edges) - 1
+        == (len(grid.nodes) - 1) * grid.substeps
+    )
     np.testing.assert_allclose(np.diff(grid.edges), grid.steps, rtol=1e-9)
     assert grid.steps.max() <= max_step * (1.0 + 1e-5)
     # Nodes are put into gaps only, so that no interval is much longer than the usual one.
-    assert np.diff(grid.nodes).max() <= 1.5 * max(float(np.median(np.diff(time))), max_step) * (1.0 + 1e-6)
+    assert np.diff(grid.nodes).max() <= 1.5 * max(float(np.median(np.diff(time))), max_step) * (
+        1.0 + 1e-6
+    )
     middle = 0.5 * (grid.edges[:-1] + grid.edges[1:])
     np.testing.assert_array_equal(grid.source, np.searchsorted(time, middle, side="right") - 1)
 
@@ -69,7 +87,11 @@ def test_even_sampling_has_one_node_a_sample() -> None:
     grid = make_grid(np.arange(11) * 0.02, 0.01)
     assert (len(grid.nodes), grid.substeps) == (11, 2)
     assert make_grid(np.arange(11) * 0.02, 0.02).substeps == 1
-    assert make_grid(np.array([0.0, 5.0]), 0.01).substeps * (len(make_grid(np.array([0.0, 5.0]), 0.01).nodes) - 1) == 500
+    assert (
+        make_grid(np.array([0.0, 5.0]), 0.01).substeps
+        * (len(make_grid(np.array([0.0, 5.0]), 0.01).nodes) - 1)
+        == 500
+    )
 
 
 @given(gaps, max_steps)
@@ -113,11 +135,22 @@ def test_an_effect_without_memory_acts_on_every_value() -> None:
     u = np.random.default_rng(1).standard_normal((1, 6))
     grid = make_grid(time, 0.01)
     (plain_system, plain_p), (system, p) = systems(), systems(Gain())
-    plain, doubled = (drive_from_record(s, v, u, time, Hold.PREVIOUS, grid) for s, v in ((plain_system, plain_p), (system, p)))
-    for a, b in zip([*plain.stages, plain.begin, plain.end], [*doubled.stages, doubled.begin, doubled.end], strict=True):
+    plain, doubled = (
+        drive_from_record(s, v, u, time, Hold.PREVIOUS, grid)
+        for s, v in ((plain_system, plain_p), (system, p))
+    )
+    for a, b in zip(
+        [*plain.stages, plain.begin, plain.end],
+        [*doubled.stages, doubled.begin, doubled.end],
+        strict=True,
+    ):
         np.testing.assert_array_equal(b[0], 2.0 * a[0])
-    plain, doubled = (drive_from_record(s, v, u, time, Hold.LINEAR, grid) for s, v in ((plain_system, plain_p), (system, p)))
-    # What the effect changes in a linear input enters as a mean, over a sub-step or, at a sample, over a cell.
+    plain, doubled = (
+        drive_from_record(s, v, u, time, Hold.LINEAR, grid)
+        for s, v in ((plain_system, plain_p), (system, p))
+    )
+    # What the effect changes in a linear input enters as a mean, over a sub-step or, at a sample,
+    # over a cell.
     np.testing.assert_allclose(doubled.stages[1][0], 2.0 * plain.stages[1][0], atol=1e-12)
     slope = np.abs(np.diff(u) / np.diff(time)).max()
     np.testing.assert_allclose(doubled.begin[0], 2.0 * plain.begin[0], atol=0.5 * CELL * slope)
@@ -144,7 +177,11 @@ def test_a_delayed_linear_input_is_the_shifted_line() -> None:
     drive = drive_from_record(system, p, 3.0 * time[None], time, Hold.LINEAR, grid)
     late = grid.edges > 0.12
     np.testing.assert_allclose(drive.begin[0][late], 3.0 * (grid.edges[late] - 0.1), atol=1e-11)
-    np.testing.assert_allclose(drive.stages[1][0][late[:-1]], 3.0 * (grid.edges[:-1][late[:-1]] + 0.5 * grid.steps[0] - 0.1), atol=1e-11)
+    np.testing.assert_allclose(
+        drive.stages[1][0][late[:-1]],
+        3.0 * (grid.edges[:-1][late[:-1]] + 0.5 * grid.steps[0] - 0.1),
+        atol=1e-11,
+    )
 
 
 def test_batches_of_delays_drive_one_by_one() -> None:
@@ -160,7 +197,11 @@ def test_batches_of_delays_drive_one_by_one() -> None:
         for i, delay in enumerate(delays):
             p[at] = float(delay)
             alone = drive_from_record(system, p, u, time, hold, grid)
-            for a, b in zip([*together.stages, together.begin, together.end], [*alone.stages, alone.begin, alone.end], strict=True):
+            for a, b in zip(
+                [*together.stages, together.begin, together.end],
+                [*alone.stages, alone.begin, alone.end],
+                strict=True,
+            ):
                 np.testing.assert_allclose(a[0][:, i], b[0], rtol=1e-13, atol=1e-14)
 
 

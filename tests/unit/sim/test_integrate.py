@@ -1,4 +1,6 @@
-"""Integrators by their measured order, inputs by the matrix exponential, batches one by one, delays by shifts."""
+"""Integrators by their measured order, inputs by the matrix exponential, batches one by one, delays
+by shifts.
+"""
 
 from __future__ import annotations
 
@@ -31,13 +33,28 @@ def orders(errors: list[float]) -> np.ndarray:
     return np.log2(np.divide(errors[:-1], errors[1:]))
 
 
-@pytest.mark.parametrize(("step", "order", "sizes"), [(euler_step, 1, (0.025, 0.0125, 0.00625)), (rk4_step, 4, (0.25, 0.125, 0.0625))])
-def test_integrators_have_their_order_on_the_falling_body(step: Step, order: int, sizes: tuple[float, ...]) -> None:
+@pytest.mark.parametrize(
+    ("step", "order", "sizes"),
+    [(euler_step, 1, (0.025, 0.0125, 0.00625)), (rk4_step, 4, (0.25, 0.125, 0.0625))],
+)
+def test_integrators_have_their_order_on_the_falling_body(
+    step: Step, order: int, sizes: tuple[float, ...]
+) -> None:
     p = values(FALL)
     x0 = [30000.0, -1800.0]
     flight = Flight(np.array([0.0, 5.0, 10.0]), np.zeros((0, 3)))
-    reference = solve_ivp(lambda t, x: FALL.f(t, list(x), [], p), (0.0, 10.0), x0, method="DOP853", rtol=1e-13, atol=1e-12).y[0, -1]
-    errors = [abs(float(fly(FALL, replace(flight, max_step=size), p, list(x0), step)[0][-1]) - reference) for size in sizes]
+    reference = solve_ivp(
+        lambda t, x: FALL.f(t, list(x), [], p),
+        (0.0, 10.0),
+        x0,
+        method="DOP853",
+        rtol=1e-13,
+        atol=1e-12,
+    ).y[0, -1]
+    errors = [
+        abs(float(fly(FALL, replace(flight, max_step=size), p, list(x0), step)[0][-1]) - reference)
+        for size in sizes
+    ]
     np.testing.assert_allclose(orders(errors), order, atol=0.25)
 
 
@@ -53,7 +70,9 @@ def test_time_reaches_the_stages_at_their_own_instants(step: Step, order: int) -
 
 
 def linear_response(time: np.ndarray, u: np.ndarray, hold: Hold) -> np.ndarray:
-    """Outputs of the rigid aircraft by matrix exponentials: exact for held and for linear inputs."""
+    """Outputs of the rigid aircraft by matrix exponentials: exact for held and for linear
+    inputs.
+    """
     p = values(RIGID)
     jacobian_f = complex_step_jacobian(lambda z: RIGID.f(0.0, z[:2], z[2:], p), [0.0, 0.0, 0.0])
     jacobian_h = complex_step_jacobian(lambda z: RIGID.h(0.0, z[:2], z[2:], p), [0.0, 0.0, 0.0])
@@ -77,7 +96,9 @@ def test_held_and_linear_inputs_keep_the_order_of_the_integrator(hold: Hold) -> 
     errors, largest = [], []
     for max_step in (0.05, 0.025, 0.0125):
         got = np.array(fly(RIGID, Flight(time, u[None], hold, max_step)))
-        errors.append(float(np.max(np.abs(got - expected) / np.max(np.abs(expected), axis=1, keepdims=True))))
+        errors.append(
+            float(np.max(np.abs(got - expected) / np.max(np.abs(expected), axis=1, keepdims=True)))
+        )
         largest.append(float(make_grid(time, max_step).steps.max()))
     np.testing.assert_allclose(orders(errors) / orders(largest), 4.0, atol=0.3)
     assert errors[-1] < 1e-8
@@ -151,7 +172,9 @@ def test_a_delay_within_a_step_converges_to_the_shifted_switch() -> None:
     # The same switch recorded at its true time on a finer time base is the exact answer.
     time, shift = np.arange(101) * 0.02, 0.0137
     fine = np.sort(np.concatenate([time, [1.0 + shift]]))
-    exact = linear_response(fine, 0.1 * (fine >= 1.0 + shift - 1e-12), Hold.PREVIOUS)[:, fine != 1.0 + shift]
+    exact = linear_response(fine, 0.1 * (fine >= 1.0 + shift - 1e-12), Hold.PREVIOUS)[
+        :, fine != 1.0 + shift
+    ]
     delayed = compile_model(rigid_model().with_effects(InputDelay()))
     p = values(delayed)
     p[delayed.parameters.index("input-delay.delay")] = shift
@@ -159,7 +182,9 @@ def test_a_delay_within_a_step_converges_to_the_shifted_switch() -> None:
     errors = []
     for max_step in (0.02, 0.01, 0.005):
         got = np.array(fly(delayed, Flight(time, u, max_step=max_step), p))
-        errors.append(float(np.max(np.abs(got - exact) / np.max(np.abs(exact), axis=1, keepdims=True))))
+        errors.append(
+            float(np.max(np.abs(got - exact) / np.max(np.abs(exact), axis=1, keepdims=True)))
+        )
     assert errors[0] < 2e-3 and errors[-1] < 1e-4
 
 
@@ -191,14 +216,22 @@ def test_a_state_that_grows_without_limit_is_returned_as_it_is() -> None:
 
 
 def test_a_state_that_runs_away_is_not_finite_from_there_on_and_raises_nothing() -> None:
-    """x_dot = x |x| + cos(x) leaves the floats after a second or two; a cosine of infinity is no error, a fault of the equations is one."""
+    """x_dot = x |x| + cos(x) leaves the floats after a second or two; a cosine of infinity is no
+    error, a fault of the equations is one.
+    """
     grid = make_grid(np.linspace(0.0, 40.0, 41), 0.05)
-    drive = drive_from_record(FALL, values(FALL), np.zeros((0, 41)), grid.nodes, Hold.PREVIOUS, grid)
+    drive = drive_from_record(
+        FALL, values(FALL), np.zeros((0, 41)), grid.nodes, Hold.PREVIOUS, grid
+    )
 
     def rates(t: Any, x: Any, u: Any, p: Any) -> list[Any]:
         return [x[0] * abs(x[0]) + cos(x[0])]
 
     away = propagate(replace(FALL, f=rates), [], [1.0], drive, grid)[0]
-    assert away[0] == 1.0 and not np.isfinite(away[-1]) and np.all(np.diff(np.isfinite(away).astype(int)) <= 0)
+    assert (
+        away[0] == 1.0
+        and not np.isfinite(away[-1])
+        and np.all(np.diff(np.isfinite(away).astype(int)) <= 0)
+    )
     with pytest.raises(ValueError, match="zip"):
         propagate(replace(FALL, f=lambda t, x, u, p: [1.0, 2.0]), [], [1.0], drive, grid)

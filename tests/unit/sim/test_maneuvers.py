@@ -32,7 +32,9 @@ from sim.record import Hold
 
 SMOOTH: dict[str, Maneuver] = {
     "linear sweep": Sweep(0.1, 0.5, 12.0, 9.3, start=0.4, taper=1.1),
-    "falling logarithmic sweep": Sweep(0.1, 12.0, 0.5, 9.3, start=0.4, taper=0.7, spacing=Spacing.LOGARITHMIC),
+    "falling logarithmic sweep": Sweep(
+        0.1, 12.0, 0.5, 9.3, start=0.4, taper=0.7, spacing=Spacing.LOGARITHMIC
+    ),
     "constant logarithmic sweep": Sweep(0.2, 3.0, 3.0, 5.0, spacing=Spacing.LOGARITHMIC),
     "multisine": schroeder_multisine(0.05, 8.0, [2, 3, 5, 7], start=1.0, cycles=2),
 }
@@ -57,7 +59,9 @@ def test_mean_equals_quadrature_of_the_value(name: str) -> None:
     means = maneuver.mean(edges[:-1], edges[1:])
     for a, b, mean in zip(edges[:-1], edges[1:], means, strict=True):
         cuts = [a, *(t for t in maneuver.breakpoints if a < t < b), b]
-        total = sum(quad(lambda t: float(maneuver(t)), c, d, epsabs=1e-13)[0] for c, d in pairwise(cuts))
+        total = sum(
+            quad(lambda t: float(maneuver(t)), c, d, epsabs=1e-13)[0] for c, d in pairwise(cuts)
+        )
         assert mean == pytest.approx(total / (b - a), abs=1e-10)
 
 
@@ -65,7 +69,11 @@ def test_mean_equals_quadrature_of_the_value(name: str) -> None:
 @given(data=st.data())
 def test_means_of_two_halves_make_the_mean_of_the_whole(name: str, data: st.DataObject) -> None:
     maneuver = ALL[name]
-    a, width, share = data.draw(st.floats(-1.0, 20.0)), data.draw(st.floats(1e-3, 5.0)), data.draw(st.floats(0.01, 0.99))
+    a, width, share = (
+        data.draw(st.floats(-1.0, 20.0)),
+        data.draw(st.floats(1e-3, 5.0)),
+        data.draw(st.floats(0.01, 0.99)),
+    )
     c, b = a + width, a + share * width
     whole = float(maneuver.mean(a, c)) * (c - a)
     halves = float(maneuver.mean(a, b)) * (b - a) + float(maneuver.mean(b, c)) * (c - b)
@@ -86,7 +94,11 @@ def test_before_is_the_limit_from_the_left_everywhere(name: str) -> None:
     for t in (*maneuver.breakpoints, *np.linspace(-0.5, 15.0, 63)):
         # Smooth ones move by less than 0.3 a second; the difference of a switch is at least 0.05.
         assert float(maneuver.before(t)) == pytest.approx(float(maneuver(t - 1e-6)), abs=1e-5)
-    steps = [t for t in maneuver.breakpoints if abs(float(maneuver(t)) - float(maneuver.before(t))) > 0.04]
+    steps = [
+        t
+        for t in maneuver.breakpoints
+        if abs(float(maneuver(t)) - float(maneuver.before(t))) > 0.04
+    ]
     assert steps or name in SMOOTH
 
 
@@ -94,13 +106,26 @@ def test_three_two_one_one_has_its_levels_and_times() -> None:
     maneuver = three_two_one_one(0.1, 0.5, 1.0)
     assert maneuver.times == (1.0, 2.5, 3.5, 4.0, 4.5)
     assert maneuver.levels == (0.1, -0.1, 0.1, -0.1)
-    assert maneuver([0.99, 1.0, 2.49, 2.5, 3.5, 4.0, 4.5, 9.0]).tolist() == [0.0, 0.1, 0.1, -0.1, 0.1, -0.1, 0.0, 0.0]
+    assert maneuver([0.99, 1.0, 2.49, 2.5, 3.5, 4.0, 4.5, 9.0]).tolist() == [
+        0.0,
+        0.1,
+        0.1,
+        -0.1,
+        0.1,
+        -0.1,
+        0.0,
+        0.0,
+    ]
 
 
 def test_value_at_a_switch_is_the_new_one_also_after_rounding() -> None:
     maneuver = three_two_one_one(1.0, 0.3, 1.0)
     samples = np.arange(400) * 0.01
-    by_count = np.select([samples < 0.995, samples < 1.895, samples < 2.495, samples < 2.795, samples < 3.095], [0, 1, -1, 1, -1], 0)
+    by_count = np.select(
+        [samples < 0.995, samples < 1.895, samples < 2.495, samples < 2.795, samples < 3.095],
+        [0, 1, -1, 1, -1],
+        0,
+    )
     assert np.array_equal(maneuver(samples), by_count)
     assert [float(maneuver.before(t)) for t in maneuver.times] == [0.0, 1.0, -1.0, 1.0, -1.0]
 
@@ -131,10 +156,16 @@ def test_sequence_places_parts_one_after_another() -> None:
     ("spacing", "phase_at_half", "phase_at_end"),
     [
         (Spacing.LINEAR, 200.0 + 0.5 * 11.0 / 400.0 * 200.0**2, 6.5 * 400.0),
-        (Spacing.LOGARITHMIC, (math.sqrt(12.0) - 1.0) * 400.0 / math.log(12.0), 11.0 * 400.0 / math.log(12.0)),
+        (
+            Spacing.LOGARITHMIC,
+            (math.sqrt(12.0) - 1.0) * 400.0 / math.log(12.0),
+            11.0 * 400.0 / math.log(12.0),
+        ),
     ],
 )
-def test_sweep_crosses_zero_as_often_as_its_phase_says(spacing: Spacing, phase_at_half: float, phase_at_end: float) -> None:
+def test_sweep_crosses_zero_as_often_as_its_phase_says(
+    spacing: Spacing, phase_at_half: float, phase_at_end: float
+) -> None:
     sweep = Sweep(1.0, 1.0, 12.0, 400.0, spacing=spacing)
     for end, phase in ((200.0, phase_at_half), (400.0, phase_at_end)):
         u = sweep(np.linspace(0.0, end, 400001)[1:-1])

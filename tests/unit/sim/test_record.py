@@ -16,12 +16,22 @@ TIME = np.array([0.0, 0.1, 0.2, 0.35, 0.5])
 def record() -> Record:
     alpha, q = np.array([1.0, math.nan, 3.0, 4.0, 5.0]), np.arange(5.0)
     return Record(
-        TIME, (Channel.of("elevator", "rad", q + 10.0),), (Channel.of("alpha", "rad", alpha), Channel.of("q", "rad/s", q)), name="flight.csv"
+        TIME,
+        (Channel.of("elevator", "rad", q + 10.0),),
+        (Channel.of("alpha", "rad", alpha), Channel.of("q", "rad/s", q)),
+        name="flight.csv",
     )
 
 
-def build(time: object = TIME, inputs: dict[str, object] | None = None, outputs: dict[str, object] | None = None) -> Record:
-    groups = [tuple(Channel.of(name, "1", np.asarray(v)) for name, v in (group or {}).items()) for group in (inputs, outputs)]
+def build(
+    time: object = TIME,
+    inputs: dict[str, object] | None = None,
+    outputs: dict[str, object] | None = None,
+) -> Record:
+    groups = [
+        tuple(Channel.of(name, "1", np.asarray(v)) for name, v in (group or {}).items())
+        for group in (inputs, outputs)
+    ]
     return Record(np.asarray(time), groups[0], groups[1], name="flight.csv")
 
 
@@ -39,7 +49,9 @@ def build(time: object = TIME, inputs: dict[str, object] | None = None, outputs:
         ({"inputs": {"elevator": [1.0, 2.0, math.nan, 4.0, 5.0]}}, r"elevator"),
     ],
 )
-def test_what_cannot_be_a_record_is_refused_in_one_line(arguments: dict[str, object], message: str) -> None:
+def test_what_cannot_be_a_record_is_refused_in_one_line(
+    arguments: dict[str, object], message: str
+) -> None:
     with pytest.raises(RecordError, match=message) as caught:
         build(**arguments)  # type: ignore[arg-type]
     assert str(caught.value).startswith("flight.csv") or caught.value.where == "flight.csv"

@@ -21,7 +21,9 @@ def each(shapes: Shapes, x: np.ndarray) -> np.ndarray:
 
 @every_form
 @every_range
-def test_shapes_are_natural_splines_without_value_and_slope_at_the_anchor(low: float, high: float, fine: bool, flat: bool) -> None:
+def test_shapes_are_natural_splines_without_value_and_slope_at_the_anchor(
+    low: float, high: float, fine: bool, flat: bool
+) -> None:
     shapes = natural_shapes(low, high, fine, 0.0, flat)
     first, last = min(low, 0.0), max(high, 0.0)
     knots = np.linspace(first, last, 11 if fine else 6)
@@ -38,7 +40,9 @@ def test_shapes_are_natural_splines_without_value_and_slope_at_the_anchor(low: f
 
 @every_form
 @every_range
-def test_shapes_are_orthonormal_in_the_mean_over_the_range(low: float, high: float, fine: bool, flat: bool) -> None:
+def test_shapes_are_orthonormal_in_the_mean_over_the_range(
+    low: float, high: float, fine: bool, flat: bool
+) -> None:
     shapes = natural_shapes(low, high, fine, 0.0, flat)
     x = min(low, 0.0) + (max(high, 0.0) - min(low, 0.0)) * (np.arange(20000) + 0.5) / 20000
     values = each(shapes, x)
@@ -48,7 +52,10 @@ def test_shapes_are_orthonormal_in_the_mean_over_the_range(low: float, high: flo
 @pytest.mark.parametrize("flat", [False, True])
 def test_the_finer_form_begins_with_the_usual_one(flat: bool) -> None:
     x = np.linspace(-0.1, 0.2, 50)
-    usual, fine = natural_shapes(-0.05, 0.12, False, 0.0, flat), natural_shapes(-0.05, 0.12, True, 0.0, flat)
+    usual, fine = (
+        natural_shapes(-0.05, 0.12, False, 0.0, flat),
+        natural_shapes(-0.05, 0.12, True, 0.0, flat),
+    )
     np.testing.assert_allclose(each(fine, x)[: usual.count], each(usual, x), atol=1e-11)
     assert fine.count == usual.count + 5
 
@@ -60,7 +67,12 @@ def test_beyond_the_range_the_curve_goes_on_straight(fine: bool, flat: bool) -> 
         values = each(shapes, side + step * np.arange(5))
         np.testing.assert_allclose(np.diff(values, 2, axis=1), 0.0, atol=1e-12)
         inside = each(shapes, np.array([side - 1e-7 * np.sign(step), side]))
-        np.testing.assert_allclose(np.sign(step) * (inside[:, 1] - inside[:, 0]) / 1e-7, (values[:, 1] - values[:, 0]) / step, rtol=1e-5, atol=1e-4)
+        np.testing.assert_allclose(
+            np.sign(step) * (inside[:, 1] - inside[:, 0]) / 1e-7,
+            (values[:, 1] - values[:, 0]) / step,
+            rtol=1e-5,
+            atol=1e-4,
+        )
 
 
 @every_form
@@ -79,10 +91,15 @@ def test_numbers_arrays_and_batches_agree_and_carry_complex_steps(fine: bool, fl
         row = combine(shapes, moved, sizes[:, run].tolist())
         np.testing.assert_allclose(row, together[:, run], rtol=1e-12, atol=1e-12)
     numbers = combine(shapes, 0.03, list(sizes))
-    np.testing.assert_allclose(numbers, combine(shapes, np.array([[0.03]]), list(sizes))[0], rtol=1e-12)
+    np.testing.assert_allclose(
+        numbers, combine(shapes, np.array([[0.03]]), list(sizes))[0], rtol=1e-12
+    )
     inner = np.linspace(-0.14, 0.24, 37)
     slope = combine(shapes, inner + 1j * step, sizes[:, 0].tolist()).imag / step
-    difference = (combine(shapes, inner + 1e-6, sizes[:, 0].tolist()) - combine(shapes, inner - 1e-6, sizes[:, 0].tolist())) / 2e-6
+    difference = (
+        combine(shapes, inner + 1e-6, sizes[:, 0].tolist())
+        - combine(shapes, inner - 1e-6, sizes[:, 0].tolist())
+    ) / 2e-6
     np.testing.assert_allclose(slope, difference, rtol=1e-6, atol=1e-5 * np.max(np.abs(slope)))
 
 
@@ -96,4 +113,6 @@ def test_sizes_of_zero_give_zero_exactly_and_no_range_is_taken_for_one() -> None
 def test_what_is_not_finite_stays_so_without_an_exception(x: float) -> None:
     assert not np.isfinite(combine(natural_shapes(-0.1, 0.1), x, [1.0] * 4))
     with np.errstate(invalid="ignore"):
-        assert np.isfinite(combine(natural_shapes(-0.1, 0.1), np.array([x, 0.0]), [1.0] * 4)).tolist() == [False, True]
+        assert np.isfinite(
+            combine(natural_shapes(-0.1, 0.1), np.array([x, 0.0]), [1.0] * 4)
+        ).tolist() == [False, True]

@@ -1,4 +1,6 @@
-"""The aircraft of a lateral surrogate flight: sideslip, roll and yaw with the small causes that no model of it has."""
+"""The aircraft of a lateral surrogate flight: sideslip, roll and yaw with the small causes that no
+model of it has.
+"""
 
 from __future__ import annotations
 
@@ -13,16 +15,24 @@ from sim.maths import G0, cos
 from sim.vehicles.lateral import Lateral
 
 BASE = Lateral()
-OWN_PARAMETERS: Mapping[str, str] = {"gravity": "1", "wash": "1/rad", "wash_lag": "s", "yaw_cube": "1/rad3", "side_cube": "1/rad3"}
+OWN_PARAMETERS: Mapping[str, str] = {
+    "gravity": "1",
+    "wash": "1/rad",
+    "wash_lag": "s",
+    "yaw_cube": "1/rad3",
+    "side_cube": "1/rad3",
+}
 
 
 @dataclass(frozen=True)
 class LateralFlight:
-    """The lateral equations with an airspeed that drifts, the sine of the bank, a fin that feels the sidewash late, and curved loads.
+    """The lateral equations with an airspeed that drifts, the sine of the bank, a fin that feels
+    the sidewash late, and curved loads.
 
-    V_dot = thrust, beta_dot += ``gravity`` (g/V) cos(theta0) (sin(phi) - phi), Cn += ``wash`` (beta - washed) + ``yaw_cube`` beta^3,
-    washed_dot = (beta - washed)/``wash_lag``, CY += ``side_cube`` beta^3; beta that of the air. Side wind and thrust are inputs that no record
-    holds. With all of the own parameters zero but the lag, nothing but `Lateral` is left in its outputs, bit for bit.
+    V_dot = thrust, beta_dot += ``gravity`` (g/V) cos(theta0) (sin(phi) - phi), Cn += ``wash`` (beta
+    - washed) + ``yaw_cube`` beta^3, washed_dot = (beta - washed)/``wash_lag``, CY += ``side_cube``
+    beta^3; beta that of the air. Side wind and thrust are inputs that no record holds. With all of
+    the own parameters zero but the lag, nothing but `Lateral` is left in its outputs, bit for bit.
     """
 
     name: str = "lateral"
@@ -42,10 +52,16 @@ class LateralFlight:
     parameter_names: tuple[str, ...] = (*BASE.parameter_names, *OWN_PARAMETERS)
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
-        moved = {"airspeed_change": s.airspeed_change + s.speed, "gust": s.gust + s.sidewind / p.airspeed}
+        moved = {
+            "airspeed_change": s.airspeed_change + s.speed,
+            "gust": s.gust + s.sidewind / p.airspeed,
+        }
         found = BASE.flow(SimpleNamespace(**{**vars(s), **moved}), p)
         beta = found["beta_air"]
-        loads = {"yaw": s.yaw + p.wash * (beta - s.washed) + p.yaw_cube * beta**3, "side_force": s.side_force + p.side_cube * beta**3}
+        loads = {
+            "yaw": s.yaw + p.wash * (beta - s.washed) + p.yaw_cube * beta**3,
+            "side_force": s.side_force + p.side_cube * beta**3,
+        }
         return {**found, **moved, **loads}
 
     def derivatives(self, s: Any, p: Any) -> Sequence[Any]:

@@ -1,4 +1,6 @@
-"""Flights of a drawn aircraft in the lateral axis: flown with all small causes, filtered, sampled; one by one, or those of many flights together."""
+"""Flights of a drawn aircraft in the lateral axis: flown with all small causes, filtered, sampled;
+one by one, or those of many flights together.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +27,9 @@ from sim.truth.measurement import Measurement, dryden_gust, white_noise
 class _Conditions:
     """What chance decides of one record before it flies.
 
-    ``number`` : the record's. ``model`` with what dominates on it, its ``constants``, ``moves`` by input. ``zeros`` : where the trim of each
-    surface lies in its record, rad; ``noise`` : of that record, ``(N,)`` rad. ``sensors`` : the generator of these.
+    ``number`` : the record's. ``model`` with what dominates on it, its ``constants``, ``moves`` by
+    input. ``zeros`` : where the trim of each surface lies in its record, rad; ``noise`` : of that
+    record, ``(N,)`` rad. ``sensors`` : the generator of these.
     """
 
     number: int
@@ -42,30 +45,56 @@ class _Conditions:
         return {key: value for key, value in self.constants.items() if key in drawn.axis.scattered}
 
 
-def fly_lateral(drawn: Drawn, number: int, rng: np.random.Generator, noise: bool, step: float) -> tuple[Record, Mapping[str, float]]:
-    """A record, and what was true of it alone: mass, inertias, airspeed, density, thrust above drag (m/s2).
+def fly_lateral(
+    drawn: Drawn, number: int, rng: np.random.Generator, noise: bool, step: float
+) -> tuple[Record, Mapping[str, float]]:
+    """A record, and what was true of it alone: mass, inertias, airspeed, density, thrust above drag
+    (m/s2).
 
-    ``noise`` False leaves out the sensors' noise (that of the recorded surfaces stays: it is one of the small causes); ``step`` in s.
+    ``noise`` False leaves out the sensors' noise (that of the recorded surfaces stays: it is one of
+    the small causes); ``step`` in s.
     """
     causes, time = drawn.surrogate.causes, sample_times(drawn.rate, drawn.surrogate.flight.duration)
     found = _conditions(drawn, number, rng, len(time))
-    std = {name: causes.noise_std[name] for name in drawn.channels if noise and causes.noise_std.get(name, 0.0) > 0}
+    std = {
+        name: causes.noise_std[name]
+        for name in drawn.channels
+        if noise and causes.noise_std.get(name, 0.0) > 0
+    }
     return _flown(drawn, found, time, step, std, number), found.constants
 
 
-def _flown(drawn: Drawn, found: _Conditions, time: np.ndarray, step: float, std: Mapping[str, float], number: int) -> Record:
+def _flown(
+    drawn: Drawn,
+    found: _Conditions,
+    time: np.ndarray,
+    step: float,
+    std: Mapping[str, float],
+    number: int,
+) -> Record:
     """One record with sensor noise of these standard deviations."""
     past = drawn.surrogate.causes.noise_time
     sensors = Measurement(std=std, correlation_time=dict.fromkeys(std, past) if past else {})
     model = found.model.with_values(found.scattered(drawn))
     record, _ = fly(
-        model, found.moves, time, found.sensors, measurement=sensors, step=step, method=rk4_step, outputs=drawn.channels, name=f"record_{number + 1}"
+        model,
+        found.moves,
+        time,
+        found.sensors,
+        measurement=sensors,
+        step=step,
+        method=rk4_step,
+        outputs=drawn.channels,
+        name=f"record_{number + 1}",
     )
     return replace(record, inputs=_shown(drawn, found, time, step), hold=Hold.LINEAR)
 
 
-def fly_lateral_draws(drawn: Drawn, generators: Sequence[np.random.Generator], numbers: range, step: float) -> list[list[Record]]:
-    """The records ``numbers`` of many flights of the same plan without the sensors' noise, as ``fly_lateral`` gives one by one, to rounding.
+def fly_lateral_draws(
+    drawn: Drawn, generators: Sequence[np.random.Generator], numbers: range, step: float
+) -> list[list[Record]]:
+    """The records ``numbers`` of many flights of the same plan without the sensors' noise, as
+    ``fly_lateral`` gives one by one, to rounding.
 
     ``generators`` : one a flight.
     """
@@ -79,13 +108,25 @@ def fly_lateral_draws(drawn: Drawn, generators: Sequence[np.random.Generator], n
             for flight, found in zip(flights, group, strict=True):
                 flight.append(_flown(drawn, found, time, step, {}, number))
             continue
-        values = {key: np.array([found.constants[key] for found in group]) for key in drawn.axis.scattered}
+        values = {
+            key: np.array([found.constants[key] for found in group]) for key in drawn.axis.scattered
+        }
         moves = {name: [found.moves[name] for found in group] for name in group[0].moves}
         rows = fly_side_by_side(model, values, moves, time, step=step, outputs=drawn.channels)
         units = {signal.name: signal.unit for signal in model.equations.outputs}
         for column, (flight, found) in enumerate(zip(flights, group, strict=True)):
-            outputs = tuple(Channel.of(name, units[name], rows[name][:, column]) for name in drawn.channels)
-            flight.append(Record(time, _shown(drawn, found, time, step), outputs, Hold.LINEAR, f"record_{number + 1}"))
+            outputs = tuple(
+                Channel.of(name, units[name], rows[name][:, column]) for name in drawn.channels
+            )
+            flight.append(
+                Record(
+                    time,
+                    _shown(drawn, found, time, step),
+                    outputs,
+                    Hold.LINEAR,
+                    f"record_{number + 1}",
+                )
+            )
     return flights
 
 
@@ -94,7 +135,12 @@ def _conditions(drawn: Drawn, number: int, rng: np.random.Generator, samples: in
     flight, causes = drawn.surrogate.flight, drawn.surrogate.causes
     scatter, path_seed, sensor_seed = rng.spawn(3)
     constants, zeros = _scattered(drawn, scatter)
-    drift = causes.speed_drift * constants["airspeed"] / flight.duration * float(scatter.standard_normal())
+    drift = (
+        causes.speed_drift
+        * constants["airspeed"]
+        / flight.duration
+        * float(scatter.standard_normal())
+    )
     constants["thrust"] = speed_rate(drawn, number) + drift
     model = drawn.model
     for dominant in drawn.hidden:
@@ -102,7 +148,11 @@ def _conditions(drawn: Drawn, number: int, rng: np.random.Generator, samples: in
             model = with_term(model, dominant.effect, dominant.values)
     thrust = Table(np.full(2, constants["thrust"]), flight.duration)
     surfaces = {name: drawn.moves(name)[number] for name in drawn.axis.inputs}
-    moves: dict[str, Maneuver] = {**surfaces, "sidewind": _gusts(drawn, constants["airspeed"], path_seed), "thrust": thrust}
+    moves: dict[str, Maneuver] = {
+        **surfaces,
+        "sidewind": _gusts(drawn, constants["airspeed"], path_seed),
+        "thrust": thrust,
+    }
     noise = {name: white_noise(path_seed, samples, causes.input_noise) for name in surfaces}
     return _Conditions(number, model, constants, moves, zeros, noise, sensor_seed)
 
@@ -110,7 +160,13 @@ def _conditions(drawn: Drawn, number: int, rng: np.random.Generator, samples: in
 def _shown(drawn: Drawn, found: _Conditions, time: np.ndarray, step: float) -> tuple[Channel, ...]:
     """The surfaces as they are recorded."""
     return tuple(
-        Channel.of(name, "rad", recorded(drawn, name, time, step, drawn.moves(name)[found.number]) + found.zeros[name] + noise)
+        Channel.of(
+            name,
+            "rad",
+            recorded(drawn, name, time, step, drawn.moves(name)[found.number])
+            + found.zeros[name]
+            + noise,
+        )
         for name, noise in found.noise.items()
     )
 
@@ -119,11 +175,18 @@ def _scattered(drawn: Drawn, rng: np.random.Generator) -> tuple[dict[str, float]
     """Constants of one record, and where the trim of each surface lies in its record, rad."""
     causes, p = drawn.surrogate.causes, drawn.model.parameters
     levels = {name: float(getattr(causes, level)) for name, level in drawn.axis.scattered.items()}
-    constants = {name: p[name].value * (1.0 + level * float(rng.standard_normal())) for name, level in levels.items()}
-    return constants, {name: causes.trim_scatter * float(rng.standard_normal()) for name in drawn.axis.inputs}
+    constants = {
+        name: p[name].value * (1.0 + level * float(rng.standard_normal()))
+        for name, level in levels.items()
+    }
+    return constants, {
+        name: causes.trim_scatter * float(rng.standard_normal()) for name in drawn.axis.inputs
+    }
 
 
 def _gusts(drawn: Drawn, airspeed: float, rng: np.random.Generator) -> Table:
     flight, causes = drawn.surrogate.flight, drawn.surrogate.causes
     times = CELL * np.arange(int(flight.duration / CELL) + 2)
-    return Table(dryden_gust(rng, times, causes.turbulence, causes.turbulence_length, airspeed), CELL)
+    return Table(
+        dryden_gust(rng, times, causes.turbulence, causes.turbulence_length, airspeed), CELL
+    )

@@ -1,4 +1,6 @@
-"""What can be hidden in the lateral surrogate flights: each effect's local values by size, the largest that is drawn at one."""
+"""What can be hidden in the lateral surrogate flights: each effect's local values by size, the
+largest that is drawn at one.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ def _late(drawn: Drawn) -> float:
 
 
 def _peak(signal: str, share: float) -> Callable[[Drawn], float]:
-    return lambda drawn: share * max(float(np.max(np.abs(move.values))) for move in drawn.moves(signal))
+    return lambda drawn: (
+        share * max(float(np.max(np.abs(move.values))) for move in drawn.moves(signal))
+    )
 
 
 def _control(signal: str) -> Kind:
@@ -36,14 +40,24 @@ def _control(signal: str) -> Kind:
 
 def _fin(drawn: Drawn, rng: np.random.Generator) -> AtSize:
     """A mode of the rear fuselage and the fin, driven by the rudder."""
-    held = {"frequency": rng.uniform(7.0, 20.0), "damping": rng.uniform(0.015, 0.05), "angle_gain": 0.0}
-    most = {"side_force": 1.5 * _value(drawn, "CY_dr"), "yaw": 0.6 * _value(drawn, "Cn_dr"), "gyro": 0.06}
+    held = {
+        "frequency": rng.uniform(7.0, 20.0),
+        "damping": rng.uniform(0.015, 0.05),
+        "angle_gain": 0.0,
+    }
+    most = {
+        "side_force": 1.5 * _value(drawn, "CY_dr"),
+        "yaw": 0.6 * _value(drawn, "Cn_dr"),
+        "gyro": 0.06,
+    }
     return lambda size: {**held, **{local: size * value for local, value in most.items()}}
 
 
 def _gust(drawn: Drawn, rng: np.random.Generator) -> AtSize:
     begin = {"start": start(drawn, rng), "duration": float(rng.uniform(0.8, 2.0))}
-    return event(lambda drawn: {"peak": 0.12 * _value(drawn, "airspeed")}, lambda drawn, rng: begin)(drawn, rng)
+    return event(
+        lambda drawn: {"peak": 0.12 * _value(drawn, "airspeed")}, lambda drawn, rng: begin
+    )(drawn, rng)
 
 
 def _arm(share: float) -> Kind:
@@ -52,9 +66,18 @@ def _arm(share: float) -> Kind:
 
 LATERAL_KINDS: Mapping[str, Kind] = {
     **{f"input-delay:{signal}": only("delay", _late) for signal in ("rudder", "aileron")},
-    **{f"actuator-lag:{signal}": only("time_constant", lambda drawn: 1.5 * _late(drawn)) for signal in ("rudder", "aileron")},
-    **{f"input-backlash:{signal}": only("half_width", _peak(signal, 0.4)) for signal in ("rudder", "aileron")},
-    **{f"input-deadband:{signal}": only("half_width", _peak(signal, 0.5)) for signal in ("rudder", "aileron")},
+    **{
+        f"actuator-lag:{signal}": only("time_constant", lambda drawn: 1.5 * _late(drawn))
+        for signal in ("rudder", "aileron")
+    },
+    **{
+        f"input-backlash:{signal}": only("half_width", _peak(signal, 0.4))
+        for signal in ("rudder", "aileron")
+    },
+    **{
+        f"input-deadband:{signal}": only("half_width", _peak(signal, 0.5))
+        for signal in ("rudder", "aileron")
+    },
     **{f"control-nonlinearity:{signal}": _control(signal) for signal in ("rudder", "aileron")},
     "yaw-nonlinearity": curve(lambda drawn: 0.04 * abs(_value(drawn, "Cn_beta"))),
     "elastic-mode": _fin,

@@ -1,7 +1,7 @@
 """Figures drawn by a second process, which loads the plotting library while the search still runs.
 
-Loading it takes as long as many a diagnosis. It is started before this process has loaded NumPy. What a diagnosis will show if its search
-finds nothing is drawn while it searches.
+Loading it takes as long as many a diagnosis. It is started before this process has loaded NumPy.
+What a diagnosis will show if its search finds nothing is drawn while it searches.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from scenarios.plots.formats import USUAL, Formats
 if TYPE_CHECKING:
     from scenarios.plots.display import Pictured
 
-_AHEAD, _NOW, _END = "ahead", "now", "end"  # drawn by one process beside the search, by two when it has ended; nothing more comes
+# drawn by one process beside the search, by two when it has ended; nothing more comes
+_AHEAD, _NOW, _END = "ahead", "now", "end"
 
 
 _NEW_GROUP = 0x200  # subprocess.CREATE_NEW_PROCESS_GROUP, which only Windows has
@@ -35,8 +36,9 @@ _NEW_GROUP = 0x200  # subprocess.CREATE_NEW_PROCESS_GROUP, which only Windows ha
 class Drawer:
     """The process, and the folder through which it is told what to draw.
 
-    ``expected`` : what it was told to draw ahead, as bytes; empty where that is nothing, or not what came out. ``ahead`` : where it leaves that.
-    ``untold`` : what is to be drawn now could not be written for it.
+    ``expected`` : what it was told to draw ahead, as bytes; empty where that is nothing, or not
+    what came out. ``ahead`` : where it leaves that. ``untold`` : what is to be drawn now could not
+    be written for it.
     """
 
     process: subprocess.Popen[bytes]
@@ -46,7 +48,9 @@ class Drawer:
     untold: bool = False
 
     def draw_ahead(self, pictured: Pictured, formats: Formats) -> None:
-        """Begin with all figures but that of the evidence, which may turn out to be the final ones."""
+        """Begin with all figures but that of the evidence, which may turn out to be the final
+        ones.
+        """
         self.expected = b""
         with contextlib.suppress(OSError):
             self.ahead = Path(tempfile.mkdtemp(prefix="ahead-", dir=self.aside))
@@ -56,8 +60,12 @@ class Drawer:
         """Draw what is not drawn yet; ``ended`` waits for it."""
         from scenarios.diagnosis.report.pictures.handover import packed
 
-        if self.expected and self.expected == packed(_without_evidence(pictured), self.ahead, formats):
-            pictured = replace(pictured, fitted=(), predictions=(), before={}, after={}, replicated=())
+        if self.expected and self.expected == packed(
+            _without_evidence(pictured), self.ahead, formats
+        ):
+            pictured = replace(
+                pictured, fitted=(), predictions=(), before={}, after={}, replicated=()
+            )
         else:
             self.expected = b""
         try:
@@ -91,7 +99,9 @@ class Drawer:
                 self.process.stdin.close()
 
     def _told(self, when: str, pictured: Pictured, folder: Path, formats: Formats) -> bytes:
-        """A short line to the process, which may not listen yet, of the file that holds what it needs. Raises OSError where none can be written."""
+        """A short line to the process, which may not listen yet, of the file that holds what it
+        needs. Raises OSError where none can be written.
+        """
         from scenarios.diagnosis.report.pictures.handover import packed
 
         content = packed(pictured, folder, formats)
@@ -116,28 +126,49 @@ def _without_evidence(pictured: Pictured) -> Pictured:
 
 @contextmanager
 def figure_process(wanted: bool) -> Iterator[Drawer | None]:
-    """A process that waits for ``drawing``; None where none is wanted or none can be started. It ends with the body."""
+    """A process that waits for ``drawing``; None where none is wanted or none can be started. It
+    ends with the body.
+    """
     if not wanted or not sys.executable:
         yield None
         return
-    # The same packages as here, also where they are not installed but found from the current folder.
+    # The same packages as here, also where they are not installed but found from the current
+    # folder.
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     # In a group of its own: Ctrl-C ends the first process, which ends this one with what it forked.
-    group: dict[str, Any] = {"process_group": 0} if os.name == "posix" else {"creationflags": _NEW_GROUP}
-    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    group: dict[str, Any] = (
+        {"process_group": 0} if os.name == "posix" else {"creationflags": _NEW_GROUP}
+    )
+    pipes: dict[str, Any] = {
+        "stdin": subprocess.PIPE,
+        "stdout": subprocess.DEVNULL,
+        "stderr": subprocess.DEVNULL,
+    }
     with contextlib.ExitStack() as stack:
         drawer: Drawer | None = None
         with contextlib.suppress(OSError):
-            aside = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="flightid-", ignore_cleanup_errors=True)))
-            command = [sys.executable, "-m", "scenarios.diagnosis.report.pictures.process", str(aside)]
+            aside = Path(
+                stack.enter_context(
+                    tempfile.TemporaryDirectory(prefix="flightid-", ignore_cleanup_errors=True)
+                )
+            )
+            command = [
+                sys.executable,
+                "-m",
+                "scenarios.diagnosis.report.pictures.process",
+                str(aside),
+            ]
             drawer = Drawer(subprocess.Popen(command, env=environment, **pipes, **group), aside)
             stack.callback(drawer.stop)
         yield drawer
 
 
 @contextmanager
-def drawing(pictured: Pictured, folder: Path, drawer: Drawer | None, formats: Formats = USUAL) -> Iterator[None]:
-    """While the body runs, the process draws all figures into ``folder``; on leaving they are there, drawn here if it failed.
+def drawing(
+    pictured: Pictured, folder: Path, drawer: Drawer | None, formats: Formats = USUAL
+) -> Iterator[None]:
+    """While the body runs, the process draws all figures into ``folder``; on leaving they are
+    there, drawn here if it failed.
 
     Where the body fails it has ended: nothing writes into the folder from then on.
     """
@@ -157,8 +188,11 @@ def drawing(pictured: Pictured, folder: Path, drawer: Drawer | None, formats: Fo
 
 
 def main() -> None:
-    """Load, warm up, wait for what to draw, draw it; end silently where nothing comes. Named is the folder through which it is told."""
-    gc.disable()  # and at the end ``freeze``: in a process of a second a search for garbage takes a tenth of it
+    """Load, warm up, wait for what to draw, draw it; end silently where nothing comes. Named is the
+    folder through which it is told.
+    """
+    # and at the end ``freeze``: in a process of a second a search for garbage takes a tenth of it
+    gc.disable()
     from ident.tracing.diagnosis import Quantity
     from scenarios.diagnosis.report.pictures.figures import draw_diagnosis, figures_of
     from scenarios.diagnosis.report.pictures.handover import unpacked
@@ -166,7 +200,8 @@ def main() -> None:
     from scenarios.plots.tracing import figure_derivatives
 
     one = {name: Quantity(1.0, 0.1, "1") for name in ("Cm_alpha", "CL_q", "alpha", "nz")}
-    figure_png(figure_derivatives(one, one, "warm-up"))  # fonts, symbols and backend are loaded by the first figure
+    # fonts, symbols and backend are loaded by the first figure
+    figure_png(figure_derivatives(one, one, "warm-up"))
     ahead: list[Path] = []
     for line in sys.stdin.buffer:
         when, _, written = os.fsdecode(line.rstrip(b"\r\n")).partition(" ")
@@ -186,7 +221,9 @@ def main() -> None:
 
 
 def _clear(folders: Sequence[Path]) -> None:
-    """Leave nothing behind where the process that would do it is gone; the last folder only if it is empty then."""
+    """Leave nothing behind where the process that would do it is gone; the last folder only if it
+    is empty then.
+    """
     for folder in folders[:-1]:
         shutil.rmtree(folder, ignore_errors=True)
     with contextlib.suppress(OSError):

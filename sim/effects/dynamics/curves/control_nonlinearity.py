@@ -16,23 +16,29 @@ from sim.maths import combine, natural_shapes, shape_names
 
 @dataclass(frozen=True)
 class ControlNonlinearity:
-    """The moment of a deflection d is that of d + f(d), f a natural cubic spline over ``[low, high]`` with f(0) = f'(0) = 0.
+    """The moment of a deflection d is that of d + f(d), f a natural cubic spline over ``[low,
+    high]`` with f(0) = f'(0) = 0.
 
-    moment += moment_by f(d), lift += ``lift_share`` lift_by f(d), with the vehicle's derivatives by the control. f = sum of
-    ``shape1`` ... times orthonormal shapes (`sim.maths`), each the root mean square deflection that its shape adds over the
-    range, in the control's unit. ``lift_share`` is one where lift and moment come from one force on the surface, zero
-    where the moment alone bends; it has no meaning while f is zero.
+    moment += moment_by f(d), lift += ``lift_share`` lift_by f(d), with the vehicle's derivatives by
+    the control. f = sum of ``shape1`` ... times orthonormal shapes (`sim.maths`), each the root
+    mean square deflection that its shape adds over the range, in the control's unit. ``lift_share``
+    is one where lift and moment come from one force on the surface, zero where the moment alone
+    bends; it has no meaning while f is zero.
 
     Attributes
     ----------
     low, high : the range used. fine : nine shapes instead of four, the first four the same.
-    control, unit, size : the signal, its unit, and a usual size. moment_by, lift_by : names of the derivatives.
-    share_free : whether ``lift_share`` is estimated: not where the control hardly lifts.
-    by : values that stand for moment_by and lift_by beside f, the vehicle's own when empty. An input of a few levels leaves f and the
-        derivative to trade off; with a fixed factor beside f that stays a straight line, which a Gaussian can describe.
-    ports : that moment and lift add to. further : ports beside them, each with its derivative by the control. label : of the name, where there
+    control, unit, size : the signal, its unit, and a usual size. moment_by, lift_by : names of the
+    derivatives. share_free : whether ``lift_share`` is estimated: not where the control hardly
+    lifts. by : values that stand for moment_by and lift_by beside f, the vehicle's own when empty.
+    An input of a few levels leaves f and the
+        derivative to trade off; with a fixed factor beside f that stays a straight line, which a
+        Gaussian can describe.
+    ports : that moment and lift add to. further : ports beside them, each with its derivative by
+    the control. label : of the name, where there
         are several controls.
-    speed : the constant that is the declared airspeed; where it is only a ``reference_airspeed`` deflections are totals, and f counts from the
+    speed : the constant that is the declared airspeed; where it is only a ``reference_airspeed``
+    deflections are totals, and f counts from the
         ``middle`` of the range.
     """
 
@@ -60,10 +66,14 @@ class ControlNonlinearity:
     def explanation(self) -> str:
         moment, lift = (name.partition("_")[0] for name in (self.moment_by, self.lift_by))
         return (
-            "The surface works more or less at large deflections than its derivative at zero tells: the flow separates, a gap opens, up and down "
-            f"differ. {moment} = ... + {self.moment_by} (d + f(d)) for a deflection d, {lift} = ... + {self.lift_by} (d + lift_share f(d)), f a "
-            "smooth curve (natural cubic spline, four shapes) over the range used with no value and no slope at zero. An input of a few fixed levels "
-            "shows it at these levels only, and there it cannot be told from a surface that reaches its stops or from break-out; a multisine can."
+            "The surface works more or less at large deflections than its derivative at zero "
+            "tells: the flow separates, a gap opens, up and down "
+            f"differ. {moment} = ... + {self.moment_by} (d + f(d)) for a deflection d, {lift} = "
+            f"... + {self.lift_by} (d + lift_share f(d)), f a "
+            "smooth curve (natural cubic spline, four shapes) over the range used with no value "
+            "and no slope at zero. An input of a few fixed levels "
+            "shows it at these levels only, and there it cannot be told from a surface that "
+            "reaches its stops or from break-out; a multisine can."
         )
 
     @property
@@ -88,12 +98,19 @@ class ControlNonlinearity:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        # What the input does not reach must not run away: no shape adds more than the deflection itself.
+        # What the input does not reach must not run away: no shape adds more than the deflection
+        # itself.
         widest = max(abs(self.low - self.middle), abs(self.high - self.middle))
         shapes = tuple(
-            Parameter(name, -self.size / (1.0 + i), self.unit, prior_std=widest / (1.0 + i)) for i, name in enumerate(shape_names(self.fine))
+            Parameter(name, -self.size / (1.0 + i), self.unit, prior_std=widest / (1.0 + i))
+            for i, name in enumerate(shape_names(self.fine))
         )
-        return (*shapes, Parameter("lift_share", 1.0, "1", prior_std=1.0, bounds=(-10.0, 10.0), free=self.share_free))
+        return (
+            *shapes,
+            Parameter(
+                "lift_share", 1.0, "1", prior_std=1.0, bounds=(-10.0, 10.0), free=self.share_free
+            ),
+        )
 
     @property
     def absent(self) -> Mapping[str, float]:
@@ -104,11 +121,13 @@ class ControlNonlinearity:
         widest = max(abs(self.low - self.middle), abs(self.high - self.middle))
         return Traits(
             sentences=(
-                "the {control} works unequally to both sides, by {unevenness_change} about the mean (unevenness {unevenness})",
+                "the {control} works unequally to both sides, by {unevenness_change} about the "
+                "mean (unevenness {unevenness})",
                 "the effect of the {control} is not in proportion to its deflection",
             ),
             short_name="curved control",
-            plausible=dict.fromkeys(shape_names(self.fine), (-widest, widest)) | {"lift_share": (-3.0, 5.0)},
+            plausible=dict.fromkeys(shape_names(self.fine), (-widest, widest))
+            | {"lift_share": (-3.0, 5.0)},
         )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
@@ -118,17 +137,25 @@ class ControlNonlinearity:
         more = combine(natural_shapes(low, high, self.fine), at, p[:-1])
         moment, lift, *others = self.by or [getattr(vehicle, name) for name in self._derivatives]
         added = {self.ports[0]: moment * more, self.ports[1]: p.lift_share * lift * more}
-        return {**added, **{port: other * more for (port, _), other in zip(self.further, others, strict=True)}}
+        return {
+            **added,
+            **{port: other * more for (port, _), other in zip(self.further, others, strict=True)},
+        }
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
     def fitted_to(self, context: SearchContext) -> ControlNonlinearity:
-        """The same over the range of deflections that the record used, in units of the derivatives fitted so far.
+        """The same over the range of deflections that the record used, in units of the derivatives
+        fitted so far.
 
         A pseudo-control goes no further than the stick.
         """
-        low, high = context.flown_range(self.control) or context.flown_range("stick") or (self.low, self.high)
+        low, high = (
+            context.flown_range(self.control)
+            or context.flown_range("stick")
+            or (self.low, self.high)
+        )
         by = tuple(context.values.get(name, 0.0) for name in self._derivatives)
         middle = 0.0 if self.speed == "airspeed" else 0.5 * (low + high)
         return replace(self, low=low, high=high, middle=middle, by=by if by[0] != 0.0 else ())
@@ -144,14 +171,29 @@ class ControlNonlinearity:
 
 def _lateral(c: LateralControl) -> ControlNonlinearity:
     return ControlNonlinearity(
-        control=c.control, moment_by=c.moment_by, lift_by=c.lift_by, share_free=False, ports=c.ports, further=c.further, label=c.control
+        control=c.control,
+        moment_by=c.moment_by,
+        lift_by=c.lift_by,
+        share_free=False,
+        ports=c.ports,
+        further=c.further,
+        label=c.control,
     )
 
 
 # Plainer forms are in control_unevenness.py and control_weakening.py, under the same name.
 VARIANTS: tuple[Traceable, ...] = (
     ControlNonlinearity(),
-    ControlNonlinearity(low=-1.0, high=1.0, control="delta", unit="1", size=0.1, moment_by="M_delta", lift_by="L_delta", share_free=False),
+    ControlNonlinearity(
+        low=-1.0,
+        high=1.0,
+        control="delta",
+        unit="1",
+        size=0.1,
+        moment_by="M_delta",
+        lift_by="L_delta",
+        share_free=False,
+    ),
     *map(_lateral, LATERAL_CONTROLS),
     ControlNonlinearity(label="elevator", speed="reference_airspeed"),
 )

@@ -1,4 +1,6 @@
-"""Control surface that loses or gains power with its deflection, to both sides alike: a plain form of a control that is no straight line."""
+"""Control surface that loses or gains power with its deflection, to both sides alike: a plain form
+of a control that is no straight line.
+"""
 
 from __future__ import annotations
 
@@ -13,16 +15,20 @@ from sim.effects.instances import all_labelled
 
 @dataclass(frozen=True)
 class ControlWeakening(PlainControl):
-    """The moment of a deflection d is that of d - ``loss`` d (d/D)^2, ``widest`` D the largest deflection used, in the control's unit.
+    """The moment of a deflection d is that of d - ``loss`` d (d/D)^2, ``widest`` D the largest
+    deflection used, in the control's unit.
 
-    There the surface has lost the share ``loss`` of its effect; negative where it has gained. The vehicle's derivatives are those at zero.
+    There the surface has lost the share ``loss`` of its effect; negative where it has gained. The
+    vehicle's derivatives are those at zero.
     """
 
     widest: float = 0.1
 
     bend: ClassVar[Parameter] = Parameter("loss", 0.2, "1", bounds=(-3.0, 1.0))
     traits: ClassVar[Traits] = Traits(
-        sentences=("the {control} loses the share {loss} of its effect towards its largest deflection",),
+        sentences=(
+            "the {control} loses the share {loss} of its effect towards its largest deflection",
+        ),
         short_name="weakening control",
         plausible={"loss": (-0.7, 0.7), **SHARES},
     )
@@ -35,9 +41,12 @@ class ControlWeakening(PlainControl):
     def explanation(self) -> str:
         moment = self.moment_by.partition("_")[0]
         return (
-            f"Each further degree of the surface turns the flow by less, to both sides alike: {moment} = ... + {self.moment_by} (d - loss d (d/D)^2) "
-            "for a deflection d, D the largest that was used, its other coefficients likewise. A gap that opens and flow that begins to separate do "
-            "this. Under an input of a few fixed levels a surface that reaches its stops looks the same; a multisine tells."
+            "Each further degree of the surface turns the flow by less, to both sides alike: "
+            f"{moment} = ... + {self.moment_by} (d - loss d (d/D)^2) "
+            "for a deflection d, D the largest that was used, its other coefficients likewise. A "
+            "gap that opens and flow that begins to separate do "
+            "this. Under an input of a few fixed levels a surface that reaches its stops looks the "
+            "same; a multisine tells."
         )
 
     def curve(self, d: Any, p: Any) -> Any:

@@ -14,18 +14,21 @@ from sim.effects.instances import ANOTHER_FALL
 from sim.maths import Shapes, absolute, asinh, combine, maximum, natural_shapes, shape_names, sqrt
 
 SONIC, TRANSONIC = 1.1, 0.25  # middle and half width of the Mach numbers at which drag changes most
-SEA_LEVEL, LAPSE, COLDEST = 288.15, 0.0065, 216.65  # K, K/m, K: standard atmosphere, held at its tropopause value above 11 km
+# K, K/m, K: standard atmosphere, held at its tropopause value above 11 km
+SEA_LEVEL, LAPSE, COLDEST = 288.15, 0.0065, 216.65
 HIGH, MOST = 11000.0, 1.0  # m, from where the air is coldest; of the logarithm of the drag
 SPEED_PER_ROOT = math.sqrt(1.4 * 287.053)  # (m/s)/sqrt(K): air as a perfect gas
 
 
 @dataclass(frozen=True)
 class DragMach:
-    """log drag += f(M), M = speed / speed of sound, f a natural cubic spline over ``[low, high]`` with f = 0 at ``low``.
+    """log drag += f(M), M = speed / speed of sound, f a natural cubic spline over ``[low, high]``
+    with f = 0 at ``low``.
 
-    f = sum of ``shape1`` ... times orthonormal shapes (`sim.maths`) of asinh((M - 1.1)/0.25), which spreads the transonic range, where
-    drag changes most. beta is then the ballistic coefficient at the lowest Mach number, below which f goes on straight. The speed
-    of sound is that of the standard atmosphere, a = sqrt(1.4 R T) with T = max(288.15 K - 0.0065 K/m altitude, 216.65 K).
+    f = sum of ``shape1`` ... times orthonormal shapes (`sim.maths`) of asinh((M - 1.1)/0.25), which
+    spreads the transonic range, where drag changes most. beta is then the ballistic coefficient at
+    the lowest Mach number, below which f goes on straight. The speed of sound is that of the
+    standard atmosphere, a = sqrt(1.4 R T) with T = max(288.15 K - 0.0065 K/m altitude, 216.65 K).
     One that is a few per cent off stretches f along M and changes no fit.
 
     Attributes
@@ -45,17 +48,23 @@ class DragMach:
     aliases: ClassVar[tuple[str, ...]] = ("density-scale-height",)
     states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (
-        "The drag coefficient is no constant: near the speed of sound shock waves raise it, faster still it falls again. Drag = exp(f(M)) * 0.5 "
-        "rho v^2 / beta, f a smooth curve of the Mach number (natural cubic spline), zero at the lowest Mach number flown, where beta holds. A "
-        "body that slows down through the speed of sound shows it best. Speed and altitude fall together, so that along a single fall it resembles "
+        "The drag coefficient is no constant: near the speed of sound shock waves raise it, faster "
+        "still it falls again. Drag = exp(f(M)) * 0.5 "
+        "rho v^2 / beta, f a smooth curve of the Mach number (natural cubic spline), zero at the "
+        "lowest Mach number flown, where beta holds. A "
+        "body that slows down through the speed of sound shows it best. Speed and altitude fall "
+        "together, so that along a single fall it resembles "
         "another density profile; falls of different speed tell the two apart."
     )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        # What the fall hardly tells, high up where there is no air, must not run away: a shape changes the drag by threefold at one sigma.
+        # What the fall hardly tells, high up where there is no air, must not run away: a shape
+        # changes the drag by threefold at one sigma.
         shapes = enumerate(shape_names(self.fine, flat=False))
-        return tuple(Parameter(name, 0.2 / (1.0 + i), "1", prior_std=MOST / (1.0 + i)) for i, name in shapes)
+        return tuple(
+            Parameter(name, 0.2 / (1.0 + i), "1", prior_std=MOST / (1.0 + i)) for i, name in shapes
+        )
 
     @property
     def absent(self) -> Mapping[str, float]:
@@ -76,18 +85,27 @@ class DragMach:
         return natural_shapes(low, high, self.fine, low, False)
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return {"log_drag": combine(self.shapes, _stretched(absolute(s.velocity) / _speed_of_sound(s.altitude)), p)}
+        return {
+            "log_drag": combine(
+                self.shapes, _stretched(absolute(s.velocity) / _speed_of_sound(s.altitude)), p
+            )
+        }
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
     def fitted_to(self, context: SearchContext) -> DragMach:
-        """The same over the Mach numbers that the record's speeds reach: a fall is slowest where it is lowest."""
+        """The same over the Mach numbers that the record's speeds reach: a fall is slowest where it
+        is lowest.
+        """
         flown, heights = context.flown_range("velocity"), context.flown.get("altitude", (0.0, HIGH))
         if flown is None:
             return self
         slowest = 0.0 if flown[0] < 0.0 < flown[1] else min(abs(flown[0]), abs(flown[1]))
-        low, high = slowest / _speed_of_sound(heights[0]), max(abs(flown[0]), abs(flown[1])) / _speed_of_sound(heights[1])
+        low, high = (
+            slowest / _speed_of_sound(heights[0]),
+            max(abs(flown[0]), abs(flown[1])) / _speed_of_sound(heights[1]),
+        )
         return replace(self, low=low, high=max(high, low + 0.1))
 
     def finer(self) -> DragMach:

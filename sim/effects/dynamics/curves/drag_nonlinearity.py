@@ -6,9 +6,12 @@ from sim.declaration.proposal import Traceable
 from sim.effects.loads import LoadCurve
 
 EXPLANATION = (
-    "The drag bends away from the straight line CD = CD_0 + CD_alpha alpha: a polar is a parabola of the lift at least. CD += f(alpha), a "
-    "smooth curve (natural cubic spline, four shapes) over the range flown that is zero with zero slope in its middle, so that CD_0 and CD_alpha "
-    "are the tangent there. The axial load factor shows it at once, the airspeed over seconds, the rates hardly."
+    "The drag bends away from the straight line CD = CD_0 + CD_alpha alpha: a polar is a parabola "
+    "of the lift at least. CD += f(alpha), a "
+    "smooth curve (natural cubic spline, four shapes) over the range flown that is zero with zero "
+    "slope in its middle, so that CD_0 and CD_alpha "
+    "are the tangent there. The axial load factor shows it at once, the airspeed over seconds, the "
+    "rates hardly."
 )
 DRAG_NONLINEARITY = LoadCurve(
     "drag",

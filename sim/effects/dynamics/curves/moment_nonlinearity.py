@@ -8,9 +8,12 @@ from sim.declaration.proposal import Traceable
 from sim.effects.loads import LoadCurve
 
 EXPLANATION = (
-    "The pitching moment bends away from the straight line Cm = Cm_alpha alpha: at larger angles the aircraft grows stiffer, loses stability "
-    "or pitches up. Cm += f(alpha), a smooth curve (natural cubic spline, four shapes) over the range flown that is zero with zero slope in "
-    "trim, so that Cm_alpha stays the slope there. Small maneuvers show nothing; the frequency of the short period changes with the size of "
+    "The pitching moment bends away from the straight line Cm = Cm_alpha alpha: at larger angles "
+    "the aircraft grows stiffer, loses stability "
+    "or pitches up. Cm += f(alpha), a smooth curve (natural cubic spline, four shapes) over the "
+    "range flown that is zero with zero slope in "
+    "trim, so that Cm_alpha stays the slope there. Small maneuvers show nothing; the frequency of "
+    "the short period changes with the size of "
     "the motion, and the residual of the pitch rate depends on alpha, not on time."
 )
 MOMENT_NONLINEARITY = LoadCurve(
@@ -26,6 +29,13 @@ MOMENT_NONLINEARITY = LoadCurve(
 
 VARIANTS: tuple[Traceable, ...] = (
     MOMENT_NONLINEARITY,
-    replace(MOMENT_NONLINEARITY, low=-0.04, high=0.04, unit="1/s2", size=0.1, needs_constants=("M_alpha",)),
+    replace(
+        MOMENT_NONLINEARITY,
+        low=-0.04,
+        high=0.04,
+        unit="1/s2",
+        size=0.1,
+        needs_constants=("M_alpha",),
+    ),
     replace(MOMENT_NONLINEARITY, total=True, needs_constants=("Cm_alpha", "reference_airspeed")),
 )

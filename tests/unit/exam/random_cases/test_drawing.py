@@ -1,4 +1,6 @@
-"""Random cases: every kind can be hidden and seen, answers are effects that a search is offered, cases are the seed's."""
+"""Random cases: every kind can be hidden and seen, answers are effects that a search is offered,
+cases are the seed's.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,14 @@ from exam.random_cases.case import Case
 from exam.random_cases.examination import GROUPS, MODELS, drawn_hidden, write_case
 from exam.random_cases.flying import drawn_values, flown, values_again
 from exam.random_cases.kinds import KINDS, drawable
-from exam.random_cases.vehicles import NOISE, Flight, drawn_flights, drawn_vehicle, estimated, vehicle_file
+from exam.random_cases.vehicles import (
+    NOISE,
+    Flight,
+    drawn_flights,
+    drawn_vehicle,
+    estimated,
+    vehicle_file,
+)
 from exam.random_cases.visible import all_visible
 from exam.scoring import same_fault
 from scenarios.diagnosis.candidates import candidates_for
@@ -22,7 +31,12 @@ from sim.record import Record
 
 CHANNELS = {"rigid": ("alpha", "q", "nz"), "loes": ("alpha", "q", "nz"), "ballistic": ("altitude",)}
 RATE = {"rigid": 50.0, "loes": 50.0, "ballistic": 20.0}
-EACH = [(name, model) for name, kind in sorted(KINDS.items()) for model in kind.models if set(kind.channels) <= set(CHANNELS[model])]
+EACH = [
+    (name, model)
+    for name, kind in sorted(KINDS.items())
+    for model in kind.models
+    if set(kind.channels) <= set(CHANNELS[model])
+]
 
 
 def case(model: str, *hidden: str) -> Case:
@@ -39,7 +53,9 @@ def drawn(model: str) -> tuple[Model, tuple[Flight, ...]]:
     if model == "ballistic":
         low = true.with_initial(true.initial.with_values({"altitude": 25e3, "velocity": -1700.0}))
         settings = [replace(setting, model=low) for setting in settings]
-    return true, tuple(Flight(setting, flight.maneuver) for setting, flight in zip(settings, found, strict=True))
+    return true, tuple(
+        Flight(setting, flight.maneuver) for setting, flight in zip(settings, found, strict=True)
+    )
 
 
 @cache
@@ -49,7 +65,9 @@ def bare(model: str) -> Record:
 
 
 @pytest.mark.parametrize(("name", "model"), EACH)
-def test_every_kind_is_seen_in_a_record_of_every_model_that_may_hide_it(name: str, model: str) -> None:
+def test_every_kind_is_seen_in_a_record_of_every_model_that_may_hide_it(
+    name: str, model: str
+) -> None:
     flight = drawn(model)[1][0]
     values = drawn_values((name,), flight.setting, np.random.default_rng(3))
     with_it = flown(case(model, name), values, flight, np.random.default_rng(5))
@@ -57,14 +75,23 @@ def test_every_kind_is_seen_in_a_record_of_every_model_that_may_hide_it(name: st
     assert all(np.all(np.isfinite(channel.values)) for channel in with_it.channels)
     if len(with_it) != len(without) or not np.array_equal(with_it.time, without.time):
         return
-    changes = {c.name: np.linalg.norm(c.values - without[c.name].values) / NOISE.get(c.name, 1e-3) for c in with_it.channels}
+    changes = {
+        c.name: np.linalg.norm(c.values - without[c.name].values) / NOISE.get(c.name, 1e-3)
+        for c in with_it.channels
+    }
     assert max(changes.values()) > 5.0, "five sigmas of a matched filter"
-    spoiled = {key for key, change in changes.items() if change > 0.0} & {c.name for c in with_it.inputs}
-    assert not spoiled or KINDS[name].spoils is not None, "what acts in flight leaves the recorded control alone"
+    spoiled = {key for key, change in changes.items() if change > 0.0} & {
+        c.name for c in with_it.inputs
+    }
+    assert not spoiled or KINDS[name].spoils is not None, (
+        "what acts in flight leaves the recorded control alone"
+    )
 
 
 @pytest.mark.parametrize(("name", "model"), EACH)
-def test_an_answer_is_offered_to_the_search_of_that_model_and_so_are_accepted_names(name: str, model: str) -> None:
+def test_an_answer_is_offered_to_the_search_of_that_model_and_so_are_accepted_names(
+    name: str, model: str
+) -> None:
     offered = {effect.name for effect in candidates_for(drawn(model)[0])}
     kind = KINDS[name]
     assert not kind.answer or kind.answer in offered
@@ -95,8 +122,15 @@ def test_no_pair_is_one_fault_twice() -> None:
 
 def test_without_nz_nothing_is_hidden_that_needs_it() -> None:
     rng = np.random.default_rng(2)
-    seen = {name for group in ("one effect", "foreign", "recorder") for _ in range(200) for name in drawn_hidden(group, "rigid", ("alpha", "q"), rng)}
-    assert seen and not any("nz" in KINDS[name].channels or "altitude" in KINDS[name].channels for name in seen)
+    seen = {
+        name
+        for group in ("one effect", "foreign", "recorder")
+        for _ in range(200)
+        for name in drawn_hidden(group, "rigid", ("alpha", "q"), rng)
+    }
+    assert seen and not any(
+        "nz" in KINDS[name].channels or "altitude" in KINDS[name].channels for name in seen
+    )
 
 
 def test_what_belongs_to_one_record_is_drawn_anew_and_what_belongs_to_the_vehicle_is_not() -> None:
@@ -104,9 +138,15 @@ def test_what_belongs_to_one_record_is_drawn_anew_and_what_belongs_to_the_vehicl
     hidden = ("gust-discrete", "vane-offset", "energy exchange")
     first = drawn_values(hidden, one, np.random.default_rng(1))
     again = values_again(hidden, first, two, np.random.default_rng(2))
-    assert again["vane-offset"] == first["vane-offset"] and again["gust-discrete"] != first["gust-discrete"]
+    assert (
+        again["vane-offset"] == first["vane-offset"]
+        and again["gust-discrete"] != first["gust-discrete"]
+    )
     exchange = [values["energy exchange"] for values in (first, again)]
-    assert exchange[0]["path"] != exchange[1]["path"] and exchange[0]["induced"] == exchange[1]["induced"]
+    assert (
+        exchange[0]["path"] != exchange[1]["path"]
+        and exchange[0]["induced"] == exchange[1]["induced"]
+    )
 
 
 @pytest.mark.parametrize("seed", [11, pytest.param(12, marks=pytest.mark.slow)])
@@ -116,7 +156,13 @@ def test_a_case_is_the_seeds_to_the_byte(seed: int, tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
         written.append(write_case(seed, tmp_path / name))
     files = [sorted((tmp_path / name).iterdir()) for name in ("one", "other")]
-    assert [file.name for file in files[0]] == ["train.csv", "train.json", "validate.csv", "validate.json", "vehicle.toml"]
+    assert [file.name for file in files[0]] == [
+        "train.csv",
+        "train.json",
+        "validate.csv",
+        "validate.json",
+        "vehicle.toml",
+    ]
     assert [file.read_bytes() for file in files[0]] == [file.read_bytes() for file in files[1]]
     assert written[0].case == written[1].case and written[0].values == written[1].values
 
@@ -125,7 +171,11 @@ def test_a_case_is_the_seeds_to_the_byte(seed: int, tmp_path: Path) -> None:
 def test_the_vehicle_file_has_the_constants_and_wrong_starts(model: str) -> None:
     true = drawn(model)[0]
     text = vehicle_file(true, np.random.default_rng(1))
-    told = {key: float(value) for key, _, value in (line.partition(" = ") for line in text.splitlines()) if value}
+    told = {
+        key: float(value)
+        for key, _, value in (line.partition(" = ") for line in text.splitlines())
+        if value
+    }
     for name, value in told.items():
         share = value / true.parameters[name].value
         assert 0.7 <= share <= 1.3 and (share == 1.0) == (name not in estimated(model))
@@ -133,12 +183,19 @@ def test_the_vehicle_file_has_the_constants_and_wrong_starts(model: str) -> None
 
 
 def test_what_another_beginning_explains_cannot_be_seen() -> None:
-    """A falling body's altimeter that runs off slowly is a body that was a little faster: hidden from whoever has to fit both."""
+    """A falling body's altimeter that runs off slowly is a body that was a little faster: hidden
+    from whoever has to fit both.
+    """
     flight = drawn("ballistic")[1][0]
     drift, step = "sensor-drift:altitude", "sensor-step:altitude"
     values = {drift: {drift: {"slope": -10.0}}, step: {step: {"at": 3.5, "size": 60.0}}}
     for name, seen in ((drift, False), (step, True)):
         asked = case("ballistic", name)
-        gone = flown(asked, values[name], flight, np.random.default_rng(5))["altitude"].values - bare("ballistic")["altitude"].values
-        assert 0.5 * np.sum((gone / NOISE["altitude"]) ** 2) > 1000.0, "it moves what is measured far beyond the noise"
+        gone = (
+            flown(asked, values[name], flight, np.random.default_rng(5))["altitude"].values
+            - bare("ballistic")["altitude"].values
+        )
+        assert 0.5 * np.sum((gone / NOISE["altitude"]) ** 2) > 1000.0, (
+            "it moves what is measured far beyond the noise"
+        )
         assert all_visible(asked, values[name], flight) is seen

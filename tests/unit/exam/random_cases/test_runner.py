@@ -1,4 +1,6 @@
-"""The runner writes one line a case, the same for any number of processes but for the time it takes."""
+"""The runner writes one line a case, the same for any number of processes but for the time it
+takes.
+"""
 
 from __future__ import annotations
 
@@ -17,16 +19,36 @@ from ident.tracing.diagnosis import Verdict
 from sim.errors import RecordError
 from tests.diagnoses import tracing_of
 
-KEYS = {"statements", "seed", "model", "aircraft", "rate", "channels", "group", "hidden", "values", "verdict", "claims", "right", "wrong", "said"}
+KEYS = {
+    "statements",
+    "seed",
+    "model",
+    "aircraft",
+    "rate",
+    "channels",
+    "group",
+    "hidden",
+    "values",
+    "verdict",
+    "claims",
+    "right",
+    "wrong",
+    "said",
+}
 
 
 @pytest.fixture
 def loop(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(examination, "diagnose_files", lambda request: tracing_of(Verdict.CONSISTENT))
+    monkeypatch.setattr(
+        examination, "diagnose_files", lambda request: tracing_of(Verdict.CONSISTENT)
+    )
 
 
 def without_time(text: str) -> list[dict]:
-    return [{key: value for key, value in json.loads(line).items() if key != "seconds"} for line in text.splitlines()]
+    return [
+        {key: value for key, value in json.loads(line).items() if key != "seconds"}
+        for line in text.splitlines()
+    ]
 
 
 def lines(folder: Path) -> list[dict]:
@@ -34,25 +56,58 @@ def lines(folder: Path) -> list[dict]:
 
 
 def scored(seed: int, group: str = "") -> CaseScore:
-    case = Case(seed, "trainer", ("vane-offset",), frozenset({"vane-offset"}), False, ("alpha", "q"), 50.0, "rigid", "one effect")
-    return CaseScore(case, "traced", ("vane-offset",), True, False, {"Cm_q": 0.1 * seed}, 1.25, 3.0, ((Named("vane-offset", True),),))
+    case = Case(
+        seed,
+        "trainer",
+        ("vane-offset",),
+        frozenset({"vane-offset"}),
+        False,
+        ("alpha", "q"),
+        50.0,
+        "rigid",
+        "one effect",
+    )
+    return CaseScore(
+        case,
+        "traced",
+        ("vane-offset",),
+        True,
+        False,
+        {"Cm_q": 0.1 * seed},
+        1.25,
+        3.0,
+        ((Named("vane-offset", True),),),
+    )
 
 
-def test_a_series_is_the_same_stopped_and_raised(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_series_is_the_same_stopped_and_raised(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(series, "examine", scored)
     assert random_cases(["20", "1", "--jobs", "1", "--out", str(tmp_path / "grown")]) == 0
-    assert random_cases(["20", "2", "--jobs", "1", "--out", str(tmp_path / "grown"), "--resume"]) == 0
+    assert (
+        random_cases(["20", "2", "--jobs", "1", "--out", str(tmp_path / "grown"), "--resume"]) == 0
+    )
     told = capsys.readouterr().out
     assert "within 2 sigmas" in told and told.endswith("2 of 2 cases, seeds from 20\n")
     assert [line["seed"] for line in lines(tmp_path / "grown")] == [20, 21]
     assert lines(tmp_path / "grown")[1] == without_time(json.dumps(line_of(scored(21))))[0]
-    assert all(set(line) == KEYS | {"held_out_error", "errors_in_sigmas"} for line in lines(tmp_path / "grown"))
+    assert all(
+        set(line) == KEYS | {"held_out_error", "errors_in_sigmas"}
+        for line in lines(tmp_path / "grown")
+    )
     assert random_cases(["21", "2", "--out", str(tmp_path / "grown"), "--resume"]) == 2
     said = capsys.readouterr().err
-    assert said.startswith("python -m exam random: ") and "another study" in said and said.count("\n") == 1
+    assert (
+        said.startswith("python -m exam random: ")
+        and "another study" in said
+        and said.count("\n") == 1
+    )
 
 
-def test_the_tables_come_again_from_the_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_tables_come_again_from_the_files(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(series, "examine", scored)
     for first in ("20", "40"):
         assert random_cases([first, "2", "--jobs", "1", "--out", str(tmp_path / first)]) == 0
@@ -92,7 +147,9 @@ def test_a_score_says_what_the_case_hides(loop: None, tmp_path: Path) -> None:
     assert score.case == written.case and score.values == written.values
 
 
-def test_a_refused_case_is_told_without_the_name_of_its_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_refused_case_is_told_without_the_name_of_its_folder(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def refuse(request) -> None:
         raise RecordError("the sign is turned", where=str(request.records[0]))
 
@@ -100,7 +157,9 @@ def test_a_refused_case_is_told_without_the_name_of_its_folder(monkeypatch: pyte
     assert examine(22).said == examine(22).said == "train.csv: the sign is turned"
 
 
-@pytest.mark.parametrize("words", [["-1", "3"], ["1", "0"], ["1", "2", "--jobs", "0"], ["one", "2"]])
+@pytest.mark.parametrize(
+    "words", [["-1", "3"], ["1", "0"], ["1", "2", "--jobs", "0"], ["one", "2"]]
+)
 def test_bad_numbers_are_refused(words: list[str], tmp_path: Path) -> None:
     try:
         code: object = random_cases([*words, "--out", str(tmp_path / "none")])
@@ -113,4 +172,9 @@ def test_bad_numbers_are_refused(words: list[str], tmp_path: Path) -> None:
 def test_a_case_is_diagnosed_and_scored() -> None:
     score, again = examine(31), examine(31)
     assert score.seconds > 0.0 and score.held_out > 0.0
-    assert (score.verdict, score.claims, score.errors, score.held_out) == (again.verdict, again.claims, again.errors, again.held_out)
+    assert (score.verdict, score.claims, score.errors, score.held_out) == (
+        again.verdict,
+        again.claims,
+        again.errors,
+        again.held_out,
+    )

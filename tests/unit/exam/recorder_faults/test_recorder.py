@@ -15,20 +15,31 @@ RNG = np.random.default_rng(1)
 RECORD = Record(
     TIME,
     (Channel.of("elevator", "rad", 0.05 * np.sign(np.sin(TIME))),),
-    tuple(Channel.of(name, unit, RNG.standard_normal(1000)) for name, unit in (("alpha", "rad"), ("q", "rad/s"))),
+    tuple(
+        Channel.of(name, unit, RNG.standard_normal(1000))
+        for name, unit in (("alpha", "rad"), ("q", "rad/s"))
+    ),
 )
 SPELL = {"begin": 4.0, "length": 2.0}
 INSIDE = (TIME >= 4.0) & (TIME < 6.0)
 
 
 def others_alone(found: Record, *spoiled: str) -> bool:
-    same = [name for name in ("elevator", "alpha", "q") if np.array_equal(found[name].values, RECORD[name].values)]
-    return np.array_equal(found.time, TIME) and set(same) == {"elevator", "alpha", "q"} - set(spoiled)
+    same = [
+        name
+        for name in ("elevator", "alpha", "q")
+        if np.array_equal(found[name].values, RECORD[name].values)
+    ]
+    return np.array_equal(found.time, TIME) and set(same) == {"elevator", "alpha", "q"} - set(
+        spoiled
+    )
 
 
 def test_a_fast_clock_stretches_time_alone() -> None:
     found = clock.fast_clock(RECORD, {"factor": 1.1}, RNG)
-    assert np.allclose(found.time, 1.1 * TIME, rtol=1e-14) and np.array_equal(found["q"].values, RECORD["q"].values)
+    assert np.allclose(found.time, 1.1 * TIME, rtol=1e-14) and np.array_equal(
+        found["q"].values, RECORD["q"].values
+    )
 
 
 def test_missing_rows_leave_a_gap_and_lost_ones_none() -> None:
@@ -57,7 +68,9 @@ def test_a_dead_stretch_repeats_the_last_value_or_is_zero(zero: float) -> None:
 
 def test_a_skewed_column_comes_rows_late() -> None:
     found = columns.skewed("q", RECORD, {"rows": 2.0}, RNG)
-    assert others_alone(found, "q") and np.array_equal(found["q"].values[2:], RECORD["q"].values[:-2])
+    assert others_alone(found, "q") and np.array_equal(
+        found["q"].values[2:], RECORD["q"].values[:-2]
+    )
 
 
 def test_exchanged_samples_flight_each_others_column() -> None:
@@ -69,9 +82,13 @@ def test_exchanged_samples_flight_each_others_column() -> None:
 
 
 def test_a_burst_adds_noise_of_its_size_while_it_lasts() -> None:
-    found = columns.burst("q", RECORD, {"begin": 2.0, "length": 16.0, "sigma": 3.0}, np.random.default_rng(2))
+    found = columns.burst(
+        "q", RECORD, {"begin": 2.0, "length": 16.0, "sigma": 3.0}, np.random.default_rng(2)
+    )
     more = (found["q"].values - RECORD["q"].values)[(TIME >= 2.0) & (TIME < 18.0)]
-    assert others_alone(found, "q") and np.count_nonzero(found["q"].values - RECORD["q"].values) == len(more)
+    assert others_alone(found, "q") and np.count_nonzero(
+        found["q"].values - RECORD["q"].values
+    ) == len(more)
     # A standard deviation of 800 normal numbers is known to 2.5 per cent: four of those.
     assert np.std(more) == pytest.approx(3.0, rel=0.1)
 
@@ -79,7 +96,11 @@ def test_a_burst_adds_noise_of_its_size_while_it_lasts() -> None:
 def test_a_coarse_column_has_values_on_a_grid_only() -> None:
     found = readings.coarse("q", RECORD, {"bit": 0.25}, RNG)
     off = found["q"].values - RECORD["q"].values
-    assert others_alone(found, "q") and np.max(np.abs(off)) <= 0.125 and np.all(found["q"].values % 0.25 == 0.0)
+    assert (
+        others_alone(found, "q")
+        and np.max(np.abs(off)) <= 0.125
+        and np.all(found["q"].values % 0.25 == 0.0)
+    )
 
 
 def test_a_clipped_column_ends_short_of_its_range_on_both_sides() -> None:
@@ -94,14 +115,25 @@ def test_a_clipped_column_ends_short_of_its_range_on_both_sides() -> None:
 @pytest.mark.parametrize(("name", "factor"), [("elevator", -1.0), ("q", 57.3)])
 def test_a_sign_and_a_unit_are_factors_on_one_column(name: str, factor: float) -> None:
     found = readings.scaled(name, RECORD, {"factor": factor}, RNG)
-    assert others_alone(found, name) and np.array_equal(found[name].values, factor * RECORD[name].values)
+    assert others_alone(found, name) and np.array_equal(
+        found[name].values, factor * RECORD[name].values
+    )
 
 
 @pytest.mark.parametrize(
     "act",
-    [clock.rows_missing, clock.rows_lost, partial(columns.held, "q"), partial(columns.burst, "q"), partial(columns.exchanged, "alpha", "q")],
+    [
+        clock.rows_missing,
+        clock.rows_lost,
+        partial(columns.held, "q"),
+        partial(columns.burst, "q"),
+        partial(columns.exchanged, "alpha", "q"),
+    ],
 )
 def test_a_fault_leaves_the_record_that_it_was_given(act) -> None:
     before = [channel.values.copy() for channel in RECORD.channels]
     act(RECORD, {**SPELL, "rows": 3.0, "sigma": 1.0, "count": 5.0}, np.random.default_rng(1))
-    assert all(np.array_equal(a, channel.values) for a, channel in zip(before, RECORD.channels, strict=True))
+    assert all(
+        np.array_equal(a, channel.values)
+        for a, channel in zip(before, RECORD.channels, strict=True)
+    )

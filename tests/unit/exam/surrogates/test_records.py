@@ -1,4 +1,6 @@
-"""Laws of the surrogate flights' records: same seed same bytes, nothing on is the plain flight, every level and every hidden effect shows."""
+"""Laws of the surrogate flights' records: same seed same bytes, nothing on is the plain flight,
+every level and every hidden effect shows.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,10 @@ def drawn(causes: Causes = CALM, **changes: Any) -> Drawn:
 
 
 def records(plan: Drawn, *, noise: bool = True, count: int | None = None) -> list[Record]:
-    return [flown.record for flown in fly_drawn(plan, np.random.default_rng(6), noise=noise, count=count)]
+    return [
+        flown.record
+        for flown in fly_drawn(plan, np.random.default_rng(6), noise=noise, count=count)
+    ]
 
 
 def values(record: Record) -> np.ndarray:
@@ -56,7 +61,9 @@ def test_with_nothing_on_a_record_is_the_plain_flight_bit_for_bit() -> None:
     plan = drawn(total=False, trim_alpha=(0.0, 0.0))
     for record, move in zip(records(plan), plan.maneuvers, strict=True):
         time = sample_times(25.0, 8.0)
-        plain, _ = fly(plan.declared, move, time, np.random.default_rng(0), step=0.01, method=rk4_step)
+        plain, _ = fly(
+            plan.declared, move, time, np.random.default_rng(0), step=0.01, method=rk4_step
+        )
         for name in MEASURED:
             assert np.array_equal(record[name].values, plain[name].values), name
         assert np.array_equal(record["elevator"].values, move(time))
@@ -67,7 +74,10 @@ def test_with_nothing_on_a_record_is_the_plain_flight_bit_for_bit() -> None:
 # What a level needs beside it to show, and the channel in which it must.
 LEVELS: dict[str, tuple[dict[str, object], str]] = {
     "anti_alias": ({"anti_alias": 7.0}, "q"),
-    "anti_alias_spread": ({"anti_alias": 7.0, "anti_alias_odd": 1.0, "anti_alias_spread": 0.05}, "q"),
+    "anti_alias_spread": (
+        {"anti_alias": 7.0, "anti_alias_odd": 1.0, "anti_alias_spread": 0.05},
+        "q",
+    ),
     "anti_alias_odd": ({"anti_alias": 7.0, "anti_alias_spread": 0.2, "anti_alias_odd": 1.0}, "nz"),
     "input_noise": ({"input_noise": 0.001}, "elevator"),
     "turbulence": ({"turbulence": 0.2}, "alpha"),
@@ -101,17 +111,30 @@ def test_each_level_shows_by_itself(name: str) -> None:
     on, off = replace(CALM, **levels), replace(CALM, **{**levels, name: usual[name]})  # type: ignore[arg-type]
     first, second = (records(drawn(causes), count=1)[0] for causes in (on, off))
     difference = np.abs(first[channel].values - second[channel].values)
-    assert float(difference.max()) > 1e-3 * float(np.ptp(second[channel].values) or abs(second[channel].values).max())
+    assert float(difference.max()) > 1e-3 * float(
+        np.ptp(second[channel].values) or abs(second[channel].values).max()
+    )
 
 
 def test_what_is_left_resembles_a_measured_flight() -> None:
-    """Residuals that remember, and scatter several times what white residuals promise: as flight data show, and white noise does not."""
+    """Residuals that remember, and scatter several times what white residuals promise: as flight
+    data show, and white noise does not.
+    """
     surrogate = load_surrogate(
         "surrogate-none",
-        ("flight.records=[4,4]", "flight.step=0.02", "flight.rates=[25]", "flight.vehicles=['fighter']"),
+        (
+            "flight.records=[4,4]",
+            "flight.step=0.02",
+            "flight.rates=[25]",
+            "flight.vehicles=['fighter']",
+        ),
     )
     flight = fly_surrogate(surrogate, 3)
-    rest = left_over(flight.records, declared_model(flight.drawn.declared, flight.drawn.starts), surrogate.causes.noise_std)
+    rest = left_over(
+        flight.records,
+        declared_model(flight.drawn.declared, flight.drawn.starts),
+        surrogate.causes.noise_std,
+    )
     assert np.all((rest["correlation"] > 0.6) & (rest["correlation"] < 0.99))
     assert np.all(rest["excess"] > 1.1)
     assert 2.0 < float(np.median(rest["inflation"])) < 15.0
@@ -126,16 +149,21 @@ def test_every_hidden_effect_shows_and_vanishes_with_its_size(name: str) -> None
     def change(size: float) -> float:
         changed = records(hiding(plan, (Dominant(effect, at(size), (0, 1)),)), noise=False)
         return max(
-            float(np.max(np.abs(a[c].values - b[c].values) / np.ptp(b[c].values))) for a, b in zip(changed, plain, strict=True) for c in MEASURED
+            float(np.max(np.abs(a[c].values - b[c].values) / np.ptp(b[c].values)))
+            for a, b in zip(changed, plain, strict=True)
+            for c in MEASURED
         )
 
     assert change(0.7) > 0.01
-    # An input path carries means over cells instead of the straight input, a rate limit steps from cell to cell: up to a millisecond.
+    # An input path carries means over cells instead of the straight input, a rate limit steps from
+    # cell to cell: up to a millisecond.
     assert change(1e-9) < (1.5e-3 if effect.station is Station.INPUT_PATH else 1e-5)
 
 
 def test_the_names_that_can_be_hidden_are_those_of_the_library() -> None:
-    assert {name.partition(":")[0] for name in KINDS} <= {name.partition(":")[0] for name in effect_names()}
+    assert {name.partition(":")[0] for name in KINDS} <= {
+        name.partition(":")[0] for name in effect_names()
+    }
     assert group("sensor-lag:alpha") == group("vane-offset") != group("sensor-lag:q")
 
 
@@ -152,13 +180,19 @@ def test_a_hidden_effect_is_as_large_as_asked() -> None:
     reduction = 1.0 - float(np.min(errors(()) / errors((found,))))
     assert LEAST < reduction < 0.65
     # A curve of the control bends over the range that the control moves through.
-    curve: Any = sized(plan, "control-nonlinearity", 0.5, errors(()), seed, np.random.default_rng(2))
+    curve: Any = sized(
+        plan, "control-nonlinearity", 0.5, errors(()), seed, np.random.default_rng(2)
+    )
     assert curve is not None and 0.0 < curve.effect.high == -curve.effect.low
 
 
 def test_an_event_belongs_to_one_record() -> None:
     plan = drawn()
-    event = Dominant(find_effect("unmeasured-input", plan.model.equations), {"start": 3.0, "duration": 1.0, "moment": 0.01, "lift": 0.0}, (1,))
+    event = Dominant(
+        find_effect("unmeasured-input", plan.model.equations),
+        {"start": 3.0, "duration": 1.0, "moment": 0.01, "lift": 0.0},
+        (1,),
+    )
     before, after = records(plan), records(hiding(plan, (event,)))
     assert np.array_equal(values(before[0]), values(after[0]))
     assert not np.allclose(before[1]["q"].values, after[1]["q"].values)
@@ -185,7 +219,12 @@ def test_the_files_hold_no_truth(tmp_path: Path) -> None:
     flight = fly_surrogate(short(EVERY), 2)
     paths, vehicle = write_flight(flight, tmp_path)
     for path in paths:
-        assert set(path.read_text().splitlines()[0].split(",")) == {"time", "elevator", *MEASURED, *OPTIONAL}
+        assert set(path.read_text().splitlines()[0].split(",")) == {
+            "time",
+            "elevator",
+            *MEASURED,
+            *OPTIONAL,
+        }
     for name, value in flight.drawn.starts.items():
         wrong = abs(value / flight.drawn.declared.parameters[name].value - 1.0)
         assert 0.05 <= wrong <= 0.3
@@ -193,7 +232,14 @@ def test_the_files_hold_no_truth(tmp_path: Path) -> None:
 
 
 def test_records_differ_in_maneuver_mass_and_trim() -> None:
-    flight = fly_surrogate(short(EVERY, records=(4, 4), maneuvers=("3-2-1-1", "doublets", "multisine", "hand-flown", "two")), 7)
+    flight = fly_surrogate(
+        short(
+            EVERY,
+            records=(4, 4),
+            maneuvers=("3-2-1-1", "doublets", "multisine", "hand-flown", "two"),
+        ),
+        7,
+    )
     assert len(set(flight.drawn.kinds)) == 4
     masses = [flown.constants["mass"] for flown in flight.flown]
     assert 0.001 < np.std(masses) / np.mean(masses) < 0.03

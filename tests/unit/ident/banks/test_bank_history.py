@@ -1,4 +1,6 @@
-"""One filter by the bank's engine against filterpy's: the estimate and every part of the history."""
+"""One filter by the bank's engine against filterpy's: the estimate and every part of the
+history.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,15 @@ def test_equal_to_the_single_filter(elsewhere: bool) -> None:
     system = problem.system(flown)
     system = replace(system, parameters=system.parameters.with_values({"delay": 0.11}))
     laid_out, settings = filter_problem(flown, system, np.inf), FilterSettings()
-    about = np.random.default_rng(1).normal(1.0, 0.1, (14, len(flown))) * laid_out.start[:, None] if elsewhere else None
-    found, expected = filter_alone(flown, system, settings, about), filter_by_filterpy(laid_out, settings, about=about)
+    about = (
+        np.random.default_rng(1).normal(1.0, 0.1, (14, len(flown))) * laid_out.start[:, None]
+        if elsewhere
+        else None
+    )
+    found, expected = (
+        filter_alone(flown, system, settings, about),
+        filter_by_filterpy(laid_out, settings, about=about),
+    )
     assert (found.method, found.names, found.units, found.outcome, found.message) == (
         expected.method,
         expected.names,
@@ -46,7 +55,9 @@ def test_equal_to_the_single_filter(elsewhere: bool) -> None:
             spread = np.sqrt(np.einsum("kii,kjj->kij", other, other))
             np.testing.assert_allclose((one - other) / spread, 0.0, atol=1e-8, err_msg=field.name)
         else:
-            np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-9 * np.abs(other).max(), err_msg=field.name)
+            np.testing.assert_allclose(
+                one, other, rtol=1e-7, atol=1e-9 * np.abs(other).max(), err_msg=field.name
+            )
     one, other = smooth(found.history).mean, smooth(expected.history).mean
     np.testing.assert_allclose((one - other) / sigma[:, None], 0.0, atol=1e-5)
 

@@ -1,4 +1,6 @@
-"""The pass by table against the pass by steps, sample by sample; what has no table is left to the steps."""
+"""The pass by table against the pass by steps, sample by sample; what has no table is left to the
+steps.
+"""
 
 from __future__ import annotations
 
@@ -26,17 +28,25 @@ FIELDS = ("moved", "H", "HP", "S", "y")
 
 
 def start_of(laid_out: FilterProblem, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return start, np.array(np.broadcast_to(laid_out.covariance, (start.shape[1], *laid_out.covariance.shape)))
+    return start, np.array(
+        np.broadcast_to(laid_out.covariance, (start.shape[1], *laid_out.covariance.shape))
+    )
 
 
-@pytest.mark.parametrize("density", [{}, {"q": 1e-6}, {"alpha": 1e-7, "q": 1e-6}], ids=["no noise", "one", "two"])
+@pytest.mark.parametrize(
+    "density", [{}, {"q": 1e-6}, {"alpha": 1e-7, "q": 1e-6}], ids=["no noise", "one", "two"]
+)
 @pytest.mark.parametrize("max_step", [np.inf, 0.015])
 @pytest.mark.parametrize("elsewhere", [False, True], ids=["about itself", "about a trajectory"])
 def test_equal_to_the_steps(density: dict[str, float], max_step: float, elsewhere: bool) -> None:
     flown = problem.record(3, duration=2.4, gaps=True)
     system, settings = problem.system(flown, density=density), FilterSettings(max_step=max_step)
     laid_out, runs = bank_runs(flown, system, settings, held={"delay": GRID})
-    about = np.random.default_rng(1).normal(1.0, 0.1, (14, len(flown), 3)) * runs.start[:, None] if elsewhere else None
+    about = (
+        np.random.default_rng(1).normal(1.0, 0.1, (14, len(flown), 3)) * runs.start[:, None]
+        if elsewhere
+        else None
+    )
     x, P = start_of(laid_out, runs.start)
     results, traces = [], []
     for prepare in (march_of_table, march_of_steps):
@@ -46,9 +56,13 @@ def test_equal_to_the_steps(density: dict[str, float], max_step: float, elsewher
         results.append(march(20, len(flown), first.mean[-1].T, first.covariance[-1], about, trace))
         traces.append(trace)
     scale = np.sqrt(np.diagonal(results[1].covariance, axis1=2, axis2=3))
-    np.testing.assert_allclose(results[0].mean / scale, results[1].mean / scale, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        results[0].mean / scale, results[1].mean / scale, rtol=1e-9, atol=1e-9
+    )
     spread = scale[:, :, :, None] * scale[:, :, None, :]
-    np.testing.assert_allclose(results[0].covariance / spread, results[1].covariance / spread, atol=1e-9)
+    np.testing.assert_allclose(
+        results[0].covariance / spread, results[1].covariance / spread, atol=1e-9
+    )
     np.testing.assert_allclose(results[0].innovation, results[1].innovation, rtol=1e-8, atol=1e-10)
     assert_same_trace(*traces)
 
@@ -56,7 +70,9 @@ def test_equal_to_the_steps(density: dict[str, float], max_step: float, elsewher
 def assert_same_trace(found: BankTrace, expected: BankTrace) -> None:
     for name in FIELDS:
         one, other = getattr(found, name), getattr(expected, name)
-        np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-10 * np.abs(other).max(), err_msg=name)
+        np.testing.assert_allclose(
+            one, other, rtol=1e-8, atol=1e-10 * np.abs(other).max(), err_msg=name
+        )
 
 
 def test_an_input_that_acts_on_an_output() -> None:
@@ -64,7 +80,9 @@ def test_an_input_that_acts_on_an_output() -> None:
     system, settings = compile_model(rigid_start(1.1), online=True), FilterSettings()
     laid_out, runs = bank_runs(record, system, settings)
     x, P = start_of(laid_out, runs.start)
-    found, expected = (prepare(laid_out, settings, runs) for prepare in (march_of_table, march_of_steps))
+    found, expected = (
+        prepare(laid_out, settings, runs) for prepare in (march_of_table, march_of_steps)
+    )
     assert found is not None and expected is not None
     one, other = found(0, len(record), x, P, None, None), expected(0, len(record), x, P, None, None)
     np.testing.assert_allclose(one.mean, other.mean, rtol=1e-9, atol=1e-12)
@@ -76,7 +94,10 @@ def test_what_has_no_table() -> None:
     model = rigid_start()
 
     def has_table(
-        model: Model = model, record: Record = record, settings: FilterSettings = settings, held: dict[str, np.ndarray] | None = None
+        model: Model = model,
+        record: Record = record,
+        settings: FilterSettings = settings,
+        held: dict[str, np.ndarray] | None = None,
     ) -> bool:
         system = compile_model(model, online=True)
         laid_out, runs = bank_runs(record, system, settings, held=held)
@@ -90,7 +111,13 @@ def test_what_has_no_table() -> None:
     assert not has_table(held={"mass": np.array([9e4, 1e5])})
     assert has_table(held={"mass": np.array([1e5])})
     jump = model.with_effects(DerivativeJump())
-    assert not has_table(model=jump.with_parameters(jump.parameters.hold([n for n in jump.parameters.names if n.startswith("derivative-jump")])))
+    assert not has_table(
+        model=jump.with_parameters(
+            jump.parameters.hold(
+                [n for n in jump.parameters.names if n.startswith("derivative-jump")]
+            )
+        )
+    )
 
 
 def test_a_parameter_that_wanders_has_no_table() -> None:

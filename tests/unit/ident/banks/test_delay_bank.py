@@ -1,4 +1,6 @@
-"""The bank of delays: equal to separate filterpy filters, weights without overflow, a refined delay that is the true one."""
+"""The bank of delays: equal to separate filterpy filters, weights without overflow, a refined delay
+that is the true one.
+"""
 
 from __future__ import annotations
 
@@ -25,10 +27,14 @@ def test_bank_is_nine_filterpy_filters(gaps: bool) -> None:
     bank = run_bank(flown, system, held={"delay": np.array(DELAYS)})
     assert len(bank.names) == 14
     for run, delay in enumerate(DELAYS):
-        alone = run_ekf(flown, replace(system, parameters=system.parameters.with_values({"delay": delay})))
+        alone = run_ekf(
+            flown, replace(system, parameters=system.parameters.with_values({"delay": delay}))
+        )
         assert alone.history is not None
         scale = alone.history.std[:, -1]
-        np.testing.assert_allclose(bank.mean[:, run] / scale, alone.history.mean[:, -1] / scale, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(
+            bank.mean[:, run] / scale, alone.history.mean[:, -1] / scale, rtol=1e-9, atol=1e-9
+        )
         np.testing.assert_allclose(bank.std[:, run], scale, rtol=1e-9)
         assert bank.log_likelihood[run] == pytest.approx(alone.log_likelihood, rel=1e-9)
 
@@ -54,7 +60,13 @@ def test_refined_delay_and_parameters_are_the_true_ones() -> None:
     np.testing.assert_allclose(found.weights @ found.delays, found.weighted_mean)
 
 
-FAR_STARTS = ({"M_alpha": 2.5, "M_delta": 2.0}, {"M_q": 0.3}, {"inv_tau": 0.3}, {"M_delta": -1.0}, {"M_alpha": 0.2})
+FAR_STARTS = (
+    {"M_alpha": 2.5, "M_delta": 2.0},
+    {"M_q": 0.3},
+    {"inv_tau": 0.3},
+    {"M_delta": -1.0},
+    {"M_alpha": 0.2},
+)
 
 
 @pytest.mark.parametrize("factors", FAR_STARTS, ids=lambda factors: ", ".join(factors))
@@ -62,30 +74,48 @@ def test_the_result_hangs_on_no_start_that_is_far_off(factors: dict[str, float])
     near, flown = from_near(), problem.record(2)
     assert near.contradicted == () and near.estimate.message == ""
     start = problem.system(flown)
-    priors = {name: abs(factor) * start.parameters[name].prior_std for name, factor in factors.items()}
-    parameters = start.parameters.with_values({name: factor * start.parameters[name].value for name, factor in factors.items()}).with_prior(priors)
+    priors = {
+        name: abs(factor) * start.parameters[name].prior_std for name, factor in factors.items()
+    }
+    parameters = start.parameters.with_values(
+        {name: factor * start.parameters[name].value for name, factor in factors.items()}
+    ).with_prior(priors)
     far = run_delay_bank(flown, replace(start, parameters=parameters))
     assert far.contradicted == () and not far.at_edge
     assert abs(far.refined - near.refined) < near.refined_std
     for name in ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau"):
-        assert abs(far.estimate.value(name) - near.estimate.value(name)) < max(near.estimate.sigma(name), far.estimate.sigma(name)), name
+        assert abs(far.estimate.value(name) - near.estimate.value(name)) < max(
+            near.estimate.sigma(name), far.estimate.sigma(name)
+        ), name
 
 
 def test_priors_that_are_to_stand_are_told_where_the_record_contradicts_them() -> None:
     flown = problem.record(2)
     start = problem.system(flown)
     low = start.parameters["M_q"].value * 0.3
-    start = replace(start, parameters=start.parameters.with_values({"M_q": low}).with_prior({"M_q": 0.25 * abs(low)}))
+    start = replace(
+        start,
+        parameters=start.parameters.with_values({"M_q": low}).with_prior({"M_q": 0.25 * abs(low)}),
+    )
     held = run_delay_bank(flown, start, widenings=0)
     named = dict(held.contradicted)
-    assert named["M_q"] == pytest.approx((held.estimate.value("M_q") - low) / (0.25 * abs(low)), rel=0.1) and named["M_q"] < -3.0
+    assert (
+        named["M_q"]
+        == pytest.approx((held.estimate.value("M_q") - low) / (0.25 * abs(low)), rel=0.1)
+        and named["M_q"] < -3.0
+    )
     assert "M_q by" in held.estimate.message and "start again" in held.estimate.message
 
 
 def test_a_delay_outside_the_grid_is_told() -> None:
     flown = problem.record(3, duration=5.0)
     found = run_delay_bank(flown, problem.system(flown), (0.0, 0.02, 0.04))
-    assert found.at_edge and found.most_likely == 0.04 and found.refined == pytest.approx(0.04) and found.refined_std == 0.0
+    assert (
+        found.at_edge
+        and found.most_likely == 0.04
+        and found.refined == pytest.approx(0.04)
+        and found.refined_std == 0.0
+    )
     assert "delay" not in found.estimate.names
 
 
@@ -100,7 +130,9 @@ def test_wrong_grids_and_a_free_delay_are_refused() -> None:
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=9), st.floats(-1e8, 1e8))
-def test_weights_sum_to_one_and_do_not_depend_on_a_common_factor(values: list[float], shift: float) -> None:
+def test_weights_sum_to_one_and_do_not_depend_on_a_common_factor(
+    values: list[float], shift: float
+) -> None:
     log = np.array(values)
     weights = likelihood_weights(log)
     assert weights.sum() == pytest.approx(1.0)
@@ -121,7 +153,9 @@ def test_vertex_of_a_parabola(width: float, top: float, curvature: float) -> Non
     assert vertex(x, x**2)[1] == 0.0
 
 
-@pytest.mark.parametrize("y", [[1.0, 0.04, 1.44], [2.0, 2.0, 2.0], [1.0, 3.0, 6.0], [0.0, np.nan, 1.0]])
+@pytest.mark.parametrize(
+    "y", [[1.0, 0.04, 1.44], [2.0, 2.0, 2.0], [1.0, 3.0, 6.0], [0.0, np.nan, 1.0]]
+)
 def test_three_points_without_a_maximum_have_their_middle_for_a_vertex(y: list[float]) -> None:
     """Open upwards, a straight line, or not known: no curvature."""
     assert vertex(np.array([-1.0, 0.2, 1.2]), np.array(y)) == (0.2, 0.0)

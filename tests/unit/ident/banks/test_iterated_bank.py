@@ -25,10 +25,19 @@ def test_smoothed_means_are_those_of_the_fixed_interval_smoother(max_step: float
     run_pass(laid_out, settings, runs, False, trace=trace)
     got = smoothed(trace)
     for run, delay in enumerate(GRID):
-        history = run_ekf(flown, replace(system, parameters=system.parameters.with_values({"delay": delay})), settings).history
+        history = run_ekf(
+            flown,
+            replace(system, parameters=system.parameters.with_values({"delay": delay})),
+            settings,
+        ).history
         assert history is not None
         expected = smooth(history)
-        np.testing.assert_allclose(got[:, :, run] / history.std[:, -1:], expected.mean / history.std[:, -1:], rtol=1e-6, atol=1e-5)
+        np.testing.assert_allclose(
+            got[:, :, run] / history.std[:, -1:],
+            expected.mean / history.std[:, -1:],
+            rtol=1e-6,
+            atol=1e-5,
+        )
 
 
 def test_settles_where_the_single_iterated_filter_does() -> None:
@@ -37,7 +46,9 @@ def test_settles_where_the_single_iterated_filter_does() -> None:
     bank, trajectories = run_iterated_bank(flown, system, held={"delay": GRID})
     assert bank.sound.all() and trajectories.shape == (14, len(flown), 2)
     for run, delay in enumerate(GRID):
-        alone = run_iterated_ekf(flown, replace(system, parameters=system.parameters.with_values({"delay": delay})))
+        alone = run_iterated_ekf(
+            flown, replace(system, parameters=system.parameters.with_values({"delay": delay}))
+        )
         np.testing.assert_allclose((bank.mean[3:, run] - alone.values) / alone.std, 0.0, atol=0.02)
         assert bank.log_likelihood[run] == pytest.approx(alone.log_likelihood, abs=0.01)
 
@@ -54,4 +65,8 @@ def test_does_not_depend_on_the_start_of_the_linearisation() -> None:
 def test_a_limit_of_passes_leaves_no_run_sound() -> None:
     flown = problem.record(8, duration=3.0)
     bank, _ = run_iterated_bank(flown, problem.system(flown), held={"delay": GRID}, iterations=2)
-    assert not bank.sound.any() and np.all(bank.log_likelihood == -np.inf) and np.all(np.isfinite(bank.mean))
+    assert (
+        not bank.sound.any()
+        and np.all(bank.log_likelihood == -np.inf)
+        and np.all(np.isfinite(bank.mean))
+    )

@@ -1,4 +1,6 @@
-"""The bank one row at a time: equal to the batch however rows come, with gaps, uneven times, spikes and breakdowns; what it refuses."""
+"""The bank one row at a time: equal to the batch however rows come, with gaps, uneven times, spikes
+and breakdowns; what it refuses.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,16 @@ from hypothesis import strategies as st
 
 from ident.banks.bank import BankEstimate, run_bank
 from ident.banks.delays import DELAYS
-from ident.banks.online import LONGEST_SPIKE, BankState, OnlineBank, Rows, advance, bank_estimate, begin, online_bank
+from ident.banks.online import (
+    LONGEST_SPIKE,
+    BankState,
+    OnlineBank,
+    Rows,
+    advance,
+    bank_estimate,
+    begin,
+    online_bank,
+)
 from sim.declaration.compile import compile_model
 from sim.declaration.model import System
 from sim.errors import ModelError
@@ -54,7 +65,12 @@ def thinned(record: Record, seed: int) -> Record:
     def cut(channel: Channel) -> Channel:
         return replace(channel, values=channel.values[keep], valid=channel.valid[keep])
 
-    return replace(record, time=record.time[keep], inputs=tuple(map(cut, record.inputs)), outputs=tuple(map(cut, record.outputs)))
+    return replace(
+        record,
+        time=record.time[keep],
+        inputs=tuple(map(cut, record.inputs)),
+        outputs=tuple(map(cut, record.outputs)),
+    )
 
 
 @pytest.mark.parametrize("gaps", [False, True], ids=["whole", "gaps"])
@@ -68,14 +84,19 @@ def test_final_estimate_is_that_of_the_batch(gaps: bool, uneven: bool) -> None:
     assert [state.rows_seen for state in states] == list(range(1, len(flown) + 1))
     assert_equal(bank_estimate(bank, states[-1]), batch(flown, system))
     for k in (11, 37):
-        assert_equal(bank_estimate(bank, states[k]), batch(flown.window(flown.time[0], flown.time[k]), system))
+        assert_equal(
+            bank_estimate(bank, states[k]),
+            batch(flown.window(flown.time[0], flown.time[k]), system),
+        )
 
 
 def test_without_process_noise_and_without_a_channel() -> None:
     flown = problem.record(2, duration=2.4).only(["alpha", "q"])
     system = problem.system(flown, density={"alpha": 0.0})
     bank = online_bank(system, 0.04)
-    assert_equal(bank_estimate(bank, states_of(bank, rows_of(flown, system))[-1]), batch(flown, system))
+    assert_equal(
+        bank_estimate(bank, states_of(bank, rows_of(flown, system))[-1]), batch(flown, system)
+    )
 
 
 @settings(max_examples=8, deadline=None)
@@ -84,7 +105,10 @@ def test_grouping_of_rows_changes_nothing_but_rounding(cuts: list[int]) -> None:
     flown = problem.record(1, duration=2.4, gaps=True)
     system = problem.system(flown)
     bank, rows = online_bank(system, 0.04), rows_of(flown, system)
-    grouped, alone = states_of(bank, rows, cuts)[-1], states_of(bank, rows, list(range(2, len(flown))))[-1]
+    grouped, alone = (
+        states_of(bank, rows, cuts)[-1],
+        states_of(bank, rows, list(range(2, len(flown))))[-1],
+    )
     assert_equal(bank_estimate(bank, grouped), bank_estimate(bank, alone))
 
 
@@ -116,11 +140,18 @@ def test_a_spike_counts_as_missing() -> None:
     spoiled = rows.outputs.copy()
     spoiled[0, 20], spoiled[1, 33] = 1e6, -4.0
     states = states_of(bank, rows._replace(outputs=spoiled))
-    assert {(k, int(i)) for k, state in enumerate(states) for i in np.flatnonzero(state.skipped)} == {(20, 0), (33, 1)}
+    assert {
+        (k, int(i)) for k, state in enumerate(states) for i in np.flatnonzero(state.skipped)
+    } == {(20, 0), (33, 1)}
     assert abs(states[20].innovation[0]) > 1e6 and states[33].innovation[1] < -30.0
     missing = rows.outputs.copy()
     missing[0, 20] = missing[1, 33] = np.nan
-    masked = replace(flown, outputs=tuple(Channel.of(c.name, c.unit, row) for c, row in zip(flown.outputs, missing, strict=True)))
+    masked = replace(
+        flown,
+        outputs=tuple(
+            Channel.of(c.name, c.unit, row) for c, row in zip(flown.outputs, missing, strict=True)
+        ),
+    )
     assert_equal(bank_estimate(bank, states[-1]), batch(masked, system))
 
 
@@ -130,7 +161,11 @@ def test_what_lasts_is_believed() -> None:
     bank, rows = online_bank(system, 0.04, gate=30.0), rows_of(flown, system)
     moved = rows.outputs.copy()
     moved[0, 40:] += 0.5
-    skipped = [k for k, state in enumerate(states_of(bank, rows._replace(outputs=moved))) if state.skipped[0]]
+    skipped = [
+        k
+        for k, state in enumerate(states_of(bank, rows._replace(outputs=moved)))
+        if state.skipped[0]
+    ]
     assert skipped[:LONGEST_SPIKE] == [40, 41, 42] and 43 not in skipped
 
 
@@ -157,7 +192,9 @@ def test_what_cannot_run_row_by_row_is_refused() -> None:
     unknown = replace(system, noise=lambda p: ([0.0] * 3, [1e-6, np.nan, 1e-4]))
     with pytest.raises(ModelError, match="output q: its measurement noise"):
         online_bank(unknown, 0.04)
-    walking = replace(system, declared_noise=replace(system.declared_noise, process_density={"M_q": 1e-3}))
+    walking = replace(
+        system, declared_noise=replace(system.declared_noise, process_density={"M_q": 1e-3})
+    )
     with pytest.raises(ModelError, match="M_q: it is a random walk"):
         online_bank(walking, 0.04)
     curved = replace(system, f=lambda t, x, u, p: [x[0] * x[0], x[1], x[2]])

@@ -1,4 +1,6 @@
-"""Other starts beside a bank: an orthogonal design, the same filters as alone, and a spread that says how far they end apart."""
+"""Other starts beside a bank: an orthogonal design, the same filters as alone, and a spread that
+says how far they end apart.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,9 @@ def flown() -> tuple[OnlineBank, Rows]:
     record = problem.record(3, duration=5.0)
     bank = online_bank(problem.system(record, share=1.3), 0.04)
     z, valid = record.output_array(bank.system.output_names)
-    return bank, Rows(record.time, record.input_array(bank.system.input_names), np.where(valid, z, np.nan))
+    return bank, Rows(
+        record.time, record.input_array(bank.system.input_names), np.where(valid, z, np.nan)
+    )
 
 
 def test_the_starts_are_an_orthogonal_design_of_one_sigma(flown: tuple[OnlineBank, Rows]) -> None:
@@ -50,13 +54,18 @@ def test_the_starts_are_an_orthogonal_design_of_one_sigma(flown: tuple[OnlineBan
     np.testing.assert_allclose(moved[at] @ moved[at].T, 8 * np.diag(np.square(std[at])), atol=1e-9)
     np.testing.assert_allclose(moved.sum(axis=1), 0.0, atol=1e-9)
     np.testing.assert_array_equal(np.delete(moved, at, axis=0), 0.0)
-    assert moved_starts(bank, FACTORS[:4]).shape[1] == 8 and moved_starts(bank, FACTORS[:3]).shape[1] == 4
+    assert (
+        moved_starts(bank, FACTORS[:4]).shape[1] == 8
+        and moved_starts(bank, FACTORS[:3]).shape[1] == 4
+    )
     with pytest.raises(ModelError, match="other starts, delay"):
         moved_starts(bank, ["delay"])
     assert pytest.approx(chi2.median(1), rel=1e-5) == MEDIAN_SQUARE
 
 
-def test_they_are_the_filters_that_run_alone_and_their_spread_is_that_of_the_ends(flown: tuple[OnlineBank, Rows]) -> None:
+def test_they_are_the_filters_that_run_alone_and_their_spread_is_that_of_the_ends(
+    flown: tuple[OnlineBank, Rows],
+) -> None:
     bank, rows = flown
     starts = moved_starts(bank, FACTORS)
     others = bank_of_starts(bank, starts)
@@ -65,19 +74,24 @@ def test_they_are_the_filters_that_run_alone_and_their_spread_is_that_of_the_end
     alone = [run(replace(bank, start=start), rows)[-1] for start in starts.T]
     own, best = states[-1].mean[:, states[-1].best], states[-1].best
     for k, state in enumerate(alone):
-        np.testing.assert_allclose(ends.mean[-1, k], state.mean[:, state.best], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(
+            ends.mean[-1, k], state.mean[:, state.best], rtol=1e-9, atol=1e-12
+        )
         assert ends.delay[-1, k] == bank.delays[state.best]
     spread = spread_of(bank, states, ends)
     ended = np.array([state.mean[:, state.best] for state in alone]) - own
     slope = (states[-1].mean[:, best + 1] - states[-1].mean[:, best - 1]) / 0.05
     expected = np.sqrt(np.median(ended**2, axis=0) / MEDIAN_SQUARE + slope**2 * 0.025**2 / 12.0)
     np.testing.assert_allclose(spread.std[-1], expected, rtol=1e-7)
-    # A start that is 30 % off leads the lag elsewhere by several of the sigmas that the filter prints.
+    # A start that is 30 % off leads the lag elsewhere by several of the sigmas that the filter
+    # prints.
     lag = bank.names.index("inv_tau")
     assert spread.std[-1, lag] > 3.0 * states[-1].std(best)[lag]
 
 
-def test_where_half_of_the_starts_broke_down_nothing_is_known(flown: tuple[OnlineBank, Rows]) -> None:
+def test_where_half_of_the_starts_broke_down_nothing_is_known(
+    flown: tuple[OnlineBank, Rows],
+) -> None:
     bank, rows = flown
     few = Rows(*(part[..., :40] for part in rows))
     states = run(bank, few)
@@ -97,4 +111,6 @@ def test_covariance_of_a_spread_has_its_deviations_and_is_one() -> None:
     assert np.linalg.eigvalsh(found).min() > -1e-9
     expected = differences[:, :4].T @ differences[:, :4]
     scale = np.sqrt(np.diagonal(expected))
-    np.testing.assert_allclose(found[:4, :4] / np.outer(std[:4], std[:4]), expected / np.outer(scale, scale), atol=1e-12)
+    np.testing.assert_allclose(
+        found[:4, :4] / np.outer(std[:4], std[:4]), expected / np.outer(scale, scale), atol=1e-12
+    )

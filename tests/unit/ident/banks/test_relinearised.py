@@ -1,4 +1,6 @@
-"""The bank that is linearised anew on its way: the estimate of the whole record so far, whatever the start."""
+"""The bank that is linearised anew on its way: the estimate of the whole record so far, whatever
+the start.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +10,27 @@ import numpy as np
 import pytest
 
 from ident.banks.delays import run_delay_bank
-from ident.banks.online import BankState, OnlineBank, Rows, advance, begin, moved_starts, online_bank, with_delays
-from ident.banks.relinearised import Relinearised, along, due, informative_enough, joint, joint_estimate, linearise, on_a_grid_that_fits, sharper_of
+from ident.banks.online import (
+    BankState,
+    OnlineBank,
+    Rows,
+    advance,
+    begin,
+    moved_starts,
+    online_bank,
+    with_delays,
+)
+from ident.banks.relinearised import (
+    Relinearised,
+    along,
+    due,
+    informative_enough,
+    joint,
+    joint_estimate,
+    linearise,
+    on_a_grid_that_fits,
+    sharper_of,
+)
 from ident.estimate import Estimate
 from sim.declaration.model import System
 from sim.record import Record
@@ -25,7 +46,12 @@ def flown() -> tuple[Record, System, OnlineBank, Rows]:
     system = problem.system(record, share=1.3)
     bank = online_bank(system, 0.04)
     z, valid = record.output_array(bank.system.output_names)
-    return record, system, bank, Rows(record.time, record.input_array(bank.system.input_names), np.where(valid, z, np.nan))
+    return (
+        record,
+        system,
+        bank,
+        Rows(record.time, record.input_array(bank.system.input_names), np.where(valid, z, np.nan)),
+    )
 
 
 def part(rows: Rows, first: int, last: int | None) -> Rows:
@@ -40,7 +66,9 @@ def states(flown: tuple[Record, System, OnlineBank, Rows]) -> list[BankState]:
 
 
 @pytest.fixture(scope="module")
-def halfway(flown: tuple[Record, System, OnlineBank, Rows], states: list[BankState]) -> Relinearised:
+def halfway(
+    flown: tuple[Record, System, OnlineBank, Rows], states: list[BankState]
+) -> Relinearised:
     record, system, bank, _ = flown
     so_far = record.window(0.0, float(record.time[HALF - 1]))
     found = linearise(so_far, system, bank, states[HALF - 1], moved_starts(bank, FACTORS))
@@ -49,22 +77,28 @@ def halfway(flown: tuple[Record, System, OnlineBank, Rows], states: list[BankSta
 
 
 def near(found: Estimate, refined: Estimate) -> None:
-    """Half a sigma, for a mean over filters is no mode; the refinement's deviation of the delay is that of a curvature, here it is that of the
-    likelihood's whole width, which tails make wider and, linearised at an earlier row, a fifth narrower at most."""
+    """Half a sigma, for a mean over filters is no mode; the refinement's deviation of the delay is
+    that of a curvature, here it is that of the likelihood's whole width, which tails make wider
+    and, linearised at an earlier row, a fifth narrower at most."""
     np.testing.assert_allclose((found.values - refined.values) / refined.std, 0.0, atol=0.5)
     assert np.all(found.std > 0.8 * refined.std) and np.all(found.std < 1.5 * refined.std)
 
 
-def test_it_begins_where_the_refinement_ends(flown: tuple[Record, System, OnlineBank, Rows], halfway: Relinearised) -> None:
+def test_it_begins_where_the_refinement_ends(
+    flown: tuple[Record, System, OnlineBank, Rows], halfway: Relinearised
+) -> None:
     record, system, _, _ = flown
     refined = run_delay_bank(record.window(0.0, float(record.time[HALF - 1])), system).estimate
     found = joint_estimate(halfway)
     assert found.names == refined.names
     near(found, refined)
-    np.testing.assert_array_equal(halfway.apart, 0.0)  # wherever it was linearised first, it ends there
+    # wherever it was linearised first, it ends there
+    np.testing.assert_array_equal(halfway.apart, 0.0)
 
 
-def test_row_by_row_it_stays_at_the_refinement_of_all_rows(flown: tuple[Record, System, OnlineBank, Rows], halfway: Relinearised) -> None:
+def test_row_by_row_it_stays_at_the_refinement_of_all_rows(
+    flown: tuple[Record, System, OnlineBank, Rows], halfway: Relinearised
+) -> None:
     record, system, _, rows = flown
     on = along(halfway, part(rows, HALF, None))
     assert len(on) == len(record) - HALF and on[-1].state.rows_seen == len(record)
@@ -76,10 +110,15 @@ def test_row_by_row_it_stays_at_the_refinement_of_all_rows(flown: tuple[Record, 
     assert due(replace(on[-1], mean=halfway.mean + 2.0 * halfway.std), FACTORS)
 
 
-def test_the_last_rows_go_on_where_they_hold_what_is_known_and_are_weighed_else(halfway: Relinearised) -> None:
+def test_the_last_rows_go_on_where_they_hold_what_is_known_and_are_weighed_else(
+    halfway: Relinearised,
+) -> None:
     mean, covariance = joint(halfway.bank, halfway.state)
     std = np.sqrt(np.diagonal(covariance))
-    assert sharper_of(None, halfway, FACTORS) is halfway and sharper_of(halfway, None, FACTORS) is halfway
+    assert (
+        sharper_of(None, halfway, FACTORS) is halfway
+        and sharper_of(halfway, None, FACTORS) is halfway
+    )
     assert sharper_of(None, None, FACTORS) is None
     as_sharp = replace(halfway, std=1.2 * std)
     assert sharper_of(halfway, as_sharp, FACTORS) is as_sharp
@@ -96,7 +135,12 @@ def test_the_last_rows_go_on_where_they_hold_what_is_known_and_are_weighed_else(
 
 def test_another_grid_of_delays_holds_the_same_gaussian(halfway: Relinearised) -> None:
     mean, covariance = joint(halfway.bank, halfway.state)
-    coarse = replace(halfway, state=halfway.state._replace(log_likelihood=-0.5 * (np.arange(len(halfway.bank.delays)) - 3.2) ** 2 / 0.4**2))
+    coarse = replace(
+        halfway,
+        state=halfway.state._replace(
+            log_likelihood=-0.5 * (np.arange(len(halfway.bank.delays)) - 3.2) ** 2 / 0.4**2
+        ),
+    )
     before_mean, before = joint(coarse.bank, coarse.state)
     anew = on_a_grid_that_fits(coarse)
     assert np.diff(anew.bank.delays)[0] < np.diff(coarse.bank.delays)[0]
@@ -108,9 +152,14 @@ def test_another_grid_of_delays_holds_the_same_gaussian(halfway: Relinearised) -
     assert np.isfinite(mean).all() and np.linalg.eigvalsh(covariance).min() > 0
 
 
-@pytest.mark.parametrize(("centre", "width"), [(0.012, 0.01), (0.195, 0.01), (0.1, 0.07), (0.1, 0.3)])
-def test_a_delay_near_the_ends_becomes_no_narrower_by_a_grid_laid_anew(halfway: Relinearised, centre: float, width: float) -> None:
-    # Two delays a sigma of it to either side have these moments; they are no grid, so that one is laid, again and again if it had to be.
+@pytest.mark.parametrize(
+    ("centre", "width"), [(0.012, 0.01), (0.195, 0.01), (0.1, 0.07), (0.1, 0.3)]
+)
+def test_a_delay_near_the_ends_becomes_no_narrower_by_a_grid_laid_anew(
+    halfway: Relinearised, centre: float, width: float
+) -> None:
+    # Two delays a sigma of it to either side have these moments; they are no grid, so that one is
+    # laid, again and again if it had to be.
     pair = with_delays(halfway.bank, np.array([centre - width, centre + width]))
     alike = halfway.state._replace(
         mean=np.repeat(halfway.state.mean[:, :1], 2, axis=1),
@@ -139,7 +188,9 @@ def test_moments_over_filters_are_those_of_the_mixture(halfway: Relinearised) ->
     chosen = rng.choice(len(bank.delays), 40000, p=weights / weights.sum())
     squares, axes = np.linalg.eigh(0.5 * (state.covariance + state.covariance.transpose(0, 2, 1)))
     roots = axes * np.sqrt(np.maximum(squares, 0.0))[:, None, :]
-    drawn = state.mean[:, chosen].T + np.einsum("kij,kj->ki", roots[chosen], rng.standard_normal((len(chosen), len(mean) - 1)))
+    drawn = state.mean[:, chosen].T + np.einsum(
+        "kij,kj->ki", roots[chosen], rng.standard_normal((len(chosen), len(mean) - 1))
+    )
     drawn = np.column_stack([drawn, bank.delays[chosen]])
     std = np.sqrt(np.diagonal(covariance))
     np.testing.assert_allclose((drawn.mean(axis=0) - mean) / std, 0.0, atol=4.0 / 200.0)
@@ -147,8 +198,12 @@ def test_moments_over_filters_are_those_of_the_mixture(halfway: Relinearised) ->
     np.testing.assert_allclose(drawn.std(axis=0) / std, 1.0, atol=4.0 / 200.0 / 2**0.5)
 
 
-def test_before_the_maneuver_nothing_is_told(flown: tuple[Record, System, OnlineBank, Rows], states: list[BankState]) -> None:
+def test_before_the_maneuver_nothing_is_told(
+    flown: tuple[Record, System, OnlineBank, Rows], states: list[BankState]
+) -> None:
     record, system, bank, _ = flown
-    assert not informative_enough(bank, states[12], FACTORS) and informative_enough(bank, states[HALF], FACTORS)
+    assert not informative_enough(bank, states[12], FACTORS) and informative_enough(
+        bank, states[HALF], FACTORS
+    )
     quiet = record.window(0.0, float(record.time[12]))
     assert linearise(quiet, system, bank, states[12], bank.start[:, None]) is None

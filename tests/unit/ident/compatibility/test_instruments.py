@@ -27,14 +27,21 @@ def test_the_weighed_part_is_a_projection_of_what_is_white() -> None:
     noise = fit([s]).noise
     x = np.where(s.valid, np.random.default_rng(1).standard_normal(s.valid.shape), 0.0)[:, :, None]
     part, whole = weigher(s, noise)(x), whitener(s, noise)(x)
-    assert float(np.sum(part * (whole - part))) == pytest.approx(0.0, abs=1e-9 * float(np.sum(whole**2)))
+    assert float(np.sum(part * (whole - part))) == pytest.approx(
+        0.0, abs=1e-9 * float(np.sum(whole**2))
+    )
     moved = s.instruments[:, [4]].T[:, :, None] * s.valid[:, :, None]
-    assert weigher(s, noise)(moved) == pytest.approx(whitener(s, noise)(moved), abs=1e-6 * float(np.abs(whitener(s, noise)(moved)).max()))
+    assert weigher(s, noise)(moved) == pytest.approx(
+        whitener(s, noise)(moved), abs=1e-6 * float(np.abs(whitener(s, noise)(moved)).max())
+    )
 
 
 def test_without_a_control_that_moves_there_are_none() -> None:
     still = Channel.of("elevator", "rad", np.full(len(record()), 0.1))
-    assert instruments_of(record()).shape[1] == 0 and instruments_of(replace(record(), inputs=(still,))).shape[1] == 0
+    assert (
+        instruments_of(record()).shape[1] == 0
+        and instruments_of(replace(record(), inputs=(still,))).shape[1] == 0
+    )
 
 
 @pytest.mark.parametrize(
@@ -42,10 +49,13 @@ def test_without_a_control_that_moves_there_are_none() -> None:
     [
         ("sensor-delay:alpha", {"alpha": flights.shown_late(0.08)}, 0.08),
         ("sensor-delay:q", {"q": flights.shown_late(0.08)}, 0.08),
-        ("sensor-scale:alpha", {"alpha": flights.scaled(1.25)}, 1.25),  # a load ahead of its time looks so
+        # a load ahead of its time looks so
+        ("sensor-scale:alpha", {"alpha": flights.scaled(1.25)}, 1.25),
     ],
 )
-def test_a_fault_shows_in_rough_air_in_its_size(name: str, sensor: dict[str, flights.Sensor], value: float) -> None:
+def test_a_fault_shows_in_rough_air_in_its_size(
+    name: str, sensor: dict[str, flights.Sensor], value: float
+) -> None:
     found = checked([in_rough_air(0, sensors=sensor)])
     (fault,) = [each for each in found.findings if each.name == name]
     assert fault.stands and abs(fault.value - value) < 3.0 * fault.std

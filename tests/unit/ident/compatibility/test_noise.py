@@ -16,7 +16,9 @@ COUNT = 20_000
 @pytest.mark.parametrize("std", [1e-3, 0.5])
 def test_the_roughness_of_white_noise_is_its_variance(std: float) -> None:
     """Within four deviations of a median of 20,000 correlated differences: 5 % of the variance."""
-    assert roughness(std * np.random.default_rng(1).standard_normal(COUNT)) == pytest.approx(std**2, rel=0.06)
+    assert roughness(std * np.random.default_rng(1).standard_normal(COUNT)) == pytest.approx(
+        std**2, rel=0.06
+    )
 
 
 def test_smooth_motion_and_a_few_switches_add_nothing() -> None:
@@ -32,7 +34,9 @@ def test_a_channel_without_noise_keeps_a_level_above_zero() -> None:
 
 
 def test_no_channel_has_less_noise_than_its_rounding() -> None:
-    """Rounding to steps of d leaves d^2/12; what has no steps is stored in single precision at best."""
+    """Rounding to steps of d leaves d^2/12; what has no steps is stored in single precision at
+    best.
+    """
     moved = 0.3 * np.sin(0.013 * np.arange(COUNT))
     assert resolution(np.round(moved / 0.01) * 0.01) == pytest.approx(0.01**2 / 12.0, rel=1e-6)
     assert resolution(np.linspace(0.0, 4.0, 500)) == pytest.approx((2.0**-23 * 4.0) ** 2 / 12.0)
@@ -42,8 +46,12 @@ def test_no_channel_has_less_noise_than_its_rounding() -> None:
 
 
 def test_the_check_finds_no_noise_below_that_of_rounding() -> None:
-    """A gyro in steps of 0.001 rad/s and an accelerometer in steps of 0.01 g, without any noise of their own."""
-    coarse = rounded(flight(outputs=("alpha", "q", "nz", "theta")), q=1e-3, nz=1e-2, alpha=1e-3, theta=1e-3)
+    """A gyro in steps of 0.001 rad/s and an accelerometer in steps of 0.01 g, without any noise of
+    their own.
+    """
+    coarse = rounded(
+        flight(outputs=("alpha", "q", "nz", "theta")), q=1e-3, nz=1e-2, alpha=1e-3, theta=1e-3
+    )
     levels = compatibility([coarse], CompatibilitySettings(110.0)).joint.noise_std
     for name, step in (("q", 1e-3), ("nz", 1e-2), ("alpha", 1e-3), ("theta", 1e-3)):
         assert levels[name] >= 0.999 * step / np.sqrt(12.0)

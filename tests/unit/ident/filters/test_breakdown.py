@@ -26,7 +26,14 @@ FILTERS = [run_ekf, run_ukf]
 
 
 def assert_finite(estimate: Estimate) -> None:
-    arrays = [estimate.values, estimate.covariance, estimate.std, estimate.noise_std, np.array(estimate.log_likelihood), *estimate.fitted]
+    arrays = [
+        estimate.values,
+        estimate.covariance,
+        estimate.std,
+        estimate.noise_std,
+        np.array(estimate.log_likelihood),
+        *estimate.fitted,
+    ]
     history = estimate.history
     assert history is not None
     arrays += [getattr(history, field.name) for field in fields(history) if field.name != "names"]
@@ -36,15 +43,25 @@ def assert_finite(estimate: Estimate) -> None:
     assert (estimate.message == "") == (estimate.outcome is Outcome.CONVERGED)
 
 
-wild = st.tuples(st.sampled_from([-1.0, 1.0]), st.floats(-3.0, 12.0)).map(lambda pair: pair[0] * 10.0 ** pair[1])
+wild = st.tuples(st.sampled_from([-1.0, 1.0]), st.floats(-3.0, 12.0)).map(
+    lambda pair: pair[0] * 10.0 ** pair[1]
+)
 
 
 @pytest.mark.parametrize("run", FILTERS)
 @settings(max_examples=6)
-@given(factors=st.lists(wild, min_size=6, max_size=6), prior=st.floats(-2.0, 6.0), passes=st.integers(1, 3))
+@given(
+    factors=st.lists(wild, min_size=6, max_size=6),
+    prior=st.floats(-2.0, 6.0),
+    passes=st.integers(1, 3),
+)
 def test_wild_aircraft(run: Filter, factors: list[float], prior: float, passes: int) -> None:
     record = rigid_record(np.random.default_rng(0), 3.0, 20.0)
-    how = FilterSettings(passes=passes) if passes < 3 else FilterSettings(euler_step, Exponential(), passes=passes)
+    how = (
+        FilterSettings(passes=passes)
+        if passes < 3
+        else FilterSettings(euler_step, Exponential(), passes=passes)
+    )
     assert_finite(run(record, compile_model(rigid_start(factors, 10.0**prior), online=True), how))
 
 
@@ -52,16 +69,27 @@ def test_wild_aircraft(run: Filter, factors: list[float], prior: float, passes: 
 @settings(max_examples=6)
 @given(beta=wild)
 def test_wild_ballistic_coefficient(run: Filter, beta: float) -> None:
-    assert_finite(run(ballistic_record(np.random.default_rng(0)), compile_model(ballistic_start(beta), online=True)))
+    assert_finite(
+        run(
+            ballistic_record(np.random.default_rng(0)),
+            compile_model(ballistic_start(beta), online=True),
+        )
+    )
 
 
 @pytest.mark.parametrize("run", FILTERS)
 def test_divergence_keeps_the_last_sound_sample(run: Filter) -> None:
-    # A start that is sound for a while: the unstable roots need some samples to leave the range of numbers.
+    # A start that is sound for a while: the unstable roots need some samples to leave the range of
+    # numbers.
     record = rigid_record(np.random.default_rng(0), 4.0, 25.0)
-    gone = [Channel.of(c.name, c.unit, np.where(record.time < 0.5, c.values, np.nan)) for c in record.outputs]
+    gone = [
+        Channel.of(c.name, c.unit, np.where(record.time < 0.5, c.values, np.nan))
+        for c in record.outputs
+    ]
     blind = Record(record.time, record.inputs, tuple(gone))
-    estimate = run(blind, compile_model(rigid_start([1.0, 1.0, 1.0, -3e4, 1.0, 1.0], 1e-3), online=True))
+    estimate = run(
+        blind, compile_model(rigid_start([1.0, 1.0, 1.0, -3e4, 1.0, 1.0], 1e-3), online=True)
+    )
     assert estimate.outcome in (Outcome.DIVERGED, Outcome.INDEFINITE)
     assert estimate.message.startswith("at ") and estimate.message.endswith(" s")
     assert_finite(estimate)
@@ -76,9 +104,15 @@ def test_divergence_keeps_the_last_sound_sample(run: Filter) -> None:
 
 def test_an_innovation_beyond_all_numbers_diverges() -> None:
     record = rigid_record(np.random.default_rng(0), 1.0, 20.0)
-    channels = [Channel.of(c.name, c.unit, np.where(np.arange(len(record)) == 7, 1e180, c.values)) for c in record.outputs]
+    channels = [
+        Channel.of(c.name, c.unit, np.where(np.arange(len(record)) == 7, 1e180, c.values))
+        for c in record.outputs
+    ]
     for run in FILTERS:
-        estimate = run(Record(record.time, record.inputs, tuple(channels)), compile_model(rigid_start(), online=True))
+        estimate = run(
+            Record(record.time, record.inputs, tuple(channels)),
+            compile_model(rigid_start(), online=True),
+        )
         assert estimate.outcome is Outcome.DIVERGED and estimate.message == "at 0.35 s"
         assert_finite(estimate)
 

@@ -1,4 +1,6 @@
-"""Standard deviations of a filter under coloured noise: exact algebra on a linear problem, output error's numbers, scatter over seeds."""
+"""Standard deviations of a filter under coloured noise: exact algebra on a linear problem, output
+error's numbers, scatter over seeds.
+"""
 
 from __future__ import annotations
 
@@ -20,22 +22,34 @@ from tests.rigid_problem import rigid_record, rigid_start
 COEFFICIENT = 0.9
 
 
-def coloured(record: Record, model_outputs: dict[str, np.ndarray], std: dict[str, float], seed: int) -> Record:
-    """The record's outputs without noise, ``model_outputs``, with first-order autoregressive noise of the standard deviations ``std``."""
+def coloured(
+    record: Record, model_outputs: dict[str, np.ndarray], std: dict[str, float], seed: int
+) -> Record:
+    """The record's outputs without noise, ``model_outputs``, with first-order autoregressive noise
+    of the standard deviations ``std``.
+    """
     rng, outputs = np.random.default_rng(seed), []
     for channel in record.outputs:
         white = rng.standard_normal(len(record) + 200)
         noise = np.zeros_like(white)
         for k in range(1, len(white)):
             noise[k] = COEFFICIENT * noise[k - 1] + np.sqrt(1.0 - COEFFICIENT**2) * white[k]
-        outputs.append(replace(channel, values=model_outputs[channel.name] + std[channel.name] * noise[200:]))
+        outputs.append(
+            replace(channel, values=model_outputs[channel.name] + std[channel.name] * noise[200:])
+        )
     return replace(record, outputs=tuple(outputs))
 
 
 @pytest.mark.parametrize("density", [{}, {"speed": 0.05}], ids=["quiet", "forced"])
-def test_under_white_noise_the_algebra_gives_back_the_filters_own_covariance(density: dict[str, float]) -> None:
-    # The filter of the problem is linear: initial state and parameters by least squares have the covariance of its last sample.
-    estimate = run_ekf(record_of(np.random.default_rng(3), 60, uneven=True, missing=True), compile_model(oscillator(density), online=True))
+def test_under_white_noise_the_algebra_gives_back_the_filters_own_covariance(
+    density: dict[str, float],
+) -> None:
+    # The filter of the problem is linear: initial state and parameters by least squares have the
+    # covariance of its last sample.
+    estimate = run_ekf(
+        record_of(np.random.default_rng(3), 60, uneven=True, missing=True),
+        compile_model(oscillator(density), online=True),
+    )
     found = coloured_innovations(estimate)
     assert found is not None and found.names == estimate.names
     white = np.sqrt(np.diagonal(found.covariance)) / found.factor
@@ -50,7 +64,10 @@ def test_without_process_noise_it_is_close_to_the_correction_of_output_error() -
     model = rigid_start()
     wide = {name: 100.0 * model.parameters[name].prior_std for name in model.parameters.free_names}
     model = replace(model, parameters=model.parameters.with_prior(wide))
-    fit, white = (fit_output_error([noisy], compile_model(model, tuple(std)), FitSettings(coloured=each)) for each in (True, False))
+    fit, white = (
+        fit_output_error([noisy], compile_model(model, tuple(std)), FitSettings(coloured=each))
+        for each in (True, False)
+    )
     levels = dict(zip(white.output_names, white.noise_std.tolist(), strict=True))
     ready = replace(model, noise=replace(model.noise, measurement_std=levels))
     found = with_coloured_covariance(run_iterated_ekf(noisy, compile_model(ready, online=True)))
@@ -71,23 +88,31 @@ def test_two_corrected_standard_deviations_hold_the_truth() -> None:
     # Without process noise the smoothed trajectory is one of the model.
     outputs = linear.C @ smooth(quiet.history).mean + linear.D @ record.input_array()
     exact = dict(zip(quiet.output_names, outputs, strict=True))
-    std = {name: float(value) for name, value in zip(quiet.output_names, quiet.noise_std, strict=True)}
+    std = {
+        name: float(value) for name, value in zip(quiet.output_names, quiet.noise_std, strict=True)
+    }
     runs = [run_ekf(coloured(record, exact, std, seed), system) for seed in range(80)]
     errors = np.array([each.values for each in runs]) - quiet.values
     assert np.mean(np.abs(errors) <= 2.0 * np.array([each.std for each in runs])) < 0.5
     # Sigmas from 150 samples with a memory of ten are Student's: wider than the scatter on average.
-    held = np.mean(np.abs(errors) <= 2.0 * np.array([with_coloured_covariance(each).std for each in runs]))
+    held = np.mean(
+        np.abs(errors) <= 2.0 * np.array([with_coloured_covariance(each).std for each in runs])
+    )
     assert 0.90 < held < 0.98, held
 
 
-def test_one_cause_in_several_outputs_widens_the_standard_deviations_by_its_cross_spectrum() -> None:
+def test_one_cause_in_several_outputs_widens_the_standard_deviations_by_its_cross_spectrum() -> (
+    None
+):
     record = rigid_record(np.random.default_rng(2))
     exact = dict(zip(record.output_names, record.output_array(record.output_names)[0], strict=True))
     std = {name: 0.05 * float(np.std(values)) for name, values in exact.items()}
     shared = coloured(record, exact, std, 5)
     first = record.output_names[0]
     cause = (shared[first].values - exact[first]) / std[first]
-    rows = (replace(each, values=exact[each.name] + std[each.name] * cause) for each in record.outputs)
+    rows = (
+        replace(each, values=exact[each.name] + std[each.name] * cause) for each in record.outputs
+    )
     moved = replace(record, outputs=tuple(rows))
     model = rigid_start()
     model = replace(model, noise=replace(model.noise, measurement_std=std))
@@ -100,7 +125,9 @@ def test_one_cause_in_several_outputs_widens_the_standard_deviations_by_its_cros
 
 
 def test_a_filter_that_broke_down_has_no_correction() -> None:
-    estimate = run_ekf(record_of(np.random.default_rng(3), 30), compile_model(oscillator({}), online=True))
+    estimate = run_ekf(
+        record_of(np.random.default_rng(3), 30), compile_model(oscillator({}), online=True)
+    )
     broken = replace(estimate, outcome=Outcome.DIVERGED)
     assert coloured_innovations(broken) is None and with_coloured_covariance(broken) is broken
     assert coloured_innovations(replace(estimate, history=None)) is None

@@ -1,4 +1,6 @@
-"""The extended Kalman filter against a covariance-form Kalman filter on a linear problem, with every option."""
+"""The extended Kalman filter against a covariance-form Kalman filter on a linear problem, with
+every option.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,15 @@ import numpy as np
 import pytest
 
 from ident.estimate import Outcome
-from ident.filters.ekf import SETTLED, FilterSettings, OnePass, filter_by_complex_step, filter_by_filterpy, filter_by_table, run_ekf
+from ident.filters.ekf import (
+    SETTLED,
+    FilterSettings,
+    OnePass,
+    filter_by_complex_step,
+    filter_by_filterpy,
+    filter_by_table,
+    run_ekf,
+)
 from ident.filters.one_record import Exponential, Taylor, Transition
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Parameter, ParameterSet
@@ -25,18 +35,46 @@ NAMES = ("position", "speed", "force", "bias_mixed")
 OUTPUTS = ("place", "mixed", "speed")
 
 
-def oracle(record: Record, settings: FilterSettings, density: dict[str, float], terms: int | None, start: np.ndarray | None = None) -> Filtered:
+def oracle(
+    record: Record,
+    settings: FilterSettings,
+    density: dict[str, float],
+    terms: int | None,
+    start: np.ndarray | None = None,
+) -> Filtered:
     model = matrices(density)
     if start is not None:
         model = replace(model, x0=start)
-    grid = make_grid(record.time, settings.max_step if np.isfinite(settings.max_step) else float(np.diff(record.time).max()))
+    grid = make_grid(
+        record.time,
+        settings.max_step if np.isfinite(settings.max_step) else float(np.diff(record.time).max()),
+    )
     z, valid = record.output_array(OUTPUTS)
     ramp, euler = record.hold is Hold.LINEAR, settings.step is euler_step
-    return kalman(model, record.time, record.input_array(), z, valid, np.diff(grid.sample), terms=terms, euler=euler, ramp=ramp)
+    return kalman(
+        model,
+        record.time,
+        record.input_array(),
+        z,
+        valid,
+        np.diff(grid.sample),
+        terms=terms,
+        euler=euler,
+        ramp=ramp,
+    )
 
 
-def assert_same(record: Record, settings: FilterSettings, density: dict[str, float], terms: int | None, by: OnePass = filter_by_filterpy) -> None:
-    estimate, expected = run_ekf(record, compile_model(oscillator(density), online=True), settings, by=by), oracle(record, settings, density, terms)
+def assert_same(
+    record: Record,
+    settings: FilterSettings,
+    density: dict[str, float],
+    terms: int | None,
+    by: OnePass = filter_by_filterpy,
+) -> None:
+    estimate, expected = (
+        run_ekf(record, compile_model(oscillator(density), online=True), settings, by=by),
+        oracle(record, settings, density, terms),
+    )
     history = estimate.history
     assert history is not None and estimate.outcome is Outcome.CONVERGED
     assert history.names == NAMES
@@ -70,9 +108,13 @@ TRANSITIONS = [(Taylor(2), 2), (Taylor(3), 3), (Taylor(5), 5), (Exponential(), N
 
 @pytest.mark.parametrize("density", [{}, DENSITY], ids=["quiet", "forced"])
 @pytest.mark.parametrize("step", [euler_step, rk4_step])
-@pytest.mark.parametrize(("transition", "terms"), TRANSITIONS, ids=["Taylor 2", "Taylor 3", "Taylor 5", "exponential"])
+@pytest.mark.parametrize(
+    ("transition", "terms"), TRANSITIONS, ids=["Taylor 2", "Taylor 3", "Taylor 5", "exponential"]
+)
 @pytest.mark.parametrize("holed", [False, True], ids=["whole", "holed and uneven"])
-def test_equals_the_covariance_form(density: dict[str, float], step: Step, transition: Transition, terms: int | None, holed: bool) -> None:
+def test_equals_the_covariance_form(
+    density: dict[str, float], step: Step, transition: Transition, terms: int | None, holed: bool
+) -> None:
     record = record_of(np.random.default_rng(5), 40, uneven=holed, missing=holed)
     settings = FilterSettings(step, transition, max_step=0.03 if holed else np.inf)
     assert_same(record, settings, density, terms)
@@ -87,13 +129,18 @@ def test_either_way_equals_the_covariance_form(density: dict[str, float], by: On
 
 @pytest.mark.parametrize("absent", [("mixed",), ("place", "speed")])
 @pytest.mark.parametrize("hold", list(Hold))
-def test_equals_the_covariance_form_with_absent_channels(absent: tuple[str, ...], hold: Hold) -> None:
-    record = record_of(np.random.default_rng(6), 40, uneven=True, missing=True, absent=absent, hold=hold)
+def test_equals_the_covariance_form_with_absent_channels(
+    absent: tuple[str, ...], hold: Hold
+) -> None:
+    record = record_of(
+        np.random.default_rng(6), 40, uneven=True, missing=True, absent=absent, hold=hold
+    )
     assert_same(record, FilterSettings(rk4_step, Exponential(), 0.04), DENSITY, None)
 
 
 def test_every_pass_starts_from_the_parameters_of_the_one_before() -> None:
-    # Few noisy samples: the force keeps moving, since each pass takes its own result for its prior mean.
+    # Few noisy samples: the force keeps moving, since each pass takes its own result for its prior
+    # mean.
     record = record_of(np.random.default_rng(7), 12)
     density: dict[str, float] = {}
     settings = FilterSettings(passes=4)
@@ -102,7 +149,13 @@ def test_every_pass_starts_from_the_parameters_of_the_one_before() -> None:
     while done < 4:
         done += 1
         result = oracle(record, settings, density, 3, start)
-        moved = np.inf if last is None else np.max(np.abs(result.x[-1, 2:] - last.x[-1, 2:]) / np.sqrt(np.diag(last.P[-1])[2:]))
+        moved = (
+            np.inf
+            if last is None
+            else np.max(
+                np.abs(result.x[-1, 2:] - last.x[-1, 2:]) / np.sqrt(np.diag(last.P[-1])[2:])
+            )
+        )
         start, last = np.concatenate([start[:2], result.x[-1, 2:]]), result
         if moved < SETTLED:
             break
@@ -115,7 +168,11 @@ def test_every_pass_starts_from_the_parameters_of_the_one_before() -> None:
 def test_passes_end_when_nothing_moves() -> None:
     held = oscillator()
     held = held.with_parameters(held.parameters.hold(["force", "bias_mixed"]))
-    estimate = run_ekf(record_of(np.random.default_rng(8)), compile_model(held, online=True), FilterSettings(passes=7))
+    estimate = run_ekf(
+        record_of(np.random.default_rng(8)),
+        compile_model(held, online=True),
+        FilterSettings(passes=7),
+    )
     assert estimate.iterations == 2
     assert estimate.names == () and estimate.covariance.shape == (0, 0)
 
@@ -124,9 +181,16 @@ def test_innovations_of_matched_data_have_their_stated_size() -> None:
     squares, degrees, misses = 0.0, 0, []
     for seed in range(8):
         record = matched_record(np.random.default_rng(seed), 100, DENSITY)
-        estimate = run_ekf(record, compile_model(oscillator(DENSITY), online=True), FilterSettings(transition=Exponential()))
+        estimate = run_ekf(
+            record,
+            compile_model(oscillator(DENSITY), online=True),
+            FilterSettings(transition=Exponential()),
+        )
         assert estimate.history is not None
-        squares, degrees = squares + estimate.history.nis.sum(), degrees + int(estimate.history.degrees.sum())
+        squares, degrees = (
+            squares + estimate.history.nis.sum(),
+            degrees + int(estimate.history.degrees.sum()),
+        )
         misses.append(estimate.history.innovation / estimate.history.innovation_std)
     # The sum is chi-squared with that many degrees; four of its standard deviations.
     assert abs(squares / degrees - 1.0) < 4.0 * np.sqrt(2.0 / degrees)
@@ -135,8 +199,12 @@ def test_innovations_of_matched_data_have_their_stated_size() -> None:
 
 def test_an_initial_state_that_is_held_has_no_variance() -> None:
     model = oscillator()
-    exact = ParameterSet((Parameter("position", 0.2, "m", free=False), Parameter("speed", -0.1, "m/s", free=False)))
-    estimate = run_ekf(record_of(np.random.default_rng(9)), compile_model(model.with_initial(exact), online=True))
+    exact = ParameterSet(
+        (Parameter("position", 0.2, "m", free=False), Parameter("speed", -0.1, "m/s", free=False))
+    )
+    estimate = run_ekf(
+        record_of(np.random.default_rng(9)), compile_model(model.with_initial(exact), online=True)
+    )
     assert estimate.history is not None
     np.testing.assert_array_equal(estimate.history.predicted_covariance[0, :2], 0.0)
     assert np.all(estimate.std > 0)
@@ -145,8 +213,16 @@ def test_an_initial_state_that_is_held_has_no_variance() -> None:
 def test_names_what_is_not_declared() -> None:
     record, model = record_of(np.random.default_rng(1)), oscillator()
     with pytest.raises(ModelError, match="force: parameter without a prior"):
-        run_ekf(record, compile_model(model.with_parameters(model.parameters.with_prior({"force": np.inf})), online=True))
+        run_ekf(
+            record,
+            compile_model(
+                model.with_parameters(model.parameters.with_prior({"force": np.inf})), online=True
+            ),
+        )
     with pytest.raises(ModelError, match="output mixed: its measurement noise is not declared"):
-        run_ekf(record, compile_model(model.with_noise(Noise({"place": 0.1, "speed": 0.1})), online=True))
+        run_ekf(
+            record,
+            compile_model(model.with_noise(Noise({"place": 0.1, "speed": 0.1})), online=True),
+        )
     with pytest.raises(ModelError, match="none of the outputs place, mixed, speed"):
         run_ekf(replace(record, outputs=()), compile_model(model, online=True))

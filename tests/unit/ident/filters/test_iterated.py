@@ -31,19 +31,27 @@ def fall() -> tuple[Record, Model, float]:
     beta = truth.parameters["beta"].value
     parameters = truth.parameters.with_values({"beta": 1.6 * beta}).with_prior({"beta": 0.6 * beta})
     initial = ParameterSet(
-        (Parameter("altitude", 60967.6, "m", prior_std=SIGMA), Parameter("velocity", -1874.5, "m/s", prior_std=45.7)),
+        (
+            Parameter("altitude", 60967.6, "m", prior_std=SIGMA),
+            Parameter("velocity", -1874.5, "m/s", prior_std=45.7),
+        ),
     )
     return record, replace(truth, parameters=parameters, initial=initial), beta
 
 
-def test_equals_the_most_probable_parameters_where_the_plain_filter_is_far_off(fall: tuple[Record, Model, float]) -> None:
+def test_equals_the_most_probable_parameters_where_the_plain_filter_is_far_off(
+    fall: tuple[Record, Model, float],
+) -> None:
     record, model, beta = fall
     system = compile_model(model, online=True)
-    # Near the ground F changes much within 0.1 s: finer sub-steps, so that only the point of linearisation is in question.
+    # Near the ground F changes much within 0.1 s: finer sub-steps, so that only the point of
+    # linearisation is in question.
     settings = FilterSettings(transition=Exponential(), max_step=0.02)
     plain = run_ekf(record, system, settings)
     found = run_iterated_ekf(record, system, settings)
-    reference = fit_output_error([record], compile_model(model), FitSettings(max_step=0.01, use_priors=True))
+    reference = fit_output_error(
+        [record], compile_model(model), FitSettings(max_step=0.01, use_priors=True)
+    )
     assert found.outcome is Outcome.CONVERGED
     assert abs(found.values[0] - reference.values[0]) < 0.1 * reference.std[0]
     assert abs(found.values[0] - beta) < 3.0 * found.std[0]
@@ -58,9 +66,16 @@ def test_a_limit_of_passes_is_told(fall: tuple[Record, Model, float]) -> None:
     assert np.all(np.isfinite(found.values))
 
 
-def test_a_filter_that_breaks_down_at_once_is_returned_as_it_is(fall: tuple[Record, Model, float]) -> None:
+def test_a_filter_that_breaks_down_at_once_is_returned_as_it_is(
+    fall: tuple[Record, Model, float],
+) -> None:
     record, model, _ = fall
-    wild = replace(model, initial=ParameterSet((Parameter("altitude", -4.0e6, "m", prior_std=1.0), model.initial.items[1])))
+    wild = replace(
+        model,
+        initial=ParameterSet(
+            (Parameter("altitude", -4.0e6, "m", prior_std=1.0), model.initial.items[1])
+        ),
+    )
     found = run_iterated_ekf(record, compile_model(wild, online=True))
     assert found.outcome in (Outcome.DIVERGED, Outcome.INDEFINITE)
     assert np.all(np.isfinite(found.values)) and np.all(np.isfinite(found.covariance))

@@ -1,4 +1,6 @@
-"""The smoother's variances where rounding or a history that contradicts itself would leave their range."""
+"""The smoother's variances where rounding or a history that contradicts itself would leave their
+range.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ from tests.linear_problem import oscillator, record_of
 
 def history(rng: int = 4) -> FilterHistory:
     estimate = run_ekf(
-        record_of(np.random.default_rng(rng), 20), compile_model(oscillator({"speed": 0.05}), online=True), FilterSettings(transition=Taylor(5))
+        record_of(np.random.default_rng(rng), 20),
+        compile_model(oscillator({"speed": 0.05}), online=True),
+        FilterSettings(transition=Taylor(5)),
     )
     assert estimate.history is not None
     return estimate.history
@@ -74,4 +78,6 @@ def test_where_numbers_leave_their_range_the_filters_stay() -> None:
     smoothed = smooth(replace(kept, transition=wild))
     np.testing.assert_array_equal(smoothed.mean[:, :9], kept.mean[:, :9])
     np.testing.assert_array_equal(smoothed.covariance[:9], kept.covariance[:9])
-    assert np.all(np.isfinite(smoothed.std)) and smoothed.std[0, 15] == pytest.approx(smooth(kept).std[0, 15], rel=1e-12)
+    assert np.all(np.isfinite(smoothed.std)) and smoothed.std[0, 15] == pytest.approx(
+        smooth(kept).std[0, 15], rel=1e-12
+    )

@@ -1,4 +1,6 @@
-"""The filter of one record by its table against filterpy's, every part of the history; what has no table is left to filterpy."""
+"""The filter of one record by its table against filterpy's, every part of the history; what has no
+table is left to filterpy.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ from tests.rigid_problem import UNSTABLE, rigid_record, rigid_start, with_losses
 
 
 def held(model: Model, prefix: str) -> Model:
-    return model.with_parameters(model.parameters.hold([name for name in model.parameters.names if name.startswith(prefix)]))
+    return model.with_parameters(
+        model.parameters.hold([name for name in model.parameters.names if name.startswith(prefix)])
+    )
 
 
 def noisy_rigid() -> Model:
@@ -47,7 +51,12 @@ def fourteen() -> System:
     return loes_problem.system(loes_problem.record(3))
 
 
-def by_table(problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None, about: np.ndarray | None = None) -> Estimate:
+def by_table(
+    problem: FilterProblem,
+    settings: FilterSettings,
+    start: np.ndarray | None = None,
+    about: np.ndarray | None = None,
+) -> Estimate:
     found = filter_by_table(problem, settings, start, about)
     assert found is not None
     return found
@@ -55,20 +64,51 @@ def by_table(problem: FilterProblem, settings: FilterSettings, start: np.ndarray
 
 CASES: dict[str, tuple[Callable[[], Record], Callable[[], System], FilterSettings]] = {
     "rigid": (lambda: rigid_record(np.random.default_rng(1)), online, FilterSettings()),
-    "two outputs": (lambda: rigid_record(np.random.default_rng(2)), lambda: two_outputs(rigid_start()), FilterSettings()),
-    "lost samples": (lambda: with_losses(rigid_record(np.random.default_rng(3))), lambda: two_outputs(rigid_start()), FilterSettings()),
+    "two outputs": (
+        lambda: rigid_record(np.random.default_rng(2)),
+        lambda: two_outputs(rigid_start()),
+        FilterSettings(),
+    ),
+    "lost samples": (
+        lambda: with_losses(rigid_record(np.random.default_rng(3))),
+        lambda: two_outputs(rigid_start()),
+        FilterSettings(),
+    ),
     "lost, nz too": (
         lambda: with_losses(rigid_record(np.random.default_rng(4))),
         online,
         FilterSettings(),
     ),
-    "sub-steps": (lambda: rigid_record(np.random.default_rng(5)), lambda: two_outputs(noisy_rigid()), FilterSettings(max_step=0.007)),
-    "process noise": (lambda: rigid_record(np.random.default_rng(6)), lambda: compile_model(noisy_rigid(), online=True), FilterSettings()),
-    "Euler": (lambda: rigid_record(np.random.default_rng(8)), lambda: two_outputs(noisy_rigid()), FilterSettings(euler_step, Taylor(2))),
-    "three passes": (lambda: rigid_record(np.random.default_rng(9)), lambda: two_outputs(rigid_start()), FilterSettings(passes=3)),
+    "sub-steps": (
+        lambda: rigid_record(np.random.default_rng(5)),
+        lambda: two_outputs(noisy_rigid()),
+        FilterSettings(max_step=0.007),
+    ),
+    "process noise": (
+        lambda: rigid_record(np.random.default_rng(6)),
+        lambda: compile_model(noisy_rigid(), online=True),
+        FilterSettings(),
+    ),
+    "Euler": (
+        lambda: rigid_record(np.random.default_rng(8)),
+        lambda: two_outputs(noisy_rigid()),
+        FilterSettings(euler_step, Taylor(2)),
+    ),
+    "three passes": (
+        lambda: rigid_record(np.random.default_rng(9)),
+        lambda: two_outputs(rigid_start()),
+        FilterSettings(passes=3),
+    ),
     "delay": (
         lambda: rigid_record(np.random.default_rng(10)),
-        lambda: two_outputs(held(rigid_start().with_effects(InputDelay("elevator")).with_values({"input-delay.delay": 0.013}), "input-delay")),
+        lambda: two_outputs(
+            held(
+                rigid_start()
+                .with_effects(InputDelay("elevator"))
+                .with_values({"input-delay.delay": 0.013}),
+                "input-delay",
+            )
+        ),
         FilterSettings(),
     ),
     "sensor scale": (
@@ -90,7 +130,14 @@ CASES: dict[str, tuple[Callable[[], Record], Callable[[], System], FilterSetting
 
 
 def assert_equal(found: Estimate, expected: Estimate) -> None:
-    assert (found.method, found.names, found.units, found.outcome, found.message, found.iterations) == (
+    assert (
+        found.method,
+        found.names,
+        found.units,
+        found.outcome,
+        found.message,
+        found.iterations,
+    ) == (
         expected.method,
         expected.names,
         expected.units,
@@ -100,7 +147,9 @@ def assert_equal(found: Estimate, expected: Estimate) -> None:
     )
     assert found.history is not None and expected.history is not None
     np.testing.assert_allclose((found.values - expected.values) / expected.std, 0.0, atol=1e-9)
-    np.testing.assert_allclose(found.covariance / np.outer(expected.std, expected.std), expected.correlation, atol=1e-9)
+    np.testing.assert_allclose(
+        found.covariance / np.outer(expected.std, expected.std), expected.correlation, atol=1e-9
+    )
     assert found.log_likelihood == pytest.approx(expected.log_likelihood, rel=1e-11)
     np.testing.assert_allclose(found.fitted[0], expected.fitted[0], rtol=1e-9, atol=1e-11)
     for field in fields(FilterHistory):
@@ -109,9 +158,16 @@ def assert_equal(found: Estimate, expected: Estimate) -> None:
             np.testing.assert_array_equal(one, other)
         elif field.name in ("covariance", "predicted_covariance"):
             spread = np.sqrt(np.einsum("kii,kjj->kij", other, other))
-            np.testing.assert_allclose((one - other) / np.where(spread > 0, spread, 1.0), 0.0, atol=1e-9, err_msg=field.name)
+            np.testing.assert_allclose(
+                (one - other) / np.where(spread > 0, spread, 1.0),
+                0.0,
+                atol=1e-9,
+                err_msg=field.name,
+            )
         else:
-            np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-11 * np.abs(other).max(), err_msg=field.name)
+            np.testing.assert_allclose(
+                one, other, rtol=1e-8, atol=1e-11 * np.abs(other).max(), err_msg=field.name
+            )
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -131,7 +187,10 @@ def test_equal_to_filterpy(case: str) -> None:
 @pytest.mark.parametrize("max_step", [np.inf, 0.007])
 def test_equal_about_a_trajectory(losses: bool, max_step: float) -> None:
     record = rigid_record(np.random.default_rng(1))
-    record, system = with_losses(record) if losses else record, compile_model(noisy_rigid(), online=True)
+    record, system = (
+        with_losses(record) if losses else record,
+        compile_model(noisy_rigid(), online=True),
+    )
     problem, settings = filter_problem(record, system, max_step), FilterSettings(max_step=max_step)
     about = problem.start[:, None] * np.random.default_rng(2).normal(1.0, 0.1, (8, len(record)))
     about[:2] = np.random.default_rng(3).normal(0.0, 0.02, (2, len(record)))
@@ -139,7 +198,10 @@ def test_equal_about_a_trajectory(losses: bool, max_step: float) -> None:
     assert found is not None
     assert_equal(found, filter_by_complex_step(problem, settings, about=about))
     elsewhere = filter_by_table(problem, settings)
-    assert elsewhere is not None and np.max(np.abs(found.values - elsewhere.values) / elsewhere.std) > 0.1, "the trajectory matters"
+    assert (
+        elsewhere is not None
+        and np.max(np.abs(found.values - elsewhere.values) / elsewhere.std) > 0.1
+    ), "the trajectory matters"
 
 
 def test_an_aircraft_that_runs_away_keeps_its_covariance() -> None:
@@ -152,7 +214,9 @@ def test_an_aircraft_that_runs_away_keeps_its_covariance() -> None:
 def test_equations_without_a_table_go_by_complex_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     record, problem_of = rigid_record(np.random.default_rng(1), 2.0, 25.0), filter_problem
     usual = compile_model(rigid_start(), online=True)
-    jump = compile_model(held(rigid_start().with_effects(DerivativeJump()), "derivative-jump"), online=True)
+    jump = compile_model(
+        held(rigid_start().with_effects(DerivativeJump()), "derivative-jump"), online=True
+    )
     others = [
         (record, usual, FilterSettings(transition=Exponential())),
         (record, usual, FilterSettings(transition=Taylor(4))),
@@ -172,11 +236,18 @@ def test_equations_without_a_table_go_by_complex_steps(monkeypatch: pytest.Monke
     for flown, system, settings in others:
         assert run_ekf(flown, system, settings).outcome is Outcome.CONVERGED
     assert len(calls) == len(others)
-    assert run_ekf(record, usual).outcome is Outcome.CONVERGED and len(calls) == len(others), "the usual one goes by its table"
+    assert run_ekf(record, usual).outcome is Outcome.CONVERGED and len(calls) == len(others), (
+        "the usual one goes by its table"
+    )
 
 
 def test_a_breakdown_is_left_to_filterpy() -> None:
     record = rigid_record(np.random.default_rng(1), 2.0, 25.0)
-    channels = tuple(replace(c, values=np.where(np.arange(len(record)) == 7, 1e180, c.values)) for c in record.outputs)
-    problem = filter_problem(replace(record, outputs=channels), compile_model(rigid_start(), online=True), np.inf)
+    channels = tuple(
+        replace(c, values=np.where(np.arange(len(record)) == 7, 1e180, c.values))
+        for c in record.outputs
+    )
+    problem = filter_problem(
+        replace(record, outputs=channels), compile_model(rigid_start(), online=True), np.inf
+    )
     assert filter_by_table(problem, FilterSettings()) is None

@@ -15,12 +15,16 @@ CASES = [(Taylor(2), 2), (Taylor(3), 3), (Taylor(6), 6), (Exponential(), None)]
 
 @pytest.mark.parametrize(("transition", "terms"), CASES)
 @given(seed=st.integers(0, 10**6), dt=st.floats(1e-3, 0.5))
-def test_noise_equals_its_integral(transition: Transition, terms: int | None, seed: int, dt: float) -> None:
+def test_noise_equals_its_integral(
+    transition: Transition, terms: int | None, seed: int, dt: float
+) -> None:
     rng = np.random.default_rng(seed)
     F, density = rng.normal(size=(4, 4)), rng.uniform(size=4) * [1.0, 0.0, 3.0, 0.1]
     Phi, noise = transition(F, density, dt)
     np.testing.assert_allclose(Phi, fundamental(F, dt, terms), rtol=1e-11, atol=1e-11)
-    np.testing.assert_allclose(noise, process_noise(F, np.diag(density), dt, terms), rtol=1e-10, atol=1e-11)
+    np.testing.assert_allclose(
+        noise, process_noise(F, np.diag(density), dt, terms), rtol=1e-10, atol=1e-11
+    )
 
 
 @pytest.mark.parametrize(("transition", "terms"), CASES)
@@ -46,6 +50,8 @@ def test_log_gaussian_is_the_density() -> None:
     y, S = rng.normal(size=3), root @ root.T + np.eye(3)
     value, squared = log_gaussian(y, S)
     assert squared == pytest.approx(y @ np.linalg.inv(S) @ y, rel=1e-12)
-    assert value == pytest.approx(-0.5 * (squared + np.log((2 * np.pi) ** 3 * np.linalg.det(S))), rel=1e-12)
+    assert value == pytest.approx(
+        -0.5 * (squared + np.log((2 * np.pi) ** 3 * np.linalg.det(S))), rel=1e-12
+    )
     with pytest.raises(np.linalg.LinAlgError):
         log_gaussian(y, -S)

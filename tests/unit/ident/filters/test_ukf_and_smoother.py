@@ -1,4 +1,6 @@
-"""Unscented filter and fixed-interval smoother against covariance-form oracles, and against the extended filter."""
+"""Unscented filter and fixed-interval smoother against covariance-form oracles, and against the
+extended filter.
+"""
 
 from __future__ import annotations
 
@@ -26,13 +28,25 @@ OUTPUTS = ("place", "mixed", "speed")
 @pytest.mark.parametrize("density", [{}, DENSITY], ids=["quiet", "forced"])
 @pytest.mark.parametrize(("step", "terms"), [(euler_step, 2), (rk4_step, 5)])
 @pytest.mark.parametrize("run", [run_ekf, run_ukf])
-def test_linear_problem_equals_the_oracles(run: object, density: dict[str, float], step: Step, terms: int) -> None:
+def test_linear_problem_equals_the_oracles(
+    run: object, density: dict[str, float], step: Step, terms: int
+) -> None:
     record = record_of(np.random.default_rng(4), 50, uneven=True, missing=True, absent=("speed",))
     settings = FilterSettings(step, Taylor(terms), 0.05)
     estimate = run(record, compile_model(oscillator(density), online=True), settings)  # type: ignore[operator]
     z, valid = record.output_array(OUTPUTS)
     pieces = np.diff(make_grid(record.time, 0.05).sample)
-    expected = kalman(matrices(density), record.time, record.input_array(), z, valid, pieces, terms=terms, euler=step is euler_step, ramp=False)
+    expected = kalman(
+        matrices(density),
+        record.time,
+        record.input_array(),
+        z,
+        valid,
+        pieces,
+        terms=terms,
+        euler=step is euler_step,
+        ramp=False,
+    )
     history = estimate.history
     pairs = [
         (history.mean, expected.x.T),
@@ -57,10 +71,22 @@ def test_linear_problem_equals_the_oracles(run: object, density: dict[str, float
 
 @pytest.mark.parametrize("run", [run_ekf, run_ukf])
 def test_exactly_known_states_smooth_without_a_nan(run: object) -> None:
-    # No variance at the start, none ever of the position's equation at the first step: the prediction is singular.
-    model = oscillator().with_initial(ParameterSet((Parameter("position", 0.2, "m", free=False), Parameter("speed", -0.1, "m/s", free=False))))
+    # No variance at the start, none ever of the position's equation at the first step: the
+    # prediction is singular.
+    model = oscillator().with_initial(
+        ParameterSet(
+            (
+                Parameter("position", 0.2, "m", free=False),
+                Parameter("speed", -0.1, "m/s", free=False),
+            )
+        )
+    )
     model = model.with_parameters(model.parameters.hold(["bias_mixed"]))
-    estimate = run(record_of(np.random.default_rng(5), 40), compile_model(model, online=True), FilterSettings(transition=Taylor(5)))  # type: ignore[operator]
+    estimate = run(
+        record_of(np.random.default_rng(5), 40),
+        compile_model(model, online=True),
+        FilterSettings(transition=Taylor(5)),
+    )  # type: ignore[operator]
     smoothed = smooth(estimate.history)
     assert np.all(np.isfinite(smoothed.mean)) and np.all(np.isfinite(smoothed.covariance))
     np.testing.assert_allclose(smoothed.std[:2, 0], 0.0, atol=1e-12)
@@ -71,8 +97,13 @@ def test_exactly_known_states_smooth_without_a_nan(run: object) -> None:
 
 
 def test_filters_and_smoothers_agree_on_the_aircraft() -> None:
-    record, system = rigid_record(np.random.default_rng(6), 6.0, 25.0), compile_model(rigid_start(), online=True)
-    extended, unscented = (run(record, system, FilterSettings(passes=3)) for run in (run_ekf, run_ukf))
+    record, system = (
+        rigid_record(np.random.default_rng(6), 6.0, 25.0),
+        compile_model(rigid_start(), online=True),
+    )
+    extended, unscented = (
+        run(record, system, FilterSettings(passes=3)) for run in (run_ekf, run_ukf)
+    )
     assert extended.outcome is unscented.outcome is Outcome.CONVERGED
     assert np.max(np.abs(unscented.values - extended.values) / extended.std) < 0.5
     np.testing.assert_allclose(unscented.std, extended.std, rtol=0.1)
@@ -88,17 +119,28 @@ def test_filters_and_smoothers_agree_on_the_aircraft() -> None:
 
 @pytest.mark.parametrize("transition", [Taylor(2), Exponential()])
 def test_smoothing_helps(transition: Transition) -> None:
-    system, record = compile_model(ballistic_start(2200.0), online=True), ballistic_record(np.random.default_rng(3))
+    system, record = (
+        compile_model(ballistic_start(2200.0), online=True),
+        ballistic_record(np.random.default_rng(3)),
+    )
     for run in (run_ekf, run_ukf):
         estimate = run(record, system, FilterSettings(transition=transition, max_step=0.05))
         assert estimate.outcome is Outcome.CONVERGED and estimate.history is not None
         smoothed = smooth(estimate.history)
         middle = len(record) // 2
         assert smoothed.std[0, middle] < 0.6 * estimate.history.std[0, middle]
-        assert abs(smoothed.mean[1, 0] + 1828.8) < 4.0 * smoothed.std[1, 0] < 0.5 * estimate.history.std[1, 0]
+        assert (
+            abs(smoothed.mean[1, 0] + 1828.8)
+            < 4.0 * smoothed.std[1, 0]
+            < 0.5 * estimate.history.std[1, 0]
+        )
 
 
-@given(seed=st.integers(0, 10**6), known=st.lists(st.integers(0, 4), max_size=3), spread=st.floats(0.0, 6.0))
+@given(
+    seed=st.integers(0, 10**6),
+    known=st.lists(st.integers(0, 4), max_size=3),
+    spread=st.floats(0.0, 6.0),
+)
 def test_roots_of_singular_covariances(seed: int, known: list[int], spread: float) -> None:
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(5, 5)) * 10.0 ** rng.uniform(-spread, spread, (5, 1))
@@ -118,7 +160,8 @@ def test_roots_of_singular_covariances(seed: int, known: list[int], spread: floa
 
 @given(seed=st.integers(0, 10**6), correlation=st.sampled_from([0.0, 0.3, 0.9]))
 def test_points_do_not_turn_with_rounding(seed: int, correlation: float) -> None:
-    # Alike correlations have no axes of their own: an error of the size of rounding must not choose where the points lie.
+    # Alike correlations have no axes of their own: an error of the size of rounding must not choose
+    # where the points lie.
     rng = np.random.default_rng(seed)
     scale = 10.0 ** rng.uniform(-3.0, 3.0, 4)
     error = rng.uniform(-1.0, 1.0, (4, 4)) * 1e-15

@@ -79,7 +79,9 @@ def test_a_short_band_says_what_is_missing() -> None:
     short = attitude_bandwidth(cut(1.5 * NEUTRAL), rate=True)
     assert short.delay is None and short.gain is not None and "no phase delay" in short.notes[0]
     shorter = attitude_bandwidth(cut(0.95 * NEUTRAL), rate=True)
-    assert shorter.neutral is shorter.gain is shorter.bandwidth is None and shorter.phase is not None
+    assert (
+        shorter.neutral is shorter.gain is shorter.bandwidth is None and shorter.phase is not None
+    )
     least = attitude_bandwidth(cut(2.0), rate=True)
     assert least.phase is None and len(least.notes) == 2
 
@@ -99,7 +101,9 @@ def test_deviations_are_the_scatter() -> None:
 
 
 def test_dropback_is_what_the_attitude_falls_back() -> None:
-    """A simulated step of the stick that is taken back: attitude at the release less the last one."""
+    """A simulated step of the stick that is taken back: attitude at the release less the last
+    one.
+    """
     from scipy import signal
 
     p = VALUES

@@ -25,7 +25,9 @@ DUTCH = {"gain": 1.0, "frequency": 2.0, "damping": 0.1, "delay": 0.0}
 AIRSPEED = 90.0
 
 
-def fitted(form: str, values: dict[str, float], noise: np.ndarray | float = 0.0, share: float = 0.01) -> FittedResponse:
+def fitted(
+    form: str, values: dict[str, float], noise: np.ndarray | float = 0.0, share: float = 0.01
+) -> FittedResponse:
     response = FORMS[form].response(values, OMEGA) * (1.0 + noise)
     one = np.ones(OMEGA.size)
     target = Target("y/u", OMEGA, response, 0.99 * one, share * np.abs(response), 5.0)
@@ -41,9 +43,15 @@ def test_cap_is_the_first_pitch_acceleration_over_the_steady_load_factor() -> No
     steady = AIRSPEED / GRAVITY * rate[-1]  # of a steady turn in the vertical plane
     assert found["control_anticipation"].value == pytest.approx(acceleration / steady, rel=2e-3)
     # The angle of attack of a pitch rate q/alpha = s + 1/T_theta2, with the stick held.
-    assert found["load_factor_slope"].value == pytest.approx(AIRSPEED * PITCH["inv_T_theta2"] / GRAVITY, rel=1e-3)
-    assert found["total_delay"].value == pytest.approx(0.08, abs=1e-3) and found["natural_frequency"].value == pytest.approx(4.0, rel=1e-3)
-    assert "control_anticipation" not in {each.name for each in form_qualities(fitted("pitch", PITCH))}
+    assert found["load_factor_slope"].value == pytest.approx(
+        AIRSPEED * PITCH["inv_T_theta2"] / GRAVITY, rel=1e-3
+    )
+    assert found["total_delay"].value == pytest.approx(0.08, abs=1e-3) and found[
+        "natural_frequency"
+    ].value == pytest.approx(4.0, rel=1e-3)
+    assert "control_anticipation" not in {
+        each.name for each in form_qualities(fitted("pitch", PITCH))
+    }
 
 
 def test_deviations_are_the_scatter() -> None:
@@ -79,8 +87,12 @@ def test_a_roll_and_a_dutch_roll() -> None:
         ({}, ("IV", "A"), "control_anticipation", 1),
     ],
 )
-def test_levels(changes: dict[str, float], flown: tuple[str, str], quantity: str, level: int) -> None:
-    found = form_levels(form_qualities(fitted("pitch", PITCH | changes, share=1e-4), AIRSPEED), *flown)
+def test_levels(
+    changes: dict[str, float], flown: tuple[str, str], quantity: str, level: int
+) -> None:
+    found = form_levels(
+        form_qualities(fitted("pitch", PITCH | changes, share=1e-4), AIRSPEED), *flown
+    )
     (one,) = [each for each in found if each.quality.name == quantity]
     if quantity == "control_anticipation":
         cap = (PITCH | changes)["frequency"] ** 2 * GRAVITY / AIRSPEED / PITCH["inv_T_theta2"]
@@ -90,13 +102,17 @@ def test_levels(changes: dict[str, float], flown: tuple[str, str], quantity: str
 
 
 def test_a_limit_within_two_sigmas_is_said() -> None:
-    found = form_levels(form_qualities(fitted("pitch", PITCH | {"damping": 0.35}, share=0.05), AIRSPEED), "IV", "A")
+    found = form_levels(
+        form_qualities(fitted("pitch", PITCH | {"damping": 0.35}, share=0.05), AIRSPEED), "IV", "A"
+    )
     (one,) = [each for each in found if each.quality.name == "damping_ratio"]
     assert one.uncertain and (one.best, one.worst) == (1, 2)
 
 
 def test_envelopes_are_those_of_a_second_copy() -> None:
-    """The polynomials as NASA Dryden's routine LoesBound (C. Regan, 2006) has them, with its digits."""
+    """The polynomials as NASA Dryden's routine LoesBound (C. Regan, 2006) has them, with its
+    digits.
+    """
     s = 1j * np.geomspace(0.1, 10.0, 30)
     copies = {
         "low_gain": ([0.095, 9.92, 2.15], [1.0, 11.6, 4.95]),

@@ -1,4 +1,6 @@
-"""Flying qualities against closed forms, a Monte-Carlo of their sigmas, and the edges of every level."""
+"""Flying qualities against closed forms, a Monte-Carlo of their sigmas, and the edges of every
+level.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,16 @@ from sim.errors import ModelError
 from tests.bases import LOES_CONSTANTS, LOES_VALUES
 
 V, G = LOES_CONSTANTS["airspeed"], LOES_CONSTANTS["gravity"]
-SIGMA = {"L_alpha": 0.02, "M_alpha": 0.1, "L_delta": 1e-5, "M_delta": 0.003, "L_q": 0.004, "M_q": 0.05, "inv_tau": 0.2, "delay": 0.002}
+SIGMA = {
+    "L_alpha": 0.02,
+    "M_alpha": 0.1,
+    "L_delta": 1e-5,
+    "M_delta": 0.003,
+    "L_q": 0.004,
+    "M_q": 0.05,
+    "inv_tau": 0.2,
+    "delay": 0.002,
+}
 
 
 def estimate(values: dict[str, float] = LOES_VALUES) -> Estimate:
@@ -21,7 +32,18 @@ def estimate(values: dict[str, float] = LOES_VALUES) -> Estimate:
     correlation = np.full((len(std), len(std)), 0.3) + 0.7 * np.eye(len(std))
     units = ("1",) * len(names)
     covariance = correlation * np.outer(std, std)
-    return Estimate("ekf", names, units, np.array(list(values.values())), covariance, Outcome.CONVERGED, 0.0, ("q",), np.ones(1), ())
+    return Estimate(
+        "ekf",
+        names,
+        units,
+        np.array(list(values.values())),
+        covariance,
+        Outcome.CONVERGED,
+        0.0,
+        ("q",),
+        np.ones(1),
+        (),
+    )
 
 
 def by_name(e: Estimate, fixed: dict[str, float] | None = None) -> dict[str, Quality]:
@@ -37,7 +59,9 @@ def test_values_are_those_of_the_state_equations() -> None:
     assert found["damping_ratio"].value == pytest.approx(-root.real / abs(root))
     alpha, q = np.linalg.solve(A, -np.array([v["L_delta"], v["M_delta"]]))
     assert found["load_factor_slope"].value == pytest.approx(V / G * q / alpha)
-    assert found["control_anticipation"].value == pytest.approx(abs(root) ** 2 / (V / G * q / alpha))
+    assert found["control_anticipation"].value == pytest.approx(
+        abs(root) ** 2 / (V / G * q / alpha)
+    )
     assert found["total_delay"].value == pytest.approx(v["delay"] + 1.0 / v["inv_tau"])
 
 
@@ -68,16 +92,24 @@ def test_an_aperiodic_short_period_has_no_frequency() -> None:
 @pytest.mark.parametrize("criterion", criteria(), ids=lambda c: f"{c.quantity} {c.category}")
 def test_edges_of_every_level(criterion: Criterion) -> None:
     assert criterion.source and len(criterion.levels) == 3
-    inner = 0.5 * (criterion.levels[0][0] + min(criterion.levels[0][1], criterion.levels[0][0] + 1e-6))
+    inner = 0.5 * (
+        criterion.levels[0][0] + min(criterion.levels[0][1], criterion.levels[0][0] + 1e-6)
+    )
     assert level_of(inner, criterion) == 1
     for number, (low, high) in enumerate(criterion.levels, start=1):
         for edge, outward in ((low, -1.0), (high, 1.0)):
             if not np.isfinite(edge):
                 continue
             assert level_of(edge, criterion) <= number
-            assert level_of(np.nextafter(edge, outward * np.inf), criterion) > number or edge == 0.0 or edge in _shared(criterion, number)
+            assert (
+                level_of(np.nextafter(edge, outward * np.inf), criterion) > number
+                or edge == 0.0
+                or edge in _shared(criterion, number)
+            )
     for better, worse in zip(criterion.levels[:-1], criterion.levels[1:], strict=True):
-        assert worse[0] <= better[0] and worse[1] >= better[1], "a worse level holds the better one's range"
+        assert worse[0] <= better[0] and worse[1] >= better[1], (
+            "a worse level holds the better one's range"
+        )
 
 
 def _shared(criterion: Criterion, number: int) -> set[float]:
@@ -87,7 +119,13 @@ def _shared(criterion: Criterion, number: int) -> set[float]:
 
 def test_uncertainty_that_crosses_a_boundary_shows() -> None:
     rule = Criterion("damping_ratio", "A", ((0.35, 1.3), (0.25, 2.0), (0.15, float("inf"))), "test")
-    cases = [(0.40, 0.01, (1, 1, 1)), (0.36, 0.01, (1, 1, 2)), (0.2, 0.2, (3, 1, 4)), (0.8, 0.4, (1, 1, 4)), (2.5, 0.1, (3, 3, 3))]
+    cases = [
+        (0.40, 0.01, (1, 1, 1)),
+        (0.36, 0.01, (1, 1, 2)),
+        (0.2, 0.2, (3, 1, 4)),
+        (0.8, 0.4, (1, 1, 4)),
+        (2.5, 0.1, (3, 3, 3)),
+    ]
     for value, std, expected in cases:
         (found,) = levels([Quality("damping_ratio", value, std, "1")], [rule])
         assert (found.level, found.best, found.worst) == expected

@@ -23,8 +23,13 @@ from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import loop_test, margins, open_loop
 
 OMEGA = np.geomspace(0.3, 100.0, 200)
-# An integrator with a lag, a resonance and a delay: one gain and two phase crossings up to 20 rad/s.
-LOOP = control.tf([6.0], [1.0, 0.0]) * control.tf([8.0], [1.0, 8.0]) * control.tf([144.0], [1.0, 4.0, 144.0])
+# An integrator with a lag, a resonance and a delay: one gain and two phase crossings up to 20
+# rad/s.
+LOOP = (
+    control.tf([6.0], [1.0, 0.0])
+    * control.tf([8.0], [1.0, 8.0])
+    * control.tf([144.0], [1.0, 4.0, 144.0])
+)
 DELAY = 0.02
 
 
@@ -46,7 +51,11 @@ def sampled(airframe: str) -> np.ndarray:
 def test_margins_of_the_x29_loop_are_those_of_python_control(airframe: str) -> None:
     x29 = load_x29(airframe)
     exact, found = margins(x29), stability_margins(target(sampled(airframe)))
-    assert found.gain_increase is not None and found.gain_decrease is not None and found.phase is not None
+    assert (
+        found.gain_increase is not None
+        and found.gain_decrease is not None
+        and found.phase is not None
+    )
     assert found.gain_increase.size.value == pytest.approx(exact.gain_increase, abs=0.02)
     assert found.gain_decrease.size.value == pytest.approx(exact.gain_decrease, abs=0.05)
     assert abs(found.phase.size.value) == pytest.approx(abs(exact.phase), abs=0.1)
@@ -54,16 +63,21 @@ def test_margins_of_the_x29_loop_are_those_of_python_control(airframe: str) -> N
     fine = np.geomspace(0.3, 100.0, 20000)
     away = np.abs(1.0 + np.asarray(open_loop(x29)(np.exp(1j * fine * x29.frame))).ravel())
     assert found.distance is not None
-    assert found.distance.size.value == pytest.approx(away.min(), rel=5e-3)  # a parabola over 20 % to both sides
+    # a parabola over 20 % to both sides
+    assert found.distance.size.value == pytest.approx(away.min(), rel=5e-3)
     assert found.distance.frequency.value == pytest.approx(fine[away.argmin()], rel=0.02)
 
 
 def test_every_crossing_is_found_and_the_delay_margin_is_the_delay_to_the_border() -> None:
     found = stability_margins(target(loop(OMEGA)))
-    data = control.frd(loop(np.geomspace(0.3, 100.0, 5000)), np.geomspace(0.3, 100.0, 5000), smooth=True)
+    data = control.frd(
+        loop(np.geomspace(0.3, 100.0, 5000)), np.geomspace(0.3, 100.0, 5000), smooth=True
+    )
     gains, phases, _, at_phase, at_gain, _ = control.stability_margins(data, returnall=True)
     assert len(found.gains) == len(gains) and len(found.phases) == len(phases)
-    np.testing.assert_allclose([each.size.value for each in found.gains], 20.0 * np.log10(gains), atol=0.05)
+    np.testing.assert_allclose(
+        [each.size.value for each in found.gains], 20.0 * np.log10(gains), atol=0.05
+    )
     np.testing.assert_allclose([each.size.value for each in found.phases], phases, atol=0.2)
     np.testing.assert_allclose([each.frequency.value for each in found.gains], at_phase, rtol=3e-3)
     np.testing.assert_allclose([each.frequency.value for each in found.phases], at_gain, rtol=3e-3)
@@ -74,14 +88,19 @@ def test_every_crossing_is_found_and_the_delay_margin_is_the_delay_to_the_border
 
 
 def test_a_loop_that_adds_is_turned() -> None:
-    one, other = stability_margins(target(loop(OMEGA))), stability_margins(turned(target(-loop(OMEGA))))
+    one, other = (
+        stability_margins(target(loop(OMEGA))),
+        stability_margins(turned(target(-loop(OMEGA)))),
+    )
     assert one == other
 
 
 def noisy(rng: np.random.Generator, share: float) -> np.ndarray:
     apart = np.subtract.outer(OMEGA, OMEGA) / (2.0 * math.pi) * 60.0
     root = np.linalg.cholesky(neighbour_correlation(apart) + 1e-9 * np.eye(OMEGA.size))
-    return loop(OMEGA) * (1.0 + share * root @ (rng.standard_normal((OMEGA.size, 2)) @ np.array([1.0, 1.0j])))
+    return loop(OMEGA) * (
+        1.0 + share * root @ (rng.standard_normal((OMEGA.size, 2)) @ np.array([1.0, 1.0j]))
+    )
 
 
 def test_intervals_hold_the_truth_and_deviations_are_the_scatter() -> None:
@@ -164,7 +183,8 @@ def shares_inside(airframe: str, seeds: int) -> dict[str, float]:
 def test_flown_margins_hold_the_known_ones() -> None:
     shares = shares_inside("F", 20)
     assert set(shares) >= {"gain_increase", "phase_margin", "delay_margin", "distance"}
-    assert all(share >= 0.8 for share in shares.values()), shares  # 20 of 95 %: 0.8 is three deviations
+    # 20 of 95 %: 0.8 is three deviations
+    assert all(share >= 0.8 for share in shares.values()), shares
 
 
 @pytest.mark.slow

@@ -1,4 +1,6 @@
-"""Linearised models against matrices printed in text books, differences, roots of equations written again, and our own simulation."""
+"""Linearised models against matrices printed in text books, differences, roots of equations written
+again, and our own simulation.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +26,9 @@ from tests.whole_axes import CONSTANTS, TRUE, true_model
 FOOT = 0.3048
 SPEED = 773.98  # ft/s, of the Boeing 747 in Etkin and Reid
 
-# Etkin and Reid, Dynamics of Flight, 3rd ed., sections 6.2 and 6.7: states u, w, q, theta in ft and s, and v, p, r, phi; Nelson, Flight Stability and
-# Automatic Control, 2nd ed., section 5.4: the Navion's beta, p, r, phi. Here speeds across are angles, and lengths metres.
+# Etkin and Reid, Dynamics of Flight, 3rd ed., sections 6.2 and 6.7: states u, w, q, theta in ft and
+# s, and v, p, r, phi; Nelson, Flight Stability and Automatic Control, 2nd ed., section 5.4: the
+# Navion's beta, p, r, phi. Here speeds across are angles, and lengths metres.
 PRINTED = {
     "boeing747_longitudinal": {
         ("airspeed", "airspeed"): -0.006868,
@@ -61,7 +64,11 @@ PRINTED = {
 
 def built_in(name: str) -> StateSpace:
     system = compile_model(model_of(read_parameter_set(name)))
-    return state_space(system, {}, *(level_flight(system, system.parameters.values()) or ()) if "longitudinal" in name else ())
+    return state_space(
+        system,
+        {},
+        *(level_flight(system, system.parameters.values()) or ()) if "longitudinal" in name else (),
+    )
 
 
 @pytest.mark.parametrize("name", list(PRINTED))
@@ -69,8 +76,12 @@ def test_matrices_are_those_of_the_text_books(name: str) -> None:
     space = built_in(name)
     at = [signal.name for signal in space.states]
     for (row, column), value in PRINTED[name].items():
-        # Derivatives are printed with three digits, and the constants that make them dimensional too.
-        assert space.A[at.index(row), at.index(column)] == pytest.approx(value, rel=0.015), (row, column)
+        # Derivatives are printed with three digits, and the constants that make them dimensional
+        # too.
+        assert space.A[at.index(row), at.index(column)] == pytest.approx(value, rel=0.015), (
+            row,
+            column,
+        )
     assert np.max(np.abs(space.rates)) < 1e-9, "an equilibrium"
 
 
@@ -94,15 +105,21 @@ def test_a_matrix_is_what_differences_give() -> None:
         for i, h in enumerate(steps):
             d = np.zeros(len(steps))
             d[i] = h
-            np.testing.assert_allclose(matrix[:, i], (moved(d) - moved(-d)) / (2.0 * h), rtol=1e-6, atol=1e-7)
+            np.testing.assert_allclose(
+                matrix[:, i], (moved(d) - moved(-d)) / (2.0 * h), rtol=1e-6, atol=1e-7
+            )
     np.testing.assert_allclose(space.y0, both(x0, u0)[4:])
-    assert np.max(np.abs(space.rates)) > 1e-3, "with another lift the trim is none, and that is told"
+    assert np.max(np.abs(space.rates)) > 1e-3, (
+        "with another lift the trim is none, and that is told"
+    )
 
 
 def test_eigenvalues_are_the_roots_of_the_equations_written_again() -> None:
     found = state_space(compile_model(true_model("lateral")), {}).eigenvalues
     expected = lateral_roots(CONSTANTS["lateral"], TRUE["lateral"])
-    np.testing.assert_allclose(found, sorted(expected, key=lambda root: (abs(root), root.imag)), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        found, sorted(expected, key=lambda root: (abs(root), root.imag)), rtol=1e-6, atol=1e-9
+    )
 
 
 def test_python_control_simulates_what_we_simulate() -> None:
@@ -112,13 +129,17 @@ def test_python_control_simulates_what_we_simulate() -> None:
     maneuvers = {"aileron": doublet(0.001, 0.8, 0.4), "rudder": three_two_one_one(0.001, 0.4, 2.0)}
     record, _ = fly(model, maneuvers, sample_times(25.0, 8.0), np.random.default_rng(0), step=0.004)
     plant = to_control(state_space(compile_model(model), {}))
-    assert plant.state_labels == ["beta", "p", "r", "phi"] and plant.input_labels == ["aileron", "rudder"]
+    assert plant.state_labels == ["beta", "p", "r", "phi"] and plant.input_labels == [
+        "aileron",
+        "rudder",
+    ]
     assert plant.output_labels == [signal.name for signal in model.equations.outputs]
     held = control.c2d(plant, 0.04, "zoh")
     inputs = np.array([record[name].values for name in ("aileron", "rudder")])
     found = control.forced_response(held, record.time, inputs).outputs
     expected = np.array([record[name].values for name in plant.output_labels])
-    # The equations are linear but for products in 1e-3 rad; what is left is that of a step of 4 ms of RK4.
+    # The equations are linear but for products in 1e-3 rad; what is left is that of a step of 4 ms
+    # of RK4.
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-6 * np.max(np.abs(expected)))
 
 
@@ -131,7 +152,9 @@ def test_a_delay_is_told_and_approximated() -> None:
     omega, names = np.array([0.5, 2.0, 5.0, 10.0]), ["alpha", "q", "nz"]
     exact = model_response(system, {**LOES.derivatives, "delay": 0.12}, omega, names)
     late = to_control(space)
-    assert late.nstates == 3 + 4 and late.state_labels[3:] == [f"stick_delay_{k}" for k in range(1, 5)]
+    assert late.nstates == 3 + 4 and late.state_labels[3:] == [
+        f"stick_delay_{k}" for k in range(1, 5)
+    ]
     found = np.squeeze(control.frequency_response(late, omega).complex)
     np.testing.assert_allclose(found, exact, rtol=1e-4)
     without = np.squeeze(control.frequency_response(to_control(space, pade=0), omega).complex)
@@ -152,13 +175,20 @@ def test_an_input_that_passes_through_is_delayed_as_well() -> None:
     space = built_in("navion_lateral")
     late = StateSpace(**{**space.__dict__, "delays": {"rudder": 0.1}})
     omega = np.array([1.0, 6.0])
-    exact, found = (control.frequency_response(plant, omega).complex for plant in (to_control(space), to_control(late)))
+    exact, found = (
+        control.frequency_response(plant, omega).complex
+        for plant in (to_control(space), to_control(late))
+    )
     np.testing.assert_allclose(found[:, 0], exact[:, 0], rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(found[:, 1], exact[:, 1] * np.exp(-0.1j * omega), rtol=1e-5, atol=1e-8)
+    np.testing.assert_allclose(
+        found[:, 1], exact[:, 1] * np.exp(-0.1j * omega), rtol=1e-5, atol=1e-8
+    )
     assert np.max(np.abs(space.D[:, 1])) > 0.1
 
 
 def test_a_point_without_slopes_is_refused() -> None:
-    with pytest.raises(ModelError, match=r"no finite slopes at airspeed 0, .*; choose another point"):
+    with pytest.raises(
+        ModelError, match=r"no finite slopes at airspeed 0, .*; choose another point"
+    ):
         state_space(compile_model(true_model("longitudinal")), {})
     assert math.isfinite(state_space(compile_model(true_model("lateral")), {}).eigenvalues[0].real)

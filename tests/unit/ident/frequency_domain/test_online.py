@@ -1,4 +1,6 @@
-"""Equation error on recursive transforms: exact without noise, unbiased with it, sigmas that hold."""
+"""Equation error on recursive transforms: exact without noise, unbiased with it, sigmas that
+hold.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ OMEGA = frequencies()
 OFFSETS = {"alpha": 0.02, "q": 0.005, "nz": 1.0}
 
 
-def followed(model: Model, record: Record, block: int = 50, *, curved: bool = True) -> tuple[OnlineEquations, Sums, OnlineEstimate | None]:
+def followed(
+    model: Model, record: Record, block: int = 50, *, curved: bool = True
+) -> tuple[OnlineEquations, Sums, OnlineEstimate | None]:
     """A record taken block by block, as a stream brings it."""
     system = compile_model(model)
     equations = online_equations(system, OMEGA, system.output_names)
@@ -67,7 +71,9 @@ def truth(model: Model, names: tuple[str, ...]) -> np.ndarray:
         (bases.longitudinal_model, lambda: bases.longitudinal_flight(20.0, 50.0)),
     ],
 )
-def test_without_noise_the_truth_is_found(make: Callable[[], Model], flight: Callable[[], bases.Flight]) -> None:
+def test_without_noise_the_truth_is_found(
+    make: Callable[[], Model], flight: Callable[[], bases.Flight]
+) -> None:
     model = make()
     record = noisy(model, flight(), np.random.default_rng(1), scale=1e-7)
     equations, _, found = followed(wrong(model), record)
@@ -77,7 +83,9 @@ def test_without_noise_the_truth_is_found(make: Callable[[], Model], flight: Cal
     size = np.abs(truth(model, equations.names))
     # Integrals within a step are of fourth order: what is left is far below any sensor's noise.
     assert np.count_nonzero(known) >= 6
-    assert np.all(error[known] <= 3e-3 * size[known] + 4.0 * found.std[known]), dict(zip(equations.names, error / size, strict=True))
+    assert np.all(error[known] <= 3e-3 * size[known] + 4.0 * found.std[known]), dict(
+        zip(equations.names, error / size, strict=True)
+    )
 
 
 def test_a_users_model_and_one_pass_as_many() -> None:
@@ -120,12 +128,19 @@ def test_sums_are_the_transforms_of_increments() -> None:
     values = bases.RIGID_VALUES
     pressure = 0.5 * values["air_density"] * values["airspeed"] ** 2 * values["wing_area"]
     slope = pressure * values["chord"] / values["pitch_inertia"]
-    np.testing.assert_allclose(sums.regressors[1, FREE.index("Cm_alpha")], slope * areas, rtol=0.01, atol=0.01 * slope * np.abs(areas).max())
+    np.testing.assert_allclose(
+        sums.regressors[1, FREE.index("Cm_alpha")],
+        slope * areas,
+        rtol=0.01,
+        atol=0.01 * slope * np.abs(areas).max(),
+    )
     np.testing.assert_allclose(sums.apart[0], len(record) - 1)
 
 
 def coverage(scale: float, duration: float, seeds: int) -> tuple[np.ndarray, np.ndarray]:
-    """Errors in sigmas ``(seeds, 6)`` of the rigid aircraft's derivatives, and their shares within 1.96."""
+    """Errors in sigmas ``(seeds, 6)`` of the rigid aircraft's derivatives, and their shares within
+    1.96.
+    """
     model, flight = bases.rigid_model(), bases.rigid_flight(duration)
     out = []
     for seed in range(seeds):
@@ -144,7 +159,9 @@ def test_sigmas_hold() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("scale", "duration"), [(1.0, 6.0), (1.0, 10.0), (4.0, 20.0), (15.0, 10.0)])
+@pytest.mark.parametrize(
+    ("scale", "duration"), [(1.0, 6.0), (1.0, 10.0), (4.0, 20.0), (15.0, 10.0)]
+)
 def test_sigmas_hold_over_two_hundred_seeds(scale: float, duration: float) -> None:
     _, shares = coverage(scale, duration, 200)
     assert 0.91 <= np.mean(shares) <= 0.98 and np.all(shares >= 0.86)
@@ -235,8 +252,16 @@ def low_order(seed: int, scale: float, lag: float = 0.8) -> tuple[np.ndarray, np
     """Values and deviations of the low-order equivalent system, from starts that are a quarter off,
     that of the lag by a factor."""
     factors = dict(zip(NAMES, (0.8, 1.25) * 4, strict=True)) | {"inv_tau": lag}
-    model = bases.loes_model({name: value * factors.get(name, 1.0) for name, value in bases.LOES_VALUES.items()})
-    record = noisy(bases.loes_model(), bases.loes_flight(10.0), np.random.default_rng(seed), offsets=OFFSETS, scale=scale)
+    model = bases.loes_model(
+        {name: value * factors.get(name, 1.0) for name, value in bases.LOES_VALUES.items()}
+    )
+    record = noisy(
+        bases.loes_model(),
+        bases.loes_flight(10.0),
+        np.random.default_rng(seed),
+        offsets=OFFSETS,
+        scale=scale,
+    )
     system = compile_model(model)
     rows, _ = record.output_array(system.output_names)
     stick = record["stick"].values
@@ -268,13 +293,20 @@ def test_a_start_of_the_lag_that_is_far_off_leads_to_the_same(lag: float) -> Non
 
 
 def test_sigmas_of_a_low_order_equivalent_hold() -> None:
-    errors = np.array([(values - LOES_TRUE) / std for values, std in (low_order(seed, 1.0) for seed in range(12))])
+    errors = np.array(
+        [(values - LOES_TRUE) / std for values, std in (low_order(seed, 1.0) for seed in range(12))]
+    )
     assert np.mean(np.abs(errors) < 1.96) >= 0.85
 
 
 @pytest.mark.slow
 def test_sigmas_of_a_low_order_equivalent_hold_over_a_hundred_seeds() -> None:
-    errors = np.array([(values - LOES_TRUE) / std for values, std in (low_order(seed, 1.0) for seed in range(100))])
+    errors = np.array(
+        [
+            (values - LOES_TRUE) / std
+            for values, std in (low_order(seed, 1.0) for seed in range(100))
+        ]
+    )
     assert 0.90 <= np.mean(np.abs(errors) < 1.96) <= 0.98
 
 

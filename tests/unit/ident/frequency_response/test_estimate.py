@@ -10,8 +10,20 @@ import pytest
 from scipy import signal
 
 from ident.frequency_response import FrequencyResponses, Signals, Spectra, estimate_responses
-from ident.frequency_response.estimate import decimated, detrended, frequencies, input_band, window_lengths
-from ident.frequency_response.segments import coherences, effective_averages, hann_segments, regress, sine_segments
+from ident.frequency_response.estimate import (
+    decimated,
+    detrended,
+    frequencies,
+    input_band,
+    window_lengths,
+)
+from ident.frequency_response.segments import (
+    coherences,
+    effective_averages,
+    hann_segments,
+    regress,
+    sine_segments,
+)
 from sim.errors import RecordError
 
 STEP = 0.02
@@ -80,7 +92,8 @@ def share_inside(kind: str, seeds: int) -> tuple[float, float, float]:
 
 @pytest.mark.parametrize("kind", ["one", "two", "feedback"])
 def test_bands_hold_the_truth(kind: str) -> None:
-    # 12 seeds of about 15 independent frequencies: 95 % +- 1.6 %, two and a half of which are allowed.
+    # 12 seeds of about 15 independent frequencies: 95 % +- 1.6 %, two and a half of which are
+    # allowed.
     assert all(0.91 <= share <= 0.99 for share in share_inside(kind, 12))
 
 
@@ -109,7 +122,11 @@ def test_derivatives_of_the_window_take_out_its_bias() -> None:
     record = flight("one", 3, noise=0.0)
     at = np.array([0.45, 0.6, 0.75])
     errors = [
-        np.abs(estimate_responses([record], at, Spectra((12.0,), derivatives=order)).response[0, 0] / truth(SHORT_PERIOD, at) - 1.0).max()
+        np.abs(
+            estimate_responses([record], at, Spectra((12.0,), derivatives=order)).response[0, 0]
+            / truth(SHORT_PERIOD, at)
+            - 1.0
+        ).max()
         for order in (0, 2)
     ]
     assert errors[1] < 0.2 * errors[0]
@@ -149,7 +166,9 @@ def test_tapers_are_those_of_riedel_and_sidorenko() -> None:
 
 
 def test_inner_products_of_windows_of_several_lengths() -> None:
-    found = hann_segments([np.zeros((1, 640)), np.zeros((1, 640))], STEP, [6.4, 3.2], np.array([2.0]))
+    found = hann_segments(
+        [np.zeros((1, 640)), np.zeros((1, 640))], STEP, [6.4, 3.2], np.array([2.0])
+    )
     windows = []
     for record in range(2):
         for size in (320, 160):
@@ -257,7 +276,9 @@ def test_a_pure_delay() -> None:
     rng = np.random.default_rng(4)
     x = signal.lfilter(*signal.butter(2, 0.2), rng.standard_normal(10000))
     y = np.concatenate([np.zeros(7), x[:-7]])
-    found = estimate_responses([Signals(STEP, x[None], y[None])], GRID, Spectra(window_lengths([200.0])))
+    found = estimate_responses(
+        [Signals(STEP, x[None], y[None])], GRID, Spectra(window_lengths([200.0]))
+    )
     exact = np.exp(-2j * math.pi * GRID * 7 * STEP)
     assert np.max(np.abs(found.response[0, 0] - exact)) < 0.01
     np.testing.assert_allclose(found.phase()[0, 0], -2.0 * math.pi * GRID * 7 * STEP, atol=0.01)
@@ -267,12 +288,18 @@ def test_the_usable_band_ends_where_the_noise_begins() -> None:
     rng = np.random.default_rng(9)
     x = rng.standard_normal(30000)
     y = signal.lfilter(*signal.butter(4, 2.0 * STEP * 2.0), x) + 0.3 * rng.standard_normal(30000)
-    found = estimate_responses([Signals(STEP, x[None], y[None])], frequencies(0.1, 10.0), Spectra(window_lengths([600.0])))
+    found = estimate_responses(
+        [Signals(STEP, x[None], y[None])], frequencies(0.1, 10.0), Spectra(window_lengths([600.0]))
+    )
     # Coherence 0.6 where the power of the answer is 1.5 that of the noise.
     w, h = signal.freqz(*signal.butter(4, 2.0 * STEP * 2.0), 8000, fs=1 / STEP)
     edge = w[np.flatnonzero(np.abs(h) ** 2 >= 1.5 * 0.09)[-1]]
     band = found.bands()[0][0]
-    assert band is not None and band[0] == pytest.approx(0.1) and band[1] == pytest.approx(edge, rel=0.1)
+    assert (
+        band is not None
+        and band[0] == pytest.approx(0.1)
+        and band[1] == pytest.approx(edge, rel=0.1)
+    )
 
 
 def test_the_band_of_an_input() -> None:
@@ -307,7 +334,9 @@ def test_two_inputs_with_feedback_and_two_references() -> None:
     """Both inputs take a share of the output back; the joint estimate separates them."""
     exact = np.array([truth(SHORT_PERIOD), truth(LAG)])
     (one, below), (other, lag) = SHORT_PERIOD, LAG
-    first, second, whole = (np.convolve(*each) for each in ((one, lag), (other, below), (below, lag)))
+    first, second, whole = (
+        np.convolve(*each) for each in ((one, lag), (other, below), (below, lag))
+    )
     closed = whole + 0.3 * first + 0.2 * second
     hits = []
     for seed in range(8):
@@ -315,7 +344,10 @@ def test_two_inputs_with_feedback_and_two_references() -> None:
         shape, colour = signal.butter(2, 0.12), signal.butter(1, 0.04)
         sweeps = signal.lfilter(*shape, rng.standard_normal((2, 15000)))
         error = 0.3 * signal.lfilter(*colour, rng.standard_normal(15000))
-        y = sum(signal.lfilter(top, closed, x) for top, x in ((first, sweeps[0]), (second, sweeps[1]), (whole, error)))
+        y = sum(
+            signal.lfilter(top, closed, x)
+            for top, x in ((first, sweeps[0]), (second, sweeps[1]), (whole, error))
+        )
         inputs = sweeps - np.outer([0.3, 0.2], y)
         record = Signals(STEP, inputs, np.asarray(y)[None], sweeps)
         found = estimate_responses([record], GRID, Spectra(window_lengths([300.0])))

@@ -1,4 +1,6 @@
-"""Frequency response of known systems: gain, phase, coherence, and the fit of the model that made the record."""
+"""Frequency response of known systems: gain, phase, coherence, and the fit of the model that made
+the record.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ def test_response_of_a_known_system(hold: Hold) -> None:
 
 @pytest.mark.parametrize("hold", list(Hold))
 def test_the_hold_is_taken_out(hold: Hold) -> None:
-    """y_dot = u - y at five samples a second: its z-transform over the transfer function of the hold, which is a sinc or its square."""
+    """y_dot = u - y at five samples a second: its z-transform over the transfer function of the
+    hold, which is a sinc or its square.
+    """
     step, count, rng = 0.2, 6000, np.random.default_rng(4)
     u, y = rng.standard_normal(count), np.zeros(count)
     decay = np.exp(-step)
@@ -48,7 +52,9 @@ def test_the_hold_is_taken_out(hold: Hold) -> None:
         later = u[k + 1] if hold is Hold.LINEAR else u[k]
         y[k + 1] = decay * y[k] + (1.0 - decay) * u[k] + ramp * (later - u[k])
     channels = (Channel.of("stick", "1", u),), (Channel.of("q", "rad/s", y),)
-    found = estimate_response(Record(step * np.arange(count), *channels, hold), low=0.5, high=14.0, tapers=9)
+    found = estimate_response(
+        Record(step * np.arange(count), *channels, hold), low=0.5, high=14.0, tapers=9
+    )
     x, z = 0.5 * found.omega * step, np.exp(1j * found.omega * step)
     if hold is Hold.PREVIOUS:
         expected = (1.0 - decay) / (z - decay) / (np.sin(x) / x * np.exp(-1j * x))
@@ -85,7 +91,9 @@ def test_fit_finds_delay_and_damping() -> None:
     w2 = fit.values["L_alpha"] * fit.values["M_q"] - LOES_VALUES["L_q"] * fit.values["M_alpha"]
     true = LOES_VALUES["L_alpha"] * LOES_VALUES["M_q"] - LOES_VALUES["L_q"] * LOES_VALUES["M_alpha"]
     assert np.sqrt(w2) == pytest.approx(np.sqrt(true), rel=0.06)
-    assert -(fit.values["L_alpha"] + fit.values["M_q"]) / 2 / np.sqrt(w2) == pytest.approx(0.5 * 4.9 / np.sqrt(true), abs=0.05)
+    assert -(fit.values["L_alpha"] + fit.values["M_q"]) / 2 / np.sqrt(w2) == pytest.approx(
+        0.5 * 4.9 / np.sqrt(true), abs=0.05
+    )
     assert fit.values["delay"] == pytest.approx(LOES_VALUES["delay"], abs=0.012)
 
 
@@ -100,7 +108,9 @@ def test_refuses_what_it_cannot_use() -> None:
     time[5] += 0.004
     with pytest.raises(RecordError, match="uneven"):
         estimate_response(Record(time, record.inputs, record.outputs))
-    gap = Channel.of("q", "rad/s", np.where(np.arange(len(record)) == 9, np.nan, record["q"].values))
+    gap = Channel.of(
+        "q", "rad/s", np.where(np.arange(len(record)) == 9, np.nan, record["q"].values)
+    )
     with pytest.raises(RecordError, match="missing"):
         estimate_response(Record(record.time, record.inputs, (gap,)))
     still = Channel.of("stick", "in", np.zeros(len(record)))

@@ -74,7 +74,9 @@ def test_exact_responses_give_their_values(name: str) -> None:
     for key, value in VALUES[name].items():
         assert one.values[key] == pytest.approx(value, rel=1e-3, abs=1e-4), key
     ratio = np.polyval(one.numerator, 2j) / np.polyval(one.denominator, 2j)
-    assert ratio * np.exp(-2j * one.values["delay"]) == pytest.approx(written_out(name, np.array(2j)), rel=1e-3)
+    assert ratio * np.exp(-2j * one.values["delay"]) == pytest.approx(
+        written_out(name, np.array(2j)), rel=1e-3
+    )
 
 
 def test_deviations_are_the_scatter_of_fits() -> None:
@@ -96,10 +98,14 @@ def test_deviations_are_the_scatter_of_fits() -> None:
 def test_what_is_fixed_stays_and_the_others_are_known_better() -> None:
     exact = written_out("pitch", 1j * OMEGA)
     (free,) = fit_transfer_functions([target(exact)], [FORMS["pitch"]]).functions
-    (held,) = fit_transfer_functions([target(exact)], [FORMS["pitch"]], {"inv_T_theta2": 0.8}).functions
+    (held,) = fit_transfer_functions(
+        [target(exact)], [FORMS["pitch"]], {"inv_T_theta2": 0.8}
+    ).functions
     assert held.values["inv_T_theta2"] == 0.8 and "inv_T_theta2" not in held.std
     assert held.std["frequency"] < free.std["frequency"]
-    (wrong,) = fit_transfer_functions([target(exact)], [FORMS["pitch"]], {"inv_T_theta2": 3.0}).functions
+    (wrong,) = fit_transfer_functions(
+        [target(exact)], [FORMS["pitch"]], {"inv_T_theta2": 3.0}
+    ).functions
     assert wrong.cost > 50.0 > held.cost
 
 
@@ -107,7 +113,9 @@ def test_shared_poles_are_one() -> None:
     one, other = written_out("pitch", 1j * OMEGA), 2.0 / ((1j * OMEGA) ** 2 + 3.6j * OMEGA + 9.0)
     rng = np.random.default_rng(4)
     noisy = [each * (1 + 0.05 * rng.standard_normal(OMEGA.size)) for each in (one, other)]
-    targets = [target(each, 0.05, name) for each, name in zip(noisy, ("q/de", "alpha/de"), strict=True)]
+    targets = [
+        target(each, 0.05, name) for each, name in zip(noisy, ("q/de", "alpha/de"), strict=True)
+    ]
     forms = [FORMS["pitch"], FORMS["dutch-roll"]]
     fit = fit_transfer_functions(targets, forms, shared_poles=True)
     assert fit.shared == ("frequency", "damping")

@@ -19,7 +19,9 @@ from ident.process_noise.whitener import (
 )
 
 
-def kalman_covariances(P: np.ndarray, Phi: np.ndarray, Q: np.ndarray, H: np.ndarray, R: np.ndarray) -> np.ndarray:
+def kalman_covariances(
+    P: np.ndarray, Phi: np.ndarray, Q: np.ndarray, H: np.ndarray, R: np.ndarray
+) -> np.ndarray:
     """Filtered covariances after each sample: prediction and Joseph's update, in a loop."""
     out = []
     for F, noise, C in zip(Phi, Q, H, strict=True):
@@ -33,7 +35,9 @@ def kalman_covariances(P: np.ndarray, Phi: np.ndarray, Q: np.ndarray, H: np.ndar
 
 
 def problem(rng: np.random.Generator, count: int, n: int, m: int) -> tuple[np.ndarray, ...]:
-    """Start, transitions, noise of rank one, measurements with some missing (rows of zeros), variances."""
+    """Start, transitions, noise of rank one, measurements with some missing (rows of zeros),
+    variances.
+    """
     Phi = np.eye(n) + 0.2 * rng.normal(size=(count, n, n))
     drive = rng.normal(size=(count, n, 1))
     H = rng.normal(size=(count, m, n)) * (rng.random((count, m, 1)) > 0.3)
@@ -60,14 +64,18 @@ def test_a_start_without_variance_is_no_exception() -> None:
 def test_powers_of_one_step_are_its_repetition() -> None:
     P, Phi, Q, H, R = problem(np.random.default_rng(6), 1, 3, 2)
     got = advanced(powers(combine_covariances, covariance_steps(Phi, Q, H, R), 8), P)
-    expected = kalman_covariances(P, np.repeat(Phi, 8, axis=0), np.repeat(Q, 8, axis=0), np.repeat(H, 8, axis=0), R)
+    expected = kalman_covariances(
+        P, np.repeat(Phi, 8, axis=0), np.repeat(Q, 8, axis=0), np.repeat(H, 8, axis=0), R
+    )
     assert len(got) == 8
     np.testing.assert_allclose(got, expected, rtol=1e-10, atol=1e-11 * np.abs(expected).max())
 
 
 def test_two_steps_in_a_row_combine_in_their_order() -> None:
     P, Phi, Q, H, R = problem(np.random.default_rng(7), 2, 3, 2)
-    first, second = (covariance_steps(Phi[k : k + 1], Q[k : k + 1], H[k : k + 1], R) for k in (0, 1))
+    first, second = (
+        covariance_steps(Phi[k : k + 1], Q[k : k + 1], H[k : k + 1], R) for k in (0, 1)
+    )
     both, turned = combine_covariances(first, second), combine_covariances(second, first)
     expected = kalman_covariances(P, Phi, Q, H, R)[1]
     np.testing.assert_allclose(advanced(both, P)[0], expected, rtol=1e-10, atol=1e-11)
@@ -103,9 +111,17 @@ def test_prefixes_of_something_that_does_not_commute() -> None:
 
 def test_products_with_stacks_of_matrices() -> None:
     rng = np.random.default_rng(9)
-    left, stack, right = rng.normal(size=(5, 2, 3)), rng.normal(size=(5, 3, 6, 4)), rng.normal(size=(5, 4, 2))
+    left, stack, right = (
+        rng.normal(size=(5, 2, 3)),
+        rng.normal(size=(5, 3, 6, 4)),
+        rng.normal(size=(5, 4, 2)),
+    )
     for k in range(5):
         for d in range(6):
-            np.testing.assert_allclose(from_left(left, stack)[k, :, d], left[k] @ stack[k, :, d], rtol=1e-12)
-            np.testing.assert_allclose(from_right(stack, right)[k, :, d], stack[k, :, d] @ right[k], rtol=1e-12)
+            np.testing.assert_allclose(
+                from_left(left, stack)[k, :, d], left[k] @ stack[k, :, d], rtol=1e-12
+            )
+            np.testing.assert_allclose(
+                from_right(stack, right)[k, :, d], stack[k, :, d] @ right[k], rtol=1e-12
+            )
             np.testing.assert_array_equal(transposed(stack)[k, :, d], stack[k, :, d].T)

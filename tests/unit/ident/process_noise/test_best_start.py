@@ -1,4 +1,6 @@
-"""Filter error of an aircraft that only its loop holds, and fits whose likelihood has no honest maximum."""
+"""Filter error of an aircraft that only its loop holds, and fits whose likelihood has no honest
+maximum.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,12 @@ import pytest
 
 from ident.estimate import Estimate, Outcome
 from ident.process_noise import filter_error
-from ident.process_noise.best_start import absurd_sigmas, fit_from_best_start, levels_at_limit, third_differences
+from ident.process_noise.best_start import (
+    absurd_sigmas,
+    fit_from_best_start,
+    levels_at_limit,
+    third_differences,
+)
 from ident.process_noise.filter_error import fit_filter_error
 from ident.whole_record.layout import FitSettings, lay_out
 from sim.declaration.compile import compile_model
@@ -27,7 +34,12 @@ TRUE = np.array([FIGHTER[name] for name in DERIVATIVES])
 def estimated(record: Record, factors: float) -> Estimate:
     """Of the fighter in turbulence from a start off by a factor."""
     start = fighter_start(factors)
-    return fit_filter_error([record], compile_model(start.with_effects(GustTurbulence())), SETTINGS, calm=compile_model(start))
+    return fit_filter_error(
+        [record],
+        compile_model(start.with_effects(GustTurbulence())),
+        SETTINGS,
+        calm=compile_model(start),
+    )
 
 
 @pytest.mark.slow
@@ -42,38 +54,62 @@ def test_an_unstable_aircraft_is_found_in_still_and_in_rough_air(gust: float) ->
         scores.append((estimate.values[at] - TRUE) / estimate.std[at])
     assert np.max(np.abs(scores)) < 4.5
     # In still air no intensity is found beyond its own sigma.
-    assert gust > 0.0 or estimate.value("gust-turbulence.sigma") < estimate.sigma("gust-turbulence.sigma")
+    assert gust > 0.0 or estimate.value("gust-turbulence.sigma") < estimate.sigma(
+        "gust-turbulence.sigma"
+    )
 
 
 @pytest.mark.slow
-def test_a_start_that_hides_an_unstable_aircraft_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Declared stable: what settles from there is far less likely than the truth, and is not returned; a second start that is worse is not either."""
+def test_a_start_that_hides_an_unstable_aircraft_is_given_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Declared stable: what settles from there is far less likely than the truth, and is not
+    returned; a second start that is worse is not either.
+    """
     record, start = flown_in_a_loop(np.random.default_rng(2)), fighter_start(1.0)
     hidden = start.with_parameters(start.parameters.with_values({"Cm_alpha": -0.3}))
     rough, calm = compile_model(hidden.with_effects(GustTurbulence())), compile_model(hidden)
     found = fit_filter_error([record], rough, SETTINGS, calm=calm)
     at = [found.names.index(name) for name in DERIVATIVES]
-    assert found.outcome is Outcome.CONVERGED and np.max(np.abs((found.values[at] - TRUE) / found.std[at])) < 4.5
+    assert (
+        found.outcome is Outcome.CONVERGED
+        and np.max(np.abs((found.values[at] - TRUE) / found.std[at])) < 4.5
+    )
     monkeypatch.setattr(filter_error, "started_unstable", lambda *_: None)
     first = fit_filter_error([record], rough, SETTINGS, calm=calm)
-    assert first.outcome is Outcome.CONVERGED and first.log_likelihood < found.log_likelihood - 100.0
+    assert (
+        first.outcome is Outcome.CONVERGED and first.log_likelihood < found.log_likelihood - 100.0
+    )
     true = compile_model(start)
     monkeypatch.setattr(filter_error, "started_unstable", lambda *_: calm)
-    kept = fit_filter_error([record], compile_model(start.with_effects(GustTurbulence())), SETTINGS, calm=true)
+    kept = fit_filter_error(
+        [record], compile_model(start.with_effects(GustTurbulence())), SETTINGS, calm=true
+    )
     assert kept.log_likelihood > first.log_likelihood + 100.0
 
 
 def with_alpha(record: Record, values: np.ndarray) -> Record:
     """The record with another angle of attack."""
-    return replace(record, outputs=tuple(replace(c, values=values) if c.name == "alpha" else c for c in record.outputs))
+    return replace(
+        record,
+        outputs=tuple(
+            replace(c, values=values) if c.name == "alpha" else c for c in record.outputs
+        ),
+    )
 
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_noise_level_that_runs_to_its_limit_is_an_outcome_of_its_own(seed: int) -> None:
-    """An alpha that is computed, not measured: a filter follows it alone, and sigmas shrink to nothing."""
+    """An alpha that is computed, not measured: a filter follows it alone, and sigmas shrink to
+    nothing.
+    """
     flight, model = rigid_flight(6.0, 50.0), rigid_model()
-    record = with_alpha(noisy(model, flight, np.random.default_rng(seed)), fly(compile_model(model), flight)[0])
-    estimate = fit_filter_error([record], compile_model(rough_model()), FitSettings(0.02), calm=compile_model(calm_model()))
+    record = with_alpha(
+        noisy(model, flight, np.random.default_rng(seed)), fly(compile_model(model), flight)[0]
+    )
+    estimate = fit_filter_error(
+        [record], compile_model(rough_model()), FitSettings(0.02), calm=compile_model(calm_model())
+    )
     assert estimate.outcome is Outcome.DEGENERATE and estimate.noise_std[0] < 1e-7
     assert np.all(np.isfinite(estimate.values)) and np.all(np.isfinite(estimate.covariance))
 
@@ -81,7 +117,9 @@ def test_a_noise_level_that_runs_to_its_limit_is_an_outcome_of_its_own(seed: int
 def test_a_sensor_that_stands_still_is_degenerate_with_a_filter() -> None:
     record = noisy(rigid_model(), rigid_flight(6.0, 50.0), np.random.default_rng(1))
     stuck = with_alpha(record, np.full(len(record), 0.01))
-    estimate = fit_filter_error([stuck], compile_model(rough_model()), FitSettings(0.02), calm=compile_model(calm_model()))
+    estimate = fit_filter_error(
+        [stuck], compile_model(rough_model()), FitSettings(0.02), calm=compile_model(calm_model())
+    )
     assert estimate.outcome is Outcome.DEGENERATE
 
 
@@ -89,7 +127,10 @@ def test_the_output_whose_level_was_lost_is_told_by_name() -> None:
     record = noisy(rigid_model(), rigid_flight(6.0, 50.0), np.random.default_rng(3))
     computed = with_alpha(record, fly(compile_model(rigid_model()), rigid_flight(6.0, 50.0))[0])
     found = [
-        fit_from_best_start(lay_out([one], compile_model(rough_model()), FitSettings(0.02)), compile_model(calm_model()))
+        fit_from_best_start(
+            lay_out([one], compile_model(rough_model()), FitSettings(0.02)),
+            compile_model(calm_model()),
+        )
         for one in (record, computed)
     ]
     assert [levels_at_limit(fit) for fit in found if fit is not None] == [(), ("alpha",)]
@@ -100,7 +141,9 @@ def test_a_sigma_below_what_the_samples_can_give_is_absurd() -> None:
     layout = lay_out([record], compile_model(rough_model(1.0)), FitSettings(0.02))
     fit = fit_from_best_start(layout, compile_model(calm_model()))
     assert fit is not None
-    honest = np.sqrt(np.diag(np.linalg.inv(fit.normal_equations()[0] + 1e-12 * np.eye(len(fit.theta)))))[: len(layout.shared)]
+    honest = np.sqrt(
+        np.diag(np.linalg.inv(fit.normal_equations()[0] + 1e-12 * np.eye(len(fit.theta))))
+    )[: len(layout.shared)]
     assert absurd_sigmas(fit, honest) == []
     wrong = honest.copy()
     wrong[layout.shared.index("Cm_q")] = 1e-9

@@ -59,7 +59,9 @@ def mean_variance_of_x() -> float:
 
 @pytest.mark.parametrize("factor", [1.0, 5.0])
 @pytest.mark.parametrize(("residual", "noise"), [(0.5, 0.1), (0.5, 0.4), (0.2, 0.19)])
-def test_the_motion_accounts_for_the_variance_beyond_the_noise(residual: float, noise: float, factor: float) -> None:
+def test_the_motion_accounts_for_the_variance_beyond_the_noise(
+    residual: float, noise: float, factor: float
+) -> None:
     """factor^2 var(H x) + noise^2 = residual^2, in whatever unit the output is."""
     found = _size_of_motion(fit_with(factor * residual, factor), np.array([factor * noise]))
     assert found**2 * mean_variance_of_x() + noise**2 == pytest.approx(residual**2, rel=1e-4)
@@ -93,7 +95,9 @@ def test_only_intensities_are_kept_off_zero() -> None:
 
 
 def test_measurement_noise_starts_between_a_fiftieth_of_the_residual_and_the_residual() -> None:
-    """Third differences: 8 r of residuals +r, -r, ..., sqrt(20) r of white, zero of constant ones."""
+    """Third differences: 8 r of residuals +r, -r, ..., sqrt(20) r of white, zero of constant
+    ones.
+    """
     fit = fit_with(0.5)
     assert noise_start(fit) == pytest.approx([0.5])
     weighted = replace(fit.weighted, residuals=(0.5 * np.ones((1, SAMPLES)),))

@@ -1,4 +1,6 @@
-"""Slopes of process noise: against differences of the process noise itself, smooth motion and one with a kink."""
+"""Slopes of process noise: against differences of the process noise itself, smooth motion and one
+with a kink.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ INPUTS: Mapping[str, Input] = {
 
 @dataclass(frozen=True)
 class Stiffened(Oscillator):
-    """The oscillator, whose stiffness goes with an input: what is linearised changes along the record."""
+    """The oscillator, whose stiffness goes with an input: what is linearised changes along the
+    record.
+    """
 
     name: str = "stiffened"
 
@@ -38,12 +42,24 @@ class Stiffened(Oscillator):
 
 
 def problem_with(pull: Input, samples: int = 300) -> RecordProblem:
-    parameters = ParameterSet((Parameter("stiffness", 3.0, "1/s2"), Parameter("damping", 0.4, "1/s"), Parameter("force", 0.0, "m/s2", free=False)))
+    parameters = ParameterSet(
+        (
+            Parameter("stiffness", 3.0, "1/s2"),
+            Parameter("damping", 0.4, "1/s"),
+            Parameter("force", 0.0, "m/s2", free=False),
+        )
+    )
     initial = ParameterSet((Parameter("position", 0.2, "m"), Parameter("speed", -0.1, "m/s")))
     system = compile_model(Model(Stiffened(), parameters, initial, Noise(STD, {"speed": 0.4})))
     time = 0.02 * np.arange(samples)
     inputs = (Channel.of("pull", "m/s2", pull(time)), Channel.of("push", "m/s", np.zeros(samples)))
-    return record_problem(Record(time, inputs, tuple(Channel.of(name, "m", np.zeros(samples)) for name in STD)), system, 0.05, (), ())
+    return record_problem(
+        Record(time, inputs, tuple(Channel.of(name, "m", np.zeros(samples)) for name in STD)),
+        system,
+        0.05,
+        (),
+        (),
+    )
 
 
 def slopes_of(problem: RecordProblem) -> NoiseSlopes:
@@ -57,16 +73,28 @@ def test_slopes_are_differences_of_the_process_noise(kind: str) -> None:
     problem = problem_with(INPUTS[kind])
     slopes, states, step = slopes_of(problem), np.zeros((2, len(problem.grid.nodes))), 1e-4
     assert slopes.of == (0, 1, 2)
-    for i, (low, high, width) in enumerate(slope_pairs(Variation(problem.system.parameters.values(), 1.0), [0, 1], [3e5 * step, 4e4 * step], True)):
+    for i, (low, high, width) in enumerate(
+        slope_pairs(
+            Variation(problem.system.parameters.values(), 1.0),
+            [0, 1],
+            [3e5 * step, 4e4 * step],
+            True,
+        )
+    ):
         ends = [discretised_noise(problem, states, one) for one in (low, high)]
         for name in ("Phi", "Q"):
             expected = (getattr(ends[1], name) - getattr(ends[0], name)) / width
             found = getattr(slopes.motion, name)[:, i]
-            assert found == pytest.approx(np.broadcast_to(expected, found.shape), abs=2e-3 * max(float(np.max(np.abs(expected))), 1e-9))
+            assert found == pytest.approx(
+                np.broadcast_to(expected, found.shape),
+                abs=2e-3 * max(float(np.max(np.abs(expected))), 1e-9),
+            )
 
 
 @pytest.mark.parametrize("kind", INPUTS)
-def test_straight_lines_stand_for_what_bends_little_alone(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_straight_lines_stand_for_what_bends_little_alone(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     places: list[int] = []
 
     def counted(F: np.ndarray, *rest: Any) -> Any:

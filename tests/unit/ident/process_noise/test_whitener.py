@@ -1,4 +1,6 @@
-"""The pre-whitener against a Kalman filter written a second time, and its slopes against differences."""
+"""The pre-whitener against a Kalman filter written a second time, and its slopes against
+differences.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,14 @@ import numpy as np
 import pytest
 
 from ident.process_noise.innovations_model import process_noise
-from ident.process_noise.whitener import Variation, Whitener, discretised, discretised_noise, filtered, whitener
+from ident.process_noise.whitener import (
+    Variation,
+    Whitener,
+    discretised,
+    discretised_noise,
+    filtered,
+    whitener,
+)
 from ident.whole_record.gauss_newton import evaluate
 from ident.whole_record.layout import FitProblem, FitSettings, lay_out
 from ident.whole_record.record_problem import RecordProblem, record_problem
@@ -56,8 +65,12 @@ def at_samples(problem: RecordProblem, values: np.ndarray) -> np.ndarray:
 def prepared(record: Record, density: dict[str, float] = DENSITY) -> tuple[RecordProblem, Whitener]:
     system = compile_model(oscillator(density))
     problem = record_problem(record, system, 0.05, (), ())
-    motion = discretised_noise(problem, np.zeros((2, len(problem.grid.nodes))), Variation(system.parameters.values(), 1.0))
-    return problem, whitener(motion, VARIANCE, at_nodes(problem, problem.valid[:, :, None])[:, :, 0])
+    motion = discretised_noise(
+        problem, np.zeros((2, len(problem.grid.nodes))), Variation(system.parameters.values(), 1.0)
+    )
+    return problem, whitener(
+        motion, VARIANCE, at_nodes(problem, problem.valid[:, :, None])[:, :, 0]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +84,9 @@ class Plain:
 
 
 def oracle(record: Record, e: np.ndarray, valid: np.ndarray) -> Plain:
-    """Covariance form, sample by sample: position and speed from a start known exactly, driven by noise."""
+    """Covariance form, sample by sample: position and speed from a start known exactly, driven by
+    noise.
+    """
     whole = matrices(DENSITY)
     A, Q, C, R = whole.A[:2, :2], whole.Q[:2, :2], whole.C[:, :2], whole.R
     N = len(record)
@@ -103,10 +118,14 @@ def test_innovations_and_likelihood_equal_a_covariance_filters(kind: str) -> Non
     e = rng.standard_normal(problem.z.shape)
     through = filtered(filter, at_nodes(problem, e[:, :, None]))
     second = oracle(record, e, problem.valid)
-    assert at_samples(problem, through.innovation)[:, :, 0] == pytest.approx(second.innovation, abs=1e-10)
+    assert at_samples(problem, through.innovation)[:, :, 0] == pytest.approx(
+        second.innovation, abs=1e-10
+    )
     standard = at_samples(problem, through.standard)[:, :, 0]
     assert (standard**2).sum(axis=1) == pytest.approx(second.nis, rel=1e-10)
-    total = -0.5 * (np.sum(standard**2) + filter.log_determinant + problem.valid.sum() * math.log(2.0 * math.pi))
+    total = -0.5 * (
+        np.sum(standard**2) + filter.log_determinant + problem.valid.sum() * math.log(2.0 * math.pi)
+    )
     assert total == pytest.approx(second.log_likelihood.sum(), rel=1e-10)
     covariance = filter.covariance[filter.at][problem.grid.sample // problem.grid.substeps]
     assert covariance == pytest.approx(second.P, abs=1e-12)
@@ -121,10 +140,15 @@ def test_a_filter_that_settles_keeps_few_gains() -> None:
 def test_columns_pass_like_differences_of_residuals(kind: str) -> None:
     rng = np.random.default_rng(4)
     problem, filter = prepared(RECORDS[kind](rng))
-    e, columns = rng.standard_normal((*problem.z.shape, 1)), rng.standard_normal((*problem.z.shape, 5))
+    e, columns = (
+        rng.standard_normal((*problem.z.shape, 1)),
+        rng.standard_normal((*problem.z.shape, 5)),
+    )
     base = filtered(filter, at_nodes(problem, e)).standard
     moved = filtered(filter, at_nodes(problem, e + columns)).standard
-    assert filtered(filter, at_nodes(problem, columns)).standard == pytest.approx(moved - base, abs=1e-10)
+    assert filtered(filter, at_nodes(problem, columns)).standard == pytest.approx(
+        moved - base, abs=1e-10
+    )
 
 
 def test_without_forcing_residuals_are_only_divided_by_their_sigma() -> None:
@@ -134,7 +158,9 @@ def test_without_forcing_residuals_are_only_divided_by_their_sigma() -> None:
     expected = np.where(problem.valid, e / np.sqrt(VARIANCE)[:, None], 0.0)
     through = filtered(filter, at_nodes(problem, e[:, :, None]))
     assert through.standard[:, :, 0].transpose() == pytest.approx(expected, rel=1e-14)
-    assert filter.log_determinant == pytest.approx(float(problem.valid.sum(axis=1) @ np.log(VARIANCE)), rel=1e-13)
+    assert filter.log_determinant == pytest.approx(
+        float(problem.valid.sum(axis=1) @ np.log(VARIANCE)), rel=1e-13
+    )
 
 
 @pytest.mark.parametrize("step", [0.004, 0.05, 1.3])
@@ -152,24 +178,32 @@ def test_gust_starts_from_its_stationary_spread() -> None:
     p = system.parameters.values()
     p[system.parameters.index("gust-turbulence.sigma")] = 1.7
     motion = discretised_noise(problem, np.zeros((4, 60)), Variation(p, 1.0))
-    gust = [system.state_names.index(name) for name in system.state_names if name.startswith("gust")]
+    gust = [
+        system.state_names.index(name) for name in system.state_names if name.startswith("gust")
+    ]
     assert len(gust) == 2 and set(system.stationary) == {system.state_names[i] for i in gust}
     assert not np.any(motion.start[:2]) and not np.any(motion.start[:, :2])
     # As seen at the vane: a gust of the declared intensity, whatever its length.
-    assert motion.H[0, 0] @ motion.start @ motion.H[0, 0] == pytest.approx((1.7 / p[system.parameters.index("airspeed")]) ** 2, rel=1e-12)
+    assert motion.H[0, 0] @ motion.start @ motion.H[0, 0] == pytest.approx(
+        (1.7 / p[system.parameters.index("airspeed")]) ** 2, rel=1e-12
+    )
 
 
 def test_stationary_spread_stays_what_it_is() -> None:
     system = compile_model(rough_model())
     problem = record_problem(rough_record(np.random.default_rng(1), 60), system, 0.01, (), ())
-    motion = discretised_noise(problem, np.zeros((4, 60)), Variation(system.parameters.values(), 1.0))
+    motion = discretised_noise(
+        problem, np.zeros((4, 60)), Variation(system.parameters.values(), 1.0)
+    )
     after = motion.Phi[0] @ motion.start @ motion.Phi[0].T + motion.Q[0]
     assert after[2:, 2:] == pytest.approx(motion.start[2:, 2:], rel=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["even", "missing", "uneven"])
 def test_gradient_of_the_likelihood_is_its_slope(kind: str) -> None:
-    """All unknowns: derivatives through outputs, gains and covariances; intensity, length, noise levels."""
+    """All unknowns: derivatives through outputs, gains and covariances; intensity, length, noise
+    levels.
+    """
     record = rough_record(np.random.default_rng(2), 121, missing=0.1 if kind == "missing" else 0.0)
     if kind == "uneven":
         record = without_rows(record, slice(1, -1, 3))
@@ -190,4 +224,6 @@ def test_gradient_of_the_likelihood_is_its_slope(kind: str) -> None:
             moved = evaluate(problem, theta, [fit.lines[0].states])
             assert moved is not None
             costs.append(moved.cost)
-        assert gradient[i] * scale == pytest.approx((costs[0] - costs[1]) / 2e-3, rel=1e-4, abs=1e-4), problem.names[i]
+        assert gradient[i] * scale == pytest.approx(
+            (costs[0] - costs[1]) / 2e-3, rel=1e-4, abs=1e-4
+        ), problem.names[i]

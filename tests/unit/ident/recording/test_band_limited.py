@@ -1,4 +1,6 @@
-"""Channels whose noise ends at a cutoff, as filtering without phase and Fourier resampling leave it; and those whose noise does not."""
+"""Channels whose noise ends at a cutoff, as filtering without phase and Fourier resampling leave
+it; and those whose noise does not.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ def both_ways(values: np.ndarray) -> np.ndarray:
 
 
 def through_analog(values: np.ndarray) -> np.ndarray:
-    """A Butterworth filter of order 4 at 8 Hz before the converter, as recorders have against aliasing."""
+    """A Butterworth filter of order 4 at 8 Hz before the converter, as recorders have against
+    aliasing.
+    """
     ramp = np.linspace(values[0], values[-1], values.size)
     frequency = np.fft.rfftfreq(values.size, 0.02)
     gain = 1.0 / np.polyval(butter(4, 1.0, analog=True)[1], 1j * frequency / 8.0)
@@ -42,7 +46,10 @@ def through_analog(values: np.ndarray) -> np.ndarray:
 
 def test_a_channel_filtered_without_phase_is_noted_with_its_cutoff(sound: Record) -> None:
     (one,) = filtered(rounded(altered(sound, q=both_ways), q=1e-7))
-    assert (one.channel, one.certainty) == ("q", Certainty.NOTED) and "filtered or resampled" in one.sentence
+    assert (one.channel, one.certainty) == (
+        "q",
+        Certainty.NOTED,
+    ) and "filtered or resampled" in one.sentence
     assert one.numbers["cutoff"].value == pytest.approx(10.0, rel=0.15)
 
 
@@ -56,7 +63,13 @@ def test_channels_resampled_by_fourier_transform_are_noted(sound: Record, factor
         fine = np.interp(np.arange(count) / factor, np.arange(values.size), ramp)
         outputs.append(Channel.of(name, sound[name].unit, fine + resample(values - ramp, count)))
     time = np.arange(count) * 0.02 / factor
-    found = filtered(Record(time, (Channel.of("elevator", "rad", np.interp(time, sound.time, sound["elevator"].values)),), tuple(outputs)))
+    found = filtered(
+        Record(
+            time,
+            (Channel.of("elevator", "rad", np.interp(time, sound.time, sound["elevator"].values)),),
+            tuple(outputs),
+        )
+    )
     assert [one.channel for one in found] == list(MEASURED)
     assert [one.numbers["cutoff"].value for one in found] == pytest.approx([25.0] * 3, rel=0.15)
 
@@ -69,7 +82,9 @@ def test_sound_channels_and_a_filter_against_aliasing_are_not_noted(sound: Recor
 def test_a_motion_without_noise_is_not_noted_where_its_input_ends_as_it_does() -> None:
     rng, time = np.random.default_rng(4), np.arange(1000) * 0.02
     moved = both_ways(rng.standard_normal(time.size))
-    lagged = Channel.of("q", "rad/s", np.convolve(moved, np.exp(-np.arange(50) / 10.0))[: time.size])
+    lagged = Channel.of(
+        "q", "rad/s", np.convolve(moved, np.exp(-np.arange(50) / 10.0))[: time.size]
+    )
     found = filtered(Record(time, (Channel.of("elevator", "rad", moved),), (lagged,)))
     assert [one.channel for one in found] == ["elevator"]
 
@@ -78,5 +93,8 @@ def test_a_measured_acceleration_that_was_differentiated_and_smoothed() -> None:
     if not ATTAS.is_file():
         pytest.skip("the measured record is not here")
     table = scipy.io.loadmat(ATTAS)["fAttasAil1"]
-    outputs = tuple(Channel.of(name, "1", table[:, column]) for name, column in (("p", 6), ("q", 7), ("r", 8), ("q_dot", 17)))
+    outputs = tuple(
+        Channel.of(name, "1", table[:, column])
+        for name, column in (("p", 6), ("q", 7), ("r", 8), ("q_dot", 17))
+    )
     assert [one.channel for one in filtered(Record(table[:, 0], (), outputs))] == ["q_dot"]

@@ -1,4 +1,6 @@
-"""A height in feet or kilometres is told by gravity; falls in metres, whatever their drag, are left alone."""
+"""A height in feet or kilometres is told by gravity; falls in metres, whatever their drag, are left
+alone.
+"""
 
 from __future__ import annotations
 
@@ -19,14 +21,22 @@ METRES = {"ft": 0.3048, "km": 1000.0, "cm": 0.01, "mm": 0.001}
 
 
 def coast(rng: np.random.Generator, speed: float = 150.0, ballistic: float = 120.0) -> Record:
-    """A body thrown upwards, through its highest point, in steps of a millisecond; noise of half a metre."""
+    """A body thrown upwards, through its highest point, in steps of a millisecond; noise of half a
+    metre.
+    """
     height, rate, rows = 900.0, speed, []
     for k in range(18_000):
         if k % 50 == 0:
             rows.append(height)
-        rate += 1e-3 * (-9.80665 - 0.5 * 1.2 * math.exp(-height / 7160.0) * rate * abs(rate) / ballistic)
+        rate += 1e-3 * (
+            -9.80665 - 0.5 * 1.2 * math.exp(-height / 7160.0) * rate * abs(rate) / ballistic
+        )
         height += 1e-3 * rate
-    return Record(0.05 * np.arange(len(rows)), (), (Channel.of("altitude", "m", np.array(rows) + 0.5 * rng.standard_normal(len(rows))),))
+    return Record(
+        0.05 * np.arange(len(rows)),
+        (),
+        (Channel.of("altitude", "m", np.array(rows) + 0.5 * rng.standard_normal(len(rows))),),
+    )
 
 
 def units(record: Record) -> list[RecordFinding]:

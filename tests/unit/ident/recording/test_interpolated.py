@@ -1,4 +1,6 @@
-"""Channels that were interpolated between updates are told with their true rate; what resembles them is left alone."""
+"""Channels that were interpolated between updates are told with their true rate; what resembles
+them is left alone.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ from sim.record import Channel, Record
 from tests.recorded_flight import Aircraft, altered, flight, rounded
 
 
-def resampled(record: Record, rate: float, curve: str, names: tuple[str, ...] = ("alpha", "q", "nz")) -> Record:
+def resampled(
+    record: Record, rate: float, curve: str, names: tuple[str, ...] = ("alpha", "q", "nz")
+) -> Record:
     """Some channels logged at ``rate`` Hz and brought back to the record's own times."""
     slow = np.arange(0.0, record.time[-1] + 1e-9, 1.0 / rate)
 
@@ -32,8 +36,12 @@ def interpolations(record: Record) -> list[RecordFinding]:
 @pytest.mark.parametrize("curve", ["linear", "spline", "pchip"])
 @pytest.mark.parametrize(("rate", "period"), [(10.0, 5), (5.0, 10)])
 @pytest.mark.parametrize("printed", [False, True])
-def test_an_interpolated_channel_is_told_with_its_rate(curve: str, rate: float, period: int, printed: bool) -> None:
-    """The bends of a smooth curve ten samples long are a thousandth of the noise: they show where more digits are printed."""
+def test_an_interpolated_channel_is_told_with_its_rate(
+    curve: str, rate: float, period: int, printed: bool
+) -> None:
+    """The bends of a smooth curve ten samples long are a thousandth of the noise: they show where
+    more digits are printed.
+    """
     record = resampled(flight(np.random.default_rng(5), duration=20.0), rate, curve, ("q",))
     record = rounded(record, q=1e-7 if curve == "linear" else 1e-9) if printed else record
     (one,) = interpolations(record)
@@ -48,7 +56,9 @@ def test_straight_lines_between_close_or_uneven_updates_are_told(rate: float) ->
     record = flight(np.random.default_rng(6), duration=20.0, outputs=("alpha", "q"))
     slow = np.arange(0.0, record.time[-1] + 1.0 / rate, 1.0 / rate)
     rng = np.random.default_rng(7)
-    logged = np.interp(slow, record.time, record["q"].values) + 0.003 * rng.standard_normal(len(slow))
+    logged = np.interp(slow, record.time, record["q"].values) + 0.003 * rng.standard_normal(
+        len(slow)
+    )
     found = interpolations(altered(record, q=lambda _: np.interp(record.time, slow, logged)))
     (one,) = found
     assert one.numbers["period"].value == pytest.approx(1.0 / rate, rel=0.1)
@@ -58,8 +68,14 @@ def test_an_input_is_only_noted() -> None:
     time = np.arange(1000) / 50.0
     slow = np.arange(0.0, 20.1, 0.1)
     rng = np.random.default_rng(8)
-    moved = np.interp(time, slow, 0.05 * np.sin(2.0 * slow) + 0.002 * rng.standard_normal(len(slow)))
-    record = Record(time, (Channel.of("elevator", "rad", moved),), (Channel.of("q", "rad/s", 0.003 * rng.standard_normal(1000)),))
+    moved = np.interp(
+        time, slow, 0.05 * np.sin(2.0 * slow) + 0.002 * rng.standard_normal(len(slow))
+    )
+    record = Record(
+        time,
+        (Channel.of("elevator", "rad", moved),),
+        (Channel.of("q", "rad/s", 0.003 * rng.standard_normal(1000)),),
+    )
     (one,) = interpolations(record)
     assert (one.channel, one.certainty, one.count) == ("elevator", Certainty.NOTED, 0)
 
@@ -73,8 +89,15 @@ def test_motion_and_noise_are_no_interpolation(noise: float, kind: str, bit: flo
 
 
 def test_the_sum_of_an_input_that_a_computer_steps_is_no_interpolation() -> None:
-    """A position under a stepped velocity is straight between its steps, and measured at every sample."""
+    """A position under a stepped velocity is straight between its steps, and measured at every
+    sample.
+    """
     time = np.arange(1000) / 50.0
     velocity = np.repeat(np.random.default_rng(10).standard_normal(200), 5)
     position = np.concatenate([[0.0], np.cumsum(0.02 * velocity)[:-1]])
-    assert interpolations(Record(time, (Channel.of("u", "1", velocity),), (Channel.of("x", "m", position),))) == []
+    assert (
+        interpolations(
+            Record(time, (Channel.of("u", "1", velocity),), (Channel.of("x", "m", position),))
+        )
+        == []
+    )

@@ -15,7 +15,9 @@ STEP = 360.0 / 65536.0
 def walk(seed: int, noise: float) -> np.ndarray:
     """A motion in steps of the converter."""
     rng, k = np.random.default_rng(seed), np.arange(800)
-    return STEP * np.round((3.0 * np.sin(k / 80.0) + noise * STEP * rng.standard_normal(800)) / STEP)
+    return STEP * np.round(
+        (3.0 * np.sin(k / 80.0) + noise * STEP * rng.standard_normal(800)) / STEP
+    )
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -30,7 +32,9 @@ def test_the_step_is_seen_after_printing_and_under_a_calibration_that_drifts(see
 @pytest.mark.parametrize("seed", range(20))
 def test_noise_and_motion_have_no_step(seed: int) -> None:
     rng, k = np.random.default_rng(seed), np.arange(600)
-    values = np.sin(k / rng.uniform(5.0, 80.0)) + 10.0 ** rng.uniform(-4.0, 0.0) * rng.standard_normal(600)
+    values = np.sin(k / rng.uniform(5.0, 80.0)) + 10.0 ** rng.uniform(
+        -4.0, 0.0
+    ) * rng.standard_normal(600)
     assert least_bit(values) == 0.0
     assert least_bit(np.round(values, 6)) < 1.1e-6
 

@@ -1,11 +1,18 @@
-"""Local polynomials against fits of single windows, and their width against samples left out one by one."""
+"""Local polynomials against fits of single windows, and their width against samples left out one by
+one.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from ident.regression.state_histories import HALF_WIDTHS, half_width_by_cross_validation, smoothed, windows
+from ident.regression.state_histories import (
+    HALF_WIDTHS,
+    half_width_by_cross_validation,
+    smoothed,
+    windows,
+)
 
 
 def record_of(seed: int, noise: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -16,8 +23,12 @@ def record_of(seed: int, noise: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return time, values, rng.random(160) > 0.1
 
 
-def by_window(time: np.ndarray, values: np.ndarray, there: np.ndarray, k: int, half: int) -> np.ndarray | None:
-    """Parabola about sample ``k`` through the samples of its window that are there; None for fewer than half."""
+def by_window(
+    time: np.ndarray, values: np.ndarray, there: np.ndarray, k: int, half: int
+) -> np.ndarray | None:
+    """Parabola about sample ``k`` through the samples of its window that are there; None for fewer
+    than half.
+    """
     first = int(np.clip(k - half, 0, len(time) - 2 * half - 1))
     rows = np.arange(first, first + 2 * half + 1)
     rows = rows[there[rows]]
@@ -38,8 +49,12 @@ def test_value_and_slope_are_those_of_the_parabola_through_the_window(half: int)
             assert (curve[k], slopes[k]) == pytest.approx((found[0], found[1]), rel=1e-6, abs=1e-8)
 
 
-@pytest.mark.parametrize(("gap", "usable"), [(0.15, True), (0.19, True), (0.21, False), (1.0, False)])
-def test_a_window_that_a_gap_stretches_to_twice_its_length_is_of_no_use(gap: float, usable: bool) -> None:
+@pytest.mark.parametrize(
+    ("gap", "usable"), [(0.15, True), (0.19, True), (0.21, False), (1.0, False)]
+)
+def test_a_window_that_a_gap_stretches_to_twice_its_length_is_of_no_use(
+    gap: float, usable: bool
+) -> None:
     """Eleven samples at 50 Hz are 0.2 s long; a gap adds as much as it is longer than a sample."""
     time = 0.02 * np.arange(60)
     time[30:] += gap
@@ -64,4 +79,6 @@ def test_the_width_predicts_samples_best_that_are_left_out(noise: float) -> None
             parabola = np.polynomial.polynomial.polyfit(time[rows] - time[k], values[rows], 2)
             left.append(values[k] - parabola[0])
         scores[half] = float(np.mean(np.square(left)))
-    assert half_width_by_cross_validation(time, values, there) == min(scores, key=lambda half: scores[half])
+    assert half_width_by_cross_validation(time, values, there) == min(
+        scores, key=lambda half: scores[half]
+    )

@@ -66,7 +66,9 @@ def gap(first: int, last: int) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("missing", [(299, 307), (310, 311), (100, 120)])
-def test_missing_rows_change_nothing_beyond_the_noise(system: System, missing: tuple[int, int], seed: int) -> None:
+def test_missing_rows_change_nothing_beyond_the_noise(
+    system: System, missing: tuple[int, int], seed: int
+) -> None:
     flight = flown(seed)
     found = run_equation_error([record(*flight, gap(*missing))], system)
     whole = run_equation_error([record(*flight, gap(0, 0))], system)

@@ -31,7 +31,12 @@ def test_mean_squares_and_single_sums_lie_where_chi_square_says() -> None:
     rng, degrees, runs = np.random.default_rng(5), 6, 3000
     sums = (rng.standard_normal((runs, degrees)) ** 2).sum(axis=1)
     low, high = mean_square_interval(runs * degrees)
-    assert (runs * degrees * low, runs * degrees * high) == pytest.approx(chi2.interval(0.95, runs * degrees), rel=1e-9)
+    assert (runs * degrees * low, runs * degrees * high) == pytest.approx(
+        chi2.interval(0.95, runs * degrees), rel=1e-9
+    )
     found = inside(sums, np.full(runs, degrees))
-    assert found.tolist() == ((sums >= chi2.ppf(0.025, degrees)) & (sums <= chi2.ppf(0.975, degrees))).tolist()
+    assert (
+        found.tolist()
+        == ((sums >= chi2.ppf(0.025, degrees)) & (sums <= chi2.ppf(0.975, degrees))).tolist()
+    )
     assert found.mean() == pytest.approx(0.95, abs=4.0 * np.sqrt(0.95 * 0.05 / runs))

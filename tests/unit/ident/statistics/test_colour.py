@@ -1,4 +1,6 @@
-"""The covariance correction for coloured residuals: white leaves it alone, coloured gives the scatter that is really there."""
+"""The covariance correction for coloured residuals: white leaves it alone, coloured gives the
+scatter that is really there.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +24,16 @@ def ar1(rng: np.random.Generator, shape: tuple[int, ...], correlation: float) ->
     return out
 
 
-def regression(residual: np.ndarray, X: np.ndarray, valid: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+def regression(
+    residual: np.ndarray, X: np.ndarray, valid: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """White and corrected covariance of a linear regression with this residual, ``(1, N)``."""
     valid = np.ones_like(residual, dtype=bool) if valid is None else valid
     variance = np.sum(np.where(valid, residual, 0.0) ** 2, axis=1) / valid.sum(axis=1)
     inverse = np.linalg.inv(np.einsum("in,nj,nk->jk", valid / variance[:, None], X, X))
-    return inverse, corrected_covariance(inverse, [(np.arange(X.shape[1]), X[None], residual, valid)], variance)
+    return inverse, corrected_covariance(
+        inverse, [(np.arange(X.shape[1]), X[None], residual, valid)], variance
+    )
 
 
 def test_autocovariance_is_the_sum_of_products() -> None:
@@ -48,9 +54,14 @@ def test_white_residuals_leave_sigma_nearly_alone() -> None:
 
 @pytest.mark.parametrize("correlation", [0.6, 0.9, 0.97])
 def test_coloured_regression_has_the_scatter_that_is_stated(correlation: float) -> None:
-    """Against the closed form of an AR(1) regression, (X'X)^-1 X' R X (X'X)^-1 with R = rho^|i - j|; and two sigmas hold 95 %."""
+    """Against the closed form of an AR(1) regression, (X'X)^-1 X' R X (X'X)^-1 with R = rho^|i -
+    j|; and two sigmas hold 95 %.
+    """
     n, runs = 500, 400
-    rng, X = np.random.default_rng(4), np.stack([np.sin(np.arange(n) / 15.0), np.cos(np.arange(n) / 40.0)], 1)
+    rng, X = (
+        np.random.default_rng(4),
+        np.stack([np.sin(np.arange(n) / 15.0), np.cos(np.arange(n) / 40.0)], 1),
+    )
     solver, errors, stated, white = np.linalg.pinv(X), [], [], []
     for _ in range(runs):
         noise = ar1(rng, (n,), correlation)
@@ -89,13 +100,18 @@ def test_output_error_sigma_matches_the_scatter_of_coloured_noise() -> None:
     errors, corrected, white = [], [], []
     for run in range(40):
         z = clean + std[:, None] * ar1(rng, clean.shape, 0.8)
-        channels = tuple(Channel.of(name, "1", row) for name, row in zip(("alpha", "q", "nz"), z, strict=True))
+        channels = tuple(
+            Channel.of(name, "1", row) for name, row in zip(("alpha", "q", "nz"), z, strict=True)
+        )
         record = Record(flight.time, (Channel.of("elevator", "rad", flight.u[0]),), channels)
         estimate = fit_output_error([record], system, FitSettings(max_step=0.04))
         errors.append(estimate.values - model.parameters.values(FREE))
         corrected.append(estimate.std**2)
         if run < 8:
-            white.append(fit_output_error([record], system, FitSettings(max_step=0.04, coloured=False)).std ** 2)
+            white.append(
+                fit_output_error([record], system, FitSettings(max_step=0.04, coloured=False)).std
+                ** 2
+            )
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
     # 40 runs tell a scatter to 11 %.
     honest = np.sqrt(np.mean(corrected, axis=0)) / rms
@@ -113,12 +129,17 @@ def test_share_of_samples_that_count_follows_bartlett(rho: float) -> None:
 
 
 def test_a_prior_keeps_the_combination_that_the_record_knows() -> None:
-    # Only the sum of two parameters is seen: each alone is as uncertain as the prior says, the sum is not.
+    # Only the sum of two parameters is seen: each alone is as uncertain as the prior says, the sum
+    # is not.
     rng = np.random.default_rng(5)
     slope = np.sin(np.arange(500) / 20.0)
     X, residual = np.stack([slope, slope], 1), rng.standard_normal((1, 500))
     prior, variance = np.eye(2), np.array([float(np.mean(residual**2))])
     inverse = np.linalg.inv(X.T @ X / variance + prior)
-    corrected = corrected_covariance(inverse, [(np.arange(2), X[None], residual, np.ones((1, 500), dtype=bool))], variance, prior)
+    corrected = corrected_covariance(
+        inverse, [(np.arange(2), X[None], residual, np.ones((1, 500), dtype=bool))], variance, prior
+    )
     assert np.diag(corrected) == pytest.approx(0.5, rel=0.02)
-    assert np.ones(2) @ corrected @ np.ones(2) == pytest.approx(np.ones(2) @ inverse @ np.ones(2), rel=0.5)
+    assert np.ones(2) @ corrected @ np.ones(2) == pytest.approx(
+        np.ones(2) @ inverse @ np.ones(2), rel=0.5
+    )

@@ -11,8 +11,21 @@ from ident.statistics.residuals import compare_estimates
 from sim.errors import ModelError
 
 
-def estimate(names: tuple[str, ...], values: list[float], covariance: np.ndarray, unit: str = "1") -> Estimate:
-    return Estimate("ekf", names, (unit,) * len(names), np.array(values), covariance, Outcome.CONVERGED, 0.0, ("q",), np.ones(1), ())
+def estimate(
+    names: tuple[str, ...], values: list[float], covariance: np.ndarray, unit: str = "1"
+) -> Estimate:
+    return Estimate(
+        "ekf",
+        names,
+        (unit,) * len(names),
+        np.array(values),
+        covariance,
+        Outcome.CONVERGED,
+        0.0,
+        ("q",),
+        np.ones(1),
+        (),
+    )
 
 
 def test_z_scores_use_both_covariances_and_the_largest_comes_first() -> None:
@@ -37,12 +50,22 @@ def test_correlation_enters_the_joint_test_only() -> None:
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize(("away", "beyond"), [(2.9, False), (3.1, True)])
-def test_a_difference_is_beyond_the_limit_on_either_side(sign: float, away: float, beyond: bool) -> None:
-    a, b = estimate(("x",), [1.0], np.diag([9.0])), estimate(("x",), [1.0 + sign * 5.0 * away], np.diag([16.0]))
+def test_a_difference_is_beyond_the_limit_on_either_side(
+    sign: float, away: float, beyond: bool
+) -> None:
+    a, b = (
+        estimate(("x",), [1.0], np.diag([9.0])),
+        estimate(("x",), [1.0 + sign * 5.0 * away], np.diag([16.0])),
+    )
     forwards, backwards = compare_estimates(a, b, 3.0), compare_estimates(b, a, 3.0)
-    assert [item.beyond for item in (*forwards.differences, *backwards.differences)] == [beyond, beyond]
+    assert [item.beyond for item in (*forwards.differences, *backwards.differences)] == [
+        beyond,
+        beyond,
+    ]
     assert forwards.differences[0].z == pytest.approx(sign * away) == -backwards.differences[0].z
-    assert forwards.p_value == pytest.approx(backwards.p_value) == pytest.approx(chi2.sf(away**2, 1))
+    assert (
+        forwards.p_value == pytest.approx(backwards.p_value) == pytest.approx(chi2.sf(away**2, 1))
+    )
 
 
 def test_nothing_in_common_and_other_units_are_refused() -> None:

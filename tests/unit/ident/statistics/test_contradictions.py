@@ -1,4 +1,6 @@
-"""Estimates that the declared value contradicts: by sign, by size, and only where their sigma does not excuse them."""
+"""Estimates that the declared value contradicts: by sign, by size, and only where their sigma does
+not excuse them.
+"""
 
 from __future__ import annotations
 
@@ -33,13 +35,19 @@ def test_by_hand(value: float, std: float, declared: float, word: str) -> None:
 
 
 @given(SIZES, SIZES, st.sampled_from([-1.0, 1.0]), st.floats(-10.0, 10.0))
-def test_signs_and_units_do_not_matter_and_it_is_an_interval_that_misses(size: float, std: float, sign: float, value: float) -> None:
-    """Said the other way round: the interval of two sigmas does not meet the one from zero to three times the declared value."""
+def test_signs_and_units_do_not_matter_and_it_is_an_interval_that_misses(
+    size: float, std: float, sign: float, value: float
+) -> None:
+    """Said the other way round: the interval of two sigmas does not meet the one from zero to three
+    times the declared value.
+    """
     declared = sign * size
     low, high = sorted((0.0, 3.0 * declared))
     margin = min(abs(value + 2 * std - low), abs(value - 2 * std - high))
     if margin > 1e-9 * (abs(value) + std + size):
-        assert bool(contradiction(value, std, declared)) is (value + 2 * std < low or value - 2 * std > high)
+        assert bool(contradiction(value, std, declared)) is (
+            value + 2 * std < low or value - 2 * std > high
+        )
     assert bool(contradiction(value, std, declared)) is bool(contradiction(-value, std, -declared))
 
 
@@ -66,10 +74,14 @@ def test_a_value_too_small_by_hand(value: float, std: float, declared: float, wo
 
 
 @given(SIZES, SIZES, st.sampled_from([-1.0, 1.0]), st.floats(-10.0, 10.0))
-def test_a_value_too_small_is_an_interval_within_a_third(size: float, std: float, sign: float, value: float) -> None:
+def test_a_value_too_small_is_an_interval_within_a_third(
+    size: float, std: float, sign: float, value: float
+) -> None:
     declared = sign * size
     inside = abs(value) + 2 * std < size / 3.0
     turned = sign * value + 2 * std < 0.0
-    if min(abs(abs(value) + 2 * std - size / 3.0), abs(sign * value + 2 * std)) > 1e-9 * (abs(value) + std + size):
+    if min(abs(abs(value) + 2 * std - size / 3.0), abs(sign * value + 2 * std)) > 1e-9 * (
+        abs(value) + std + size
+    ):
         assert bool(shortfall(value, std, declared)) is (inside and not turned)
     assert bool(shortfall(value, std, declared)) is bool(shortfall(-value, std, -declared))

@@ -26,7 +26,8 @@ def test_the_share_of_the_prior_is_what_wrong_priors_scatter() -> None:
     covariance = np.linalg.inv(SLOPES.T @ SLOPES + np.diag(PRIOR**-2.0))
     rng = np.random.default_rng(8)
     means, noise = PRIOR * rng.standard_normal((4000, 4)), rng.standard_normal((4000, 60))
-    from_prior = (means * PRIOR**-2.0) @ covariance  # estimates of a truth of zero: one part by the prior's means, one by noise
+    # estimates of a truth of zero: one part by the prior's means, one by noise
+    from_prior = (means * PRIOR**-2.0) @ covariance
     from_noise = noise @ SLOPES @ covariance
     share = from_prior.var(axis=0) / (from_prior + from_noise).var(axis=0)
     assert found.prior_share == pytest.approx(share, abs=0.05)

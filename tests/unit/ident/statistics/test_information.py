@@ -1,4 +1,6 @@
-"""Inverses of information matrices: against NumPy's, with a direction that nothing tells, and of no unknown at all."""
+"""Inverses of information matrices: against NumPy's, with a direction that nothing tells, and of no
+unknown at all.
+"""
 
 from __future__ import annotations
 

@@ -36,7 +36,14 @@ def plain_box(series: np.ndarray, lags: int = 25) -> float:
     """The statistic written out, of the series as it is."""
     centred, n = series - series.mean(), len(series)
     total = float(np.sum(centred**2))
-    return n * (n + 2) * sum((float(np.sum(centred[k:] * centred[: n - k])) / total) ** 2 / (n - k) for k in range(1, lags + 1))
+    return (
+        n
+        * (n + 2)
+        * sum(
+            (float(np.sum(centred[k:] * centred[: n - k])) / total) ** 2 / (n - k)
+            for k in range(1, lags + 1)
+        )
+    )
 
 
 @pytest.mark.parametrize("order", [2, 4])
@@ -48,7 +55,9 @@ def test_differences_of_white_noise_have_its_own_level_and_none_of_a_slope(order
 
 
 @pytest.mark.parametrize("count", [60, 300])
-def test_of_even_noise_the_statistic_is_that_of_ljung_and_box_on_the_samples_that_are_known(count: int) -> None:
+def test_of_even_noise_the_statistic_is_that_of_ljung_and_box_on_the_samples_that_are_known(
+    count: int,
+) -> None:
     rng = np.random.default_rng(6)
     series, valid = rng.normal(2.0, 3.0, count), np.ones(count, dtype=bool)
     lags = min(25, count // 5)
@@ -61,7 +70,8 @@ def test_of_even_noise_the_statistic_is_that_of_ljung_and_box_on_the_samples_tha
 def test_a_burst_is_no_colour() -> None:
     rng = np.random.default_rng(1)
     plain = np.array([plain_box(burst(rng, 1000)) for _ in range(RUNS)])
-    assert np.mean(plain > 61.6) > 0.4  # chi-squared of 25 degrees, one in ten thousand: it would be called coloured
+    # chi-squared of 25 degrees, one in ten thousand: it would be called coloured
+    assert np.mean(plain > 61.6) > 0.4
     assert np.mean(p_values(burst, 1000, 1) < 1e-3) < 0.04
 
 

@@ -1,4 +1,6 @@
-"""Spectra of residuals: autoregressions against Lyapunov's equation, sums over frequencies against sums over samples, causes that outputs share."""
+"""Spectra of residuals: autoregressions against Lyapunov's equation, sums over frequencies against
+sums over samples, causes that outputs share.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ NOISE = np.array([[1.0, 0.3, 0.0], [0.3, 2.0, 0.5], [0.0, 0.5, 1.0]])
 
 
 def lags(count: int) -> np.ndarray:
-    """Autocovariances of e[k] + A1 e[k - 1] = w[k], ``(count + 1, 3, 3)``, from Lyapunov's equation."""
+    """Autocovariances of e[k] + A1 e[k - 1] = w[k], ``(count + 1, 3, 3)``, from Lyapunov's
+    equation.
+    """
     out = [solve_discrete_lyapunov(-A1, NOISE)]
     for _ in range(count):
         out.append(-A1 @ out[-1])
@@ -40,7 +44,9 @@ def series(rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def white(scores: np.ndarray, residual: np.ndarray) -> RecordScores:
-    return RecordScores(np.arange(scores.shape[2]), scores, scores, residual, np.ones(residual.shape, dtype=bool))
+    return RecordScores(
+        np.arange(scores.shape[2]), scores, scores, residual, np.ones(residual.shape, dtype=bool)
+    )
 
 
 def test_an_autoregression_is_recovered_from_its_autocovariance() -> None:
@@ -49,7 +55,8 @@ def test_an_autoregression_is_recovered_from_its_autocovariance() -> None:
     np.testing.assert_allclose(first.covariance, NOISE, atol=1e-12)
     np.testing.assert_allclose(second.coefficients, [A1, np.zeros((3, 3))], atol=1e-10)
     assert first.criterion < second.criterion
-    # Of one output: Yule and Walker of AR(2), rho_1 = a1/(1 - a2) with e[k] = a1 e[k - 1] + a2 e[k - 2] + w[k].
+    # Of one output: Yule and Walker of AR(2), rho_1 = a1/(1 - a2) with e[k] = a1 e[k - 1] + a2 e[k
+    # - 2] + w[k].
     rho = [1.0, 1.2 / 1.5]
     for _ in range(4):
         rho.append(1.2 * rho[-1] - 0.5 * rho[-2])
@@ -72,12 +79,16 @@ def test_pairs_with_missing_samples_count_what_is_there() -> None:
         for i in range(2):
             for j in range(2):
                 there = [s for s in range(50 - k) if valid[i, s + k] and valid[j, s]]
-                expected = np.mean([residual[i, s + k] * residual[j, s] for s in there]) * (50 - k) / 50
+                expected = (
+                    np.mean([residual[i, s + k] * residual[j, s] for s in there]) * (50 - k) / 50
+                )
                 assert found[k, i, j] == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_covariance_of_a_gradient_is_the_double_sum_of_its_noise() -> None:
-    """Gradients of many series have the scatter that the mean of the estimated covariances says, and the exact double sum says too."""
+    """Gradients of many series have the scatter that the mean of the estimated covariances says,
+    and the exact double sum says too.
+    """
     rng, n = np.random.default_rng(2), 300
     scores = np.cumsum(rng.normal(size=(3, n, 2)), axis=1) / 10.0
     R = lags(n)
@@ -86,15 +97,27 @@ def test_the_covariance_of_a_gradient_is_the_double_sum_of_its_noise() -> None:
         for b in range(n):
             exact += scores[:, a].T @ (R[a - b] if a >= b else R[b - a].T) @ scores[:, b]
     # No unknown follows the noise: the inverse is zero, and the autocovariances stay as they are.
-    found = [score_covariance([white(scores, series(rng, n))], np.zeros((2, 2))).middle for _ in range(60)]
-    np.testing.assert_allclose(np.sqrt(np.diag(np.median(found, axis=0))), np.sqrt(np.diag(exact)), rtol=0.08)
-    apart = sum(scores[i, a][:, None] * scores[i, b] * R[abs(a - b)][i, i] for i in range(3) for a in range(n) for b in range(n))
+    found = [
+        score_covariance([white(scores, series(rng, n))], np.zeros((2, 2))).middle
+        for _ in range(60)
+    ]
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(np.median(found, axis=0))), np.sqrt(np.diag(exact)), rtol=0.08
+    )
+    apart = sum(
+        scores[i, a][:, None] * scores[i, b] * R[abs(a - b)][i, i]
+        for i in range(3)
+        for a in range(n)
+        for b in range(n)
+    )
     # What outputs share matters here: as if each had noise of its own, the answer is another.
     assert np.any(np.abs(np.diag(apart) / np.diag(exact) - 1.0) > 0.2)
 
 
 def test_what_a_fit_takes_from_its_residuals_is_given_back() -> None:
-    """Four slow unknowns of 200 samples of AR(1) noise: variances from the residuals as they are come out a third too small."""
+    """Four slow unknowns of 200 samples of AR(1) noise: variances from the residuals as they are
+    come out a third too small.
+    """
     rng, n, k = np.random.default_rng(3), 200, 4
     X = np.stack([np.cos(np.pi * j * (np.arange(n) + 0.5) / n) for j in range(k)], 1)
     inverse = np.linalg.inv(X.T @ X)
@@ -113,13 +136,19 @@ def test_what_a_fit_takes_from_its_residuals_is_given_back() -> None:
 
 
 def test_sigmas_of_few_samples_are_students() -> None:
-    """A mean of n white samples has n - 1 degrees of freedom; the level alone is unknown, so Satterthwaite's are n."""
+    """A mean of n white samples has n - 1 degrees of freedom; the level alone is unknown, so
+    Satterthwaite's are n.
+    """
     residual = np.random.default_rng(1).standard_normal((1, 20))
     scores = white(np.ones((1, 20, 1)), residual)
     found = score_covariance([scores], np.array([[1.0 / 20.0]]))
     variance = found.middle[0, 0] / 400.0
-    assert student_factor(np.array([variance]), found.spread)[0] == pytest.approx(t.ppf(0.97725, 20) / 2.0, rel=0.01)
-    assert np.sqrt(sandwich(np.array([[1.0 / 20.0]]), [scores])[0, 0]) == pytest.approx(np.sqrt(variance) * t.ppf(0.97725, 20) / 2.0, rel=0.01)
+    assert student_factor(np.array([variance]), found.spread)[0] == pytest.approx(
+        t.ppf(0.97725, 20) / 2.0, rel=0.01
+    )
+    assert np.sqrt(sandwich(np.array([[1.0 / 20.0]]), [scores])[0, 0]) == pytest.approx(
+        np.sqrt(variance) * t.ppf(0.97725, 20) / 2.0, rel=0.01
+    )
     np.testing.assert_array_equal(student_factor(np.array([2.0]), np.array([0.0])), 1.0)
 
 
@@ -131,7 +160,9 @@ def test_a_cause_that_outputs_share_is_seen_and_noise_of_each_is_not() -> None:
             gust[k] = 0.97 * gust[k - 1] + 0.24 * rng.standard_normal()
         late = np.concatenate([np.zeros(15), gust[:-15]])
         sensors = 0.3 * rng.standard_normal((3, 600))
-        seen += common_disturbance([sensors + np.array([gust, late, 0.5 * (gust + late)])], [np.ones((3, 600), dtype=bool)])
+        seen += common_disturbance(
+            [sensors + np.array([gust, late, 0.5 * (gust + late)])], [np.ones((3, 600), dtype=bool)]
+        )
         own = rng.standard_normal((3, 600))
         for k in range(1, 600):
             own[:, k] = 0.9 * own[:, k - 1] + 0.44 * own[:, k]

@@ -11,14 +11,21 @@ from ident.statistics.intervals import clopper_pearson, clustered_share
 PARAMETERS = 6
 
 
-@pytest.mark.parametrize(("count", "of"), [(0, 1), (1, 1), (0, 200), (200, 200), (19, 20), (5, 100), (137, 412), (9500, 10000)])
+@pytest.mark.parametrize(
+    ("count", "of"),
+    [(0, 1), (1, 1), (0, 200), (200, 200), (19, 20), (5, 100), (137, 412), (9500, 10000)],
+)
 @pytest.mark.parametrize("level", [0.95, 0.6827])
 def test_exact_interval_equals_scipys(count: int, of: int, level: float) -> None:
     expected = binomtest(count, of).proportion_ci(level, method="exact")
-    assert clopper_pearson(count, of, level) == pytest.approx((expected.low, expected.high), rel=1e-9, abs=1e-15)
+    assert clopper_pearson(count, of, level) == pytest.approx(
+        (expected.low, expected.high), rel=1e-9, abs=1e-15
+    )
     tail = 0.5 * (1.0 - level)
     if 0 < count < of:
-        assert clopper_pearson(count, of, level) == pytest.approx((beta.ppf(tail, count, of - count + 1), beta.isf(tail, count + 1, of - count)))
+        assert clopper_pearson(count, of, level) == pytest.approx(
+            (beta.ppf(tail, count, of - count + 1), beta.isf(tail, count + 1, of - count))
+        )
 
 
 def test_without_a_trial_every_share_is_possible() -> None:
@@ -35,7 +42,9 @@ def campaign(correlation: float, runs: int, rng: np.random.Generator) -> np.ndar
 
 
 @pytest.mark.slow
-def test_pooled_binomial_interval_of_correlated_parameters_is_too_narrow_and_the_clustered_one_is_not() -> None:
+def test_pooled_binomial_interval_of_correlated_parameters_is_too_narrow_and_the_clustered_one_is_not() -> (  # noqa: E501
+    None
+):
     true, rng, repeats, runs = 2.0 * norm.cdf(2.0) - 1.0, np.random.default_rng(1), 200, 80
     held = np.zeros(2)
     widths = np.zeros(2)
@@ -59,9 +68,13 @@ def test_of_independent_parameters_both_intervals_are_alike() -> None:
 
 def test_runs_of_one_trial_give_the_binomial_interval() -> None:
     hits = (np.random.default_rng(4).random(500) < 0.9).astype(float)
-    assert clustered_share(hits, np.ones(500), np.random.default_rng(5)) == clopper_pearson(int(hits.sum()), 500)
+    assert clustered_share(hits, np.ones(500), np.random.default_rng(5)) == clopper_pearson(
+        int(hits.sum()), 500
+    )
     # A run without a trial says nothing.
-    assert clustered_share(np.array([1, 0, 0]), np.array([1, 0, 1]), np.random.default_rng(5)) == clopper_pearson(1, 2)
+    assert clustered_share(
+        np.array([1, 0, 0]), np.array([1, 0, 1]), np.random.default_rng(5)
+    ) == clopper_pearson(1, 2)
 
 
 def test_runs_that_all_say_the_same_count_once_each() -> None:
@@ -73,5 +86,7 @@ def test_runs_that_all_say_the_same_count_once_each() -> None:
 
 def test_same_generator_gives_the_same_interval() -> None:
     hits = campaign(0.5, 30, np.random.default_rng(7))
-    one, two = (clustered_share(hits, np.full(30, PARAMETERS), np.random.default_rng(8)) for _ in range(2))
+    one, two = (
+        clustered_share(hits, np.full(30, PARAMETERS), np.random.default_rng(8)) for _ in range(2)
+    )
     assert one == two

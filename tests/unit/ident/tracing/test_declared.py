@@ -1,4 +1,6 @@
-"""The declared model as it is fitted before anything is searched for, and data that are not fitted."""
+"""The declared model as it is fitted before anything is searched for, and data that are not
+fitted.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ def test_wrong_samples_of_an_input_are_mended_claimed_and_told_as_a_step() -> No
     found = fit_declared(problem_of([with_wrong_inputs(sound)], SPIKES))
     (claim,) = found.spikes
     assert claim.name == "sensor-spikes:elevator" and claim.parameters["count"].value == 2
-    np.testing.assert_allclose(found.problem.records[0]["elevator"].values, sound["elevator"].values, atol=1e-12)
+    np.testing.assert_allclose(
+        found.problem.records[0]["elevator"].values, sound["elevator"].values, atol=1e-12
+    )
     (step,) = found.steps
     assert step.effects == () and np.isfinite(step.log_evidence) and "elevator" in step.sentence
     # What no candidate may name is not mended.
@@ -66,9 +70,13 @@ def test_data_that_are_not_fitted_are_mended_masked_and_predicted_by_the_declare
     values = other["q"].values.copy()
     values[100] += 0.5
     mended = held_out_data(found, [with_wrong_inputs(other)])
-    np.testing.assert_allclose(mended.records[0]["elevator"].values, other["elevator"].values, atol=1e-12)
+    np.testing.assert_allclose(
+        mended.records[0]["elevator"].values, other["elevator"].values, atol=1e-12
+    )
     held = held_out_data(found, [with_output(other, "q", values)])
-    assert held.masks is not None and np.flatnonzero(~held.masks[0][OUTPUTS.index("q")]).tolist() == [100]
+    assert held.masks is not None and np.flatnonzero(
+        ~held.masks[0][OUTPUTS.index("q")]
+    ).tolist() == [100]
     fit = held.declared.frozen
     assert fit is not None and held.declared.informed is None
     assert np.sqrt(fit.variance[1]) == pytest.approx(0.002, rel=0.15)

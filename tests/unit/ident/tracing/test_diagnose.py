@@ -1,4 +1,6 @@
-"""The whole loop on records as they come: gaps, missing channels, uneven sampling. Finite numbers everywhere, the same every time."""
+"""The whole loop on records as they come: gaps, missing channels, uneven sampling. Finite numbers
+everywhere, the same every time.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +26,28 @@ from sim.errors import FlightidError
 from sim.record import Channel, Record
 from sim.vehicles.short_period import ShortPeriod
 from tests.bases import Flight
-from tests.tracing_problem import OUTPUTS, SETTINGS, coloured, declared, doublets, planted, problem_of, with_output, without_output
+from tests.tracing_problem import (
+    OUTPUTS,
+    SETTINGS,
+    coloured,
+    declared,
+    doublets,
+    planted,
+    problem_of,
+    with_output,
+    without_output,
+)
 
 LAG = {"sensor-lag:q.time_constant": 0.06}
 SPIKES = (SensorSpikes("q", "rad/s", 0.05), InputSpikes("elevator"))
 CANDIDATES: tuple[Traceable, ...] = (SensorLag("q"), SensorScale("nz"), *SPIKES)
 
 
-def run(records: Sequence[Record], validation: Sequence[Record] = (), candidates: Sequence[Traceable] = CANDIDATES) -> Diagnosis:
+def run(
+    records: Sequence[Record],
+    validation: Sequence[Record] = (),
+    candidates: Sequence[Traceable] = CANDIDATES,
+) -> Diagnosis:
     return diagnose(records, declared(), candidates, (), validation, SETTINGS)
 
 
@@ -42,7 +58,9 @@ def lagged(seed: int, flight: Flight | None = None) -> Record:
 def gappy(record: Record, share: float, seed: int) -> Record:
     rng = np.random.default_rng(seed)
     for name in record.output_names:
-        record = with_output(record, name, np.where(rng.random(len(record)) < share, np.nan, record[name].values))
+        record = with_output(
+            record, name, np.where(rng.random(len(record)) < share, np.nan, record[name].values)
+        )
     return record
 
 
@@ -74,17 +92,32 @@ def numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
             yield from numbers(getattr(value, item.name), f"{path}.{item.name}")
 
 
-def check(diagnosis: Diagnosis, records: Sequence[Record], predicted: Sequence[Record], channels: Sequence[str]) -> None:
+def check(
+    diagnosis: Diagnosis,
+    records: Sequence[Record],
+    predicted: Sequence[Record],
+    channels: Sequence[str],
+) -> None:
     """What holds for every diagnosis."""
     found = list(numbers(diagnosis, "diagnosis"))
     assert len(found) > 1000
     assert [path for path, value in found if not np.isfinite(value)] == []
-    quantities = [*diagnosis.before.values(), *diagnosis.after.values(), *diagnosis.derived_after.values()]
+    quantities = [
+        *diagnosis.before.values(),
+        *diagnosis.after.values(),
+        *diagnosis.derived_after.values(),
+    ]
     assert all(quantity.std > 0 for quantity in quantities)
-    derivatives = {item.name for item in declared().parameters if item.free and not item.name.startswith("bias_")}
+    derivatives = {
+        item.name
+        for item in declared().parameters
+        if item.free and not item.name.startswith("bias_")
+    }
     assert set(diagnosis.before) == set(diagnosis.after) == derivatives
     assert all(candidate.weight < candidate.gain for candidate in diagnosis.candidates)
-    assert all(0.0 <= test.p_value <= 1.0 for test in (*diagnosis.tests_before, *diagnosis.tests_after))
+    assert all(
+        0.0 <= test.p_value <= 1.0 for test in (*diagnosis.tests_before, *diagnosis.tests_after)
+    )
     for figures in (diagnosis.error_before, diagnosis.error_after):
         for each in (figures.rmse, figures.nrmse, figures.r2, figures.theil):
             assert set(each) == set(channels)
@@ -94,7 +127,12 @@ def check(diagnosis: Diagnosis, records: Sequence[Record], predicted: Sequence[R
         assert prediction.before.shape == prediction.after.shape == (len(channels), len(record))
     for fit, record in zip(diagnosis.fitted, records, strict=True):
         np.testing.assert_array_equal(fit.record.time, record.time)
-        assert fit.before.shape == fit.after.shape == fit.used.shape == (len(fit.channels), len(record))
+        assert (
+            fit.before.shape
+            == fit.after.shape
+            == fit.used.shape
+            == (len(fit.channels), len(record))
+        )
 
 
 def traces_the_lag(diagnosis: Diagnosis) -> None:
@@ -112,7 +150,9 @@ def usual() -> tuple[list[Record], list[Record], Diagnosis]:
     return records, validation, run(records, validation)
 
 
-def test_an_effect_is_traced_and_the_errors_are_those_of_held_out_data(usual: tuple[list[Record], list[Record], Diagnosis]) -> None:
+def test_an_effect_is_traced_and_the_errors_are_those_of_held_out_data(
+    usual: tuple[list[Record], list[Record], Diagnosis],
+) -> None:
     records, validation, diagnosis = usual
     check(diagnosis, records, validation, OUTPUTS)
     traces_the_lag(diagnosis)
@@ -124,12 +164,20 @@ def test_an_effect_is_traced_and_the_errors_are_those_of_held_out_data(usual: tu
     assert weights["sensor-lag:q"] == max(weights.values()) > 100.0
 
 
-def test_two_runs_are_equal_to_the_last_bit(usual: tuple[list[Record], list[Record], Diagnosis]) -> None:
+def test_two_runs_are_equal_to_the_last_bit(
+    usual: tuple[list[Record], list[Record], Diagnosis],
+) -> None:
     records, validation, first = usual
     second = run(records, validation)
-    without = [[(p, v) for p, v in numbers(d, "") if not p.startswith(".seconds")] for d in (first, second)]
+    without = [
+        [(p, v) for p, v in numbers(d, "") if not p.startswith(".seconds")] for d in (first, second)
+    ]
     assert without[0] == without[1]
-    assert first.steps == second.steps and first.candidates == second.candidates and first.warnings == second.warnings
+    assert (
+        first.steps == second.steps
+        and first.candidates == second.candidates
+        and first.warnings == second.warnings
+    )
 
 
 def test_without_validation_the_errors_are_those_of_the_fit() -> None:
@@ -200,7 +248,9 @@ def test_spikes_are_claimed_where_they_were_planted_and_spoil_nothing() -> None:
     claims = {claim.name: claim for claim in diagnosis.effects}
     assert set(claims) == {"sensor-lag:q", "sensor-spikes:q"}
     assert claims["sensor-spikes:q"].parameters["count"].value == 3
-    assert claims["sensor-spikes:q"].parameters["size"].value == pytest.approx(np.sqrt(np.mean(np.square([0.1, 0.08, 0.12]))), rel=0.05)
+    assert claims["sensor-spikes:q"].parameters["size"].value == pytest.approx(
+        np.sqrt(np.mean(np.square([0.1, 0.08, 0.12]))), rel=0.05
+    )
     assert np.flatnonzero(~diagnosis.fitted[0].used[1]).tolist() == [77, 301, 402]
 
 
@@ -215,13 +265,17 @@ def test_spikes_of_the_recorded_input_are_mended() -> None:
     assert [claim.name for claim in diagnosis.effects] == ["sensor-spikes:elevator"]
     assert diagnosis.effects[0].parameters["count"].value == 2
     # The fitted record holds the input as it was before it was spoilt.
-    np.testing.assert_allclose(diagnosis.fitted[0].record["elevator"].values, record["elevator"].values, atol=1e-12)
+    np.testing.assert_allclose(
+        diagnosis.fitted[0].record["elevator"].values, record["elevator"].values, atol=1e-12
+    )
     assert diagnosis.verdict is Verdict.TRACED
 
 
 def test_a_guard_is_never_claimed() -> None:
     """The truth is a guard's term, which the library does not name."""
-    guard = next(guard for guard in catch_all_terms_for(ShortPeriod()) if guard.name == "guard:alpha-q")
+    guard = next(
+        guard for guard in catch_all_terms_for(ShortPeriod()) if guard.name == "guard:alpha-q"
+    )
     values = {"guard:alpha-q.lift": 0.0, "guard:alpha-q.moment": 400.0}
     records, validation = [planted([guard], values, 1)], [planted([guard], values, 2)]
     diagnosis = diagnose(records, declared(), CANDIDATES, (guard,), validation, SETTINGS)
@@ -231,13 +285,22 @@ def test_a_guard_is_never_claimed() -> None:
     assert any("guard:alpha-q" in caution.sentence for caution in diagnosis.warnings)
 
 
-def test_beside_a_residual_that_is_not_noise_a_claim_has_its_spread_and_its_values_of_each_record() -> None:
-    """A vane 9 m ahead under errors that remember themselves for 0.3 s: the discrepancy takes those, and is no part of what predicts."""
-    records = [coloured(planted([VaneOffset()], {"vane-offset.arm": 9.0}, seed), seed, 0.5) for seed in (1, 2, 3)]
+def test_beside_a_residual_that_is_not_noise_a_claim_has_its_spread_and_its_values_of_each_record() -> (  # noqa: E501
+    None
+):
+    """A vane 9 m ahead under errors that remember themselves for 0.3 s: the discrepancy takes
+    those, and is no part of what predicts.
+    """
+    records = [
+        coloured(planted([VaneOffset()], {"vane-offset.arm": 9.0}, seed), seed, 0.5)
+        for seed in (1, 2, 3)
+    ]
     discrepancy = discrepancy_for(effects_for(ShortPeriod()))
     assert discrepancy is not None
     offered = (VaneOffset(), SensorScale("q"), SensorLag("q"))
-    diagnosis = diagnose(records[:2], declared(), offered, (), records[2:], SETTINGS, discrepancy=discrepancy)
+    diagnosis = diagnose(
+        records[:2], declared(), offered, (), records[2:], SETTINGS, discrepancy=discrepancy
+    )
     check(diagnosis, records[:2], records[2:], OUTPUTS)
     (claim,) = diagnosis.effects
     assert diagnosis.verdict is Verdict.PARTIAL and claim.name == "vane-offset" and claim.claimed
@@ -252,7 +315,9 @@ def test_beside_a_residual_that_is_not_noise_a_claim_has_its_spread_and_its_valu
 
 def test_a_validation_record_that_nothing_can_simulate_gives_finite_numbers() -> None:
     bad = lagged(2)
-    bad = dataclasses.replace(bad, inputs=(Channel.of("elevator", "rad", 1e300 * bad["elevator"].values),))
+    bad = dataclasses.replace(
+        bad, inputs=(Channel.of("elevator", "rad", 1e300 * bad["elevator"].values),)
+    )
     records = [lagged(1)]
     diagnosis = run(records, [bad])
     check(diagnosis, records, [bad], OUTPUTS)
@@ -264,33 +329,61 @@ def test_a_validation_record_that_nothing_can_simulate_gives_finite_numbers() ->
 @pytest.mark.parametrize("count", [2, 4])
 def test_a_validation_record_may_be_very_short(count: int) -> None:
     records, whole = [lagged(1)], lagged(2)
-    inputs, outputs = (tuple(Channel.of(c.name, c.unit, c.values[:count]) for c in group) for group in (whole.inputs, whole.outputs))
+    inputs, outputs = (
+        tuple(Channel.of(c.name, c.unit, c.values[:count]) for c in group)
+        for group in (whole.inputs, whole.outputs)
+    )
     validation = [Record(whole.time[:count], inputs, outputs, whole.hold)]
     check(run(records, validation), records, validation, OUTPUTS)
 
 
 def test_progress_is_told_from_nothing_to_all() -> None:
     told: list[float] = []
-    diagnose([lagged(1)], declared(), CANDIDATES, (), [], SETTINGS, lambda text, share: told.append(share))
+    diagnose(
+        [lagged(1)],
+        declared(),
+        CANDIDATES,
+        (),
+        [],
+        SETTINGS,
+        lambda text, share: told.append(share),
+    )
     assert told[0] == 0.0 and len(told) >= 3
     assert told == sorted(told) and told[-1] <= 1.0
 
 
 @pytest.mark.parametrize("planted_effect", [False, True])
-def test_what_comes_out_if_nothing_is_found_is_told_before_the_search_where_noise_is_left(planted_effect: bool) -> None:
+def test_what_comes_out_if_nothing_is_found_is_told_before_the_search_where_noise_is_left(
+    planted_effect: bool,
+) -> None:
     told: list[Diagnosis] = []
     flown = lagged if planted_effect else lambda seed: planted([], {}, seed)
-    found = diagnose([flown(1)], declared(), CANDIDATES, (), [flown(2)], SETTINGS, outlook=told.append)
+    found = diagnose(
+        [flown(1)], declared(), CANDIDATES, (), [flown(2)], SETTINGS, outlook=told.append
+    )
     assert len(told) == (0 if planted_effect else 1)
     for likely in told:
-        assert likely.verdict is found.verdict is Verdict.CONSISTENT and not likely.candidates and found.candidates
-        left = {name: getattr(likely, name) for name in ("candidates", "seconds", "stopped", "steps", "tests_after")}
+        assert (
+            likely.verdict is found.verdict is Verdict.CONSISTENT
+            and not likely.candidates
+            and found.candidates
+        )
+        left = {
+            name: getattr(likely, name)
+            for name in ("candidates", "seconds", "stopped", "steps", "tests_after")
+        }
         assert dict(numbers(likely, "")) == dict(numbers(dataclasses.replace(found, **left), ""))
 
 
 def test_a_record_without_any_output_is_refused() -> None:
     record = planted()
-    other = Record(record.time, record.inputs, (Channel.of("theta", "rad", np.zeros(len(record))),), record.hold, "nothing.csv")
+    other = Record(
+        record.time,
+        record.inputs,
+        (Channel.of("theta", "rad", np.zeros(len(record))),),
+        record.hold,
+        "nothing.csv",
+    )
     with pytest.raises(FlightidError, match=r"nothing\.csv"):
         run([lagged(1), other])
 

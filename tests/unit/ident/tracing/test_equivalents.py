@@ -1,4 +1,6 @@
-"""A vane at an arm and an accelerometer at minus that arm: one record, two readings, and the declared derivatives between them."""
+"""A vane at an arm and an accelerometer at minus that arm: one record, two readings, and the
+declared derivatives between them.
+"""
 
 from __future__ import annotations
 
@@ -40,8 +42,12 @@ def with_accelerometer(arm: float, seed: int = 1) -> Record:
     [(with_vane(ARM), VANE, ACCELEROMETER), (with_accelerometer(-ARM), ACCELEROMETER, VANE)],
     ids=["vane", "accelerometer"],
 )
-def test_each_is_named_with_the_other_beside_it_and_both_sets_of_derivatives(record: Record, name: str, other: str) -> None:
-    """The records alone say nothing: under the other name CL_de is far from what the file declares, which makes the first certain."""
+def test_each_is_named_with_the_other_beside_it_and_both_sets_of_derivatives(
+    record: Record, name: str, other: str
+) -> None:
+    """The records alone say nothing: under the other name CL_de is far from what the file declares,
+    which makes the first certain.
+    """
     d = diagnosed(record)
     (claim,) = d.effects
     assert (d.verdict, claim.name, claim.alternatives) == (Verdict.TRACED, name, (other,))
@@ -70,7 +76,10 @@ def test_where_the_declared_derivatives_know_nothing_the_two_are_equal() -> None
     """Declared half-way between the two readings."""
     record = with_vane(2.0)
     readings = [fit_of(problem_of([record]), (effect,)) for effect in BOTH]
-    between = {name: 0.5 * sum(r.values.shared[name] for r in readings) for name in ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")}
+    between = {
+        name: 0.5 * sum(r.values.shared[name] for r in readings)
+        for name in ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")
+    }
     d = diagnosed(record, declared().with_values(between))
     assert d.verdict is Verdict.AMBIGUOUS
     (claim,) = d.effects

@@ -1,4 +1,6 @@
-"""What a fit leaves, described: made-up residuals whose colour, frequency, moment and company are known."""
+"""What a fit leaves, described: made-up residuals whose colour, frequency, moment and company are
+known.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +16,22 @@ from tests.tracing_problem import planted, problem_of, with_output
 RATE = 40.0
 
 
-def fitted_record(residual: np.ndarray, elevator: np.ndarray, output: np.ndarray | None = None, used: np.ndarray | None = None) -> FittedRecord:
+def fitted_record(
+    residual: np.ndarray,
+    elevator: np.ndarray,
+    output: np.ndarray | None = None,
+    used: np.ndarray | None = None,
+) -> FittedRecord:
     """One record with the channel q, the residual in it, and what the fit had of it beneath."""
     time = np.arange(len(residual)) / RATE
     simulated = np.zeros(len(residual)) if output is None else output
-    record = Record(time, (Channel.of("elevator", "rad", elevator),), (Channel.of("q", "rad/s", simulated + residual),), Hold.LINEAR, "a.csv")
+    record = Record(
+        time,
+        (Channel.of("elevator", "rad", elevator),),
+        (Channel.of("q", "rad/s", simulated + residual),),
+        Hold.LINEAR,
+        "a.csv",
+    )
     mask = np.ones(len(residual), dtype=bool) if used is None else used
     return FittedRecord(record, ("q",), residual[None], residual[None], mask[None])
 
@@ -47,11 +60,17 @@ def test_the_record_and_the_moment_of_a_burst_are_named() -> None:
     quiet, loud = (0.001 * rng.standard_normal(1000) for _ in range(2))
     loud[400:480] += 0.02 * rng.standard_normal(80)
     left = described(fitted_record(quiet, np.ones(1000)), fitted_record(loud, np.ones(1000)))
-    assert left.record == 1 and left.begin == pytest.approx(10.0, abs=0.3) and left.end == pytest.approx(12.0, abs=0.3)
+    assert (
+        left.record == 1
+        and left.begin == pytest.approx(10.0, abs=0.3)
+        and left.end == pytest.approx(12.0, abs=0.3)
+    )
     assert left.times > 3.0
 
 
-@pytest.mark.parametrize(("form", "delay"), [("itself", 0.2), ("itself", -0.1), ("rate", 0.1), ("square", 0.0)])
+@pytest.mark.parametrize(
+    ("form", "delay"), [("itself", 0.2), ("itself", -0.1), ("rate", 0.1), ("square", 0.0)]
+)
 def test_what_the_input_drives_goes_with_it(form: str, delay: float) -> None:
     rng = np.random.default_rng(5)
     items = []
@@ -59,7 +78,9 @@ def test_what_the_input_drives_goes_with_it(form: str, delay: float) -> None:
         moves = np.convolve(rng.standard_normal(1000), np.hanning(25), mode="same")
         shape = {"itself": moves, "rate": np.gradient(moves) * RATE, "square": moves**2}[form]
         later = np.roll(shape, round(delay * RATE))
-        items.append(fitted_record(0.1 * later / later.std() + 0.1 * rng.standard_normal(1000), 0.05 * moves))
+        items.append(
+            fitted_record(0.1 * later / later.std() + 0.1 * rng.standard_normal(1000), 0.05 * moves)
+        )
     company = described(*items).company
     assert company is not None and (company.name, company.form) == ("elevator", form)
     assert company.later == pytest.approx(delay, abs=0.06)
@@ -72,14 +93,22 @@ def test_a_simulated_output_is_company_but_its_noise_is_none() -> None:
     alone = 0.3 * rng.standard_normal(1200)
     assert described(fitted_record(alone, np.ones(1200), beneath)).company is None
     company = described(fitted_record(0.1 * beneath + alone, np.ones(1200), beneath)).company
-    assert company is not None and (company.name, company.form, company.later) == ("q", "itself", 0.0)
+    assert company is not None and (company.name, company.form, company.later) == (
+        "q",
+        "itself",
+        0.0,
+    )
 
 
 def test_a_product_with_the_input_is_company() -> None:
     rng = np.random.default_rng(11)
-    moves, beneath = (np.convolve(rng.standard_normal(2000), np.hanning(25), mode="same") for _ in range(2))
+    moves, beneath = (
+        np.convolve(rng.standard_normal(2000), np.hanning(25), mode="same") for _ in range(2)
+    )
     both = moves * beneath
-    company = described(fitted_record(both / both.std() + rng.standard_normal(2000), moves, 5.0 * beneath)).company
+    company = described(
+        fitted_record(both / both.std() + rng.standard_normal(2000), moves, 5.0 * beneath)
+    ).company
     assert company is not None and (company.name, company.form) == ("q", "product")
     assert company.later == pytest.approx(0.0, abs=0.06)
 
@@ -88,8 +117,15 @@ def test_coloured_chance_is_hardly_ever_company() -> None:
     rng = np.random.default_rng(7)
     accused = 0
     for _ in range(60):
-        wander = [np.convolve(rng.standard_normal(1060), np.exp(-np.arange(60) / 15.0), mode="valid")[:1000] for _ in range(3)]
-        accused += described(fitted_record(wander[0], stepping(rng, 1000), wander[1])).company is not None
+        wander = [
+            np.convolve(rng.standard_normal(1060), np.exp(-np.arange(60) / 15.0), mode="valid")[
+                :1000
+            ]
+            for _ in range(3)
+        ]
+        accused += (
+            described(fitted_record(wander[0], stepping(rng, 1000), wander[1])).company is not None
+        )
     assert accused <= 4
 
 
@@ -109,13 +145,18 @@ def test_samples_that_were_set_aside_are_left_out() -> None:
     used = np.ones(500, dtype=bool)
     used[100:110] = False
     wild = np.where(used, residual, 1e3)
-    assert described(fitted_record(wild, np.ones(500), used=used)).rms == pytest.approx(float(residual[used].std()), rel=1e-9)
+    assert described(fitted_record(wild, np.ones(500), used=used)).rms == pytest.approx(
+        float(residual[used].std()), rel=1e-9
+    )
 
 
 def test_noise_is_shown_under_a_slow_residual() -> None:
-    """A drift of the pitch rate that the model lacks, twenty times its noise: what samples in a row scatter by is still the noise."""
+    """A drift of the pitch rate that the model lacks, twenty times its noise: what samples in a row
+    scatter by is still the noise.
+    """
     records = [
-        with_output(record, "q", record["q"].values + 0.04 * np.sin(0.4 * record.time)) for record in (planted([], None, 1), planted([], None, 2))
+        with_output(record, "q", record["q"].values + 0.04 * np.sin(0.4 * record.time))
+        for record in (planted([], None, 1), planted([], None, 2))
     ]
     root = fit_declared(problem_of(records, [])).root
     shown = noise_shown(root.fit, "q")

@@ -1,4 +1,6 @@
-"""What a diagnosis rests on: residual tests with a caution for each that fails, and held-out data that forbid a claim."""
+"""What a diagnosis rests on: residual tests with a caution for each that fails, and held-out data
+that forbid a claim.
+"""
 
 from __future__ import annotations
 
@@ -31,34 +33,46 @@ def lagged(seed: int) -> Record:
 @pytest.fixture(scope="module")
 def found() -> Diagnosis:
     """A late pitch rate, found in one record and shown by another."""
-    return diagnose([lagged(1)], declared(), (SensorLag("q"), SensorScale("nz")), (), [lagged(2)], SETTINGS)
+    return diagnose(
+        [lagged(1)], declared(), (SensorLag("q"), SensorScale("nz")), (), [lagged(2)], SETTINGS
+    )
 
 
 def test_a_caution_of_a_failed_test_carries_the_test_and_its_number() -> None:
     (caution,) = not_noise([FINE, BAD], 1e-4)
     assert caution.concern is Concern.NOT_NOISE and caution.test is BAD
-    assert caution.requirement is not None and (caution.requirement.value, caution.requirement.bar) == (1e-9, 1e-4)
+    assert caution.requirement is not None and (
+        caution.requirement.value,
+        caution.requirement.bar,
+    ) == (1e-9, 1e-4)
     assert not_noise([FINE, BAD], 1e-10) == []
 
 
 def test_residual_tests_are_of_the_fitted_records_and_of_those_held_out() -> None:
     root, other = fit_of(problem_of([planted(seed=1)])), planted(seed=2)
     tests = residual_tests(root, held_out(root, [other], None))
-    assert len(tests.fitted) == len(tests.others) == 6 and tests.all == (*tests.fitted, *tests.others)
+    assert len(tests.fitted) == len(tests.others) == 6 and tests.all == (
+        *tests.fitted,
+        *tests.others,
+    )
     assert {test.channel.partition(", ")[2] for test in tests.others} == {"held out"}
     assert residual_tests(root, HeldOut(None, None)).others == ()
     wrong = residual_tests(root, held_out(root, [lagged(2)], None))
     assert not not_noise(wrong.fitted, 1e-4) and not_noise(wrong.others, 1e-4)
 
 
-def test_a_claim_says_how_probable_it_is_and_nothing_that_only_a_coloured_residual_asks_for(found: Diagnosis) -> None:
+def test_a_claim_says_how_probable_it_is_and_nothing_that_only_a_coloured_residual_asks_for(
+    found: Diagnosis,
+) -> None:
     (claim,) = found.effects
     assert found.verdict is Verdict.TRACED and claim.probability["sensor-lag:q"] > CERTAIN
     assert claim.spread is None and claim.by_record == () and claim.reasons == ()
 
 
 def test_steps_and_candidates_say_how_the_search_went(found: Diagnosis) -> None:
-    """To its gain come the odds that a candidate has beforehand, .03 shared by five at least; linearised, also those of its place."""
+    """To its gain come the odds that a candidate has beforehand, .03 shared by five at least;
+    linearised, also those of its place.
+    """
     assert found.steps and found.steps[-1].effects == ("sensor-lag:q",) and not found.stopped
     assert found.steps[-1].log_evidence >= found.steps[0].log_evidence
     assert "candidates scanned" in found.steps[0].sentence
@@ -80,11 +94,15 @@ def test_effects_that_worsen_held_out_data_are_not_claimed() -> None:
     assert Concern.NO_IMPROVEMENT in [caution.concern for caution in d.warnings]
 
 
-def test_a_search_that_ends_at_its_means_says_so_and_a_set_is_no_larger_than_was_asked_for() -> None:
+def test_a_search_that_ends_at_its_means_says_so_and_a_set_is_no_larger_than_was_asked_for() -> (
+    None
+):
     both: list[Traceable] = [SensorLag("q"), SensorScale("nz")]
     record = planted(both, {**LAG, "sensor-scale:nz.scale": 1.15}, 1)
     found = {
-        depth: diagnose([record], declared(), both, (), (), replace(SETTINGS, depth=depth, budget=budget))
+        depth: diagnose(
+            [record], declared(), both, (), (), replace(SETTINGS, depth=depth, budget=budget)
+        )
         for depth, budget in ((2, 40), (1, 40), (3, 0))
     }
     assert [each.stopped for each in found.values()] == [False, False, True]

@@ -16,12 +16,20 @@ from tests.rigid_problem import rigid_record
 
 def test_initial_states_begin_at_the_first_samples_behind_each_records_biases() -> None:
     records = [rigid_record(np.random.default_rng(seed), 2.0) for seed in (1, 2)]
-    layout = lay_out(records, compile_model(rigid_model(RIGID_VALUES).with_biases(("alpha", "q", "nz"))), FitSettings())
+    layout = lay_out(
+        records,
+        compile_model(rigid_model(RIGID_VALUES).with_biases(("alpha", "q", "nz"))),
+        FitSettings(),
+    )
     start = dict(zip(layout.names, layout.start.tolist(), strict=True))
     for number, record in enumerate(records, start=1):
         assert start[f"alpha(0), record {number}"] == record["alpha"].values[0] != 0.0
         assert start[f"q(0), record {number}"] == record["q"].values[0] != 0.0
-        assert [start[f"bias_{name}, record {number}"] for name in ("alpha", "q", "nz")] == [0.0, 0.0, 0.0]
+        assert [start[f"bias_{name}, record {number}"] for name in ("alpha", "q", "nz")] == [
+            0.0,
+            0.0,
+            0.0,
+        ]
 
 
 @pytest.mark.parametrize("local", [(), ("Cm_q",)])
@@ -47,7 +55,12 @@ def test_masks_set_samples_aside_and_bring_none_back() -> None:
     record = rigid_record(np.random.default_rng(3), 2.0)
     values = record["q"].values.copy()
     values[4] = np.nan
-    holed = Record(record.time, record.inputs, tuple(Channel.of("q", "1", values) if c.name == "q" else c for c in record.outputs), record.hold)
+    holed = Record(
+        record.time,
+        record.inputs,
+        tuple(Channel.of("q", "1", values) if c.name == "q" else c for c in record.outputs),
+        record.hold,
+    )
     mask = np.ones((3, len(record)), dtype=bool)
     mask[0, 10:20] = False
     layout = lay_out([holed], compile_model(rigid_model(RIGID_VALUES)), FitSettings(), masks=[mask])
@@ -65,15 +78,26 @@ def test_a_rate_that_is_not_measured_is_the_slope_of_lines_over_a_thirtieth_of_t
     at, slope = known[system.state_names.index("velocity")]
     for k in (30, 300, 570):
         near = slice(k - 10, k + 11)
-        assert slope[np.flatnonzero(at == time[k])[0]] == pytest.approx(np.polyfit(time[near], altitude[near], 1)[0], rel=1e-9)
+        assert slope[np.flatnonzero(at == time[k])[0]] == pytest.approx(
+            np.polyfit(time[near], altitude[near], 1)[0], rel=1e-9
+        )
 
 
 def test_a_measured_state_is_guessed_less_the_bias_of_its_sensor() -> None:
-    """Trim is among the biases: a motion that integrates the angle of attack would run away from a guess that holds it."""
+    """Trim is among the biases: a motion that integrates the angle of attack would run away from a
+    guess that holds it.
+    """
     rng = np.random.default_rng(3)
     record = rigid_record(rng)
-    shifted = replace(record, outputs=tuple(replace(c, values=c.values + 0.06) if c.name == "alpha" else c for c in record.outputs))
-    system = compile_model(rigid_model().with_biases(["alpha", "q", "nz"]).with_values({"bias_alpha": 0.06}))
+    shifted = replace(
+        record,
+        outputs=tuple(
+            replace(c, values=c.values + 0.06) if c.name == "alpha" else c for c in record.outputs
+        ),
+    )
+    system = compile_model(
+        rigid_model().with_biases(["alpha", "q", "nz"]).with_values({"bias_alpha": 0.06})
+    )
     at = system.state_names.index("alpha")
     assert known_states(shifted, system)[at][1] == pytest.approx(record["alpha"].values)
     p = system.parameters.values()

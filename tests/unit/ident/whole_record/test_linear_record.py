@@ -1,4 +1,6 @@
-"""A record simulated by the matrices of its table against the general way: every interval by itself, derivatives by complex steps."""
+"""A record simulated by the matrices of its table against the general way: every interval by
+itself, derivatives by complex steps.
+"""
 
 from __future__ import annotations
 
@@ -19,18 +21,37 @@ from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.propagation import Step, euler_step, rk4_step
 from sim.record import Hold, Record
 from tests.linear_problem import Oscillator, oscillator, record_of
-from tests.rigid_problem import UNSTABLE, ballistic_record, ballistic_start, rigid_record, rigid_start
+from tests.rigid_problem import (
+    UNSTABLE,
+    ballistic_record,
+    ballistic_start,
+    rigid_record,
+    rigid_start,
+)
 
 
 @dataclass(frozen=True)
 class Product(Oscillator):
-    """A force times the damping, both of which are sought, and an output that holds their product as well."""
+    """A force times the damping, both of which are sought, and an output that holds their product
+    as well.
+    """
 
     def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
-        return s.speed + 0.3 * s.push, -p.stiffness * s.position - p.damping * s.speed + s.pull + p.force * p.damping + p.force * p.force
+        return (
+            s.speed + 0.3 * s.push,
+            -p.stiffness * s.position
+            - p.damping * s.speed
+            + s.pull
+            + p.force * p.damping
+            + p.force * p.force,
+        )
 
     def measurements(self, s: Any, p: Any) -> Sequence[Any]:
-        return s.position, s.position + 0.5 * s.speed + 0.2 * p.damping * s.pull + p.force * p.stiffness, s.speed
+        return (
+            s.position,
+            s.position + 0.5 * s.speed + 0.2 * p.damping * s.pull + p.force * p.stiffness,
+            s.speed,
+        )
 
 
 def product() -> Model:
@@ -42,7 +63,9 @@ def biased() -> Model:
     return rigid_start().with_biases(["alpha", "q", "nz"])
 
 
-def laid_out(record: Record, system: System, max_step: float, step: Step = rk4_step) -> RecordProblem:
+def laid_out(
+    record: Record, system: System, max_step: float, step: Step = rk4_step
+) -> RecordProblem:
     free = [system.parameters.index(name) for name in system.parameters.free_names]
     return record_problem(record, system, max_step, free[::-1], [1, 0], exact=True, step=step)
 
@@ -55,9 +78,19 @@ CASES: Mapping[str, tuple[Record, Model, float, Step]] = {
     "rigid": (rigid(), biased(), np.inf, rk4_step),
     "four steps between samples": (rigid(), biased(), 0.01, rk4_step),
     "Euler": (rigid(), biased(), 0.02, euler_step),
-    "running away": (rigid_record(np.random.default_rng(1), 3.0, 25.0, UNSTABLE), rigid_start(values=UNSTABLE), np.inf, rk4_step),
+    "running away": (
+        rigid_record(np.random.default_rng(1), 3.0, 25.0, UNSTABLE),
+        rigid_start(values=UNSTABLE),
+        np.inf,
+        rk4_step,
+    ),
     "products of parameters": (record_of(np.random.default_rng(2)), product(), np.inf, rk4_step),
-    "nothing sought": (rigid(), rigid_start().with_parameters(rigid_start().parameters.only_free([])), np.inf, rk4_step),
+    "nothing sought": (
+        rigid(),
+        rigid_start().with_parameters(rigid_start().parameters.only_free([])),
+        np.inf,
+        rk4_step,
+    ),
 }
 
 
@@ -86,7 +119,9 @@ def assert_same(found: Linearisation, expected: Linearisation) -> None:
         (found.by_state, expected.by_state),
     ):
         assert one.shape == other.shape
-        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-11 * max(1.0, float(np.max(np.abs(other), initial=0.0))))
+        np.testing.assert_allclose(
+            one, other, rtol=0.0, atol=1e-11 * max(1.0, float(np.max(np.abs(other), initial=0.0)))
+        )
 
 
 def test_a_parameter_moved_after_laying_out_is_seen() -> None:
@@ -111,11 +146,21 @@ def test_what_goes_the_general_way() -> None:
     ]:
         system = compile_model(model)
         problem = laid_out(record, system, 0.02)
-        assert linear_record(problem, system.parameters.values(), system.initial.values(), np.zeros((2, len(problem.grid.nodes)))) is None
+        assert (
+            linear_record(
+                problem,
+                system.parameters.values(),
+                system.initial.values(),
+                np.zeros((2, len(problem.grid.nodes))),
+            )
+            is None
+        )
     held = delay.with_parameters(delay.parameters.hold(["input-delay.delay"]))
     system = compile_model(held)
     problem = laid_out(rigid(), system, 0.02)
     guess = np.zeros((2, len(problem.grid.nodes)))
     assert linear_record(problem, system.parameters.values(), np.zeros(2), guess) is not None
     wider = replace(problem, free=(*problem.free, system.parameters.index("mass")))
-    assert linear_record(wider, system.parameters.values(), np.zeros(2), guess) is None, "a held parameter that is sought after all"
+    assert linear_record(wider, system.parameters.values(), np.zeros(2), guess) is None, (
+        "a held parameter that is sought after all"
+    )

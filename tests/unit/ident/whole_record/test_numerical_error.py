@@ -1,4 +1,6 @@
-"""Records without noise: sigmas hold the errors of integration and sampling, and noise is left as it was."""
+"""Records without noise: sigmas hold the errors of integration and sampling, and noise is left as
+it was.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +19,21 @@ from sim.declaration import own_model
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System
 from sim.record import Channel, Record
-from tests.bases import Flight, base_for, lateral_flight, longitudinal_flight, rigid_flight, three_two_one_one
+from tests.bases import (
+    Flight,
+    base_for,
+    lateral_flight,
+    longitudinal_flight,
+    rigid_flight,
+    three_two_one_one,
+)
 
 TRUE = {"k": 4.0, "c": 0.5, "b": 0.3}
-FLIGHTS = {"rigid": rigid_flight(8.0), "lateral": lateral_flight(8.0), "longitudinal": longitudinal_flight(8.0)}
+FLIGHTS = {
+    "rigid": rigid_flight(8.0),
+    "lateral": lateral_flight(8.0),
+    "longitudinal": longitudinal_flight(8.0),
+}
 
 
 def spring() -> tuple[Model, Flight]:
@@ -39,26 +52,51 @@ def spring() -> tuple[Model, Flight]:
 
 
 def flown(kind: str, noise: float = 0.0) -> tuple[Record, System, np.ndarray]:
-    """A record by SciPy's DOP853 at 1e-12, the system started 20 % off, and the true values of its free parameters."""
+    """A record by SciPy's DOP853 at 1e-12, the system started 20 % off, and the true values of its
+    free parameters.
+    """
     model, flight = spring() if kind == "own" else (base_for(kind)[0], FLIGHTS[kind])
     system = compile_model(model.with_biases([signal.name for signal in model.equations.outputs]))
     p = system.parameters.values().tolist()
     rows = [np.array(system.initial.values(), dtype=float)]
     for at in range(len(flight.time) - 1):
         span, u = (flight.time[at], flight.time[at + 1]), flight.u[:, at].tolist()
-        rows.append(solve_ivp(lambda t, x, u=u: system.f(t, x, u, p), span, rows[-1], method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1])
+        rows.append(
+            solve_ivp(
+                lambda t, x, u=u: system.f(t, x, u, p),
+                span,
+                rows[-1],
+                method="DOP853",
+                rtol=1e-12,
+                atol=1e-14,
+            ).y[:, -1]
+        )
     x = np.array(rows).T
     y = system.h(flight.time, list(x), list(flight.u), p)
     rng = np.random.default_rng(3)
     outputs = []
     for signal, row in zip(system.outputs, y, strict=True):
         values = np.broadcast_to(row, flight.time.shape)
-        outputs.append(Channel.of(signal.name, signal.unit, values + noise * np.std(values) * rng.standard_normal(len(values))))
-    inputs = tuple(Channel.of(signal.name, signal.unit, row) for signal, row in zip(system.inputs, flight.u, strict=True))
+        outputs.append(
+            Channel.of(
+                signal.name,
+                signal.unit,
+                values + noise * np.std(values) * rng.standard_normal(len(values)),
+            )
+        )
+    inputs = tuple(
+        Channel.of(signal.name, signal.unit, row)
+        for signal, row in zip(system.inputs, flight.u, strict=True)
+    )
     record = Record(flight.time, inputs, tuple(outputs), flight.hold, kind)
     free = [name for name in system.parameters.free_names if not name.startswith("bias_")]
     true = np.array([system.parameters[name].value for name in free])
-    started = replace(system, parameters=system.parameters.with_values({name: 0.8 * value for name, value in zip(free, true, strict=True)}))
+    started = replace(
+        system,
+        parameters=system.parameters.with_values(
+            {name: 0.8 * value for name, value in zip(free, true, strict=True)}
+        ),
+    )
     return record, started, true
 
 
@@ -70,8 +108,11 @@ def away(estimate: Estimate, true: np.ndarray) -> np.ndarray:
 def test_without_noise_an_output_error_estimate_has_the_sigma_of_its_integration(kind: str) -> None:
     record, system, true = flown(kind)
     found = fit_output_error([record], system)
-    # The equations of totals do not settle to a thousandth of sigmas that are rounding; what is left is below the sigmas reported.
-    assert found.outcome is (Outcome.MAX_ITERATIONS if kind == "longitudinal" else Outcome.CONVERGED)
+    # The equations of totals do not settle to a thousandth of sigmas that are rounding; what is
+    # left is below the sigmas reported.
+    assert found.outcome is (
+        Outcome.MAX_ITERATIONS if kind == "longitudinal" else Outcome.CONVERGED
+    )
     assert np.max(away(found, true)) < 3.0 and np.max(away(found, true)) > 0.1
     assert np.all(found.std < 1e-4 * np.maximum(np.abs(true), 1e-2))
     assert "the integration leaves larger errors than the noise of the record" in found.message

@@ -1,4 +1,6 @@
-"""Output error of an aircraft that only its loop holds: found from starts far off, in few steps, with sigmas that hold."""
+"""Output error of an aircraft that only its loop holds: found from starts far off, in few steps,
+with sigmas that hold.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +13,20 @@ from ident.estimate import Outcome
 from ident.regression.equation_error import run_equation_error
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records
 from ident.whole_record.layout import FitProblem, FitSettings, lay_out
-from ident.whole_record.output_error import fit_covariance, fit_from_best_start, fit_output_error, quiet, runs_away
-from ident.whole_record.unstable_motion import GROWN, fit_projected, fit_unstable, growth, projected_covariance
+from ident.whole_record.output_error import (
+    fit_covariance,
+    fit_from_best_start,
+    fit_output_error,
+    quiet,
+    runs_away,
+)
+from ident.whole_record.unstable_motion import (
+    GROWN,
+    fit_projected,
+    fit_unstable,
+    growth,
+    projected_covariance,
+)
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Parameter, ParameterSet
 from sim.record import Channel, Record
@@ -35,33 +49,52 @@ def test_growth_is_that_of_the_fastest_root() -> None:
     """Of the short period by its two derivatives of lift and two of moment, written out."""
     v = FIGHTER
     force = 0.5 * v["air_density"] * v["airspeed"] ** 2 * v["wing_area"]
-    rate, lift, moment = v["chord"] / (2 * v["airspeed"]), force / (v["mass"] * v["airspeed"]), force * v["chord"] / v["pitch_inertia"]
-    A = [[-lift * v["CL_alpha"], 1.0 - lift * rate * v["CL_q"]], [moment * v["Cm_alpha"], moment * rate * v["Cm_q"]]]
+    rate, lift, moment = (
+        v["chord"] / (2 * v["airspeed"]),
+        force / (v["mass"] * v["airspeed"]),
+        force * v["chord"] / v["pitch_inertia"],
+    )
+    A = [
+        [-lift * v["CL_alpha"], 1.0 - lift * rate * v["CL_q"]],
+        [moment * v["Cm_alpha"], moment * rate * v["Cm_q"]],
+    ]
     record = flown_in_a_loop(np.random.default_rng(0), duration=8.0)
     layout = lay_out([record], compile_model(fighter()), SETTINGS)
     assert growth(layout) == pytest.approx(8.0 * max(np.linalg.eigvals(A).real), rel=1e-9)
     assert growth(layout) > 2.0 * GROWN
-    stable = lay_out([rigid_record(np.random.default_rng(0))], compile_model(rigid_model()), SETTINGS)
+    stable = lay_out(
+        [rigid_record(np.random.default_rng(0))], compile_model(rigid_model()), SETTINGS
+    )
     begun = evaluate(FitProblem(stable), stable.start, stable.guesses(stable.start))
     assert growth(stable) == 0.0 and quiet(stable) and begun is not None and not runs_away(begun)
 
 
 def test_priors_pull_a_projected_fit_as_they_pull_any_other() -> None:
-    """On derivatives, and on initial states that are declared some sigmas from where the record begins."""
+    """On derivatives, and on initial states that are declared some sigmas from where the record
+    begins.
+    """
     model = rigid_start(1.1)
-    starts = (Parameter("alpha", 0.004, "rad", prior_std=5e-4), Parameter("q", -0.006, "rad/s", prior_std=1e-3))
+    starts = (
+        Parameter("alpha", 0.004, "rad", prior_std=5e-4),
+        Parameter("q", -0.006, "rad/s", prior_std=1e-3),
+    )
     system = compile_model(model.with_initial(ParameterSet(starts)))
-    layout = lay_out([rigid_record(np.random.default_rng(5))], system, FitSettings(0.02, use_priors=True))
+    layout = lay_out(
+        [rigid_record(np.random.default_rng(5))], system, FitSettings(0.02, use_priors=True)
+    )
     free = fit_whole_records(FitProblem(replace(layout, prior=None)))
     plain, projected = fit_whole_records(FitProblem(layout)), fit_projected(layout)
     assert free is not None and plain is not None and projected is not None
     sigma = np.sqrt(np.diag(np.linalg.inv(plain.normal_equations()[0])))
     assert np.max(np.abs((projected.theta - plain.theta) / sigma)) < 0.02
     assert np.min(np.abs((free.theta - plain.theta) / sigma)[-2:]) > 0.5, "else no prior would show"
-    # The information of the shared parameters is that of the whole problem, the record's own unknowns projected out.
+    # The information of the shared parameters is that of the whole problem, the record's own
+    # unknowns projected out.
     covariance, determined = projected_covariance(with_white_residuals(projected))
     whole, _ = fit_covariance(with_white_residuals(plain))
-    assert determined and np.sqrt(np.diag(covariance)) == pytest.approx(np.sqrt(np.diag(whole))[: len(covariance)], rel=1e-2)
+    assert determined and np.sqrt(np.diag(covariance)) == pytest.approx(
+        np.sqrt(np.diag(whole))[: len(covariance)], rel=1e-2
+    )
 
 
 def with_white_residuals(fit: Fit) -> Fit:
@@ -72,12 +105,21 @@ def with_white_residuals(fit: Fit) -> Fit:
 
 
 def test_a_start_whose_growth_is_beyond_all_numbers_ends() -> None:
-    """No part of the record is short enough for it, and the first sample, in which every part would begin, is missing."""
+    """No part of the record is short enough for it, and the first sample, in which every part would
+    begin, is missing.
+    """
     record, start = flown_in_a_loop(np.random.default_rng(0), duration=4.0), fighter_start(off(0))
     alpha = record["alpha"].values.copy()
     alpha[0] = np.nan
-    gappy = replace(record, outputs=tuple(Channel.of("alpha", "rad", alpha) if c.name == "alpha" else c for c in record.outputs))
-    wild = start.with_parameters(start.parameters.with_values({"CL_alpha": 1e308, "Cm_alpha": 1e308}))
+    gappy = replace(
+        record,
+        outputs=tuple(
+            Channel.of("alpha", "rad", alpha) if c.name == "alpha" else c for c in record.outputs
+        ),
+    )
+    wild = start.with_parameters(
+        start.parameters.with_values({"CL_alpha": 1e308, "Cm_alpha": 1e308})
+    )
     layout = lay_out([gappy], compile_model(wild), SETTINGS)
     assert growth(layout) == np.inf and fit_unstable(layout) is None
 
@@ -85,7 +127,9 @@ def test_a_start_whose_growth_is_beyond_all_numbers_ends() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [0.03, 0.003])
 def test_an_unstable_aircraft_is_found_from_starts_thirty_percent_off(size: float) -> None:
-    """Levenberg-Marquardt in all unknowns from the same starts ends at its limit of sixty steps nearly always, far from the truth."""
+    """Levenberg-Marquardt in all unknowns from the same starts ends at its limit of sixty steps
+    nearly always, far from the truth.
+    """
     scores, steps, plain = [], [], []
     for seed in range(6):
         record = flown_in_a_loop(np.random.default_rng(seed), size=size)
@@ -102,16 +146,26 @@ def test_an_unstable_aircraft_is_found_from_starts_thirty_percent_off(size: floa
 
 
 def test_its_covariance_is_that_of_all_unknowns_where_squares_survive() -> None:
-    """On a short record, whose motion has hardly grown, projecting and inverting the whole say the same."""
+    """On a short record, whose motion has hardly grown, projecting and inverting the whole say the
+    same.
+    """
     record = flown_in_a_loop(np.random.default_rng(3), duration=4.0)
     fit = fit_from_best_start(lay_out([record], compile_model(fighter_start(off(3))), SETTINGS))
     assert fit is not None and not quiet(fit.layout, fit.theta)
     n = len(DERIVATIVES)
     for coloured in (False, True):
-        one = replace(fit, problem=FitProblem(replace(fit.layout, settings=replace(SETTINGS, coloured=coloured))))
+        one = replace(
+            fit,
+            problem=FitProblem(replace(fit.layout, settings=replace(SETTINGS, coloured=coloured))),
+        )
         projected, determined = projected_covariance(one)
         assert determined
-        np.testing.assert_allclose(projected, fit_covariance(one)[0][:n, :n], rtol=1e-3, atol=1e-3 * float(np.min(np.diag(projected))))
+        np.testing.assert_allclose(
+            projected,
+            fit_covariance(one)[0][:n, :n],
+            rtol=1e-3,
+            atol=1e-3 * float(np.min(np.diag(projected))),
+        )
 
 
 def test_the_maximum_is_the_one_of_the_usual_fit_where_that_arrives() -> None:
@@ -119,7 +173,11 @@ def test_the_maximum_is_the_one_of_the_usual_fit_where_that_arrives() -> None:
     system = compile_model(fighter_start(1.05))
     usual = fit_whole_records(FitProblem(lay_out([record], system, replace(SETTINGS, exact=True))))
     mine = fit_from_best_start(lay_out([record], system, SETTINGS))
-    assert usual is not None and mine is not None and usual.outcome is mine.outcome is Outcome.CONVERGED
+    assert (
+        usual is not None
+        and mine is not None
+        and usual.outcome is mine.outcome is Outcome.CONVERGED
+    )
     assert mine.cost == pytest.approx(usual.cost, abs=2e-3)
 
 
@@ -145,13 +203,22 @@ def exact_alpha(seed: int) -> Record:
     flight, model = rigid_flight(6.0, 50.0), rigid_model()
     record = noisy(model, flight, np.random.default_rng(seed))
     clean = fly(compile_model(model), flight)[0]
-    return replace(record, outputs=tuple(replace(c, values=clean) if c.name == "alpha" else c for c in record.outputs))
+    return replace(
+        record,
+        outputs=tuple(replace(c, values=clean) if c.name == "alpha" else c for c in record.outputs),
+    )
 
 
 def test_an_output_without_noise_among_noisy_ones_is_degenerate() -> None:
-    assert fit_output_error([exact_alpha(0)], compile_model(calm_model()), SETTINGS).outcome is Outcome.DEGENERATE
+    assert (
+        fit_output_error([exact_alpha(0)], compile_model(calm_model()), SETTINGS).outcome
+        is Outcome.DEGENERATE
+    )
     record = rigid_record(np.random.default_rng(0))
-    assert fit_output_error([record], compile_model(calm_model()), SETTINGS).outcome is Outcome.CONVERGED
+    assert (
+        fit_output_error([record], compile_model(calm_model()), SETTINGS).outcome
+        is Outcome.CONVERGED
+    )
 
 
 def test_every_outcome_that_is_not_settled_has_a_hint() -> None:

@@ -1,4 +1,6 @@
-"""White noise as the model of what is random: against Gaussian densities maximised over the variances."""
+"""White noise as the model of what is random: against Gaussian densities maximised over the
+variances.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,14 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import norm
 
 from ident.whole_record.gauss_newton import Fit, evaluate
-from ident.whole_record.layout import WHITE, FitLayout, FitProblem, FitSettings, WeightedResiduals, lay_out
+from ident.whole_record.layout import (
+    WHITE,
+    FitLayout,
+    FitProblem,
+    FitSettings,
+    WeightedResiduals,
+    lay_out,
+)
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Parameter, ParameterSet
 from tests.linear_problem import oscillator, record_of
@@ -18,7 +27,10 @@ from tests.linear_problem import oscillator, record_of
 
 def two_records() -> FitLayout:
     """Records with holes; the second lacks the last output, and nobody measures it in neither."""
-    records = [record_of(np.random.default_rng(seed), 60 - 10 * seed, missing=True, absent=("speed",)) for seed in (1, 2)]
+    records = [
+        record_of(np.random.default_rng(seed), 60 - 10 * seed, missing=True, absent=("speed",))
+        for seed in (1, 2)
+    ]
     return lay_out(records, compile_model(oscillator()), FitSettings(max_step=0.05))
 
 
@@ -39,8 +51,15 @@ def test_cost_is_the_best_gaussian_density_over_the_variances() -> None:
     fit = at_start(layout)
     total = 0.0
     for i in range(2):
-        e = np.concatenate([(problem.z[i] - line.y[i])[problem.valid[i]] for problem, line in zip(layout.problems, fit.lines, strict=True)])
-        found = minimize_scalar(lambda s, e=e: -norm.logpdf(e, scale=np.exp(s)).sum(), bracket=(-5.0, 1.0), tol=1e-12)
+        e = np.concatenate(
+            [
+                (problem.z[i] - line.y[i])[problem.valid[i]]
+                for problem, line in zip(layout.problems, fit.lines, strict=True)
+            ]
+        )
+        found = minimize_scalar(
+            lambda s, e=e: -norm.logpdf(e, scale=np.exp(s)).sum(), bracket=(-5.0, 1.0), tol=1e-12
+        )
         assert fit.variance[i] == pytest.approx(np.exp(2.0 * found.x), rel=1e-6)
         total -= found.fun
     assert fit.log_likelihood == pytest.approx(total, rel=1e-10)
@@ -63,7 +82,12 @@ def test_where_a_variance_is_held_at_its_least_the_density_is_that_of_a_known_si
     np.testing.assert_array_equal(found.variance[:2], floor[:2])
     total = 0.0
     for i in range(2):
-        e = np.concatenate([(problem.z[i] - line.y[i])[problem.valid[i]] for problem, line in zip(layout.problems, fit.lines, strict=True)])
+        e = np.concatenate(
+            [
+                (problem.z[i] - line.y[i])[problem.valid[i]]
+                for problem, line in zip(layout.problems, fit.lines, strict=True)
+            ]
+        )
         total += norm.logpdf(e, scale=np.sqrt(floor[i])).sum()
     held = replace(fit, cost=found.cost, weighted=found)
     assert held.log_likelihood == pytest.approx(total, rel=1e-10)
@@ -79,7 +103,9 @@ def test_columns_are_whitened_by_sigma_and_left_out_where_missing() -> None:
             expected = columns[i, k] / np.sqrt(fit.variance[i]) if valid[i, k] else np.zeros(4)
             np.testing.assert_allclose(got[i, k], expected, rtol=1e-14)
     # The whitened residuals of an output that is used have a mean square of one.
-    white = [fit.whiten(r, residual[:, :, None])[:, :, 0] for r, residual in enumerate(fit.residuals)]
+    white = [
+        fit.whiten(r, residual[:, :, None])[:, :, 0] for r, residual in enumerate(fit.residuals)
+    ]
     assert sum((w**2).sum(axis=1) for w in white)[:2] == pytest.approx(fit.counts[:2], rel=1e-12)
 
 
@@ -92,7 +118,9 @@ def test_no_unknowns_of_its_own() -> None:
     assert low is layout.low and high is layout.high
 
 
-def test_gradient_is_the_slope_of_the_concentrated_cost_and_information_that_of_known_sigmas() -> None:
+def test_gradient_is_the_slope_of_the_concentrated_cost_and_information_that_of_known_sigmas() -> (
+    None
+):
     layout = two_records()
     fit = at_start(layout)
     information, gradient = fit.normal_equations()
@@ -111,22 +139,36 @@ def test_gradient_is_the_slope_of_the_concentrated_cost_and_information_that_of_
     for r, (problem, line) in enumerate(zip(layout.problems, fit.lines, strict=True)):
         at = layout.columns(r)
         for i, k in zip(*np.nonzero(problem.valid), strict=True):
-            expected[np.ix_(at, at)] += np.outer(line.jacobian[i, k], line.jacobian[i, k]) / fit.variance[i]
+            expected[np.ix_(at, at)] += (
+                np.outer(line.jacobian[i, k], line.jacobian[i, k]) / fit.variance[i]
+            )
     np.testing.assert_allclose(information, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
 def test_prior_enters_cost_gradient_and_information() -> None:
     model = oscillator()
-    initial = ParameterSet((Parameter("position", 0.2, "m", free=False), Parameter("speed", -0.1, "m/s", free=False)))
+    initial = ParameterSet(
+        (Parameter("position", 0.2, "m", free=False), Parameter("speed", -0.1, "m/s", free=False))
+    )
     system = compile_model(model.with_initial(initial))
     record = record_of(np.random.default_rng(1), 40)
     with_prior = lay_out([record], system, FitSettings(max_step=0.05, use_priors=True))
     without = lay_out([record], system, FitSettings(max_step=0.05))
     theta = with_prior.start + 0.3
-    one, other = (evaluate(FitProblem(layout), theta, layout.guesses(theta)) for layout in (with_prior, without))
+    one, other = (
+        evaluate(FitProblem(layout), theta, layout.guesses(theta))
+        for layout in (with_prior, without)
+    )
     assert one is not None and other is not None and with_prior.names == ("force", "bias_mixed")
     std, mean = np.array([0.7, 0.3]), np.array([0.1, 0.0])
     log_prior = norm.logpdf(theta, mean, std).sum() - norm.logpdf(mean, mean, std).sum()
     assert one.log_likelihood - other.log_likelihood == pytest.approx(log_prior, rel=1e-10)
-    np.testing.assert_allclose(one.normal_equations()[0] - other.normal_equations()[0], np.diag(std**-2), rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(one.normal_equations()[1] - other.normal_equations()[1], (mean - theta) / std**2, rtol=1e-8)
+    np.testing.assert_allclose(
+        one.normal_equations()[0] - other.normal_equations()[0],
+        np.diag(std**-2),
+        rtol=1e-9,
+        atol=1e-9,
+    )
+    np.testing.assert_allclose(
+        one.normal_equations()[1] - other.normal_equations()[1], (mean - theta) / std**2, rtol=1e-8
+    )

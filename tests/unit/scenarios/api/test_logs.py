@@ -35,7 +35,9 @@ def test_a_log_without_a_map_is_refused(tmp_path: Path) -> None:
 def test_expressions_on_a_frame() -> None:
     import pandas
 
-    frame = pandas.DataFrame({"t": np.arange(5) * 0.1, "left": np.arange(5.0), "right": 2.0 * np.arange(5)})
+    frame = pandas.DataFrame(
+        {"t": np.arange(5) * 0.1, "left": np.arange(5.0), "right": 2.0 * np.arange(5)}
+    )
     record = fid.read_record(frame, channels={"elevator": "0.5*(left + right)"})
     np.testing.assert_allclose(record["elevator"], 1.5 * np.arange(5))
     assert record.time.tolist() == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])

@@ -1,4 +1,6 @@
-"""Records in Python: the same names, units and messages as in files, and ways to other packages and back that lose nothing."""
+"""Records in Python: the same names, units and messages as in files, and ways to other packages and
+back that lose nothing.
+"""
 
 from __future__ import annotations
 
@@ -44,14 +46,23 @@ def frame(**columns: Any) -> pandas.DataFrame:
         ({"alpha_deg": [0, 1, "2", 3.0, None, " 1 "]}, {}),
     ],
 )
-def test_a_channel_is_found_by_name_and_unit_as_in_a_file(columns: dict[str, Any], told: dict[str, Any]) -> None:
+def test_a_channel_is_found_by_name_and_unit_as_in_a_file(
+    columns: dict[str, Any], told: dict[str, Any]
+) -> None:
     record = fid.read_record(frame(**columns), **told)
     np.testing.assert_allclose(record["alpha"], np.radians(ALPHA), rtol=1e-7)
-    assert (record.names, record.units["alpha"], record.input_names, len(record)) == (("elevator", "alpha"), "rad", ("elevator",), 6)
+    assert (record.names, record.units["alpha"], record.input_names, len(record)) == (
+        ("elevator", "alpha"),
+        "rad",
+        ("elevator",),
+        6,
+    )
 
 
 def test_a_column_that_is_no_channel_of_ours_keeps_its_name_unit_and_numbers() -> None:
-    record = fid.read_record(frame(alpha=ALPHA, **{"force [N]": TIME, "comment": ["a"] * 6}), inputs=["force"])
+    record = fid.read_record(
+        frame(alpha=ALPHA, **{"force [N]": TIME, "comment": ["a"] * 6}), inputs=["force"]
+    )
     assert record.names == ("elevator", "alpha", "force") and record.units["force"] == "N"
     assert record.input_names == ("force",) and record["force"].tolist() == TIME.tolist()
 
@@ -79,14 +90,26 @@ def test_the_time_may_be_the_index(index: pandas.Index) -> None:
 
 def test_a_clock_that_is_put_forward_is_no_gap() -> None:
     index = pandas.date_range("2026-03-29 01:59:59", periods=4, freq="s", tz="Europe/Berlin")
-    assert fid.read_record(pandas.DataFrame({"alpha": ALPHA[:4]}, index=index)).time.tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert fid.read_record(pandas.DataFrame({"alpha": ALPHA[:4]}, index=index)).time.tolist() == [
+        0.0,
+        1.0,
+        2.0,
+        3.0,
+    ]
 
 
 def test_of_a_dataset_what_has_the_time_of_the_record() -> None:
-    variables = {"alpha": ("time", ALPHA, {"units": "deg"}), "height": ("level", [1.0, 2.0]), "map": (("time", "level"), np.zeros((6, 2)))}
+    variables = {
+        "alpha": ("time", ALPHA, {"units": "deg"}),
+        "height": ("level", [1.0, 2.0]),
+        "map": (("time", "level"), np.zeros((6, 2))),
+    }
     record = fid.read_record(xarray.Dataset(variables, {"time": TIME, "level": [0, 1]}))
     assert record.names == ("alpha",) and record["alpha"][3] == math.radians(3.0)
-    for name, said in (("height", "it is over level, not over time"), ("map", "it is over time, level, not over time")):
+    for name, said in (
+        ("height", "it is over level, not over time"),
+        ("map", "it is over time, level, not over time"),
+    ):
         with pytest.raises(FlightidError, match=f"column '{name}': {said}; "):
             record[name]
 
@@ -103,41 +126,68 @@ def test_columns_of_two_levels_are_channels_with_units(tmp_path: Path) -> None:
     frame = pandas.DataFrame(np.column_stack([TIME, ALPHA, ALPHA]), columns=levels)
     frame.to_parquet(tmp_path / "levels.parquet")
     for record in (fid.read_record(frame), fid.read_record(tmp_path / "levels.parquet")):
-        assert record.names == ("alpha", "q") and record["alpha"][3] == math.radians(3.0) and record["q"][3] == 3.0
+        assert (
+            record.names == ("alpha", "q")
+            and record["alpha"][3] == math.radians(3.0)
+            and record["q"][3] == 3.0
+        )
 
 
 def test_a_channel_in_the_index_of_a_dataframe_is_read(tmp_path: Path) -> None:
     frame = pandas.DataFrame({"time": TIME, "alpha": ALPHA, "q": ALPHA})
     assert fid.read_record(frame.set_index("q")).names == ("q", "alpha")
     frame.set_index(["time", "q"]).to_parquet(tmp_path / "index.parquet")
-    for record in (fid.read_record(frame.set_index(["time", "q"])), fid.read_record(tmp_path / "index.parquet")):
+    for record in (
+        fid.read_record(frame.set_index(["time", "q"])),
+        fid.read_record(tmp_path / "index.parquet"),
+    ):
         assert set(record.names) == {"alpha", "q"} and record.time.tolist() == list(TIME)
 
 
 def test_masked_samples_are_missing() -> None:
-    record = fid.read_record({"time": TIME, "q": np.ma.masked_equal(np.array([1.0, 2.0, 9.0, 4.0, 5.0, 6.0]), 9.0)})
+    record = fid.read_record(
+        {"time": TIME, "q": np.ma.masked_equal(np.array([1.0, 2.0, 9.0, 4.0, 5.0, 6.0]), 9.0)}
+    )
     assert np.isnan(record["q"]).tolist() == [False, False, True, False, False, False]
 
 
 def test_a_name_with_control_characters_is_refused() -> None:
-    with pytest.raises(FlightidError, match=r"record, header: the name 'al\\x07pha' holds control characters"):
+    with pytest.raises(
+        FlightidError, match=r"record, header: the name 'al\\x07pha' holds control characters"
+    ):
         fid.read_record({"time": TIME, "al\x07pha": ALPHA})
 
 
 def test_arrays_by_name_and_structured_arrays_are_records() -> None:
     by_name = fid.read_record({"time": TIME, "alpha": ALPHA, "elevator": [0.0] * 6})
     rows = np.array(list(zip(TIME, ALPHA, strict=True)), dtype=[("time", float), ("alpha", float)])
-    assert by_name["alpha"].tolist()[:4] == fid.read_record(rows)["alpha"].tolist()[:4] == ALPHA.tolist()[:4]
+    assert (
+        by_name["alpha"].tolist()[:4]
+        == fid.read_record(rows)["alpha"].tolist()[:4]
+        == ALPHA.tolist()[:4]
+    )
     assert fid.read_record(by_name) is by_name
 
 
 FAULTS: list[tuple[dict[str, Any], str]] = [
     ({"elevator": TIME, "alpha": ALPHA}, "header: there is no column 'time'"),
     ({"time": TIME[::-1], "alpha": ALPHA}, "row 2, column 'time': time goes back"),
-    ({"time": [0.0, 0.1, 0.1, 0.3, 0.4, 0.5], "alpha": ALPHA}, "row 3, column 'time': time is repeated"),
-    ({"time": [0.0, 0.1, None, 0.3, 0.4, 0.5], "alpha": ALPHA}, "row 3, column 'time': time is missing"),
-    ({"time": TIME, "alpha": [0.0, 1.0, "x", 0.0, 0.0, 0.0]}, "row 3, column 'alpha': 'x' is not a number"),
-    ({"time": TIME, "alpha": [0.0, 1.0, math.inf, 0.0, 0.0, 0.0]}, "row 3, column 'alpha': an infinite value"),
+    (
+        {"time": [0.0, 0.1, 0.1, 0.3, 0.4, 0.5], "alpha": ALPHA},
+        "row 3, column 'time': time is repeated",
+    ),
+    (
+        {"time": [0.0, 0.1, None, 0.3, 0.4, 0.5], "alpha": ALPHA},
+        "row 3, column 'time': time is missing",
+    ),
+    (
+        {"time": TIME, "alpha": [0.0, 1.0, "x", 0.0, 0.0, 0.0]},
+        "row 3, column 'alpha': 'x' is not a number",
+    ),
+    (
+        {"time": TIME, "alpha": [0.0, 1.0, math.inf, 0.0, 0.0, 0.0]},
+        "row 3, column 'alpha': an infinite value",
+    ),
     ({"time": TIME, "alpha": ALPHA[:4]}, "column 'alpha': 4 values for 6 times"),
     ({"time": TIME[:1], "alpha": ALPHA[:1]}, "row 1, column 'time': one sample only"),
     ({"time": TIME, "alpha": [math.nan] * 6}, "column 'alpha': not a single number"),
@@ -156,9 +206,20 @@ def test_a_fault_is_told_as_a_file_would_be(columns: dict[str, Any], told: str) 
 @pytest.mark.parametrize(
     ("told", "line"),
     [
-        ({"units": {"alfa": "deg"}}, "record, units: there is no column 'alfa'; did you mean 'alpha'?"),
-        ({"units": {"q": "rad/s"}}, "record, units: column 'q' is in deg/s, as it says itself, not in rad/s; leave one of the two out"),
-        ({"units": {"nz": "g"}}, "record, units: column 'nz_g' says its unit itself; leave the unit out, or rename the column"),
+        (
+            {"units": {"alfa": "deg"}},
+            "record, units: there is no column 'alfa'; did you mean 'alpha'?",
+        ),
+        (
+            {"units": {"q": "rad/s"}},
+            "record, units: column 'q' is in deg/s, as it says itself, not in rad/s; leave one of "
+            "the two out",
+        ),
+        (
+            {"units": {"nz": "g"}},
+            "record, units: column 'nz_g' says its unit itself; leave the unit out, or rename the "
+            "column",
+        ),
         ({"channels": {"beta": "sideslip"}}, ""),
         ({"hold": "next"}, "--hold: there is no hold 'next'; use previous or linear"),
     ],
@@ -180,15 +241,26 @@ def test_what_holds_no_record_is_refused(source: object) -> None:
 
 
 @pytest.mark.parametrize("hold", [*Hold, None])
-def test_a_file_and_a_table_with_its_content_are_one_record(tmp_path: Path, hold: Hold | None) -> None:
+def test_a_file_and_a_table_with_its_content_are_one_record(
+    tmp_path: Path, hold: Hold | None
+) -> None:
     alpha = Channel.of("alpha", "rad", np.radians(ALPHA))
-    flown = sim_record.Record(TIME, (Channel.of("elevator", "rad", TIME),), (alpha,), hold or Hold.PREVIOUS)
+    flown = sim_record.Record(
+        TIME, (Channel.of("elevator", "rad", TIME),), (alpha,), hold or Hold.PREVIOUS
+    )
     path, sidecar = write_record(tmp_path, flown, "flight")
     if hold is None:
         sidecar.unlink()
-    one, two = fid.read_record(path), fid.read_record(pandas.read_csv(path), name="flight.csv", hold=hold.value if hold else None)
+    one, two = (
+        fid.read_record(path),
+        fid.read_record(
+            pandas.read_csv(path), name="flight.csv", hold=hold.value if hold else None
+        ),
+    )
     assert (one.name, one.hold, one.names, one.units) == (two.name, two.hold, two.names, two.units)
-    assert all(np.array_equal(one[name], two[name], equal_nan=True) for name in ("time", *one.names))
+    assert all(
+        np.array_equal(one[name], two[name], equal_nan=True) for name in ("time", *one.names)
+    )
     assert one.file.sidecar.says_hold is two.file.sidecar.says_hold is (hold is not None)
 
 
@@ -196,8 +268,14 @@ def test_a_window_is_a_record_of_its_own() -> None:
     record = fid.read_record(frame(alpha=ALPHA), name="flight")
     part = record.window(0.15, 0.4)
     assert part.name == "flight[0.15-0.4 s]" and part.time.tolist() == TIME[2:5].tolist()
-    assert np.array_equal(part["alpha"], ALPHA[2:5], equal_nan=True) and record.window(stop=0.2).name == "flight[0-0.2 s]"
-    with pytest.raises(fid.InputError, match=r"there is no row between --from and --to; the record covers 0 to 0\.5 s"):
+    assert (
+        np.array_equal(part["alpha"], ALPHA[2:5], equal_nan=True)
+        and record.window(stop=0.2).name == "flight[0-0.2 s]"
+    )
+    with pytest.raises(
+        fid.InputError,
+        match=r"there is no row between --from and --to; the record covers 0 to 0\.5 s",
+    ):
         record.window(0.6)
     broken = fid.read_record(frame(alpha=[*ALPHA[:5], "x"]))
     assert broken.window(stop=0.35)["alpha"].tolist() == ALPHA[:4].tolist()
@@ -206,7 +284,15 @@ def test_a_window_is_a_record_of_its_own() -> None:
 
 
 NUMBERS = st.floats(-1e6, 1e6, allow_nan=False)
-UNITS = {"elevator": "rad", "stick": "in", "alpha": "rad", "q": "rad/s", "nz": "g", "airspeed": "m/s", "force": "N"}
+UNITS = {
+    "elevator": "rad",
+    "stick": "in",
+    "alpha": "rad",
+    "q": "rad/s",
+    "nz": "g",
+    "airspeed": "m/s",
+    "force": "N",
+}
 
 
 @st.composite
@@ -216,9 +302,15 @@ def records(draw: st.DrawFn) -> sim_record.Record:
     time = np.cumsum(draw(st.lists(st.floats(1e-3, 10.0), min_size=count, max_size=count)))
     names = draw(st.lists(st.sampled_from(list(UNITS)), min_size=1, unique=True))
     split = draw(st.integers(0, len(names) - 1))
-    rows = {name: np.array(draw(st.lists(NUMBERS, min_size=count, max_size=count))) for name in names}
+    rows = {
+        name: np.array(draw(st.lists(NUMBERS, min_size=count, max_size=count))) for name in names
+    }
     for name in names[split:]:
-        rows[name][1:] = np.where(draw(st.lists(st.booleans(), min_size=count - 1, max_size=count - 1)), math.nan, rows[name][1:])
+        rows[name][1:] = np.where(
+            draw(st.lists(st.booleans(), min_size=count - 1, max_size=count - 1)),
+            math.nan,
+            rows[name][1:],
+        )
     channels = [Channel.of(name, UNITS[name], rows[name]) for name in names]
     hold = draw(st.sampled_from(list(Hold)))
     return sim_record.Record(time, tuple(channels[:split]), tuple(channels[split:]), hold, "flight")
@@ -227,7 +319,13 @@ def records(draw: st.DrawFn) -> sim_record.Record:
 def told(record: fid.Record) -> dict[str, Any]:
     """All that a record says, numbers as they print."""
     columns = {name: record[name].tolist() for name in ("time", *record.names)}
-    return {"columns": repr(columns), "units": record.units, "inputs": record.input_names, "hold": record.hold, "name": record.name}
+    return {
+        "columns": repr(columns),
+        "units": record.units,
+        "inputs": record.input_names,
+        "hold": record.hold,
+        "name": record.name,
+    }
 
 
 @given(records())
@@ -243,15 +341,34 @@ def test_ways_to_other_packages_and_back_lose_nothing(given_record: sim_record.R
 def test_what_others_get_is_named_as_they_name_it() -> None:
     record = fid.read_record(frame(alpha_deg=ALPHA, q=TIME), name="flight")
     dataset, response, table = record.to_xarray(), record.to_control(), record.to_pandas()
-    assert isinstance(dataset, xarray.Dataset) and dataset["alpha"].attrs == {"units": "rad"} and dataset["alpha"].dims == ("time",)
-    assert isinstance(response, control.TimeResponseData) and response.output_labels == ["alpha", "q"] and response.input_labels == ["elevator"]
-    assert table.index.name == "time" and table.attrs["units"]["q"] == "rad/s" and list(table.columns) == ["elevator", "alpha", "q"]
-    simulated = control.forced_response(control.ss([[-1.0]], [[1.0]], [[1.0]], 0, inputs="elevator", outputs="q", states="q"), TIME, np.ones(6))
+    assert (
+        isinstance(dataset, xarray.Dataset)
+        and dataset["alpha"].attrs == {"units": "rad"}
+        and dataset["alpha"].dims == ("time",)
+    )
+    assert (
+        isinstance(response, control.TimeResponseData)
+        and response.output_labels == ["alpha", "q"]
+        and response.input_labels == ["elevator"]
+    )
+    assert (
+        table.index.name == "time"
+        and table.attrs["units"]["q"] == "rad/s"
+        and list(table.columns) == ["elevator", "alpha", "q"]
+    )
+    simulated = control.forced_response(
+        control.ss([[-1.0]], [[1.0]], [[1.0]], 0, inputs="elevator", outputs="q", states="q"),
+        TIME,
+        np.ones(6),
+    )
     assert fid.read_record(simulated).input_names == ("elevator",)
     assert fid.read_record(simulated)["q"].tolist() == simulated.y[0].tolist()
 
 
 def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "xarray", None)
-    with pytest.raises(ImportError, match="to_xarray needs xarray, which is not installed: python -m pip install xarray"):
+    with pytest.raises(
+        ImportError,
+        match="to_xarray needs xarray, which is not installed: python -m pip install xarray",
+    ):
         fid.read_record(frame(alpha=ALPHA)).to_xarray()

@@ -1,4 +1,6 @@
-"""What results say of themselves: one short line, a table for a notebook that shows any text as it stands, numbers by name."""
+"""What results say of themselves: one short line, a table for a notebook that shows any text as it
+stands, numbers by name.
+"""
 
 from __future__ import annotations
 
@@ -49,24 +51,50 @@ def test_a_diagnosis_of_every_verdict(verdict: Verdict) -> None:
     tracing = tracing_of(verdict)
     found = fid.Diagnosis(tracing)
     claimed = [claim.name for claim in tracing.diagnosis.effects if claim.claimed]
-    assert found.verdict == verdict.value and found.sentence == verdict.sentence and [each.name for each in found.effects] == claimed
-    assert [each.name for each in found.hints] == [claim.name for claim in tracing.diagnosis.effects if not claim.claimed]
+    assert (
+        found.verdict == verdict.value
+        and found.sentence == verdict.sentence
+        and [each.name for each in found.effects] == claimed
+    )
+    assert [each.name for each in found.hints] == [
+        claim.name for claim in tracing.diagnosis.effects if not claim.claimed
+    ]
     assert verdict.value in repr(found) and all(name in repr(found) for name in claimed)
     assert f"{verdict.value.upper()}: {found.headline}" in shown(found._repr_html_())
     assert tracing.vehicle.name in found.summary() and "save(FOLDER) keeps them" in found.summary()
     table = found.to_dataframe()
-    assert {name: value for name, value in table["value_after"].items()} == {n: q.value for n, q in tracing.diagnosis.after.items()}
-    assert {name: value for name, value in table["sigma_before"].items()} == {n: q.std for n, q in tracing.diagnosis.before.items()}
-    assert set(found.error_before) == set(found.error_after) and len(found.candidates()) == len(tracing.diagnosis.candidates)
-    for each in (found, found.parameters, *found.effects, *found.hints, *found.records, tracing, tracing.diagnosis):
+    assert {name: value for name, value in table["value_after"].items()} == {
+        n: q.value for n, q in tracing.diagnosis.after.items()
+    }
+    assert {name: value for name, value in table["sigma_before"].items()} == {
+        n: q.std for n, q in tracing.diagnosis.before.items()
+    }
+    assert set(found.error_before) == set(found.error_after) and len(found.candidates()) == len(
+        tracing.diagnosis.candidates
+    )
+    for each in (
+        found,
+        found.parameters,
+        *found.effects,
+        *found.hints,
+        *found.records,
+        tracing,
+        tracing.diagnosis,
+    ):
         assert len(repr(each)) < SHORT and "\n" not in repr(each)
 
 
 def test_effects_carry_their_numbers_and_what_would_do_as_well() -> None:
     found = fid.Diagnosis(tracing_of(Verdict.AMBIGUOUS))
     (effect,) = found.effects
-    assert (effect["delay"].value, effect["delay"].sigma, effect["delay"].unit) == (0.061, 0.001, "s")
-    assert effect.alternatives == ("actuator-lag",) and "actuator-lag" in "".join(shown(effect._repr_html_()))
+    assert (effect["delay"].value, effect["delay"].sigma, effect["delay"].unit) == (
+        0.061,
+        0.001,
+        "s",
+    )
+    assert effect.alternatives == ("actuator-lag",) and "actuator-lag" in "".join(
+        shown(effect._repr_html_())
+    )
     proven = fid.Diagnosis(spread_tracing())
     assert proven.effects and len(repr(proven)) < SHORT
     with pytest.raises(KeyError, match="there is no parameter 'lag': delay"):
@@ -93,36 +121,72 @@ def test_figures_are_those_of_the_study_and_asked_for_by_name() -> None:
         (fid.Parameter("lift", 1.0, math.inf, "1"), "lift = not determined", False),
     ],
 )
-def test_a_parameter_is_printed_with_the_digits_that_it_has(parameter: fid.Parameter, text: str, known: bool) -> None:
-    assert repr(parameter) == text and parameter.determined is known and float(parameter) == parameter.value
+def test_a_parameter_is_printed_with_the_digits_that_it_has(
+    parameter: fid.Parameter, text: str, known: bool
+) -> None:
+    assert (
+        repr(parameter) == text
+        and parameter.determined is known
+        and float(parameter) == parameter.value
+    )
 
 
 def test_parameters_are_a_mapping_in_their_order() -> None:
-    items = [fid.Parameter(f"p{number}", float(number), 0.1, "1", start=2.0 if number else None) for number in range(40)]
+    items = [
+        fid.Parameter(f"p{number}", float(number), 0.1, "1", start=2.0 if number else None)
+        for number in range(40)
+    ]
     some = fid.Parameters(items)
-    assert list(some) == [item.name for item in items] and some["p3"] is items[3] and len(some) == 40 and "p41" not in some
-    assert some.to_dict()["p7"] == 7.0 and len(repr(some)) < SHORT and len(fid.Parameters([]).to_dataframe()) == 0
+    assert (
+        list(some) == [item.name for item in items]
+        and some["p3"] is items[3]
+        and len(some) == 40
+        and "p41" not in some
+    )
+    assert (
+        some.to_dict()["p7"] == 7.0
+        and len(repr(some)) < SHORT
+        and len(fid.Parameters([]).to_dataframe()) == 0
+    )
     table = some.to_dataframe()
-    assert table.loc["p5", ["value", "sigma", "start"]].tolist() == [5.0, 0.1, 2.0] and math.isnan(table.loc["p0", "start"])
+    assert table.loc["p5", ["value", "sigma", "start"]].tolist() == [5.0, 0.1, 2.0] and math.isnan(
+        table.loc["p0", "start"]
+    )
     assert "p39" in shown(some._repr_html_())
 
 
-@pytest.mark.parametrize("table", [fid.effects, fid.models, fid.vehicles, fid.scenarios], ids=lambda each: each.__name__)
+@pytest.mark.parametrize(
+    "table", [fid.effects, fid.models, fid.vehicles, fid.scenarios], ids=lambda each: each.__name__
+)
 def test_libraries_are_tables(table: type) -> None:
     rows = table()
-    assert len(repr(rows)) < SHORT and len(rows) == len(rows.to_dataframe()) == len(list(rows)) == len(set(rows.names)) > 5
+    assert (
+        len(repr(rows)) < SHORT
+        and len(rows) == len(rows.to_dataframe()) == len(list(rows)) == len(set(rows.names)) > 5
+    )
     assert rows.names[0] in str(rows) and rows.names[-1] in shown(rows._repr_html_())
-    assert rows[rows.names[1]] == list(rows)[1] and isinstance(rows.to_dataframe(), pandas.DataFrame)
+    assert rows[rows.names[1]] == list(rows)[1] and isinstance(
+        rows.to_dataframe(), pandas.DataFrame
+    )
     with pytest.raises(KeyError, match="there is no 'nothing'"):
         _ = rows["nothing"]
 
 
 def test_any_text_stands_in_a_page_as_it_is() -> None:
     rude = "<script>alert('&')</script>"
-    assert shown(tables.page(rude, tables.sentences([rude]), tables.table([rude], [[rude]]))).count(rude) == 4
+    assert (
+        shown(tables.page(rude, tables.sentences([rude]), tables.table([rude], [[rude]]))).count(
+            rude
+        )
+        == 4
+    )
     record = fid.read_record({"time": [0.0, 1.0], rude: [1.0, 2.0], "alpha": ["x", 1.0]}, name=rude)
     texts = shown(record._repr_html_())
-    assert rude in texts and any("'x' is not a number" in text for text in texts) and len(repr(record)) < SHORT
+    assert (
+        rude in texts
+        and any("'x' is not a number" in text for text in texts)
+        and len(repr(record)) < SHORT
+    )
 
 
 def test_the_longest_names_leave_a_repr_short() -> None:
@@ -134,7 +198,11 @@ def test_the_longest_names_leave_a_repr_short() -> None:
     assert len(repr(fid.read_record(columns))) < SHORT
 
 
-@pytest.mark.parametrize(("value", "sigma", "ends"), [(1.0, 0.1, (0.8, 1.2)), (-3.0, 0.5, (-4.0, -2.0))])
-def test_the_interval_of_a_parameter_is_two_sigmas_to_either_side(value: float, sigma: float, ends: tuple[float, float]) -> None:
+@pytest.mark.parametrize(
+    ("value", "sigma", "ends"), [(1.0, 0.1, (0.8, 1.2)), (-3.0, 0.5, (-4.0, -2.0))]
+)
+def test_the_interval_of_a_parameter_is_two_sigmas_to_either_side(
+    value: float, sigma: float, ends: tuple[float, float]
+) -> None:
     found = Parameter("Cm_q", value, sigma, "1/rad")
     assert found.interval == pytest.approx(ends) and float(found) == value

@@ -20,7 +20,9 @@ def record_of(**inputs: float) -> Record:
 
 
 def test_a_peak_is_the_largest_excursion_from_the_first_sample_over_all_records() -> None:
-    found = _peaks(lateral_model(), [record_of(aileron=0.05), record_of(aileron=-0.08, rudder=0.02)])
+    found = _peaks(
+        lateral_model(), [record_of(aileron=0.05), record_of(aileron=-0.08, rudder=0.02)]
+    )
     assert found == {"aileron": pytest.approx(0.08), "rudder": pytest.approx(0.02)}
     assert _peaks(lateral_model(), [record_of(rudder=0.02)]) == {"rudder": pytest.approx(0.02)}
 

@@ -23,28 +23,48 @@ from tests.diagnoses import RIGID, diagnosis_of, tracing_of, written_inputs
 
 
 def test_thorough_looks_further_in_every_way_and_judges_alike() -> None:
-    assert settings_of("normal") is NORMAL == TraceSettings() and settings_of("thorough") is THOROUGH
+    assert (
+        settings_of("normal") is NORMAL == TraceSettings() and settings_of("thorough") is THOROUGH
+    )
     assert THOROUGH.budget == 10 * NORMAL.budget and THOROUGH.depth > NORMAL.depth
     assert replace(THOROUGH, budget=NORMAL.budget, depth=NORMAL.depth, effort="normal") == NORMAL
     assert all(settings.effort == name for name, settings in EFFORTS.items())
 
 
 def test_an_effort_that_there_is_not_is_refused_in_one_line() -> None:
-    with pytest.raises(DeclarationError, match=r"--effort.*there is no effort 'heroic'.*normal or thorough"):
+    with pytest.raises(
+        DeclarationError, match=r"--effort.*there is no effort 'heroic'.*normal or thorough"
+    ):
         settings_of("heroic")
 
 
 @pytest.mark.parametrize("effort", ["normal", "thorough"])
-def test_the_request_sets_what_the_loop_is_given(effort: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_request_sets_what_the_loop_is_given(
+    effort: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     given: list[TraceSettings] = []
 
-    def loop(records: Sequence[Record], model, candidates, guards, validation, settings: TraceSettings, progress, outlook) -> Diagnosis:
+    def loop(
+        records: Sequence[Record],
+        model,
+        candidates,
+        guards,
+        validation,
+        settings: TraceSettings,
+        progress,
+        outlook,
+    ) -> Diagnosis:
         given.append(settings)
         return diagnosis_of(Verdict.TRACED, RIGID, tuple(records), tuple(validation))
 
-    monkeypatch.setattr("scenarios.diagnosis.diagnose.kinematics_of_files", lambda *_: Kinematics((), None, "not run"))
+    monkeypatch.setattr(
+        "scenarios.diagnosis.diagnose.kinematics_of_files",
+        lambda *_: Kinematics((), None, "not run"),
+    )
     train, validate, vehicle = written_inputs(tmp_path)
-    tracing = diagnose_files(Request((train,), "rigid", vehicle, (validate,), effort=effort), trace=loop)
+    tracing = diagnose_files(
+        Request((train,), "rigid", vehicle, (validate,), effort=effort), trace=loop
+    )
     assert given[0] == EFFORTS[effort] and tracing.effort == effort
 
 
@@ -54,7 +74,9 @@ def stopped(verdict: Verdict, effort: str) -> Tracing:
 
 
 @pytest.mark.parametrize("verdict", list(Verdict))
-def test_the_hint_is_there_where_a_normal_search_ended_at_its_means_with_something_left(verdict: Verdict) -> None:
+def test_the_hint_is_there_where_a_normal_search_ended_at_its_means_with_something_left(
+    verdict: Verdict,
+) -> None:
     left = verdict in (Verdict.PARTIAL, Verdict.UNEXPLAINED)
     hint = "--effort thorough would look further"
     assert (hint in effort_sentence("normal", stopped(verdict, "normal").diagnosis)) is left

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Verdict
-from scenarios.diagnosis.input_reading import better, left_open, moves_between_samples, no_worse, read_again, tells_times
+from scenarios.diagnosis.input_reading import (
+    better,
+    left_open,
+    moves_between_samples,
+    no_worse,
+    read_again,
+    tells_times,
+)
 from scenarios.preparation.plan import BY_HAND
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.input_path.input_recorded_late import InputRecordedLate
@@ -21,25 +28,45 @@ CANDIDATES = (InputRecordedLate(), InputDelay("elevator"))
 
 @pytest.mark.parametrize(
     ("name", "delay", "expected"),
-    [("input-recorded-late", 0.011, True), ("input-recorded-late", 0.04, False), ("input-delay", 0.011, False)],
+    [
+        ("input-recorded-late", 0.011, True),
+        ("input-recorded-late", 0.04, False),
+        ("input-delay", 0.011, False),
+    ],
 )
-def test_only_an_input_ahead_by_less_than_a_sample_says_how_inputs_are_to_be_read(name: str, delay: float, expected: bool) -> None:
+def test_only_an_input_ahead_by_less_than_a_sample_says_how_inputs_are_to_be_read(
+    name: str, delay: float, expected: bool
+) -> None:
     """Samples are 0.02 s apart."""
-    found = replace(tracing_of(Verdict.TRACED).diagnosis, effects=(Claim(name, {"delay": Quantity(delay, 0.001, "s")}),))
+    found = replace(
+        tracing_of(Verdict.TRACED).diagnosis,
+        effects=(Claim(name, {"delay": Quantity(delay, 0.001, "s")}),),
+    )
     record = measured_record()
     assert moves_between_samples(found, CANDIDATES, [record]) is expected
     assert not moves_between_samples(found, CANDIDATES, [replace(record, hold=Hold.LINEAR)])
 
 
 def test_an_alternative_asks_for_the_second_reading_too() -> None:
-    claim = Claim("accelerometer-offset:nz", {"arm": Quantity(3.0, 0.1, "m")}, ("elastic-mode", "input-recorded-late"))
+    claim = Claim(
+        "accelerometer-offset:nz",
+        {"arm": Quantity(3.0, 0.1, "m")},
+        ("elastic-mode", "input-recorded-late"),
+    )
     found = replace(tracing_of(Verdict.TRACED).diagnosis, effects=(claim,))
     assert moves_between_samples(found, CANDIDATES, [measured_record()])
-    assert not moves_between_samples(replace(found, effects=(replace(claim, alternatives=("elastic-mode",)),)), CANDIDATES, [measured_record()])
+    assert not moves_between_samples(
+        replace(found, effects=(replace(claim, alternatives=("elastic-mode",)),)),
+        CANDIDATES,
+        [measured_record()],
+    )
 
 
 def test_the_first_reading_stays_where_the_second_explains_less() -> None:
-    traced, ambiguous, unexplained = (tracing_of(verdict).diagnosis for verdict in (Verdict.TRACED, Verdict.AMBIGUOUS, Verdict.UNEXPLAINED))
+    traced, ambiguous, unexplained = (
+        tracing_of(verdict).diagnosis
+        for verdict in (Verdict.TRACED, Verdict.AMBIGUOUS, Verdict.UNEXPLAINED)
+    )
     assert no_worse(traced, traced) and no_worse(traced, unexplained)
     assert not no_worse(ambiguous, traced) and not no_worse(unexplained, ambiguous)
 
@@ -63,22 +90,41 @@ def test_times_found_with_an_input_that_passes_through_samples_ask_for_a_second_
     late = Claim("sensor-delay:alpha", {"delay": Quantity(0.05, 0.001, "s")})
     found = replace(tracing_of(Verdict.TRACED).diagnosis, effects=(late,))
     assert tells_times(found, [passing])
-    assert not tells_times(found, [stepped]) and not tells_times(found, [replace(passing, hold=Hold.LINEAR)])
-    assert not tells_times(replace(found, effects=(Claim("vane-offset", {"arm": Quantity(3.0, 0.1, "m")}),)), [passing])
+    assert not tells_times(found, [stepped]) and not tells_times(
+        found, [replace(passing, hold=Hold.LINEAR)]
+    )
+    assert not tells_times(
+        replace(found, effects=(Claim("vane-offset", {"arm": Quantity(3.0, 0.1, "m")}),)), [passing]
+    )
 
 
 def test_the_second_reading_has_to_lower_the_criterion() -> None:
-    """Twice the samples times the logarithm of the noise, and ln N for each number of the effects: ten in all."""
+    """Twice the samples times the logarithm of the noise, and ln N for each number of the effects:
+    ten in all.
+    """
     first = tracing_of(Verdict.TRACED).diagnosis
-    counts = {name: sum(int(np.count_nonzero(one.record[name].valid)) for one in first.fitted if name in one.channels) for name in first.residual_std}
+    counts = {
+        name: sum(
+            int(np.count_nonzero(one.record[name].valid))
+            for one in first.fitted
+            if name in one.channels
+        )
+        for name in first.residual_std
+    }
     name, count = max(counts.items(), key=lambda item: item[1])
 
     def quieter(by: float) -> Diagnosis:
         floor = {**first.residual_std, name: first.residual_std[name] * math.exp(-0.5 * by / count)}
         return replace(first, residual_std=floor)
 
-    assert better(quieter(10.5), first) and not better(quieter(9.5), first) and not better(first, first)
-    one_more = replace(first, effects=(*first.effects, Claim("vane-offset", {"arm": Quantity(3.0, 0.1, "m")})))
+    assert (
+        better(quieter(10.5), first)
+        and not better(quieter(9.5), first)
+        and not better(first, first)
+    )
+    one_more = replace(
+        first, effects=(*first.effects, Claim("vane-offset", {"arm": Quantity(3.0, 0.1, "m")}))
+    )
     charged = math.log(sum(counts.values()))
     assert not better(replace(quieter(10.5), effects=one_more.effects), first)
     assert better(replace(quieter(10.5 + charged), effects=one_more.effects), first)
@@ -86,12 +132,25 @@ def test_the_second_reading_has_to_lower_the_criterion() -> None:
 
 
 def test_where_both_readings_serve_what_differs_is_told() -> None:
-    """Half an interval of 0.02 s is ten sigmas of a delay; nothing is told where the second fits worse, or names something else."""
+    """Half an interval of 0.02 s is ten sigmas of a delay; nothing is told where the second fits
+    worse, or names something else.
+    """
     late = Claim("sensor-delay:q", {"delay": Quantity(0.09, 0.001, "s")})
     first = replace(tracing_of(Verdict.TRACED).diagnosis, effects=(late,))
-    again = replace(first, effects=(replace(late, parameters={"delay": Quantity(0.10, 0.001, "s")}),))
+    again = replace(
+        first, effects=(replace(late, parameters={"delay": Quantity(0.10, 0.001, "s")}),)
+    )
     (told,) = left_open(again, first)
     assert "sensor-delay:q.delay 0.1 for 0.09" in told and "--hold linear" in told
     assert left_open(first, first) == ()
     assert left_open(replace(again, effects=(replace(late, name="sensor-lag:q"),)), first) == ()
-    assert left_open(replace(again, residual_std={name: 2.0 * value for name, value in first.residual_std.items()}), first) == ()
+    assert (
+        left_open(
+            replace(
+                again,
+                residual_std={name: 2.0 * value for name, value in first.residual_std.items()},
+            ),
+            first,
+        )
+        == ()
+    )

@@ -47,7 +47,17 @@ class Overwriting:
     def __init__(self, files: Sequence[Path] = ()) -> None:
         self.files = files
 
-    def __call__(self, records: Sequence[Record], model, candidates, guards, validation, settings, progress, outlook) -> Diagnosis:
+    def __call__(
+        self,
+        records: Sequence[Record],
+        model,
+        candidates,
+        guards,
+        validation,
+        settings,
+        progress,
+        outlook,
+    ) -> Diagnosis:
         for file in self.files:
             file.write_text("nothing of use\n")
         return diagnosis_of(Verdict.PARTIAL, RIGID, tuple(records), tuple(validation))
@@ -61,17 +71,30 @@ def request(folder: Path, plan: Plan | None = None) -> Request:
     return Request((train,), "rigid", vehicle, (validate,), own, channels, plan or Plan())
 
 
-@pytest.mark.parametrize("plan", [Plan(), Plan((Segment(0.5, 2.0), Segment(2.1, 3.9)))], ids=["whole", "segments"])
-def test_each_file_is_opened_once_also_where_the_kinematics_are_checked(tmp_path: Path, plan: Plan, opened: list[str]) -> None:
+@pytest.mark.parametrize(
+    "plan", [Plan(), Plan((Segment(0.5, 2.0), Segment(2.1, 3.9)))], ids=["whole", "segments"]
+)
+def test_each_file_is_opened_once_also_where_the_kinematics_are_checked(
+    tmp_path: Path, plan: Plan, opened: list[str]
+) -> None:
     asked = request(tmp_path, plan)
     opened.clear()
     tracing = diagnose_files(asked, trace=Overwriting())
     assert tracing.kinematics is not None and tracing.kinematics.result is not None
     counts = Counter(opened)
-    assert {name: counts[name] for name in ("train.csv", "validate.csv", "vehicle.toml", "map.toml", "own.py")} == dict.fromkeys(
-        ("train.csv", "validate.csv", "vehicle.toml", "map.toml", "own.py"), 1
-    )
-    assert set(counts) <= {"train.csv", "validate.csv", "vehicle.toml", "map.toml", "own.py", "train.json", "validate.json"}
+    assert {
+        name: counts[name]
+        for name in ("train.csv", "validate.csv", "vehicle.toml", "map.toml", "own.py")
+    } == dict.fromkeys(("train.csv", "validate.csv", "vehicle.toml", "map.toml", "own.py"), 1)
+    assert set(counts) <= {
+        "train.csv",
+        "validate.csv",
+        "vehicle.toml",
+        "map.toml",
+        "own.py",
+        "train.json",
+        "validate.json",
+    }
     assert max(counts.values()) == 1
 
 
@@ -79,12 +102,23 @@ def test_a_check_opens_each_file_once(tmp_path: Path, opened: list[str]) -> None
     train, validate, _ = written_inputs(tmp_path)
     opened.clear()
     check_files(Request((train, validate)))
-    assert Counter(opened) == Counter({name: 1 for name in ("train.csv", "train.json", "validate.csv", "validate.json", "vehicle.toml")})
+    assert Counter(opened) == Counter(
+        {
+            name: 1
+            for name in ("train.csv", "train.json", "validate.csv", "validate.json", "vehicle.toml")
+        }
+    )
 
 
-def test_files_overwritten_meanwhile_keep_hashes_and_numbers_of_what_was_read(tmp_path: Path) -> None:
+def test_files_overwritten_meanwhile_keep_hashes_and_numbers_of_what_was_read(
+    tmp_path: Path,
+) -> None:
     asked = request(tmp_path)
-    files = [path for path in (*asked.records, *asked.validate, asked.vehicle, asked.effects) if isinstance(path, Path)]
+    files = [
+        path
+        for path in (*asked.records, *asked.validate, asked.vehicle, asked.effects)
+        if isinstance(path, Path)
+    ]
     assert len(files) == len(asked.records) + len(asked.validate) + 2
     expected = [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
     tracing = diagnose_files(asked, trace=Overwriting(files))
@@ -93,4 +127,7 @@ def test_files_overwritten_meanwhile_keep_hashes_and_numbers_of_what_was_read(tm
     assert [file.sha256 for file in told] == expected
     assert all(hashlib.sha256(file.read_bytes()).hexdigest() not in expected for file in files)
     # The kinematics are checked on what was read, too.
-    assert tracing.kinematics is not None and tracing.kinematics.records == ("train.csv", "validate.csv")
+    assert tracing.kinematics is not None and tracing.kinematics.records == (
+        "train.csv",
+        "validate.csv",
+    )

@@ -14,7 +14,13 @@ from ident.tracing.diagnosis import Claim, Quantity, Verdict
 from scenarios.diagnosis.report.data_words import kind_of_predicted, record_labels
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuver
 from scenarios.diagnosis.report.tables import candidate_rows, derivative_rows
-from scenarios.diagnosis.report.text import diagnosis_text, headline, verdict_advice, where_predicted, wording_of
+from scenarios.diagnosis.report.text import (
+    diagnosis_text,
+    headline,
+    verdict_advice,
+    where_predicted,
+    wording_of,
+)
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
 from scenarios.terminal.quantities import value_text
 from sim.declaration.proposal import Traceable, Traits
@@ -26,7 +32,13 @@ TRACEABLE = [effect for effect in library() if isinstance(effect, Traceable)]
 
 @pytest.mark.parametrize("effect", TRACEABLE, ids=lambda effect: effect.name)
 def test_every_effect_of_the_library_has_a_sentence_of_its_own(effect) -> None:
-    claim = Claim(effect.name, {item.name: Quantity(item.value, 0.05 * abs(item.value) or 0.01, item.unit) for item in effect.parameters})
+    claim = Claim(
+        effect.name,
+        {
+            item.name: Quantity(item.value, 0.05 * abs(item.value) or 0.01, item.unit)
+            for item in effect.parameters
+        },
+    )
     told = sentence(claim, Wording())
     assert not told.startswith(effect.name), "no template of the table fits its parameters"
     assert "{" not in told and not re.search(r"\bnan\b|\binf\b|[A-Z]\w*Error", told)
@@ -38,16 +50,32 @@ def test_maneuvers_name_effects_of_the_library_only() -> None:
 
 
 def test_numbers_stand_in_the_units_that_people_fly_with() -> None:
-    deadband = Claim("input-deadband", {"half_width": Quantity(math.radians(0.41), math.radians(0.02), "rad")})
-    assert sentence(deadband, Wording()) == "the elevator sticks within +-0.41 deg of zero (break-out)"
+    deadband = Claim(
+        "input-deadband", {"half_width": Quantity(math.radians(0.41), math.radians(0.02), "rad")}
+    )
+    assert (
+        sentence(deadband, Wording()) == "the elevator sticks within +-0.41 deg of zero (break-out)"
+    )
     assert parameter_text(deadband, Wording()) == "half_width 0.41 +- 0.02 deg"
     on_stick = Claim("input-deadband", {"half_width": Quantity(0.15, 0.01, "1")})
-    assert sentence(on_stick, Wording("stick", "in")) == "the stick does nothing within +-0.15 in of zero (break-out)"
+    assert (
+        sentence(on_stick, Wording("stick", "in"))
+        == "the stick does nothing within +-0.15 in of zero (break-out)"
+    )
     assert parameter_text(on_stick, Wording("stick", "in")) == "half_width 0.150 +- 0.010 in"
-    rate = Claim("actuator-rate-limit", {"rate": Quantity(math.radians(30.0), math.radians(0.4), "rad/s")})
+    rate = Claim(
+        "actuator-rate-limit", {"rate": Quantity(math.radians(30.0), math.radians(0.4), "rad/s")}
+    )
     assert sentence(rate, Wording()) == "the actuator moves no faster than 30.0 deg/s"
-    mode = {"frequency": Quantity(18.2, 0.1, "rad/s"), "damping": Quantity(0.03, 0.004, "1"), "lift": Quantity(0.1, 0.1, "1/rad")}
-    assert sentence(Claim("elastic-mode#2", mode), Wording()) == "the structure bends: a mode of 18.2 rad/s (2.90 Hz), damping 0.030"
+    mode = {
+        "frequency": Quantity(18.2, 0.1, "rad/s"),
+        "damping": Quantity(0.03, 0.004, "1"),
+        "lift": Quantity(0.1, 0.1, "1/rad"),
+    }
+    assert (
+        sentence(Claim("elastic-mode#2", mode), Wording())
+        == "the structure bends: a mode of 18.2 rad/s (2.90 Hz), damping 0.030"
+    )
 
 
 def test_parameters_that_are_not_determined_are_told_together() -> None:
@@ -60,34 +88,60 @@ def test_parameters_that_are_not_determined_are_told_together() -> None:
         return parameter_text(Claim("lift-nonlinearity", curve, (), False, ()), Wording())
 
     assert told(0) == "trim 0.20 +- 0.10, slope 3.00 +- 0.10"
-    assert told(2) == "trim 0.20 +- 0.10, slope 3.00 +- 0.10, shape1 not determined by these data, shape2 not determined by these data"
-    assert told(9) == "trim 0.20 +- 0.10, slope 3.00 +- 0.10, shape1 and 8 more not determined by these data"
+    assert told(2) == (
+        "trim 0.20 +- 0.10, slope 3.00 +- 0.10, shape1 not determined by these data, shape2 "
+        "not determined by these data"
+    )
+    assert (
+        told(9)
+        == "trim 0.20 +- 0.10, slope 3.00 +- 0.10, shape1 and 8 more not determined by these data"
+    )
 
 
-@pytest.mark.parametrize(("scale", "words"), [(1.062, "6.2 % too large"), (0.94, "6.0 % too small")])
+@pytest.mark.parametrize(
+    ("scale", "words"), [(1.062, "6.2 % too large"), (0.94, "6.0 % too small")]
+)
 def test_scale_is_told_in_per_cent(scale: float, words: str) -> None:
-    assert sentence(Claim("sensor-scale:nz", {"scale": Quantity(scale, 0.002, "1")}), Wording()) == f"the load factor is read {words}"
+    assert (
+        sentence(Claim("sensor-scale:nz", {"scale": Quantity(scale, 0.002, "1")}), Wording())
+        == f"the load factor is read {words}"
+    )
 
 
 def test_effect_of_a_user_is_told_by_its_own_sentence_or_its_numbers() -> None:
     claim = Claim("vane-upwash", {"curvature": Quantity(2.0, 0.1, "1/rad")})
     assert sentence(claim, Wording()) == "vane-upwash acts: curvature 2.00 +- 0.10 1/rad"
-    assert sentence(claim, Wording(candidates={"vane-upwash": Traits(("bent by {curvature}",))})) == "bent by 2.0 1/rad"
+    assert (
+        sentence(claim, Wording(candidates={"vane-upwash": Traits(("bent by {curvature}",))}))
+        == "bent by 2.0 1/rad"
+    )
     for template in ("{missing}", "{", "{0}", "{curvature.x}"):
-        assert sentence(claim, Wording(candidates={"vane-upwash": Traits((template,))})).startswith("vane-upwash acts")
+        assert sentence(claim, Wording(candidates={"vane-upwash": Traits((template,))})).startswith(
+            "vane-upwash acts"
+        )
 
 
 def test_of_several_inputs_the_one_that_the_effect_acts_on_is_named() -> None:
-    known = {"input-delay:rudder": Traits(("what the {control} does reaches the aircraft {delay} late",))}
+    known = {
+        "input-delay:rudder": Traits(("what the {control} does reaches the aircraft {delay} late",))
+    }
     wording = Wording("aileron", candidates=known, controls=("aileron", "rudder"))
     assert (
         sentence(Claim("input-delay:rudder", {"delay": Quantity(0.12, 0.002, "s")}), wording)
         == "what the rudder does reaches the aircraft 0.120 s late"
     )
-    assert wording.control_of("input-delay:rudder#2") == "rudder" and wording.traits("input-delay:rudder#2") is known["input-delay:rudder"]
-    assert wording.control_of("control-nonlinearity") == wording.control_of("sensor-lag:p") == "aileron"
+    assert (
+        wording.control_of("input-delay:rudder#2") == "rudder"
+        and wording.traits("input-delay:rudder#2") is known["input-delay:rudder"]
+    )
+    assert (
+        wording.control_of("control-nonlinearity")
+        == wording.control_of("sensor-lag:p")
+        == "aileron"
+    )
     assert sentence(
-        Claim("sensor-scale:beta", {"scale": Quantity(1.062, 0.002, "1")}), replace(wording, candidates={"sensor-scale:beta": SCALE})
+        Claim("sensor-scale:beta", {"scale": Quantity(1.062, 0.002, "1")}),
+        replace(wording, candidates={"sensor-scale:beta": SCALE}),
     ) == ("the angle of sideslip is read 6.2 % too large")
 
 
@@ -97,19 +151,35 @@ SCALE = Traits(("the {channel} is read {scale_percent} {scale_direction}",))
 def test_what_the_data_do_not_determine_is_said_in_words() -> None:
     claim = Claim("actuator-saturation", {"limit": Quantity(0.0306, 290.0, "rad")})
     assert parameter_text(claim, Wording()) == "limit not determined by these data"
-    assert parameter_text(replace(claim, parameters={"limit": Quantity(0.0002, 290.0, "rad")}), Wording()) == "limit not determined by these data"
+    assert (
+        parameter_text(
+            replace(claim, parameters={"limit": Quantity(0.0002, 290.0, "rad")}), Wording()
+        )
+        == "limit not determined by these data"
+    )
     assert value_text(-0.0002, 0.0007) == "-0.0002 +- 0.0007", "zero within its sigma is knowledge"
 
 
 def test_spikes_are_counted_in_whole_numbers() -> None:
-    claim = Claim("sensor-spikes:nz", {"count": Quantity(3.0, 0.5, "1"), "size": Quantity(0.052, 0.004, "g")})
-    assert sentence(claim, Wording()) == "the reading of the load factor has 3 spikes of about 0.052 g"
+    claim = Claim(
+        "sensor-spikes:nz", {"count": Quantity(3.0, 0.5, "1"), "size": Quantity(0.052, 0.004, "g")}
+    )
+    assert (
+        sentence(claim, Wording()) == "the reading of the load factor has 3 spikes of about 0.052 g"
+    )
     assert parameter_text(claim, Wording()) == "count 3, size 0.052 +- 0.004 g"
 
 
 def test_a_group_does_not_repeat_the_name_of_its_first_member() -> None:
-    claim = Claim("input-deadband", {"half_width": Quantity(math.radians(0.41), math.radians(0.02), "rad")}, ("control-nonlinearity",))
-    told = "the elevator sticks within +-0.41 deg of zero (break-out or curved control: these records cannot tell)"
+    claim = Claim(
+        "input-deadband",
+        {"half_width": Quantity(math.radians(0.41), math.radians(0.02), "rad")},
+        ("control-nonlinearity",),
+    )
+    told = (
+        "the elevator sticks within +-0.41 deg of zero (break-out or curved control: these records "
+        "cannot tell)"
+    )
     assert group_sentence(claim, Wording()) == told
 
 
@@ -133,10 +203,15 @@ def test_headline_names_effect_error_and_derivative() -> None:
     after = replace(d.error_after, rmse={"alpha": 0.0012, "q": 0.0015, "nz": 0.012})
     before = {**d.after, "Cm_q": Quantity(-24.1, 0.9, "1/rad")}
     moved = {**d.after, "Cm_q": Quantity(-17.2, 0.4, "1/rad")}
-    told = replace(tracing, diagnosis=replace(d, error_before=figures, error_after=after, before=before, after=moved))
+    told = replace(
+        tracing,
+        diagnosis=replace(d, error_before=figures, error_after=after, before=before, after=moved),
+    )
     assert headline(told) == (
-        "the elevator sticks within +-0.400 deg of zero (break-out); with that, pitch-rate error 0.35 -> 0.0859 deg/s "
-        "on the held-out record validate.csv, noise floor 0.0859; Cm_q was -24.1 +- 0.9, is -17.2 +- 0.4"
+        "the elevator sticks within +-0.400 deg of zero (break-out); with that, pitch-rate error "
+        "0.35 -> 0.0859 deg/s "
+        "on the held-out record validate.csv, noise floor 0.0859; Cm_q was -24.1 +- 0.9, is -17.2 "
+        "+- 0.4"
     )
 
 
@@ -156,19 +231,35 @@ def test_terminal_text_is_plain_and_complete(verdict: Verdict) -> None:
 
 def test_only_moves_beyond_two_sigmas_are_marked() -> None:
     before = {name: Quantity(1.0, 0.06, "1") for name in ("a", "b", "c")}
-    after = {"a": Quantity(1.19, 0.08, "1"), "b": Quantity(1.21, 0.08, "1"), "c": Quantity(0.79, 0.08, "1")}
-    assert [row[-1].strip() for row in derivative_rows(before, after)] == ["+1.9 sigma", "+2.1 sigma *", "-2.1 sigma *"]
+    after = {
+        "a": Quantity(1.19, 0.08, "1"),
+        "b": Quantity(1.21, 0.08, "1"),
+        "c": Quantity(0.79, 0.08, "1"),
+    }
+    assert [row[-1].strip() for row in derivative_rows(before, after)] == [
+        "+1.9 sigma",
+        "+2.1 sigma *",
+        "-2.1 sigma *",
+    ]
 
 
 def test_each_round_shows_a_name_once_and_the_best_first() -> None:
     tracing = tracing_of(Verdict.TRACED)
     weaker = replace(tracing.diagnosis.candidates[0], gain=5.0)
-    rows = candidate_rows(replace(tracing.diagnosis, candidates=(weaker, *tracing.diagnosis.candidates)), 3)
-    assert [(row[1], row[2]) for row in rows] == [("input-deadband", "420.0"), ("sensor-scale:alpha", "3.1"), ("vane-offset", "1.4")]
+    rows = candidate_rows(
+        replace(tracing.diagnosis, candidates=(weaker, *tracing.diagnosis.candidates)), 3
+    )
+    assert [(row[1], row[2]) for row in rows] == [
+        ("input-deadband", "420.0"),
+        ("sensor-scale:alpha", "3.1"),
+        ("vane-offset", "1.4"),
+    ]
 
 
 def test_alternatives_come_with_the_maneuver_that_splits_them() -> None:
-    assert [line.partition(":")[0] for line in verdict_advice(tracing_of(Verdict.AMBIGUOUS))] == ["input-delay or actuator-lag"]
+    assert [line.partition(":")[0] for line in verdict_advice(tracing_of(Verdict.AMBIGUOUS))] == [
+        "input-delay or actuator-lag"
+    ]
     text = "\n".join(verdict_advice(tracing_of(Verdict.PARTIAL)))
     assert "airspeed" in text and "sweep" in text
     assert verdict_advice(tracing_of(Verdict.CONSISTENT)) == []
@@ -177,7 +268,9 @@ def test_alternatives_come_with_the_maneuver_that_splits_them() -> None:
 @pytest.mark.parametrize("effect", TRACEABLE, ids=lambda effect: effect.name)
 def test_every_declared_alias_has_advice_that_is_the_same_both_ways(effect) -> None:
     for alias in effect.aliases:
-        assert separating_maneuver(effect.name, alias) == separating_maneuver(alias, effect.name) != ""
+        assert (
+            separating_maneuver(effect.name, alias) == separating_maneuver(alias, effect.name) != ""
+        )
 
 
 def test_stick_wording_comes_from_the_record() -> None:
@@ -198,4 +291,7 @@ def test_what_took_no_part_in_choosing_is_called_held_out(part: float | None, wh
     assert f"simulation error (rms) on {where}" in " ".join(diagnosis_text(tracing).split())
     assert record_labels(tracing) == ["train.csv"]
     fitted = replace(tracing, diagnosis=replace(tracing.diagnosis, held_out=False))
-    assert where_predicted(fitted) == "the fitted record" and kind_of_predicted(fitted.diagnosis) == "fitted"
+    assert (
+        where_predicted(fitted) == "the fitted record"
+        and kind_of_predicted(fitted.diagnosis) == "fitted"
+    )

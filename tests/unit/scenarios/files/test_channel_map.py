@@ -13,7 +13,11 @@ from sim.errors import DeclarationError
 def test_both_spellings(tmp_path: Path) -> None:
     path = tmp_path / "map.toml"
     path.write_text('alpha = {column = "AoA1", unit = "deg"}\nq = "gyro"\ntime = {column = "T"}\n')
-    assert read_channel_map(path) == {"alpha": ColumnChoice("AoA1", "deg"), "q": ColumnChoice("gyro"), "time": ColumnChoice("T")}
+    assert read_channel_map(path) == {
+        "alpha": ColumnChoice("AoA1", "deg"),
+        "q": ColumnChoice("gyro"),
+        "time": ColumnChoice("T"),
+    }
 
 
 @pytest.mark.parametrize(
@@ -27,7 +31,10 @@ def test_both_spellings(tmp_path: Path) -> None:
         ("alpha = true", ("key alpha", "True names no column", "{column =")),
         ("alpha = {column = 0}", ("key alpha.column", "value 0")),
         ('alpha = {column = "a", sum = ["b"]}', ("key alpha", "neither column nor sum, or both")),
-        ('alpha = {column = "a", table = [[1.0, 0.0], [2.0, 3.0]]}', ("key alpha", "no calibration", "increasing")),
+        (
+            'alpha = {column = "a", table = [[1.0, 0.0], [2.0, 3.0]]}',
+            ("key alpha", "no calibration", "increasing"),
+        ),
         ('alpha = {column = "a", sign = 2}', ("key alpha.sign", "value 2")),
         ('alpha = {column = "a", scale = inf}', ("key alpha.scale", "not a finite number")),
         ('alpha = ""', ("key alpha.column", "value ''")),

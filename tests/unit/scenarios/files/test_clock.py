@@ -21,24 +21,36 @@ from scenarios.files.measured.clock import (
 from sim.errors import RecordError
 
 
-@given(st.floats(5.0, 900.0), st.sampled_from([("ms", 1e3), ("us", 1e6), ("ns", 1e9)]), st.integers(0, 10**9))
-def test_an_unlabelled_counter_of_a_recorder_is_read_in_its_unit(rate: float, unit: tuple[str, float], start: int) -> None:
+@given(
+    st.floats(5.0, 900.0),
+    st.sampled_from([("ms", 1e3), ("us", 1e6), ("ns", 1e9)]),
+    st.integers(0, 10**9),
+)
+def test_an_unlabelled_counter_of_a_recorder_is_read_in_its_unit(
+    rate: float, unit: tuple[str, float], start: int
+) -> None:
     time = np.arange(60) / rate
     stamps = np.round(time * unit[1]) + start
     clock = seconds_of_counter(stamps, None)
     if unit[0] == "ms" and np.median(np.diff(stamps)) < 11:
         return  # steps of a few units may be seconds as well
     found = np.median(np.diff(clock.time))
-    nearest = min(abs(np.log(np.median(np.diff(stamps)) * size * 50.0)) for size in (1.0, 1e-3, 1e-6, 1e-9))
+    nearest = min(
+        abs(np.log(np.median(np.diff(stamps)) * size * 50.0)) for size in (1.0, 1e-3, 1e-6, 1e-9)
+    )
     assert abs(np.log(found * 50.0)) == pytest.approx(nearest, abs=1e-9)
     if 2.0 < rate < 1000.0:
         rounding = 2.0 * float(np.spacing(np.abs(clock.time).max()))  # of the two times of a step
-        np.testing.assert_allclose(np.diff(clock.time), np.diff(stamps) / unit[1], rtol=1e-9, atol=rounding)
+        np.testing.assert_allclose(
+            np.diff(clock.time), np.diff(stamps) / unit[1], rtol=1e-9, atol=rounding
+        )
 
 
 @pytest.mark.parametrize("bits", [16, 32])
 def test_a_counter_that_begins_anew_goes_on(bits: int) -> None:
-    count = np.arange(300) * 2000 + 2**bits - 200 * 2000 if bits == 32 else np.arange(300) * 400 + 1000
+    count = (
+        np.arange(300) * 2000 + 2**bits - 200 * 2000 if bits == 32 else np.arange(300) * 400 + 1000
+    )
     clock = seconds_of_counter(np.mod(count, 2**bits).astype(float), "us")
     np.testing.assert_allclose(np.diff(clock.time), np.diff(count) * 1e-6, rtol=1e-9)
     assert "begins anew" in " ".join(clock.notes)
@@ -70,13 +82,18 @@ def test_serial_days_of_a_calendar_are_days(first: float) -> None:
 
 
 def test_a_rate_that_is_impossible_in_seconds_is_refused_with_a_remedy() -> None:
-    with pytest.raises(RecordError, match=r"8\.64e\+06 samples a second, and no unit is stated.*unit = .h."):
+    with pytest.raises(
+        RecordError, match=r"8\.64e\+06 samples a second, and no unit is stated.*unit = .h."
+    ):
         seconds_of_counter(0.5 + np.arange(60) / 100.0 / 86400.0, None)
 
 
 @pytest.mark.parametrize(
     ("stamps", "note"),
-    [(5.0 * np.arange(60), "0.2 samples a second; if it is in ms"), (np.arange(60) / 6000.0, "if it is in min")],
+    [
+        (5.0 * np.arange(60), "0.2 samples a second; if it is in ms"),
+        (np.arange(60) / 6000.0, "if it is in min"),
+    ],
 )
 def test_a_doubtful_rate_is_said(stamps: np.ndarray, note: str) -> None:
     clock = seconds_of_counter(stamps, None)
@@ -99,7 +116,9 @@ def test_stamps_of_a_calendar_count_from_the_first() -> None:
 
 
 @given(st.floats(0.01, 0.5), st.integers(2, 4), st.integers(200, 900), st.floats(0.0, 3.0))
-def test_a_grid_that_was_printed_with_few_digits_is_recovered(step: float, digits: int, count: int, begin: float) -> None:
+def test_a_grid_that_was_printed_with_few_digits_is_recovered(
+    step: float, digits: int, count: int, begin: float
+) -> None:
     true = begin + step * np.arange(count)
     printed = np.array([float(f"{value:.{digits - 1}e}") for value in true])
     found = grid_of_coarse_stamps(printed)
@@ -140,7 +159,10 @@ def test_stamps_that_jitter_are_no_rounded_grid() -> None:
     [
         (["23:59:59.500", "00:00:00.000", "00:00:00.500"], [0.0, 0.5, 1.0]),
         (["059:23:59:59.75", "060:00:00:00.25"], [0.0, 0.5]),
-        (["2025-03-01 12:00:00.000+00:00", "", "2025-03-01 12:00:00.040+00:00"], [0.0, np.nan, 0.04]),
+        (
+            ["2025-03-01 12:00:00.000+00:00", "", "2025-03-01 12:00:00.040+00:00"],
+            [0.0, np.nan, 0.04],
+        ),
         (["2025-03-30T01:59:59+01:00", "2025-03-30T03:00:00+02:00"], [0.0, 1.0]),
         (["01.03.2025 12:00:00", "01.03.2025 12:00:01"], [0.0, 1.0]),
         (["28.02.2025 23:59:59", "01.03.2025 00:00:01"], [0.0, 2.0]),
@@ -181,7 +203,9 @@ def test_texts_that_are_no_times(texts: list[str]) -> None:
 
 def test_dates_of_numpy() -> None:
     first = datetime.datetime(2026, 1, 1)
-    dates = np.array([first, first + datetime.timedelta(milliseconds=20), "NaT"], dtype="datetime64[ns]")
+    dates = np.array(
+        [first, first + datetime.timedelta(milliseconds=20), "NaT"], dtype="datetime64[ns]"
+    )
     np.testing.assert_allclose(times_of_dates(dates).time, [0.0, 0.02, np.nan], atol=1e-12)
     np.testing.assert_allclose(times_of_dates(dates[:2] - dates[0]).time, [0.0, 0.02], atol=1e-12)
 
@@ -202,7 +226,15 @@ def test_rows_in_disorder() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "is_one"), [("Time", True), ("TimeUS", True), ("time [s]", True), ("t (ms)", True), ("timer", False), ("theta", False)]
+    ("name", "is_one"),
+    [
+        ("Time", True),
+        ("TimeUS", True),
+        ("time [s]", True),
+        ("t (ms)", True),
+        ("timer", False),
+        ("theta", False),
+    ],
 )
 def test_names_of_clocks(name: str, is_one: bool) -> None:
     assert is_clock(name) is is_one

@@ -1,4 +1,6 @@
-"""Two hundred damaged files of every format, from fixed seeds: each is read with finite numbers or refused in one line."""
+"""Two hundred damaged files of every format, from fixed seeds: each is read with finite numbers or
+refused in one line.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +16,48 @@ from tests.recorders.forms import FORMS, record
 
 COUNT = 200
 BINARY = (
-    *("parquet", "feather", "excel", "ods", "hdf5", "mat vectors", "mat nested", "mat matrix", "mat 7.3"),
-    *("mdf", "tdms", "ulog", "dataflash", "mat struct a signal", "mat cells of vectors", "simulink"),
+    *(
+        "parquet",
+        "feather",
+        "excel",
+        "ods",
+        "hdf5",
+        "mat vectors",
+        "mat nested",
+        "mat matrix",
+        "mat 7.3",
+    ),
+    *(
+        "mdf",
+        "tdms",
+        "ulog",
+        "dataflash",
+        "mat struct a signal",
+        "mat cells of vectors",
+        "simulink",
+    ),
     *("hdf5 group a signal", "npz", "npy", "zip", "gzip"),
 )
 TEXT = (
-    *("dataflash text", "blanks", "bar", "no header", "utf-16", "preamble", "iso", "hh:mm:ss", "irig"),
-    *("microseconds", "row of units", "row of groups", "header in a comment", "sums below", "month first"),
+    *(
+        "dataflash text",
+        "blanks",
+        "bar",
+        "no header",
+        "utf-16",
+        "preamble",
+        "iso",
+        "hh:mm:ss",
+        "irig",
+    ),
+    *(
+        "microseconds",
+        "row of units",
+        "row of groups",
+        "header in a comment",
+        "sums below",
+        "month first",
+    ),
 )
 KINDS = ("cut", "flip", "zero", "doubled", "random tail", "other suffix", "head only", "exchanged")
 
@@ -51,7 +88,9 @@ def damaged(raw: bytes, kind: str, rng: np.random.Generator) -> bytes:
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("part", range(4))
-def test_damaged_files_are_read_or_refused_in_one_line(tmp_path: Path, part: int, capfd: pytest.CaptureFixture[str]) -> None:
+def test_damaged_files_are_read_or_refused_in_one_line(
+    tmp_path: Path, part: int, capfd: pytest.CaptureFixture[str]
+) -> None:
     for name in ("h5py", "asammdf", "nptdms", "pyulog", "pymavlink", "python_calamine", "odf"):
         pytest.importorskip(name)
     columns = record(80)
@@ -64,7 +103,11 @@ def test_damaged_files_are_read_or_refused_in_one_line(tmp_path: Path, part: int
         rng = np.random.default_rng(seed)
         name = (*BINARY, *TEXT)[seed % (len(BINARY) + len(TEXT))]
         kind = KINDS[int(rng.integers(len(KINDS)))]
-        suffix = str(rng.choice([".csv", ".mat", ".bin", ".log", ".h5", ".xlsx"])) if kind == "other suffix" else whole[name].suffix
+        suffix = (
+            str(rng.choice([".csv", ".mat", ".bin", ".log", ".h5", ".xlsx"]))
+            if kind == "other suffix"
+            else whole[name].suffix
+        )
         path = tmp_path / f"case{seed}{suffix}"
         path.write_bytes(damaged(whole[name].read_bytes(), kind, rng))
         form = FORMS[name]
@@ -72,7 +115,12 @@ def test_damaged_files_are_read_or_refused_in_one_line(tmp_path: Path, part: int
             file = with_names(read_record_file(path), form.names)
             found = read_record(file, ["elevator"], ["alpha", "q"], form.choices, rate=form.rate)
         except FlightidError as error:
-            assert "\n" not in str(error) and len(error.remedy) > 5 and str(error).isprintable(), (seed, name, kind, str(error))
+            assert "\n" not in str(error) and len(error.remedy) > 5 and str(error).isprintable(), (
+                seed,
+                name,
+                kind,
+                str(error),
+            )
             continue
         except BaseException as error:
             raise AssertionError(f"seed {seed}, {name}, {kind}: {error!r}") from error
@@ -83,9 +131,15 @@ def test_damaged_files_are_read_or_refused_in_one_line(tmp_path: Path, part: int
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("name", ["mat vectors", "mat struct a signal", "mat struct a sample", "mat cells of vectors"])
-def test_a_mat_file_with_a_wrong_type_or_flag_does_not_end_the_program(tmp_path: Path, name: str) -> None:
-    """SciPy reads beyond its own tables where the type of an element is none, or an imaginary part is missing."""
+@pytest.mark.parametrize(
+    "name", ["mat vectors", "mat struct a signal", "mat struct a sample", "mat cells of vectors"]
+)
+def test_a_mat_file_with_a_wrong_type_or_flag_does_not_end_the_program(
+    tmp_path: Path, name: str
+) -> None:
+    """SciPy reads beyond its own tables where the type of an element is none, or an imaginary part
+    is missing.
+    """
     path = FORMS[name].write(tmp_path, record(220))
     whole, rng = path.read_bytes(), np.random.default_rng(4)
     refused = 0
@@ -115,5 +169,8 @@ def test_arrays_of_every_class_in_a_mat_file_are_of_known_types(tmp_path: Path) 
         "wave": np.exp(1j * np.arange(5.0)),
         "few": np.array([1, 2], dtype=np.int8),
     }
-    savemat(tmp_path / "run.mat", {**record(30), **others, "cells": cells, "sparse": eye(4), "words": np.array(["ab", "cd"])})
+    savemat(
+        tmp_path / "run.mat",
+        {**record(30), **others, "cells": cells, "sparse": eye(4), "words": np.array(["ab", "cd"])},
+    )
     assert {"time", "alpha"} <= set(read_record_file(tmp_path / "run.mat").table.header)

@@ -40,7 +40,8 @@ def test_an_older_run_is_replaced_and_other_files_are_left_alone(tmp_path: Path)
     (target / "notes.md").write_text("mine")
     (target / "z.png").write_text("mine")
     study(target, "w.png", mark=3)
-    assert names(target) == [MAIN, "diagnosis.json", "notes.md", "p.csv", "w.png", "y.png", "z.png"]  # y.png is the diagnosis's too
+    # y.png is the diagnosis's too
+    assert names(target) == [MAIN, "diagnosis.json", "notes.md", "p.csv", "w.png", "y.png", "z.png"]
     assert json.loads((target / MAIN).read_text())["mark"] == 3
     assert (target / "y.png").read_text() == "2"
     assert names(tmp_path) == ["out"]
@@ -49,7 +50,13 @@ def test_an_older_run_is_replaced_and_other_files_are_left_alone(tmp_path: Path)
 def test_a_manifest_names_nothing_outside(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     (tmp_path / "out").mkdir()
-    write_json(tmp_path / "out" / MAIN, {"schema": "flightid/comparison/1", "files": ["../mine.txt", str(tmp_path / "mine.txt"), "..", ""]})
+    write_json(
+        tmp_path / "out" / MAIN,
+        {
+            "schema": "flightid/comparison/1",
+            "files": ["../mine.txt", str(tmp_path / "mine.txt"), "..", ""],
+        },
+    )
     study(tmp_path / "out")
     assert names(tmp_path) == ["mine.txt", "out"]
 
@@ -105,11 +112,17 @@ def test_a_folder_on_another_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 def test_folders_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     (tmp_path / "out" / "x.png").mkdir(parents=True)
-    for path, part in ((tmp_path / "file", "not a folder"), (tmp_path / "file" / "sub", "cannot be written"), (tmp_path / "out", "a folder stands")):
+    for path, part in (
+        (tmp_path / "file", "not a folder"),
+        (tmp_path / "file" / "sub", "cannot be written"),
+        (tmp_path / "out", "a folder stands"),
+    ):
         with pytest.raises(FlightidError) as caught:
             study(path, "x.png")
         message = str(caught.value)
-        assert "\n" not in message and str(path) in message and part in message and caught.value.remedy
+        assert (
+            "\n" not in message and str(path) in message and part in message and caught.value.remedy
+        )
     assert names(tmp_path) == ["file", "out"] and names(tmp_path / "out") == ["x.png"]
 
 
@@ -119,7 +132,9 @@ def test_a_study_without_its_main_file_is_a_mistake_of_ours(tmp_path: Path) -> N
     assert names(tmp_path) == []
 
 
-@pytest.mark.parametrize("wrong", [["input-delay:rudder.png"], ["over_mach.png", "over_Mach.png"], ["aux.csv"]])
+@pytest.mark.parametrize(
+    "wrong", [["input-delay:rudder.png"], ["over_mach.png", "over_Mach.png"], ["aux.csv"]]
+)
 def test_files_that_another_system_has_not_are_no_study(wrong: list[str], tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"name of the file|upper and lower case"):
         study(tmp_path / "out", *wrong)

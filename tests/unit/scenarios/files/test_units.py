@@ -91,7 +91,9 @@ def test_our_own_unit_changes_no_bit(target: str) -> None:
 
 
 def test_an_array_keeps_its_missing_samples() -> None:
-    np.testing.assert_allclose(to_si(np.array([180.0, np.nan]), "deg", "rad", "here"), [math.pi, np.nan], rtol=1e-15)
+    np.testing.assert_allclose(
+        to_si(np.array([180.0, np.nan]), "deg", "rad", "here"), [math.pi, np.nan], rtol=1e-15
+    )
 
 
 @pytest.mark.parametrize(("unit", "target"), WRONG)
@@ -100,7 +102,11 @@ def test_a_unit_of_the_wrong_dimension_is_refused(unit: str, target: str) -> Non
         to_si(1.0, unit, target, "run.csv, column 'x'")
     message = str(caught.value)
     assert "\n" not in message
-    assert message.startswith("run.csv, column 'x': ") and repr(unit) in message and QUANTITIES[target][0] in message
+    assert (
+        message.startswith("run.csv, column 'x': ")
+        and repr(unit) in message
+        and QUANTITIES[target][0] in message
+    )
     assert caught.value.remedy == f"write {QUANTITIES[target][1]}"
 
 
@@ -108,7 +114,11 @@ def test_a_unit_of_the_wrong_dimension_is_refused(unit: str, target: str) -> Non
 def test_an_unknown_unit_is_refused(unit: str) -> None:
     with pytest.raises(DeclarationError, match="unknown unit") as caught:
         to_si(1.0, unit, "m", "plane.toml, key chord", DeclarationError)
-    assert "\n" not in str(caught.value) and "plane.toml, key chord" in str(caught.value) and caught.value.remedy
+    assert (
+        "\n" not in str(caught.value)
+        and "plane.toml, key chord" in str(caught.value)
+        and caught.value.remedy
+    )
 
 
 def test_si_units_and_degrees_need_no_unit_library(tmp_path: Path) -> None:
@@ -125,9 +135,13 @@ print([name for name in ("pint", "pandas", "scipy") if name in sys.modules])
 open("r.csv", "w").write("time,alpha_mrad\\n0,0\\n1,0\\n")
 read_record("r.csv", [], ["alpha"])
 print("pint" in sys.modules)
-"""
+"""  # noqa: E501
     root = str(Path(__file__).parents[4])
     done = subprocess.run(
-        [sys.executable, "-c", f"import sys; sys.path.insert(0, {root!r})\n{script}"], cwd=tmp_path, capture_output=True, text=True, check=True
+        [sys.executable, "-c", f"import sys; sys.path.insert(0, {root!r})\n{script}"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert done.stdout.split("\n")[:2] == ["[]", "True"]

@@ -14,7 +14,13 @@ from hypothesis import strategies as st
 
 from scenarios.files.records import read_record
 from scenarios.files.writing import file_stems, json_text, unportable, write_json, write_record
-from scenarios.studies.catalogue import IDENTIFICATION, load_document, load_scenario, scenario_kind, scenario_names
+from scenarios.studies.catalogue import (
+    IDENTIFICATION,
+    load_document,
+    load_scenario,
+    scenario_kind,
+    scenario_names,
+)
 from scenarios.studies.reading import scenario_of
 from sim.errors import DeclarationError, FlightidError
 from sim.record import Channel, Hold, Record
@@ -26,13 +32,21 @@ FINITE = st.floats(allow_nan=False, allow_infinity=False)
 def records(draw: st.DrawFn) -> Record:
     count = draw(st.integers(2, 12))
     time = np.sort(np.array(draw(st.lists(FINITE, min_size=count, max_size=count, unique=True))))
-    stick = Channel.of("stick", draw(st.sampled_from(["in", "1", "deg"])), np.array(draw(st.lists(FINITE, min_size=count, max_size=count))))
+    stick = Channel.of(
+        "stick",
+        draw(st.sampled_from(["in", "1", "deg"])),
+        np.array(draw(st.lists(FINITE, min_size=count, max_size=count))),
+    )
     outputs = []
     for name, unit in (("alpha", "rad"), ("q", "rad/s"), ("nz", "g"), ("az", "m/s2")):
-        values = np.array(draw(st.lists(st.one_of(FINITE, st.just(np.nan)), min_size=count, max_size=count)))
+        values = np.array(
+            draw(st.lists(st.one_of(FINITE, st.just(np.nan)), min_size=count, max_size=count))
+        )
         values[draw(st.integers(0, count - 1))] = draw(FINITE)
         outputs.append(Channel.of(name, unit, values))
-    return Record(time, (stick,), tuple(outputs), draw(st.sampled_from(Hold)), draw(st.text(min_size=1)))
+    return Record(
+        time, (stick,), tuple(outputs), draw(st.sampled_from(Hold)), draw(st.text(min_size=1))
+    )
 
 
 @settings(deadline=None, max_examples=60)
@@ -44,18 +58,30 @@ def test_a_written_record_reads_back_bit_for_bit(record: Record) -> None:
         assert sorted(path.name for path in Path(folder).iterdir()) == ["flight.csv", "flight.json"]
     assert again.time.tobytes() == record.time.tobytes()
     assert (again.hold, again.name) == (record.hold, record.name)
-    assert [(channel.name, channel.unit) for channel in again.channels] == [(channel.name, channel.unit) for channel in record.channels]
+    assert [(channel.name, channel.unit) for channel in again.channels] == [
+        (channel.name, channel.unit) for channel in record.channels
+    ]
     for ours, theirs in zip(record.channels, again.channels, strict=True):
-        assert ours.values.tobytes() == theirs.values.tobytes() and ours.valid.tobytes() == theirs.valid.tobytes()
+        assert (
+            ours.values.tobytes() == theirs.values.tobytes()
+            and ours.valid.tobytes() == theirs.valid.tobytes()
+        )
 
 
 def test_the_table_is_plain(tmp_path: Path) -> None:
     record = Record(
-        np.array([0.0, 0.1]), (Channel.of("elevator", "rad", np.array([0.0, 1e-7])),), (Channel.of("q", "rad/s", np.array([np.nan, 0.1 + 0.2])),)
+        np.array([0.0, 0.1]),
+        (Channel.of("elevator", "rad", np.array([0.0, 1e-7])),),
+        (Channel.of("q", "rad/s", np.array([np.nan, 0.1 + 0.2])),),
     )
     table, sidecar = write_record(tmp_path, record)
     assert table.read_bytes() == b"time,elevator,q\n0.0,0.0,\n0.1,1e-07,0.30000000000000004\n"
-    expected = {"schema": "flightid/record/1", "name": "record", "hold": "previous", "units": {"time": "s", "elevator": "rad", "q": "rad/s"}}
+    expected = {
+        "schema": "flightid/record/1",
+        "name": "record",
+        "hold": "previous",
+        "units": {"time": "s", "elevator": "rad", "q": "rad/s"},
+    }
     assert json.loads(sidecar.read_text()) == expected
 
 
@@ -93,11 +119,17 @@ def test_json_takes_numpy_and_is_laid_out_the_same_way(tmp_path: Path) -> None:
         ({"a": 1j}, "key a:"),
     ],
 )
-def test_what_json_cannot_say_is_refused(tmp_path: Path, content: dict[str, Any], place: str) -> None:
+def test_what_json_cannot_say_is_refused(
+    tmp_path: Path, content: dict[str, Any], place: str
+) -> None:
     path = tmp_path / "x.json"
     with pytest.raises(FlightidError) as caught:
         write_json(path, content)
-    assert "\n" not in str(caught.value) and f"{path}, {place}" in str(caught.value) and caught.value.remedy
+    assert (
+        "\n" not in str(caught.value)
+        and f"{path}, {place}" in str(caught.value)
+        and caught.value.remedy
+    )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -121,19 +153,39 @@ def test_names_that_windows_has_not_are_known(name: str, why: str) -> None:
     assert why in unportable(name)
 
 
-@pytest.mark.parametrize("name", ["record.csv", ".report.json.part", "rows-000000.parquet", "Übung 7.png", "console.csv", "com10", "a.b"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "record.csv",
+        ".report.json.part",
+        "rows-000000.parquet",
+        "Übung 7.png",
+        "console.csv",
+        "com10",
+        "a.b",
+    ],
+)
 def test_names_that_every_system_has(name: str) -> None:
     assert unportable(name) == ""
 
 
 def test_stems_of_files_differ_by_more_than_case() -> None:
     assert file_stems(["mach", "Mach", "MACH", "fuel left", "fuel:left", "mach", "mach_2"]) == {
-        **{"mach": "mach", "Mach": "Mach_2", "MACH": "MACH_3", "fuel left": "fuel_left", "fuel:left": "fuel_left_2", "mach_2": "mach_2_2"}
+        **{
+            "mach": "mach",
+            "Mach": "Mach_2",
+            "MACH": "MACH_3",
+            "fuel left": "fuel_left",
+            "fuel:left": "fuel_left_2",
+            "mach_2": "mach_2_2",
+        }
     }
 
 
 def test_every_scenario_names_its_methods_as_every_system_names_files() -> None:
-    scenarios = [load_scenario(name) for name in scenario_names() if scenario_kind(name) == IDENTIFICATION]
+    scenarios = [
+        load_scenario(name) for name in scenario_names() if scenario_kind(name) == IDENTIFICATION
+    ]
     named = [[method.name for method in scenario.estimations] for scenario in scenarios]
     assert len(named) > 5 and any(len(names) > 3 for names in named)
     for names in named:
@@ -141,9 +193,13 @@ def test_every_scenario_names_its_methods_as_every_system_names_files() -> None:
         assert len({name.lower() for name in names}) == len(names)
 
 
-@pytest.mark.parametrize(("taken", "said"), [("q:free", "':'"), ("a/b", "'/'"), ("MAIN", "is taken")])
+@pytest.mark.parametrize(
+    ("taken", "said"), [("q:free", "':'"), ("a/b", "'/'"), ("MAIN", "is taken")]
+)
 def test_a_method_whose_name_no_file_can_have_is_refused(taken: str, said: str) -> None:
     document, name, where = load_document("rigid", [])
-    changed = {key: value for key, value in document.items() if key != "kind"} | {"methods": [{"name": taken}]}
+    changed = {key: value for key, value in document.items() if key != "kind"} | {
+        "methods": [{"name": taken}]
+    }
     with pytest.raises(DeclarationError, match=said):
         scenario_of(changed, name, where)

@@ -1,4 +1,6 @@
-"""A law: each method estimates each model within four sigmas of the truth, or refuses it in one line that says what to use instead."""
+"""A law: each method estimates each model within four sigmas of the truth, or refuses it in one
+line that says what to use instead.
+"""
 
 from __future__ import annotations
 
@@ -11,22 +13,41 @@ from sim.errors import FlightidError
 from tests.every_model import MODELS, case_of
 
 REFUSED = {
-    ("flexible", "equation-error"): "state eta1 is neither measured nor the rate of a measured state; .* use output-error",
+    (
+        "flexible",
+        "equation-error",
+    ): "state eta1 is neither measured nor the rate of a measured state; .* use output-error",
     ("loes", "ukf"): "a pure delay has no unscented filter here; use ekf",
     ("loes", "equation-error"): "output alpha shows more than state alpha; .* use output-error",
-    ("ballistic", "frequency-domain"): "it has no input, to which a frequency response could be; use output-error",
-    ("multirotor", "frequency-domain"): "actuator-lag:roll_command, .* act on the input or sensor path; use output-error",
-    ("longitudinal", "frequency-domain"): "the rate of airspeed is no linear function of states and inputs: .*; use output-error",
+    (
+        "ballistic",
+        "frequency-domain",
+    ): "it has no input, to which a frequency response could be; use output-error",
+    (
+        "multirotor",
+        "frequency-domain",
+    ): "actuator-lag:roll_command, .* act on the input or sensor path; use output-error",
+    (
+        "longitudinal",
+        "frequency-domain",
+    ): "the rate of airspeed is no linear function of states and inputs: .*; use output-error",
 }
-# Still air has no process noise: its size ends at nothing, which no record determines; the rest of the estimate is sound and the caution says so.
+# Still air has no process noise: its size ends at nothing, which no record determines; the rest of
+# the estimate is sound and the caution says so.
 NOTHING_TO_FIND = {("ballistic", "filter-error"), ("own", "filter-error")}
 QUICK = ("output-error", "frequency-domain")
 QUICK_PAIRS = [("multirotor", "equation-error")]
-COVERED = ("lateral", "longitudinal")  # by tests/unit/scenarios/identification/test_whole_axes.py, in the default suite
+# by tests/unit/scenarios/identification/test_whole_axes.py, in the default suite
+COVERED = ("lateral", "longitudinal")
 DEAR = ("flexible",)
 PAIRS = [(model, method) for model in MODELS for method in METHODS]
 SERVED = [
-    pytest.param(*pair, marks=() if pair in QUICK_PAIRS or (pair[1] in QUICK and pair[0] not in (*COVERED, *DEAR)) else pytest.mark.slow)
+    pytest.param(
+        *pair,
+        marks=()
+        if pair in QUICK_PAIRS or (pair[1] in QUICK and pair[0] not in (*COVERED, *DEAR))
+        else pytest.mark.slow,
+    )
     for pair in PAIRS
     if pair not in REFUSED
 ]
@@ -37,12 +58,22 @@ def test_a_method_that_serves_finds_the_truth(model: str, method: str) -> None:
     case = case_of(model)
     found = identify(case.record, case.vehicle, method)
     if (model, method) in NOTHING_TO_FIND:
-        assert found.estimate.outcome in (Outcome.NOT_IDENTIFIABLE, Outcome.MAX_ITERATIONS) and found.cautions
+        assert (
+            found.estimate.outcome in (Outcome.NOT_IDENTIFIABLE, Outcome.MAX_ITERATIONS)
+            and found.cautions
+        )
     else:
         assert found.estimate.outcome is Outcome.CONVERGED, found.estimate.outcome
-    off = {row.name: (row.estimate - case.true[row.name]) / row.std for row in found.rows if row.name in case.true}
+    off = {
+        row.name: (row.estimate - case.true[row.name]) / row.std
+        for row in found.rows
+        if row.name in case.true
+    }
     assert set(off) == set(case.true) and max(map(abs, off.values())) < 4.0, off
-    assert found.fits[0].figures is not None and min(found.fits[0].fit_percent(name) for name in found.fits[0].figures.rmse) > 50.0
+    assert (
+        found.fits[0].figures is not None
+        and min(found.fits[0].fit_percent(name) for name in found.fits[0].figures.rmse) > 50.0
+    )
 
 
 @pytest.mark.parametrize(("model", "method"), list(REFUSED))

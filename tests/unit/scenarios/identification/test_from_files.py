@@ -40,7 +40,16 @@ class Spy:
     holds: list[Hold | None] = field(default_factory=list)
     asked: list[Options] = field(default_factory=list)
 
-    def __call__(self, _vehicle: Any, _method: str, _files: Any, _choices: Any, plan: Plan, asked: Options, _opening: Any) -> Any:
+    def __call__(
+        self,
+        _vehicle: Any,
+        _method: str,
+        _files: Any,
+        _choices: Any,
+        plan: Plan,
+        asked: Options,
+        _opening: Any,
+    ) -> Any:
         self.holds.append(plan.hold)
         self.asked.append(asked)
         found = Found(SimpleNamespace(inputs=self.inputs, hold=plan.hold or Hold.PREVIOUS))
@@ -53,19 +62,26 @@ def spy(monkeypatch: pytest.MonkeyPatch) -> Spy:
     monkeypatch.setattr(identify, "_identified", seen)
 
     def read_otherwise(ready: Any, found: Any, again: Any, options: Options) -> Any:
-        return again(Hold.LINEAR if found.record.hold is Hold.PREVIOUS else Hold.PREVIOUS, replace(options, profile=None))
+        return again(
+            Hold.LINEAR if found.record.hold is Hold.PREVIOUS else Hold.PREVIOUS,
+            replace(options, profile=None),
+        )
 
     monkeypatch.setattr(identify, "_read_otherwise", read_otherwise)
     monkeypatch.setattr(identify, "_filter_error_proposed", lambda *_: ())
     return seen
 
 
-def record_files(folder: Path, count: int, *, says_hold: tuple[int, ...] = ()) -> tuple[RecordFile, ...]:
+def record_files(
+    folder: Path, count: int, *, says_hold: tuple[int, ...] = ()
+) -> tuple[RecordFile, ...]:
     """Short records, of which some say how their inputs are held."""
     time = 0.1 * np.arange(20)
     opened = []
     for number in range(count):
-        outputs = tuple(Channel.of(name, unit, np.sin(time)) for name, unit in (("p", "rad/s"), ("phi", "rad")))
+        outputs = tuple(
+            Channel.of(name, unit, np.sin(time)) for name, unit in (("p", "rad/s"), ("phi", "rad"))
+        )
         record = Record(
             time,
             (Channel.of("aileron", "rad", np.cos(time)),),
@@ -83,7 +99,9 @@ def request(folder: Path, count: int = 1, hold: Hold | None = None, **says: Any)
     return Request(record_files(folder, count, **says), model, plan=Plan(hold=hold))
 
 
-def test_inputs_that_nobody_said_how_to_read_are_read_the_other_way_as_well(spy: Spy, tmp_path: Path) -> None:
+def test_inputs_that_nobody_said_how_to_read_are_read_the_other_way_as_well(
+    spy: Spy, tmp_path: Path
+) -> None:
     identify_files(request(tmp_path, 2), "output-error", replace(PLAIN, profile=("L_p",)))
     assert spy.holds == [None, Hold.LINEAR]
     # Profiles are of the result that is given, and not made again.
@@ -109,14 +127,18 @@ def test_a_reading_that_is_asked_for_is_the_only_one(spy: Spy, tmp_path: Path, h
 
 
 @pytest.mark.parametrize("says", [(0,), (1,), (0, 1)])
-def test_one_file_that_says_how_its_inputs_are_held_is_enough(spy: Spy, tmp_path: Path, says: tuple[int, ...]) -> None:
+def test_one_file_that_says_how_its_inputs_are_held_is_enough(
+    spy: Spy, tmp_path: Path, says: tuple[int, ...]
+) -> None:
     identify_files(request(tmp_path, 2, says_hold=says), "output-error")
     assert spy.holds == [None]
 
 
 @pytest.mark.parametrize("used", list(Hold))
 @pytest.mark.parametrize(("by", "told"), [(0.9, False), (1.1, True), (-0.9, False), (-1.1, True)])
-def test_the_other_reading_is_told_where_it_moves_a_value_by_more_than_its_sigma(used: Hold, by: float, told: bool) -> None:
+def test_the_other_reading_is_told_where_it_moves_a_value_by_more_than_its_sigma(
+    used: Hold, by: float, told: bool
+) -> None:
     rows = [
         Row("L_p", "1/s", -2.0, 0.1),
         Row("L_da", "1/s2", 8.0, 0.4),
@@ -130,13 +152,20 @@ def test_the_other_reading_is_told_where_it_moves_a_value_by_more_than_its_sigma
     found = other_reading(used, rows, again, -3.0)
     assert (found is not None) is told
     if found is not None:
-        assert [row.name for row, _ in found.moved] == ["L_p"] and {found.used, found.other} == set(Hold) and found.used is used
+        assert (
+            [row.name for row, _ in found.moved] == ["L_p"]
+            and {found.used, found.other} == set(Hold)
+            and found.used is used
+        )
         assert "fits worse" in found.sentence and f"--hold {found.other.value}" in found.sentence
 
 
 def test_no_profile_is_made_of_the_other_reading() -> None:
     asked: list[Options] = []
-    ended = SimpleNamespace(record=SimpleNamespace(hold=Hold.PREVIOUS), estimate=SimpleNamespace(outcome=Outcome.DIVERGED))
+    ended = SimpleNamespace(
+        record=SimpleNamespace(hold=Hold.PREVIOUS),
+        estimate=SimpleNamespace(outcome=Outcome.DIVERGED),
+    )
 
     def again(hold: Hold, options: Options) -> Any:
         asked.append(options)
@@ -144,6 +173,8 @@ def test_no_profile_is_made_of_the_other_reading() -> None:
         return None, ended
 
     ready: Any = "ready"
-    found: Any = identify._read_otherwise(ready, cast(Any, ended), again, replace(PLAIN, profile=("L_p",)))
+    found: Any = identify._read_otherwise(
+        ready, cast(Any, ended), again, replace(PLAIN, profile=("L_p",))
+    )
     assert found == (ready, ended)
     assert [options.profile for options in asked] == [None]

@@ -16,10 +16,15 @@ PAUSE = 40.0  # s, from one maneuver to the next
 
 
 def several_maneuvers(samples: int) -> Record:
-    """The rigid aircraft at 100 Hz in one 3-2-1-1 after the other, of four lengths and both signs."""
+    """The rigid aircraft at 100 Hz in one 3-2-1-1 after the other, of four lengths and both
+    signs.
+    """
     time = np.arange(samples) / 100.0
     starts = np.arange(5.0, time[-1] - 12.0, PAUSE)
-    steps = [three_two_one_one(time, start=at, unit=0.4 + 0.1 * (i % 4), size=0.03 * (-1) ** i) for i, at in enumerate(starts.tolist())]
+    steps = [
+        three_two_one_one(time, start=at, unit=0.4 + 0.1 * (i % 4), size=0.03 * (-1) ** i)
+        for i, at in enumerate(starts.tolist())
+    ]
     return noisy(rigid_model(), Flight(time, np.sum(steps, axis=0)[None]), np.random.default_rng(1))
 
 
@@ -28,7 +33,11 @@ def fitted_within(samples: int, most: float) -> None:
     record, start = several_maneuvers(samples), rigid_start()
     values = {item.name: item.value for item in start.parameters}
     derivatives = {name: values[name] for name in FREE}
-    vehicle = {"name": "bomber", "derivatives": derivatives, **{name: value for name, value in values.items() if name not in FREE}}
+    vehicle = {
+        "name": "bomber",
+        "derivatives": derivatives,
+        **{name: value for name, value in values.items() if name not in FREE},
+    }
     columns = {"time": record.time, **{channel.name: channel.values for channel in record.channels}}
     tracemalloc.start()
     try:

@@ -1,4 +1,6 @@
-"""What an own model is asked before there is a record: the example's bounds against sensitivities written out, steps of integration."""
+"""What an own model is asked before there is a record: the example's bounds against sensitivities
+written out, steps of integration.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,16 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from scenarios.identification.model_checks import ANGLE, FINE, PULSE, SIZE, excited, one_by_one, steps_against_differences, unknown_units
+from scenarios.identification.model_checks import (
+    ANGLE,
+    FINE,
+    PULSE,
+    SIZE,
+    excited,
+    one_by_one,
+    steps_against_differences,
+    unknown_units,
+)
 from scenarios.preparation.declared_model import step_for
 from sim.declaration import own_model
 from sim.declaration.model import Model
@@ -60,12 +71,18 @@ def test_what_others_make_up_for_is_named() -> None:
         rates=lambda s, p: {"x": p.a * s.x + p.gain * p.b * s.u},
     )
     found = {one.name: one for one in excited(model)[1]}
-    assert found["a"].sigma < 0.1 and found["b"].beside == ("gain",) and found["gain"].beside == ("b",)
+    assert (
+        found["a"].sigma < 0.1 and found["b"].beside == ("gain",) and found["gain"].beside == ("b",)
+    )
     assert found["idle"].beside == () and not np.isfinite(found["idle"].sigma)
 
 
 def test_arrays_steps_and_units_of_a_sound_model() -> None:
-    assert one_by_one(roll()) == 0.0 and steps_against_differences(roll()) < 1e-8 and unknown_units(roll()) == []
+    assert (
+        one_by_one(roll()) == 0.0
+        and steps_against_differences(roll()) < 1e-8
+        and unknown_units(roll()) == []
+    )
     assert unknown_units(first_order(inputs={"u": "parsnips"})) == ["u (parsnips)"]
 
 
@@ -77,12 +94,26 @@ def test_a_function_that_mixes_runs_shows() -> None:
 
 
 @pytest.mark.parametrize(
-    ("interval", "root", "step"), [(0.02, 2.0, 0.01), (0.02, 150.0, 1e-3), (60.0, 1e-3, 60.0), (60.0, 1e-2, 15.0), (1e-4, 100.0, 1e-4)]
+    ("interval", "root", "step"),
+    [
+        (0.02, 2.0, 0.01),
+        (0.02, 150.0, 1e-3),
+        (60.0, 1e-3, 60.0),
+        (60.0, 1e-2, 15.0),
+        (1e-4, 100.0, 1e-4),
+    ],
 )
 def test_steps_follow_the_motion(interval: float, root: float, step: float) -> None:
     time = interval * np.arange(50)
-    record = Record(time, (Channel.of("u", "rad", np.zeros(50)),), (Channel.of("x", "m", np.zeros(50)),), Hold.PREVIOUS, "record")
+    record = Record(
+        time,
+        (Channel.of("u", "rad", np.zeros(50)),),
+        (Channel.of("x", "m", np.zeros(50)),),
+        Hold.PREVIOUS,
+        "record",
+    )
     model = first_order(parameters={"a": (-root, "1/s"), "b": (B, "1/s")})
-    # Where samples are finer than the usual step they are the step: the grid has one between two samples at least.
+    # Where samples are finer than the usual step they are the step: the grid has one between two
+    # samples at least.
     assert min(step_for(model, [record], 0.01), interval) == pytest.approx(step, rel=1e-12)
     assert step_for(rigid_model(), [record], 0.01) == 0.01

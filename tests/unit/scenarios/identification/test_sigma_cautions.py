@@ -1,4 +1,6 @@
-"""Cautions on sigmas that are too small: in gusts for methods that take no account of them, and nowhere else."""
+"""Cautions on sigmas that are too small: in gusts for methods that take no account of them, and
+nowhere else.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,13 @@ from exam.coverage.independent_flights import flown
 from ident.estimate import Estimate
 from ident.statistics.residuals import ResidualTest
 from scenarios.identification import conditions
-from scenarios.identification.conditions import FILTER_ERROR, LOST_ROWS, SHORT_IN_GUSTS, disturbed_outputs, lost_rows
+from scenarios.identification.conditions import (
+    FILTER_ERROR,
+    LOST_ROWS,
+    SHORT_IN_GUSTS,
+    disturbed_outputs,
+    lost_rows,
+)
 from sim.record import Channel, Record
 
 
@@ -55,16 +63,25 @@ def test_methods_that_hold_in_gusts_are_not_cautioned() -> None:
 
 @pytest.mark.parametrize("method", sorted(LOST_ROWS))
 @pytest.mark.parametrize(("dropped", "cautioned"), [(0.02, False), (0.2, True)])
-def test_lost_rows_are_cautioned_from_the_measured_share_on(method: str, dropped: float, *, cautioned: bool) -> None:
+def test_lost_rows_are_cautioned_from_the_measured_share_on(
+    method: str, dropped: float, *, cautioned: bool
+) -> None:
     flight = flown("rigid", "white", 0)
     frame = pd.DataFrame(flight.columns)
-    lost = np.random.default_rng(1).choice(np.arange(1, len(frame) - 1), int(dropped * len(frame)), replace=False)
+    lost = np.random.default_rng(1).choice(
+        np.arange(1, len(frame) - 1), int(dropped * len(frame)), replace=False
+    )
     vehicle = {**flight.vehicle, "derivatives": dict(flight.start)}
-    found = flightid.identify(frame.drop(index=lost), "rigid", vehicle, method=method, hold="previous")
+    found = flightid.identify(
+        frame.drop(index=lost), "rigid", vehicle, method=method, hold="previous"
+    )
     said = [each for each in found.warnings if "rows are lost" in each]
     assert len(said) == cautioned
     if cautioned:
-        assert f"from {100 * LOST_ROWS[method]:g} % on that biases {method} by more than half a sigma" in said[0]
+        assert (
+            f"from {100 * LOST_ROWS[method]:g} % on that biases {method} by more than half a sigma"
+            in said[0]
+        )
 
 
 def test_one_long_gap_and_jittered_times_are_no_lost_rows() -> None:
@@ -76,8 +93,13 @@ def test_one_long_gap_and_jittered_times_are_no_lost_rows() -> None:
     assert lost_rows([record]) == pytest.approx(1 / 399)
 
 
-@pytest.mark.parametrize(("noise", "proposed"), [("markov-gusts", True), ("dryden-gusts", True), ("ar1", False), ("white", False)])
-def test_filter_error_is_proposed_in_gusts_and_not_for_coloured_noise_of_each_sensor(noise: str, *, proposed: bool) -> None:
+@pytest.mark.parametrize(
+    ("noise", "proposed"),
+    [("markov-gusts", True), ("dryden-gusts", True), ("ar1", False), ("white", False)],
+)
+def test_filter_error_is_proposed_in_gusts_and_not_for_coloured_noise_of_each_sensor(
+    noise: str, *, proposed: bool
+) -> None:
     flight = flown("rigid", noise, 1)
     vehicle = {**flight.vehicle, "derivatives": dict(flight.start)}
     found = flightid.identify(pd.DataFrame(flight.columns), "rigid", vehicle, hold="previous")
@@ -87,5 +109,9 @@ def test_filter_error_is_proposed_in_gusts_and_not_for_coloured_noise_of_each_se
 def test_an_output_that_fails_two_tests_is_named_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(conditions, "_moved_together", lambda records, estimate: True)
     estimate = cast(Estimate, SimpleNamespace(method="output-error", output_names=("alpha", "q")))
-    tests = [ResidualTest(kind, name, 1.0, 1e-9, "") for name in ("alpha", "q") for kind in ("whiteness", "size")]
+    tests = [
+        ResidualTest(kind, name, 1.0, 1e-9, "")
+        for name in ("alpha", "q")
+        for kind in ("whiteness", "size")
+    ]
     assert disturbed_outputs([], estimate, tests) == ("alpha", "q")

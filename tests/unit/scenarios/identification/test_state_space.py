@@ -1,4 +1,6 @@
-"""Matrices of an identified model: the point, the modes that are printed, and files that read back."""
+"""Matrices of an identified model: the point, the modes that are printed, and files that read
+back.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ def longitudinal() -> StateSpace:
     slow, quick = (pair[1] for pair in np.split(space.eigenvalues, 2))
     for root, mode in ((slow, "phugoid"), (quick, "short_period")):
         assert abs(root) == pytest.approx(found.derived[f"{mode}_frequency"][0], rel=1e-9)
-        assert -root.real / abs(root) == pytest.approx(found.derived[f"{mode}_damping"][0], rel=1e-9)
+        assert -root.real / abs(root) == pytest.approx(
+            found.derived[f"{mode}_damping"][0], rel=1e-9
+        )
     return space
 
 
@@ -36,7 +40,9 @@ def test_totals_are_linearised_about_level_flight(longitudinal: StateSpace) -> N
     """Whose roots are the modes that are printed."""
     assert np.max(np.abs(longitudinal.rates)) < 1e-8 and longitudinal.x0[0] == 62.0
     outputs = dict(zip([s.name for s in longitudinal.outputs], longitudinal.y0, strict=True))
-    assert outputs["nz"] ** 2 + outputs["nx"] ** 2 == pytest.approx(1.0, abs=1e-6), "the specific force of level flight is one g"
+    assert outputs["nz"] ** 2 + outputs["nx"] ** 2 == pytest.approx(1.0, abs=1e-6), (
+        "the specific force of level flight is one g"
+    )
 
 
 def test_files_read_back(longitudinal: StateSpace, tmp_path: Path) -> None:
@@ -48,15 +54,28 @@ def test_files_read_back(longitudinal: StateSpace, tmp_path: Path) -> None:
         for read in (np.array(content[name]), arrays[name], cells[name]):
             np.testing.assert_array_equal(read, getattr(longitudinal, name))
     names, units = ["airspeed", "alpha", "theta", "q"], ["m/s", "rad", "rad", "rad/s"]
-    assert [(s["name"], s["unit"]) for s in content["states"]] == list(zip(names, units, strict=True))
-    assert arrays["states_names"].tolist() == names and [cell[0].item() for cell in cells["states_names"]] == names
-    assert arrays["inputs_units"].tolist() == ["rad", "N"] and content["delays"] == {} and content["left_out"] == []
+    assert [(s["name"], s["unit"]) for s in content["states"]] == list(
+        zip(names, units, strict=True)
+    )
+    assert (
+        arrays["states_names"].tolist() == names
+        and [cell[0].item() for cell in cells["states_names"]] == names
+    )
+    assert (
+        arrays["inputs_units"].tolist() == ["rad", "N"]
+        and content["delays"] == {}
+        and content["left_out"] == []
+    )
     assert [complex(*pair) for pair in content["eigenvalues"]] == longitudinal.eigenvalues.tolist()
 
 
 def test_a_falling_body_is_linearised_where_it_is_in_the_middle(tmp_path: Path) -> None:
     body = {"air_density_reference": 1.225, "density_scale_height": 7160.0, "gravity": 9.79}
-    found = identify(ballistic_record(np.random.default_rng(2)), VehicleFile("body", "ballistic", body, {"beta": 2200.0}), "output-error")
+    found = identify(
+        ballistic_record(np.random.default_rng(2)),
+        VehicleFile("body", "ballistic", body, {"beta": 2200.0}),
+        "output-error",
+    )
     space = state_space_of(found)
     h, v = space.x0
     middle = found.record["altitude"].values[len(found.record) // 2]
@@ -78,13 +97,24 @@ def test_an_own_model_is_linearised_about_its_rest(tmp_path: Path) -> None:
     for push in force[:-1]:
         motion.append((held @ [*motion[-1], push])[:2])
     x = np.array(motion)[:, 0] + 1e-4 * np.random.default_rng(0).standard_normal(len(time))
-    record = Record(time, (Channel.of("force", "N", force),), (Channel.of("x", "m", x),), Hold.PREVIOUS, "spring.csv")
+    record = Record(
+        time,
+        (Channel.of("force", "N", force),),
+        (Channel.of("x", "m", x),),
+        Hold.PREVIOUS,
+        "spring.csv",
+    )
     space = state_space_of(identify(record, vehicle, "output-error"))
-    assert space.A[1] == pytest.approx([-25.0, -0.5], rel=0.02) and space.B[:, 0] == pytest.approx([0.0, 0.5])
+    assert space.A[1] == pytest.approx([-25.0, -0.5], rel=0.02) and space.B[:, 0] == pytest.approx(
+        [0.0, 0.5]
+    )
 
 
 def test_an_ending_that_no_format_has_is_refused() -> None:
-    with pytest.raises(DeclarationError, match=r"plant.txt: .txt ending; name a file that ends in .json, .mat, .npz"):
+    with pytest.raises(
+        DeclarationError,
+        match=r"plant.txt: .txt ending; name a file that ends in .json, .mat, .npz",
+    ):
         refuse_place(Path("plant.txt"))
 
 

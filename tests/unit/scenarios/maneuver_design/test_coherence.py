@@ -1,4 +1,6 @@
-"""Maneuvers for frequency responses: limits of the rate without clipping, coherence as it will be."""
+"""Maneuvers for frequency responses: limits of the rate without clipping, coherence as it will
+be.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,14 @@ import flightid as fid
 from scenarios.cli import main
 from scenarios.maneuver_design.design import DesignResult, design
 from scenarios.maneuver_design.report import design_text
-from scenarios.maneuver_design.setting import KINDS, DesignRequest, Room, multisines, no_faster, sweeps
+from scenarios.maneuver_design.setting import (
+    KINDS,
+    DesignRequest,
+    Room,
+    multisines,
+    no_faster,
+    sweeps,
+)
 from scenarios.plots.maneuvers import figure_coherence
 from sim.declaration.compile import compile_model
 from sim.maths import complex_step_jacobian
@@ -40,10 +49,20 @@ def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def planned(vehicle: Path) -> DesignResult:
-    return design(DesignRequest("rigid", vehicle, {"elevator_rate": "20 deg/s"}, band=BAND, noise=("alpha=0.002", "q=0.01")))
+    return design(
+        DesignRequest(
+            "rigid",
+            vehicle,
+            {"elevator_rate": "20 deg/s"},
+            band=BAND,
+            noise=("alpha=0.002", "q=0.01"),
+        )
+    )
 
 
-def room(corners: tuple[float, ...] = (), inputs: int = 2, band: tuple[float, float] | None = None) -> Room:
+def room(
+    corners: tuple[float, ...] = (), inputs: int = 2, band: tuple[float, float] | None = None
+) -> Room:
     return Room(np.arange(3001) / 50.0, 0.5, inputs, corners, band)
 
 
@@ -54,7 +73,9 @@ def test_a_limit_of_the_rate_cuts_nothing_off(kind: str, band: tuple[float, floa
     limited, free = (KINDS[kind](room(each, band=band), 0.2) for each in (corners, ()))
     assert limited is not None and free is not None
     fastest = np.max(np.abs(np.diff(limited, axis=1)), axis=1) * 50.0
-    assert np.all(fastest <= np.array(corners) * (1.0 + 1e-9)) and np.all(np.max(np.abs(limited), axis=1) <= 1.0 + 1e-12)
+    assert np.all(fastest <= np.array(corners) * (1.0 + 1e-9)) and np.all(
+        np.max(np.abs(limited), axis=1) <= 1.0 + 1e-12
+    )
     np.testing.assert_allclose(no_faster(limited, np.array(corners), 0.02), limited, atol=1e-12)
     assert np.all(np.max(np.abs(np.diff(free, axis=1)), axis=1) * 50.0 > np.array(corners))
     np.testing.assert_allclose(np.max(np.abs(free), axis=1), 1.0)
@@ -75,7 +96,9 @@ def test_multisines_stay_orthogonal_under_a_limit_of_the_rate() -> None:
     # Amplitudes fall as one over the frequency above the corner.
     sizes = np.sqrt(power[0][large[0]])
     omega = np.flatnonzero(large[0]) * 2.0 * math.pi / (count / 50.0)
-    np.testing.assert_allclose(sizes / sizes[0], np.minimum(1.0, 3.0 / omega) / min(1.0, 3.0 / omega[0]), rtol=1e-6)
+    np.testing.assert_allclose(
+        sizes / sizes[0], np.minimum(1.0, 3.0 / omega) / min(1.0, 3.0 / omega[0]), rtol=1e-6
+    )
 
 
 def test_a_sweep_covers_the_band_and_no_more() -> None:
@@ -89,12 +112,24 @@ def test_a_sweep_covers_the_band_and_no_more() -> None:
 
 @pytest.fixture(scope="module")
 def louder(vehicle: Path) -> DesignResult:
-    """With noise that decides the coherence, not the change of a sweep's frequency within a window."""
-    return design(DesignRequest("rigid", vehicle, {"elevator_rate": "20 deg/s"}, band=BAND, noise=("alpha=0.012", "q=0.06")))
+    """With noise that decides the coherence, not the change of a sweep's frequency within a
+    window.
+    """
+    return design(
+        DesignRequest(
+            "rigid",
+            vehicle,
+            {"elevator_rate": "20 deg/s"},
+            band=BAND,
+            noise=("alpha=0.012", "q=0.06"),
+        )
+    )
 
 
 def test_coherence_is_what_the_power_of_output_and_noise_gives(louder: DesignResult) -> None:
-    """Written a second way: Welch's spectrum of the input, the short period's response, white noise."""
+    """Written a second way: Welch's spectrum of the input, the short period's response, white
+    noise.
+    """
     setting = louder.setting
     system = compile_model(setting.model, list(setting.noise))
     p, still = system.parameters.values().tolist(), system.initial.values().tolist()
@@ -108,11 +143,14 @@ def test_coherence_is_what_the_power_of_output_and_noise_gives(louder: DesignRes
         inside = (at > 0.6) & (at < 2.4)
         s = 2j * math.pi * at[inside]
         for row, noise in enumerate((0.012, 0.06)):
-            response = np.linalg.solve(s[:, None, None] * np.eye(2) - A, B.astype(complex)[None])[:, row, 0]
+            response = np.linalg.solve(s[:, None, None] * np.eye(2) - A, B.astype(complex)[None])[
+                :, row, 0
+            ]
             answer = np.abs(response) ** 2 * power[inside]
             expected = answer / (answer + 2.0 * noise**2 * setting.room.interval)
             shown = np.interp(at[inside], found.frequency, found.coherence[row, 0])
-            # Coherences of few windows are biased upwards, those of a sweep within a window downwards.
+            # Coherences of few windows are biased upwards, those of a sweep within a window
+            # downwards.
             assert np.median(np.abs(shown - expected)) < 0.1, (each.kind, row)
 
 
@@ -126,8 +164,18 @@ def test_a_flight_of_it_has_the_coherence_that_was_said(planned: DesignResult) -
     shares = []
     for _ in range(6):
         noisy = clean + np.array([[0.002], [0.01]]) * rng.standard_normal(clean.shape)
-        columns = {"time": planned.setting.room.time, "de": best.flight.rows[0], "a": noisy[0], "pitch": noisy[1]}
-        flown = fid.frequency_response(columns, "de", ["a", "pitch"], band=(float(said.frequency[0]), float(said.frequency[-1])))
+        columns = {
+            "time": planned.setting.room.time,
+            "de": best.flight.rows[0],
+            "a": noisy[0],
+            "pitch": noisy[1],
+        }
+        flown = fid.frequency_response(
+            columns,
+            "de",
+            ["a", "pitch"],
+            band=(float(said.frequency[0]), float(said.frequency[-1])),
+        )
         shares.append(np.interp(said.frequency, flown.frequency, flown.coherence[1]))
     assert np.max(np.abs(np.mean(shares, axis=0) - said.coherence[1, 0])) < 0.15
     assert np.median(np.abs(np.mean(shares, axis=0) - said.coherence[1, 0])) < 0.03
@@ -136,22 +184,39 @@ def test_a_flight_of_it_has_the_coherence_that_was_said(planned: DesignResult) -
 def test_more_noise_makes_worse_responses(louder: DesignResult, planned: DesignResult) -> None:
     assert louder.best.responses is not None and planned.best.responses is not None
     assert louder.best.responses.criterion > 1.2 * planned.best.responses.criterion
-    assert np.all(louder.best.responses.coherence.mean(axis=2) < planned.best.responses.coherence.mean(axis=2))
+    assert np.all(
+        louder.best.responses.coherence.mean(axis=2) < planned.best.responses.coherence.mean(axis=2)
+    )
     assert planned.maneuvers[0].responses is not None and planned.maneuvers[1].responses is not None
     assert planned.maneuvers[0].responses.criterion <= planned.maneuvers[1].responses.criterion
 
 
-def test_the_command_and_python(vehicle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_and_python(
+    vehicle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "plan"
-    command: list[str | Path] = ["design", "--model", "rigid", "--vehicle", vehicle, "--band", "0.2", "3"]
+    command: list[str | Path] = [
+        "design",
+        "--model",
+        "rigid",
+        "--vehicle",
+        vehicle,
+        "--band",
+        "0.2",
+        "3",
+    ]
     assert typed(*command, "--out", out) == 0
     printed = " ".join(capsys.readouterr().out.split())
     assert "frequency responses expected of one flight" in printed and "--band 0.2 3" in printed
     content = json.loads((out / "design.json").read_text())
     assert {each["kind"] for each in content["maneuvers"]} == {"sweep", "multisine"}
     pairs = content["maneuvers"][0]["responses"]["pairs"]
-    assert [pair["output"] for pair in pairs] == ["alpha", "q", "nz"] and all(0.0 <= pair["usable"] <= 1.0 for pair in pairs)
-    assert (out / "coherence.png").is_file() and "Expected frequency responses" in (out / "report.html").read_text()
+    assert [pair["output"] for pair in pairs] == ["alpha", "q", "nz"] and all(
+        0.0 <= pair["usable"] <= 1.0 for pair in pairs
+    )
+    assert (out / "coherence.png").is_file() and "Expected frequency responses" in (
+        out / "report.html"
+    ).read_text()
     plan = fid.design("rigid", vehicle, band=(0.2, 3.0))
     frame = plan.coherence("q", "elevator")
     assert frame["coherence"].tolist() == pairs[1]["coherence"]
@@ -178,8 +243,13 @@ def test_laws_of_its_figure(planned: DesignResult) -> None:
         (["--band", "0.05", "3", "--duration", "20"], "too short for 0.05 Hz"),
     ],
 )
-def test_bad_bands_are_one_line(vehicle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], said: str) -> None:
-    assert typed("design", "--model", "rigid", "--vehicle", vehicle, *more, "--out", tmp_path / "plan") == 2
+def test_bad_bands_are_one_line(
+    vehicle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], said: str
+) -> None:
+    assert (
+        typed("design", "--model", "rigid", "--vehicle", vehicle, *more, "--out", tmp_path / "plan")
+        == 2
+    )
     shown = capsys.readouterr()
     assert shown.out == "" and shown.err.count("\n") == 1 and said in shown.err
     assert not (tmp_path / "plan").exists()
@@ -195,4 +265,6 @@ def test_a_sweep_is_smaller_where_it_is_fast() -> None:
     for at in (0.25, 0.5, 0.75):  # 2, 4 and 8 rad/s
         near = np.abs(share - at) < 0.04 / at
         sizes.append(float(np.max(np.abs(rows[0][near]))))
-    assert sizes[1] == pytest.approx(sizes[0], rel=0.15) and sizes[2] == pytest.approx(0.5 * sizes[0], rel=0.2)
+    assert sizes[1] == pytest.approx(sizes[0], rel=0.15) and sizes[2] == pytest.approx(
+        0.5 * sizes[0], rel=0.2
+    )

@@ -1,4 +1,6 @@
-"""The design of maneuvers: limits kept by a finer flight, the CSV flown again, multisines, faults in one line, the command that does it again."""
+"""The design of maneuvers: limits kept by a finer flight, the CSV flown again, multisines, faults
+in one line, the command that does it again.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,13 @@ from scenarios.diagnosis.deciding import deciding_maneuver
 from scenarios.files.records import read_record
 from scenarios.maneuver_design.design import DesignResult, design
 from scenarios.maneuver_design.report import MAIN, design_text, write_design
-from scenarios.maneuver_design.setting import DesignRequest, as_held, no_faster, offset_of, setting_of
+from scenarios.maneuver_design.setting import (
+    DesignRequest,
+    as_held,
+    no_faster,
+    offset_of,
+    setting_of,
+)
 from scenarios.preparation.plan import Request
 from sim.errors import DeclarationError
 from sim.maneuvers import least_peak_multisine, peak_factor, schroeder_multisine
@@ -40,7 +48,14 @@ Cm_alpha = -0.95
 Cm_q = -17.0
 Cm_de = -1.3
 """
-LIMITS = {"nz_max": 1.6, "nz_min": 0.5, "alpha_max": "3 deg", "q_max": "9 deg/s", "elevator_amplitude": "4 deg", "elevator_rate": "20 deg/s"}
+LIMITS = {
+    "nz_max": 1.6,
+    "nz_min": 0.5,
+    "alpha_max": "3 deg",
+    "q_max": "9 deg/s",
+    "elevator_amplitude": "4 deg",
+    "elevator_rate": "20 deg/s",
+}
 
 
 @pytest.fixture(scope="module")
@@ -52,14 +67,31 @@ def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def told(vehicle: Path) -> DesignResult:
-    return design(DesignRequest("rigid", vehicle, LIMITS, tell=("vane-offset", "sensor-lag:alpha"), size="arm=1 m", duration=12.0))
+    return design(
+        DesignRequest(
+            "rigid",
+            vehicle,
+            LIMITS,
+            tell=("vane-offset", "sensor-lag:alpha"),
+            size="arm=1 m",
+            duration=12.0,
+        )
+    )
 
 
 def extremes(found: DesignResult, record: Record) -> dict[str, tuple[float, float]]:
     """Of a flight in steps that are five times finer, load factors as totals."""
-    flight, _ = fly(found.setting.model, as_held(record), record.time, np.random.default_rng(0), step=0.002)
+    flight, _ = fly(
+        found.setting.model, as_held(record), record.time, np.random.default_rng(0), step=0.002
+    )
     offset = {name: offset_of(found.setting.model, name) for name in flight.output_names}
-    return {name: (float(flight[name].values.min()) + offset[name], float(flight[name].values.max()) + offset[name]) for name in flight.output_names}
+    return {
+        name: (
+            float(flight[name].values.min()) + offset[name],
+            float(flight[name].values.max()) + offset[name],
+        )
+        for name in flight.output_names
+    }
 
 
 def test_a_flight_keeps_the_limits_and_comes_near_one(told: DesignResult) -> None:
@@ -77,27 +109,47 @@ def test_a_flight_keeps_the_limits_and_comes_near_one(told: DesignResult) -> Non
         assert max(shares) <= 1.001
         assert np.max(np.abs(u)) <= np.radians(4.0) + 1e-12
         assert np.max(np.abs(np.diff(u))) <= np.radians(20.0) * 0.02 + 1e-12
-        assert max(shares) > 0.95 or np.max(np.abs(u)) > 0.9 * np.radians(4.0) or each.kind in ("3-2-1-1", "doublet")
+        assert (
+            max(shares) > 0.95
+            or np.max(np.abs(u)) > 0.9 * np.radians(4.0)
+            or each.kind in ("3-2-1-1", "doublet")
+        )
 
 
 def test_the_maneuver_reads_back_and_flies_the_same(told: DesignResult, tmp_path: Path) -> None:
     write_design(told, tmp_path / "plan", figures=())
     record = read_record(tmp_path / "plan" / "maneuver.csv", ("elevator",))
-    assert np.array_equal(record["elevator"].values, told.best.flight.planned.record["elevator"].values)
+    assert np.array_equal(
+        record["elevator"].values, told.best.flight.planned.record["elevator"].values
+    )
     assert record.hold is told.best.flight.planned.record.hold
-    again, _ = fly(told.setting.model, as_held(record), record.time, np.random.default_rng(0), step=0.002)
+    again, _ = fly(
+        told.setting.model, as_held(record), record.time, np.random.default_rng(0), step=0.002
+    )
     with (tmp_path / "plan" / "expected.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     for name, std in told.setting.noise.items():
-        assert np.max(np.abs(again[name].values - np.array([float(row[name]) for row in rows]))) < 0.02 * std
+        assert (
+            np.max(np.abs(again[name].values - np.array([float(row[name]) for row in rows])))
+            < 0.02 * std
+        )
 
 
 def test_the_folder_has_a_page_and_strict_json(told: DesignResult, tmp_path: Path) -> None:
     folder = write_design(told, tmp_path / "plan", figures=("svg",))
     content = json.loads((folder / MAIN).read_text())
     assert content["schema"] == "flightid/design/1" and content["best"] == told.best.kind
-    assert {each["kind"] for each in content["maneuvers"]} == {"3-2-1-1", "doublet", "sweep", "multisine"}
-    assert all(0.0 <= contest["chance"] <= 1.0 for each in content["maneuvers"] for contest in each["contests"])
+    assert {each["kind"] for each in content["maneuvers"]} == {
+        "3-2-1-1",
+        "doublet",
+        "sweep",
+        "multisine",
+    }
+    assert all(
+        0.0 <= contest["chance"] <= 1.0
+        for each in content["maneuvers"]
+        for contest in each["contests"]
+    )
     page = (folder / "report.html").read_text()
     assert "vane-offset" in page and "<svg" in page and (folder / "maneuvers.svg").is_file()
     assert all(each.kind in design_text(told) for each in told.maneuvers)
@@ -121,7 +173,9 @@ def test_multisines_are_orthogonal_and_of_low_peak() -> None:
 
 def test_a_rate_limit_follows_as_fast_as_it_may() -> None:
     rows = np.array([[0.0, 1.0, 1.0, 1.0, 0.0, 0.0]])
-    assert no_faster(rows, np.array([4.0]), 0.1).tolist() == [pytest.approx([0.0, 0.4, 0.8, 1.0, 0.6, 0.2])]
+    assert no_faster(rows, np.array([4.0]), 0.1).tolist() == [
+        pytest.approx([0.0, 0.4, 0.8, 1.0, 0.6, 0.2])
+    ]
     assert np.array_equal(no_faster(rows, np.array([np.inf]), 0.1), rows)
 
 
@@ -133,9 +187,18 @@ def test_two_inputs_fly_one_after_the_other_or_at_once() -> None:
 
 
 def test_level_flight_is_level() -> None:
-    setting = setting_of(DesignRequest("longitudinal", fid.vehicle("navion_longitudinal").source_for("longitudinal")))
-    flown, _ = fly(setting.model, as_held(setting.planned(np.zeros((2, len(setting.room.time)))).record), setting.room.time, np.random.default_rng(0))
-    assert np.ptp(flown["airspeed"].values) < 1e-3 and flown["nz"].values == pytest.approx(np.cos(setting.model.initial["alpha"].value), abs=1e-4)
+    setting = setting_of(
+        DesignRequest("longitudinal", fid.vehicle("navion_longitudinal").source_for("longitudinal"))
+    )
+    flown, _ = fly(
+        setting.model,
+        as_held(setting.planned(np.zeros((2, len(setting.room.time)))).record),
+        setting.room.time,
+        np.random.default_rng(0),
+    )
+    assert np.ptp(flown["airspeed"].values) < 1e-3 and flown["nz"].values == pytest.approx(
+        np.cos(setting.model.initial["alpha"].value), abs=1e-4
+    )
 
 
 FAULTS: list[tuple[dict[str, Any], str]] = [
@@ -169,23 +232,59 @@ def test_a_falling_body_has_no_input() -> None:
 
 
 def test_the_command_of_an_ambiguous_diagnosis_does_it_again(vehicle: Path) -> None:
-    """What is printed, typed again, designs the same maneuver with the same chance, to the last bit."""
+    """What is printed, typed again, designs the same maneuver with the same chance, to the last
+    bit.
+    """
     first = design(DesignRequest("rigid", vehicle, duration=12.0))
-    after = {name: Quantity(1.07 * first.setting.model.parameters[name].value, 0.01, "1/rad") for name in first.best.sigmas}
-    claim = Claim("vane-offset", {"arm": Quantity(1.23456, 0.1, "m")}, ("accelerometer-offset:nz", "sensor-lag:alpha"))
+    after = {
+        name: Quantity(1.07 * first.setting.model.parameters[name].value, 0.01, "1/rad")
+        for name in first.best.sigmas
+    }
+    claim = Claim(
+        "vane-offset",
+        {"arm": Quantity(1.23456, 0.1, "m")},
+        ("accelerometer-offset:nz", "sensor-lag:alpha"),
+    )
     d: Any = type(
         "D",
         (),
-        {"verdict": Verdict.AMBIGUOUS, "effects": (claim,), "after": after, "residual_std": {"alpha": 0.00123, "q": 0.0015}, "trained_after": None},
+        {
+            "verdict": Verdict.AMBIGUOUS,
+            "effects": (claim,),
+            "after": after,
+            "residual_std": {"alpha": 0.00123, "q": 0.0015},
+            "trained_after": None,
+        },
     )()
     d.trained_after = type("T", (), {"effects": (found_effect(),)})()
     records = (first.best.flight.planned.record,)
-    found = deciding_maneuver(d, Request((Path("flight.csv"),), "rigid", vehicle), first.setting.vehicle, first.setting.model, records)
-    assert found is not None and [each.effect.name for each in found.acting] == ["vane-offset", "sensor-lag:alpha"]
+    found = deciding_maneuver(
+        d,
+        Request((Path("flight.csv"),), "rigid", vehicle),
+        first.setting.vehicle,
+        first.setting.model,
+        records,
+    )
+    assert found is not None and [each.effect.name for each in found.acting] == [
+        "vane-offset",
+        "sensor-lag:alpha",
+    ]
     again = design(asked_by(found.asked.command()))
-    assert np.array_equal(again.best.flight.rows, found.best.flight.rows) and again.best.chance == found.best.chance
+    assert (
+        np.array_equal(again.best.flight.rows, found.best.flight.rows)
+        and again.best.chance == found.best.chance
+    )
     d.verdict = Verdict.TRACED
-    assert deciding_maneuver(d, Request((Path("flight.csv"),), "rigid", vehicle), first.setting.vehicle, first.setting.model, records) is None
+    assert (
+        deciding_maneuver(
+            d,
+            Request((Path("flight.csv"),), "rigid", vehicle),
+            first.setting.vehicle,
+            first.setting.model,
+            records,
+        )
+        is None
+    )
 
 
 def found_effect() -> Any:

@@ -12,7 +12,15 @@ import pytest
 from scenarios.identification.model_checks import PULSE
 from scenarios.maneuver_design import report
 from scenarios.maneuver_design.report import maneuver_content
-from scenarios.maneuver_design.setting import DesignRequest, Limits, _frequency, _room, _rounded, limits_of, usual_limits
+from scenarios.maneuver_design.setting import (
+    DesignRequest,
+    Limits,
+    _frequency,
+    _room,
+    _rounded,
+    limits_of,
+    usual_limits,
+)
 from scenarios.maneuver_design.within_limits import _worst
 from sim.declaration import own_model
 from sim.declaration.model import Model
@@ -32,7 +40,10 @@ def chain(*roots: float) -> Model:
         inputs={"push": "m/s"},
         outputs={"x0": "m"},
         parameters={"gain": (1.0, "1")},
-        rates=lambda s, p: {name: root * getattr(s, name) + p.gain * s.push for name, root in zip(names, roots, strict=True)},
+        rates=lambda s, p: {
+            name: root * getattr(s, name) + p.gain * s.push
+            for name, root in zip(names, roots, strict=True)
+        },
         readings=lambda s, p: {"x0": s.x0},
     )
 
@@ -49,7 +60,9 @@ def chain(*roots: float) -> Model:
         ((0.0, 0.0), 1.0),  # integrators alone have no pace
     ],
 )
-def test_the_pace_is_the_geometric_mean_of_the_quicker_roots(roots: tuple[float, ...], frequency: float) -> None:
+def test_the_pace_is_the_geometric_mean_of_the_quicker_roots(
+    roots: tuple[float, ...], frequency: float
+) -> None:
     assert _frequency(chain(*roots), REST) == pytest.approx(frequency)
 
 
@@ -67,14 +80,20 @@ def test_an_own_model_is_flown_for_forty_pulses_with_twenty_samples_in_each() ->
     room = _room(ASKED, model, pulse)
     rate = 1.0 / room.interval
     assert pulse * rate * (1.0 + 1e-9) >= 20.0 and pulse * rate <= 20.0 * 2.5
-    assert room.time[0] == 0.0 and room.time[-1] == pytest.approx(40.0 * pulse, abs=1.0 / rate) and room.time[-1] >= 40.0 * pulse - 1e-9
+    assert (
+        room.time[0] == 0.0
+        and room.time[-1] == pytest.approx(40.0 * pulse, abs=1.0 / rate)
+        and room.time[-1] >= 40.0 * pulse - 1e-9
+    )
 
 
 def test_too_many_samples_are_refused_and_so_is_a_flight_too_short() -> None:
     model = chain(-2.0)
     with pytest.raises(DeclarationError, match="20001 samples"):
         _room(DesignRequest("x", None, duration=20001.0, rate=1.0), model, 1.0)
-    assert len(_room(DesignRequest("x", None, duration=20000.0, rate=1.0), model, 1.0).time) == 20001
+    assert (
+        len(_room(DesignRequest("x", None, duration=20000.0, rate=1.0), model, 1.0).time) == 20001
+    )
     with pytest.raises(DeclarationError, match="leave no room"):
         _room(DesignRequest("x", None, duration=1.9, rate=10.0), model, 0.01)
     for asked, option in (
@@ -122,17 +141,23 @@ def test_one_limit_of_an_angle_or_a_rate_holds_to_both_sides_and_of_a_load_facto
         (1.0, 1.03, 0.1, "alpha"),
     ],
 )
-def test_a_limit_is_used_up_from_the_rest_to_itself(low: float, high: float, share: float, whose: str) -> None:
+def test_a_limit_is_used_up_from_the_rest_to_itself(
+    low: float, high: float, share: float, whose: str
+) -> None:
     """nz rests at 1 between 0.5 and 1.6; alpha uses a tenth of its own."""
     limits = Limits({"nz": (0.5, 1.6), "alpha": (-0.1, 0.3)}, {}, {})
-    setting: Any = SimpleNamespace(limits=limits, still={"nz": 0.0, "alpha": 0.1, "q": 0.0}, model=rigid_model())
+    setting: Any = SimpleNamespace(
+        limits=limits, still={"nz": 0.0, "alpha": 0.1, "q": 0.0}, model=rigid_model()
+    )
     extremes = {"nz": (low, high), "alpha": (0.08, 0.12), "q": (-9.0, 9.0)}
     used, name = _worst(setting, extremes)
     assert used == pytest.approx(share) and name == whose
 
 
 def test_limits_that_the_rest_does_not_keep_are_refused() -> None:
-    setting: Any = SimpleNamespace(limits=Limits({"nz": (1.1, 1.6)}, {}, {}), still={"nz": 0.0}, model=rigid_model())
+    setting: Any = SimpleNamespace(
+        limits=Limits({"nz": (1.1, 1.6)}, {}, {}), still={"nz": 0.0}, model=rigid_model()
+    )
     with pytest.raises(DeclarationError, match="nz is 1 before any maneuver"):
         _worst(setting, {"nz": (1.0, 1.2)})
 

@@ -1,4 +1,6 @@
-"""The document: nothing stands in a table without a unit, nothing is lost on the way through JSON."""
+"""The document: nothing stands in a table without a unit, nothing is lost on the way through
+JSON.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,19 @@ from dataclasses import replace
 import pytest
 
 from scenarios.pages.folder import page_content, page_of
-from scenarios.pages.model import BY_ROW, Column, Number, Page, Section, Table, estimate, known, read_cell, section, signs
+from scenarios.pages.model import (
+    BY_ROW,
+    Column,
+    Number,
+    Page,
+    Section,
+    Table,
+    estimate,
+    known,
+    read_cell,
+    section,
+    signs,
+)
 from scenarios.pages.tables import printed_blocks, rows_table
 from scenarios.terminal.tables import TableColumn as Printed
 from scenarios.terminal.tables import print_paragraph, print_table
@@ -18,7 +32,11 @@ from tests.pages import PAGE
 
 def test_page_goes_through_json_and_back() -> None:
     assert page_of(json.loads(json.dumps(page_content(PAGE)))) == PAGE
-    for broken in ({}, {**page_content(PAGE), "schema": "flightid/comparison/1"}, {**page_content(PAGE), "sections": [{"title": 1}]}):
+    for broken in (
+        {},
+        {**page_content(PAGE), "schema": "flightid/comparison/1"},
+        {**page_content(PAGE), "sections": [{"title": 1}]},
+    ):
         with pytest.raises((KeyError, TypeError, ValueError)):
             page_of(broken)
 
@@ -31,10 +49,17 @@ def test_page_goes_through_json_and_back() -> None:
         ((Column("name"), Column("value", "m")), ("a", "1.5"), (), "stands as a word"),
         ((Column("name"), Column("value", "m")), ("a", "−2 %"), (), "stands as a word"),
         ((Column("name"), Column("value", "m")), ("a",), (), "row 1 has 1 cells"),
-        ((Column("name"), Column("value", BY_ROW)), ("a", Number(1.0)), ("m", "s"), "as many units as rows"),
+        (
+            (Column("name"), Column("value", BY_ROW)),
+            ("a", Number(1.0)),
+            ("m", "s"),
+            "as many units as rows",
+        ),
     ],
 )
-def test_number_without_a_unit_is_refused(columns: tuple[Column, ...], row: tuple, units: tuple[str, ...], told: str) -> None:
+def test_number_without_a_unit_is_refused(
+    columns: tuple[Column, ...], row: tuple, units: tuple[str, ...], told: str
+) -> None:
     with pytest.raises(ModelError, match=told):
         Table("t", columns, (row,), units)
 
@@ -81,21 +106,42 @@ def test_numbers_have_the_digits_of_their_sigma(number: Number, text: str) -> No
         ("0.126 deg/s", 0.126, None, "deg/s"),
     ],
 )
-def test_printed_numbers_are_numbers_again(text: str, value: float, sigma: float | None, unit: str) -> None:
+def test_printed_numbers_are_numbers_again(
+    text: str, value: float, sigma: float | None, unit: str
+) -> None:
     cell = read_cell(text)
     assert isinstance(cell, Number) and (cell.value, cell.sigma, cell.unit) == (value, sigma, unit)
 
 
 @pytest.mark.parametrize(
-    "text", ["not determined", "1 to 5 %", "level 1 (97 %)", "3 of 10", "x29-flight", "2-sigma", "lag-1", "1_2", "nan", "inf", "1e400"]
+    "text",
+    [
+        "not determined",
+        "1 to 5 %",
+        "level 1 (97 %)",
+        "3 of 10",
+        "x29-flight",
+        "2-sigma",
+        "lag-1",
+        "1_2",
+        "nan",
+        "inf",
+        "1e400",
+    ],
 )
 def test_words_stay_words(text: str) -> None:
     assert read_cell(text) == text
-    assert rows_table("records", ("record", "fit %"), [(text, "97.1")]).rows[0] == (text, read_cell("97.1"))
+    assert rows_table("records", ("record", "fit %"), [(text, "97.1")]).rows[0] == (
+        text,
+        read_cell("97.1"),
+    )
 
 
 def test_signs_leave_names_alone() -> None:
-    assert signs("lag-1 of 1e-3 is -0.5 +- 0.1 -> ok") == "lag-1 of 1e-3 is −0.5\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}0.1 → ok"
+    assert (
+        signs("lag-1 of 1e-3 is -0.5 +- 0.1 -> ok")
+        == "lag-1 of 1e-3 is −0.5\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}0.1 → ok"
+    )
 
 
 def test_what_is_printed_is_heard_with_units_and_sigmas() -> None:
@@ -124,19 +170,32 @@ def test_what_is_printed_is_heard_with_units_and_sigmas() -> None:
         ("error", "σ"),
         ("remark", None),
     ]
-    assert table.rows[0][1] == Number(-1.5, 0.1, shown="−1.50\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}0.10")
+    assert table.rows[0][1] == Number(
+        -1.5, 0.1, shown="−1.50\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}0.10"
+    )
     assert table.rows[1][1:] == (Number(2.0, shown="2"), "–", "", "")
     assert getattr(prose, "text", "").lower().count("a sentence") == 40
 
 
 def test_known_units_are_taken_by_row_and_by_heading() -> None:
-    table = rows_table("t", ("state", "L", "final"), [("q", "1.0", "2.0"), ("other", "3", "4")], units={"q": "rad/s", "L": "1/s"})
-    assert table.units == ("rad/s", "1") and [c.unit for c in table.columns] == [None, "1/s", BY_ROW]
+    table = rows_table(
+        "t",
+        ("state", "L", "final"),
+        [("q", "1.0", "2.0"), ("other", "3", "4")],
+        units={"q": "rad/s", "L": "1/s"},
+    )
+    assert table.units == ("rad/s", "1") and [c.unit for c in table.columns] == [
+        None,
+        "1/s",
+        BY_ROW,
+    ]
 
 
 def test_sections_without_content_are_left_out() -> None:
     assert section("empty", None, Table("t", (Column("a"),), ())) == ()
-    assert Section("Simulation error on x.csv (held out)").name == "simulation-error-on-x-csv-held-out"
+    assert (
+        Section("Simulation error on x.csv (held out)").name == "simulation-error-on-x-csv-held-out"
+    )
     with pytest.raises(ModelError, match="no tone"):
         replace(PAGE, tone="loud")
     assert isinstance(PAGE, Page)

@@ -1,4 +1,6 @@
-"""The page as HTML: whole, escaped, closed to anything from outside; and made again from its folder."""
+"""The page as HTML: whole, escaped, closed to anything from outside; and made again from its
+folder.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ class Parsed(HTMLParser):
             self.open.append(tag)
 
     def handle_endtag(self, tag: str) -> None:
-        assert tag in VOID or (self.open and self.open.pop() == tag), f"</{tag}> closes another element"
+        assert tag in VOID or (self.open and self.open.pop() == tag), (
+            f"</{tag}> closes another element"
+        )
 
     def handle_data(self, data: str) -> None:
         if self.open and self.open[-1] not in ("style", "script"):
@@ -64,7 +68,11 @@ def test_text_of_users_is_no_markup() -> None:
 def test_nothing_comes_from_outside_and_only_the_own_script_runs() -> None:
     assert not re.search(r"https?://|@import|url\(|\son[a-z]+=|\sstyle=|javascript:", TEXT)
     assert not {"link", "iframe", "object", "img", "form"} & {tag for tag, _ in PARSED.tags}
-    (policy,) = [each["content"] for each in PARSED.all("meta") if each.get("http-equiv") == "Content-Security-Policy"]
+    (policy,) = [
+        each["content"]
+        for each in PARSED.all("meta")
+        if each.get("http-equiv") == "Content-Security-Policy"
+    ]
     assert policy.startswith("default-src 'none'; ") and "unsafe" not in policy
     for tag in ("style", "script"):
         (content,) = re.findall(rf"<{tag}>(.*?)</{tag}>", TEXT, re.DOTALL)
@@ -88,31 +96,53 @@ def test_cells_carry_their_numbers_and_every_row_its_unit() -> None:
     cells = [each for each in PARSED.all("td") if "data-value" in each]
     assert {"data-value": "-1.657", "data-sigma": "0.0018", "class": "n"} in cells
     assert TEXT.count("<td>1/rad</td>") == 3 and TEXT.count("<td>s</td>") == 1
-    assert "−1.6570\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}0.0018" in TEXT and 'error <span class="unit">(%)</span>' in TEXT
+    assert (
+        "−1.6570\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}0.0018" in TEXT
+        and 'error <span class="unit">(%)</span>' in TEXT
+    )
     assert "a -1.csv" in TEXT and "The first 10 of 60 rows" in TEXT
 
 
 def test_every_colour_of_the_figures_has_one_for_dark_pages() -> None:
-    own = [style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.SKY, style.ORANGE, style.BLACK, style.GREY, style.LIGHT, "#ffffff"]
+    own = [
+        style.BLUE,
+        style.VERMILION,
+        style.GREEN,
+        style.PURPLE,
+        style.SKY,
+        style.ORANGE,
+        style.BLACK,
+        style.GREY,
+        style.LIGHT,
+        "#ffffff",
+    ]
     for colour in own:
-        assert f'svg [stroke="{colour.lower()}"]' in TEXT and f'svg [fill="{colour.lower()}"]' in TEXT
+        assert (
+            f'svg [stroke="{colour.lower()}"]' in TEXT and f'svg [fill="{colour.lower()}"]' in TEXT
+        )
     assert not re.search(r"/\*(DARK|LIGHT)\*/", TEXT)
 
 
 def luminance(colour: str) -> float:
     parts = [int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
-    linear = [part / 12.92 if part <= 0.03928 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
+    linear = [
+        part / 12.92 if part <= 0.03928 else ((part + 0.055) / 1.055) ** 2.4 for part in parts
+    ]
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
 @pytest.mark.parametrize("dark", [False, True])
 def test_words_stand_out_from_their_ground_as_wcag_aa_asks(dark: bool) -> None:
-    rules = re.search(r':root\[data-theme="dark"\] \{(.*?)\}' if dark else r":root \{(.*?)\}", TEXT, re.DOTALL)
+    rules = re.search(
+        r':root\[data-theme="dark"\] \{(.*?)\}' if dark else r":root \{(.*?)\}", TEXT, re.DOTALL
+    )
     assert rules is not None
     colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6})", rules[1]))
     for ground in ("paper", "fill"):
         for words in ("ink", "soft", "accent", "good", "fair", "open"):
-            bright, faint = sorted((luminance(colours[words]), luminance(colours[ground])), reverse=True)
+            bright, faint = sorted(
+                (luminance(colours[words]), luminance(colours[ground])), reverse=True
+            )
             assert (bright + 0.05) / (faint + 0.05) >= 4.5, (ground, words)
 
 
@@ -121,19 +151,30 @@ def test_page_is_made_again_from_its_folder_to_the_byte(tmp_path: Path) -> None:
     first = (tmp_path / "report.html").read_bytes()
     assert first == TEXT.encode()
     (tmp_path / "report.html").unlink()
-    assert rebuilt(tmp_path) == tmp_path / "report.html" and (tmp_path / "report.html").read_bytes() == first
+    assert (
+        rebuilt(tmp_path) == tmp_path / "report.html"
+        and (tmp_path / "report.html").read_bytes() == first
+    )
 
 
 @pytest.mark.parametrize(
     ("document", "told"),
     [
         (None, "it is no study folder"),
-        ({"schema": "flightid/comparison/1", "scenario": "rigid", "seed": 3}, "flightid run rigid --seed 3 --out"),
-        ({"schema": "flightid/campaign/1", "scenario": "rigid", "runs": 20, "first_seed": 5}, "flightid campaign rigid --runs 20 --seed 5 --out"),
+        (
+            {"schema": "flightid/comparison/1", "scenario": "rigid", "seed": 3},
+            "flightid run rigid --seed 3 --out",
+        ),
+        (
+            {"schema": "flightid/campaign/1", "scenario": "rigid", "runs": 20, "first_seed": 5},
+            "flightid campaign rigid --runs 20 --seed 5 --out",
+        ),
         ({"schema": "flightid/comparison/1", "scenario": "identify"}, "run its command again"),
     ],
 )
-def test_folder_without_a_page_says_what_to_run(tmp_path: Path, document: dict[str, object] | None, told: str) -> None:
+def test_folder_without_a_page_says_what_to_run(
+    tmp_path: Path, document: dict[str, object] | None, told: str
+) -> None:
     if document is not None:
         name = "campaign.json" if "runs" in document else "comparison.json"
         (tmp_path / name).write_text(json.dumps(document))
@@ -152,7 +193,8 @@ def test_spoilt_content_and_missing_folder_are_one_line(tmp_path: Path) -> None:
     write_page(tmp_path, PAGE)
     first = (tmp_path / "report.html").read_bytes()
     content = json.loads((tmp_path / "report.json").read_bytes())
-    (tmp_path / "report.json").write_text(json.dumps({**content, "created": 5}))  # found out only when the page is made
+    # found out only when the page is made
+    (tmp_path / "report.json").write_text(json.dumps({**content, "created": 5}))
     with pytest.raises(FlightidError, match="no content of a page"):
         rebuilt(tmp_path)
     assert (tmp_path / "report.html").read_bytes() == first
@@ -163,7 +205,10 @@ def test_a_file_name_that_is_no_utf_8_is_told_and_made_again(tmp_path: Path) -> 
     write_page(tmp_path, page)
     first = (tmp_path / "report.html").read_bytes()
     assert b"flig\\udcffht.csv" in first
-    assert rebuilt(tmp_path).read_bytes() == first and page_of(json.loads((tmp_path / "report.json").read_bytes())) == page
+    assert (
+        rebuilt(tmp_path).read_bytes() == first
+        and page_of(json.loads((tmp_path / "report.json").read_bytes())) == page
+    )
 
 
 def test_command_is_what_was_typed_else_what_would_be(monkeypatch: pytest.MonkeyPatch) -> None:

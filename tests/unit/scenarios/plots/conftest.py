@@ -1,4 +1,6 @@
-"""Small real results that the figures' tests share: a rigid aircraft and a falling body, flown and identified."""
+"""Small real results that the figures' tests share: a rigid aircraft and a falling body, flown and
+identified.
+"""
 
 from __future__ import annotations
 
@@ -36,11 +38,19 @@ class Study:
 
 
 def started(model: Model, factor: float, prior: float, state_std: tuple[float, float]) -> Model:
-    """The model with its free parameters off by a factor, priors in proportion and an uncertain initial state."""
+    """The model with its free parameters off by a factor, priors in proportion and an uncertain
+    initial state.
+    """
     free = [item for item in model.parameters if item.free]
     parameters = model.parameters.with_values({item.name: factor * item.value for item in free})
-    initial = ParameterSet(tuple(replace(item, prior_std=std) for item, std in zip(model.initial, state_std, strict=True)))
-    return model.with_parameters(parameters.with_prior({item.name: prior * abs(item.value) for item in free})).with_initial(initial)
+    initial = ParameterSet(
+        tuple(
+            replace(item, prior_std=std) for item, std in zip(model.initial, state_std, strict=True)
+        )
+    )
+    return model.with_parameters(
+        parameters.with_prior({item.name: prior * abs(item.value) for item in free})
+    ).with_initial(initial)
 
 
 @pytest.fixture(scope="package")
@@ -65,7 +75,11 @@ def rigid() -> Study:
 def broken(rigid: Study) -> Study:
     """The same record and a filter that breaks down at once: its start is absurd."""
     model = started(rigid_model({**rigid_values(), "Cm_alpha": 1e12}), 1.0, 0.5, (0.01, 0.01))
-    return Study(rigid.record, rigid.truth, run_ekf(rigid.record, compile_model(model, ("alpha", "q"), online=True)))
+    return Study(
+        rigid.record,
+        rigid.truth,
+        run_ekf(rigid.record, compile_model(model, ("alpha", "q"), online=True)),
+    )
 
 
 @pytest.fixture(scope="package")
@@ -74,8 +88,14 @@ def falls() -> dict[str, Study]:
     model = ballistic_model()
     record, truth = fly(model, None, sample_times(10.0, 15.0), np.random.default_rng(4), step=0.02)
     system = compile_model(started(model, 1.3, 0.4, (7.6, 45.0)), online=True)
-    settings = {f"{terms} Taylor terms": FilterSettings(step=euler_step, transition=Taylor(terms)) for terms in (2, 3)}
-    return {label: Study(record, truth, run_ekf(record, system, setting)) for label, setting in settings.items()}
+    settings = {
+        f"{terms} Taylor terms": FilterSettings(step=euler_step, transition=Taylor(terms))
+        for terms in (2, 3)
+    }
+    return {
+        label: Study(record, truth, run_ekf(record, system, setting))
+        for label, setting in settings.items()
+    }
 
 
 def rigid_values() -> dict[str, float]:

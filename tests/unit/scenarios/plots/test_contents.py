@@ -10,10 +10,26 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.estimate import Outcome
-from scenarios.plots.comparison import ComparisonRow, EquivalentRow, figure_comparison, figure_equivalents
+from scenarios.plots.comparison import (
+    ComparisonRow,
+    EquivalentRow,
+    figure_comparison,
+    figure_equivalents,
+)
 from scenarios.plots.display import SIMULATED_DATA, course, sound_samples
-from scenarios.plots.estimates import figure_correlation, figure_innovations, figure_parameter_histories
-from scenarios.plots.signals import Response, figure_ballistic_coefficient, figure_fit, figure_record, figure_trajectory, response_of
+from scenarios.plots.estimates import (
+    figure_correlation,
+    figure_innovations,
+    figure_parameter_histories,
+)
+from scenarios.plots.signals import (
+    Response,
+    figure_ballistic_coefficient,
+    figure_fit,
+    figure_record,
+    figure_trajectory,
+    response_of,
+)
 from sim.errors import ModelError
 from sim.record import Hold
 from tests.unit.scenarios.plots.conftest import Study
@@ -30,19 +46,27 @@ def curve(panel: Axes, label: str) -> tuple[np.ndarray, np.ndarray]:
 
 def points(panel: Axes, label: str) -> list[tuple[float, float]]:
     """First point of every line with this label, in the order of drawing."""
-    return [(float(np.asarray(line.get_xdata())[0]), float(np.asarray(line.get_ydata())[0])) for line in panel.lines if line.get_label() == label]
+    return [
+        (float(np.asarray(line.get_xdata())[0]), float(np.asarray(line.get_ydata())[0]))
+        for line in panel.lines
+        if line.get_label() == label
+    ]
 
 
 def texts(figure: Figure) -> list[str]:
     """All texts in the panels of a figure and their captions."""
-    return [text.get_text() for panel in figure.axes for text in panel.texts] + [panel.get_title(loc="left") for panel in figure.axes]
+    return [text.get_text() for panel in figure.axes for text in panel.texts] + [
+        panel.get_title(loc="left") for panel in figure.axes
+    ]
 
 
 def test_record_is_drawn_in_degrees_without_missing_samples(rigid: Study) -> None:
     figure = figure_record(rigid.record)
     elevator, alpha, _ = figure.axes
     assert elevator.lines[0].get_drawstyle() == "steps-post"
-    assert np.array_equal(np.asarray(elevator.lines[0].get_ydata()), DEGREES * rigid.record["elevator"].values)
+    assert np.array_equal(
+        np.asarray(elevator.lines[0].get_ydata()), DEGREES * rigid.record["elevator"].values
+    )
     channel = rigid.record["alpha"]
     lost = np.count_nonzero(~channel.valid)
     time, values = curve(alpha, "measured")
@@ -59,7 +83,9 @@ def test_linear_input_is_drawn_linear(rigid: Study) -> None:
 
 def test_fit_shows_response_truth_and_residual(rigid: Study) -> None:
     estimate, channel = rigid.estimate, rigid.record["alpha"]
-    figure = figure_fit(rigid.record, [response_of(estimate)], rigid.truth, noise_std={"alpha": 0.002})
+    figure = figure_fit(
+        rigid.record, [response_of(estimate)], rigid.truth, noise_std={"alpha": 0.002}
+    )
     above, below = figure.axes[:2]
     predicted = DEGREES * (channel.values - rigid.history.innovation[0])
     _, shown = curve(above, "EKF, one sample ahead")
@@ -67,12 +93,19 @@ def test_fit_shows_response_truth_and_residual(rigid: Study) -> None:
     assert np.all(np.isnan(shown[~channel.valid]))
     assert np.array_equal(curve(above, "true")[1], DEGREES * rigid.truth.outputs["alpha"])
     residual = np.asarray(below.lines[-1].get_ydata(), dtype=float)
-    assert np.allclose(residual[channel.valid], DEGREES * rigid.history.innovation[0, channel.valid], rtol=0, atol=1e-12)
+    assert np.allclose(
+        residual[channel.valid],
+        DEGREES * rigid.history.innovation[0, channel.valid],
+        rtol=0,
+        atol=1e-12,
+    )
     assert np.all(np.isnan(residual[~channel.valid]))
     (band,) = [patch for patch in below.patches if patch.get_label() == "±2σ of the sensor noise"]
     ends = band.get_extents().transformed(below.transData.inverted())
     assert (ends.y0, ends.y1) == pytest.approx((-2.0 * DEGREES * 0.002, 2.0 * DEGREES * 0.002))
-    assert not [patch for patch in figure.axes[3].patches if "sensor noise" in str(patch.get_label())]
+    assert not [
+        patch for patch in figure.axes[3].patches if "sensor noise" in str(patch.get_label())
+    ]
 
 
 def test_fit_leaves_out_channels_of_which_no_response_speaks(rigid: Study) -> None:
@@ -82,7 +115,9 @@ def test_fit_leaves_out_channels_of_which_no_response_speaks(rigid: Study) -> No
         figure_fit(rigid.record, [])
 
 
-def test_a_response_that_runs_away_does_not_flatten_the_measurement(rigid: Study, broken: Study) -> None:
+def test_a_response_that_runs_away_does_not_flatten_the_measurement(
+    rigid: Study, broken: Study
+) -> None:
     figure = figure_fit(rigid.record, [response_of(broken.estimate)], rigid.truth)
     assert texts(figure).count("a response leaves the panel") == 2
     low, high = figure.axes[0].get_ylim()
@@ -95,7 +130,9 @@ def test_bounds_are_those_of_the_predicted_covariance(rigid: Study) -> None:
     left = figure.axes[0]
     valid = history.valid[0]
     # H picks alpha, the first state, so (H P H' + R)_11 = P_11 + R_11.
-    bound = 2.0 * np.sqrt(history.predicted_covariance[valid, 0, 0] + rigid.estimate.noise_std[0] ** 2)
+    bound = 2.0 * np.sqrt(
+        history.predicted_covariance[valid, 0, 0] + rigid.estimate.noise_std[0] ** 2
+    )
     assert np.allclose(curve(left, "±2σ bounds")[1], DEGREES * bound, rtol=1e-9)
     outside = 100.0 * np.mean(np.abs(history.innovation[0, valid]) > bound)
     assert any(f"{outside:.1f} % outside" in text for text in texts(figure))
@@ -103,24 +140,34 @@ def test_bounds_are_those_of_the_predicted_covariance(rigid: Study) -> None:
 
 def test_autocorrelation_counts_only_pairs_of_samples(rigid: Study) -> None:
     history = rigid.history
-    panel = figure_innovations(history, rigid.estimate.output_names, ("rad", "rad/s"), lags=12).axes[1]
+    panel = figure_innovations(
+        history, rigid.estimate.output_names, ("rad", "rad/s"), lags=12
+    ).axes[1]
     valid = history.valid[0]
     e = history.innovation[0] / history.innovation_std[0]
-    pairs = [[(i, i + k) for i in range(len(e) - k) if valid[i] and valid[i + k]] for k in range(1, 13)]
+    pairs = [
+        [(i, i + k) for i in range(len(e) - k) if valid[i] and valid[i + k]] for k in range(1, 13)
+    ]
     r = [sum(e[i] * e[j] for i, j in some) / np.sum(e[valid] ** 2) for some in pairs]
     band = [1.96 * np.sqrt(len(some)) / np.count_nonzero(valid) for some in pairs]
     bars, area = panel.collections[1], panel.collections[0]
-    assert [float(np.asarray(path.vertices)[1, 1]) for path in bars.get_paths()] == pytest.approx(r, abs=1e-12)
+    assert [float(np.asarray(path.vertices)[1, 1]) for path in bars.get_paths()] == pytest.approx(
+        r, abs=1e-12
+    )
     vertices = np.asarray(area.get_paths()[0].vertices)
     assert {round(float(y), 9) for x, y in vertices if y > 0} == {round(b, 9) for b in band}
-    assert f"{np.count_nonzero(np.abs(r) > np.array(band))} of 12 lags outside" in texts(panel.figure)  # type: ignore[arg-type]
+    assert f"{np.count_nonzero(np.abs(r) > np.array(band))} of 12 lags outside" in texts(
+        panel.figure
+    )  # type: ignore[arg-type]
 
 
 def test_parameters_over_time_with_truth_published_and_prior(rigid: Study) -> None:
     estimate = rigid.estimate
     true = {name: rigid.truth.parameters[name].value for name in estimate.names}
     published = {"Cm_de": (-2.25619, 0.00289), "CL_q": (-14.0, None)}
-    figure = figure_parameter_histories(rigid.history, estimate.names, estimate.units, true, published, {"CL_q": (-17.6, 7.0)})
+    figure = figure_parameter_histories(
+        rigid.history, estimate.names, estimate.units, true, published, {"CL_q": (-17.6, 7.0)}
+    )
     assert len(figure.axes) == 6
     for name, panel in zip(estimate.names, figure.axes, strict=True):
         assert curve(panel, "true")[1] == pytest.approx(true[name])
@@ -153,11 +200,17 @@ def test_a_gap_at_the_end_is_no_breakdown(rigid: Study) -> None:
 
 def test_no_sound_sample_at_all(rigid: Study) -> None:
     history, n = rigid.history, len(rigid.history.names)
-    nothing = replace(history, valid=np.zeros_like(history.valid), transition=np.broadcast_to(np.eye(n), history.transition.shape))
+    nothing = replace(
+        history,
+        valid=np.zeros_like(history.valid),
+        transition=np.broadcast_to(np.eye(n), history.transition.shape),
+    )
     assert len(course(nothing, "CL_q").time) == 0
     figure = figure_parameter_histories(nothing, rigid.estimate.names, rigid.estimate.units)
     assert sum("no sound sample" in text for text in texts(figure)) == 6
-    assert "no sample was used" in texts(figure_innovations(nothing, rigid.estimate.output_names, ("rad", "rad/s")))
+    assert "no sample was used" in texts(
+        figure_innovations(nothing, rigid.estimate.output_names, ("rad", "rad/s"))
+    )
 
 
 def test_ballistic_coefficient_and_its_error_in_pounds(falls: dict[str, Study]) -> None:
@@ -167,7 +220,9 @@ def test_ballistic_coefficient_and_its_error_in_pounds(falls: dict[str, Study]) 
     assert len(figure.axes) == 4
     for column, (label, study) in enumerate(falls.items()):
         estimate = study.estimate
-        assert curve(figure.axes[column], "estimate")[1][-1] == pytest.approx(estimate.value("beta") / POUND, rel=1e-6)
+        assert curve(figure.axes[column], "estimate")[1][-1] == pytest.approx(
+            estimate.value("beta") / POUND, rel=1e-6
+        )
         error = (estimate.value("beta") - true) / POUND
         below = figure.axes[2 + column]
         assert np.asarray(below.lines[1].get_ydata())[-1] == pytest.approx(error, rel=1e-4)
@@ -183,7 +238,11 @@ def test_ballistic_coefficient_and_its_error_in_pounds(falls: dict[str, Study]) 
 
 def curve_bounds(panel: Axes) -> float:
     """Upper bound of the error at the end."""
-    return max(float(np.asarray(line.get_ydata())[-1]) for line in panel.lines if line.get_label() == "±2σ bounds of the error")
+    return max(
+        float(np.asarray(line.get_ydata())[-1])
+        for line in panel.lines
+        if line.get_label() == "±2σ bounds of the error"
+    )
 
 
 def test_trajectory_with_and_without_truth(falls: dict[str, Study]) -> None:
@@ -193,11 +252,15 @@ def test_trajectory_with_and_without_truth(falls: dict[str, Study]) -> None:
     altitude, error = figure.axes[:2]
     assert np.allclose(curve(altitude, "true")[1], study.truth.states["altitude"] / 1000.0)
     assert np.allclose(curve(altitude, SIMULATED_DATA)[1], study.record["altitude"].values / 1000.0)
-    assert np.allclose(np.asarray(error.lines[1].get_ydata()), falls["2 Taylor terms"].history.mean[0] - study.truth.states["altitude"])
+    assert np.allclose(
+        np.asarray(error.lines[1].get_ydata()),
+        falls["2 Taylor terms"].history.mean[0] - study.truth.states["altitude"],
+    )
     assert len(figure_trajectory(study.record, histories).axes) == 2
 
 
-# The paper's estimates of the rigid aircraft without process noise, beside values of our own making.
+# The paper's estimates of the rigid aircraft without process noise, beside values of our own
+# making.
 ROWS = (
     ComparisonRow("CL_alpha", 2.922, 2.911, 0.0137, 2.9096, 0.00764),
     ComparisonRow("Cm_de", -2.578, -2.580, 0.002, -2.25619, 0.00289),
@@ -216,7 +279,10 @@ def test_comparison_in_own_sigmas_clips_what_is_far_off() -> None:
     (panel,) = figure.axes
     ours = sorted(x for x, _ in points(panel, "this study"))
     assert ours == pytest.approx(sorted((row.estimate - row.true) / row.std for row in ROWS))
-    assert all(np.all(np.abs(np.asarray(line.get_xdata(), dtype=float)) <= panel.get_xlim()[1]) for line in panel.lines)
+    assert all(
+        np.all(np.abs(np.asarray(line.get_xdata(), dtype=float)) <= panel.get_xlim()[1])
+        for line in panel.lines
+    )
     assert panel.get_yticklabels()[0].get_text() == "$C_{mq}$"
 
 
@@ -241,7 +307,14 @@ def test_equivalents_stand_beside_each_other() -> None:
 
 
 def test_large_correlations_are_framed_and_undefined_ones_grey() -> None:
-    matrix = np.array([[1.0, 0.95, -0.5, np.nan], [0.95, 1.0, -0.91, np.nan], [-0.5, -0.91, 1.0, np.nan], [np.nan] * 4])
+    matrix = np.array(
+        [
+            [1.0, 0.95, -0.5, np.nan],
+            [0.95, 1.0, -0.91, np.nan],
+            [-0.5, -0.91, 1.0, np.nan],
+            [np.nan] * 4,
+        ]
+    )
     figure = figure_correlation(["CL_alpha", "CL_q", "Cm_q", "delay"], matrix)
     panel = figure.axes[0]
     assert [text.get_text() for text in panel.texts] == [".95", "−.50", "−.91"]

@@ -38,7 +38,9 @@ def test_residuals_before_and_after_share_one_scale(fitted: FittedRecord) -> Non
     for left, right in zip(panels[::2], panels[1::2], strict=True):
         assert left.get_ylim() == right.get_ylim()
     captions = [panel.get_title(loc="left") for panel in panels]
-    assert all(text.startswith(("before", "after")[place % 2]) for place, text in enumerate(captions))
+    assert all(
+        text.startswith(("before", "after")[place % 2]) for place, text in enumerate(captions)
+    )
     (ring,) = [line for line in panels[0].lines if line.get_label() == "set aside"]
     assert ring.get_xdata() == pytest.approx([fitted.record.time[50]])
     # Missing samples are not drawn.
@@ -47,7 +49,9 @@ def test_residuals_before_and_after_share_one_scale(fitted: FittedRecord) -> Non
 
 
 def test_residuals_of_an_unchanged_model_have_one_column(fitted: FittedRecord) -> None:
-    assert len(figure_residuals(replace(fitted, before=fitted.after * (1.0 + 1e-4)), NOISE).axes) == 3
+    assert (
+        len(figure_residuals(replace(fitted, before=fitted.after * (1.0 + 1e-4)), NOISE).axes) == 3
+    )
 
 
 def test_channel_that_a_record_lacks_is_left_out(fitted: FittedRecord) -> None:
@@ -75,7 +79,10 @@ def test_evidence_has_the_longest_bar_on_top_and_the_claimed_one_blue() -> None:
     assert lengths == sorted(lengths) and len(lengths) == 4
     assert to_hex(tops[-1].get_facecolor()) == BLUE.lower()
     assert {to_hex(bar.get_facecolor()) for bar in tops[:-1]} & {BLUE.lower()} == set()
-    assert figure.axes[1].get_title(loc="left") == "round 2, beside sensor-lag:alpha; nothing more was needed"
+    assert (
+        figure.axes[1].get_title(loc="left")
+        == "round 2, beside sensor-lag:alpha; nothing more was needed"
+    )
 
 
 def candidate(name: str, weight: float, **told: object) -> Candidate:
@@ -117,34 +124,57 @@ def test_evidence_says_beside_each_bar_why_it_was_not_chosen() -> None:
     (panel,) = figure.axes
     bars = [bar for bar in panel.patches if isinstance(bar, Rectangle)]
     ends = sorted((bar.get_x() + bar.get_width() for bar in bars), reverse=True)
-    assert ends[:3] == pytest.approx([0.0, -8.0, -11.0]), "bars end where the odds lie below the best"
+    assert ends[:3] == pytest.approx([0.0, -8.0, -11.0]), (
+        "bars end where the odds lie below the best"
+    )
     open_bars = [bar for bar in bars if to_hex(bar.get_facecolor()) == "#ffffff"]
     assert len(open_bars) == 1, "what was not fitted is an open bar"
 
 
 def test_evidence_shows_a_candidate_once_as_it_was_fitted() -> None:
-    twice = [candidate("sensor-lag:q", 246.0, fitted=False), candidate("sensor-lag:q", 857.0), candidate("sensor-lag:q", 700.0)]
-    assert rows_of(figure_evidence(twice, NamedEffects(("sensor-lag:q",)))) == {"sensor-lag:q": ["857", "claimed"]}
+    twice = [
+        candidate("sensor-lag:q", 246.0, fitted=False),
+        candidate("sensor-lag:q", 857.0),
+        candidate("sensor-lag:q", 700.0),
+    ]
+    assert rows_of(figure_evidence(twice, NamedEffects(("sensor-lag:q",)))) == {
+        "sensor-lag:q": ["857", "claimed"]
+    }
     # Also where its signature promised more than the fit brought.
-    assert rows_of(figure_evidence([replace(twice[0], weight=900.0), twice[2]])) == {"sensor-lag:q": ["700", "not spread evenly"]}
+    assert rows_of(figure_evidence([replace(twice[0], weight=900.0), twice[2]])) == {
+        "sensor-lag:q": ["700", "not spread evenly"]
+    }
 
 
 def test_evidence_counts_what_it_leaves_out_and_keeps_what_is_named() -> None:
-    many = [candidate(f"effect-{number}", 100.0 - number) for number in range(20)] + [candidate("hint", 1.0)]
+    many = [candidate(f"effect-{number}", 100.0 - number) for number in range(20)] + [
+        candidate("hint", 1.0)
+    ]
     (panel,) = figure_evidence(many, NamedEffects(hints=("hint",))).axes
-    assert "hint" in {label.get_text() for label in panel.get_yticklabels()} and len(panel.get_yticks()) == 12
+    assert (
+        "hint" in {label.get_text() for label in panel.get_yticklabels()}
+        and len(panel.get_yticks()) == 12
+    )
     assert "9 others below" in [text.get_text() for text in panel.texts]
 
 
-def test_alternatives_are_marked_beside_the_other_claims_and_nothing_more_is_needed_where_noise_is_left() -> None:
+def test_alternatives_are_marked_beside_the_other_claims_and_nothing_more_is_needed_where_noise_is_left() -> (  # noqa: E501
+    None
+):
     standing = NamedEffects(("a", "b"), {"b": ("c",)}, noise_left=True)
     late = candidate("c", 5.0, within=("a",))
-    assert reason(late, standing, [late]) == "an alternative" and reason(replace(late, within=()), standing, [late]) != "an alternative"
+    assert (
+        reason(late, standing, [late]) == "an alternative"
+        and reason(replace(late, within=()), standing, [late]) != "an alternative"
+    )
     last = candidate("d", 5.0, within=("a", "b"))
     assert reason(last, standing, [last]) == "not needed"
     assert reason(last, replace(standing, noise_left=False), [last]) != "not needed"
     # Less probable than its absence: nothing speaks for it beside any set.
-    assert reason(replace(last, weight=-1.0), replace(standing, noise_left=False), [last]) == "not needed"
+    assert (
+        reason(replace(last, weight=-1.0), replace(standing, noise_left=False), [last])
+        == "not needed"
+    )
 
 
 def test_evidence_of_no_candidate_says_so() -> None:
@@ -155,7 +185,11 @@ def test_derivatives_are_drawn_in_per_cent_and_vague_ones_in_their_sigmas() -> N
     before = {"Cm_q": Quantity(-20.0, 1.0, "1/rad"), "CL_q": Quantity(0.1, 2.0, "1/rad")}
     after = {"Cm_q": Quantity(-17.0, 0.5, "1/rad"), "CL_q": Quantity(6.1, 1.0, "1/rad")}
     panel = figure_derivatives(before, after).axes[0]
-    points = [line.get_xdata() for line in panel.lines if line.get_marker() == "o" and line.get_linestyle() == "None"]
+    points = [
+        line.get_xdata()
+        for line in panel.lines
+        if line.get_marker() == "o" and line.get_linestyle() == "None"
+    ]
     assert np.asarray(points[-1]) == pytest.approx([15.0, 100.0])
     assert "3σ" in panel.get_title(loc="left") and "L" in panel.get_title(loc="left")
     texts = {text.get_text() for text in panel.texts}
@@ -166,7 +200,9 @@ def test_derivatives_are_drawn_in_per_cent_and_vague_ones_in_their_sigmas() -> N
 def test_spectrum_of_white_noise_lies_at_its_variance(missing: float) -> None:
     rng = np.random.default_rng(2)
     used = rng.random(4000) >= missing
-    hertz, power = spectrum(np.where(used, 0.3 * rng.standard_normal(4000), 0.0), 0.02, int(used.sum()))
+    hertz, power = spectrum(
+        np.where(used, 0.3 * rng.standard_normal(4000), 0.0), 0.02, int(used.sum())
+    )
     assert power.mean() == pytest.approx(0.09, rel=0.08)
     assert 0.0 < hertz[0] < hertz[-1] < 25.0 and len(hertz) == len(power)
 
@@ -179,11 +215,19 @@ def test_spectrum_of_a_sine_peaks_at_its_frequency() -> None:
 
 def test_replication_shows_each_record_against_all_together() -> None:
     late = tuple({"time_constant": Quantity(value, 0.004, "s")} for value in (0.058, 0.063, 0.060))
-    stop = tuple({"limit": Quantity(np.radians(value), np.radians(0.05), "rad")} for value in (0.6, 0.7, 0.65))
+    stop = tuple(
+        {"limit": Quantity(np.radians(value), np.radians(0.05), "rad")}
+        for value in (0.6, 0.7, 0.65)
+    )
     names = ("a.csv", "b.csv", "c.csv, from 7 s")
     effects = [
         Replicated("sensor-lag:alpha", names, late, {"time_constant": Quantity(0.061, 0.002, "s")}),
-        Replicated("actuator-saturation", names, stop, {"limit": Quantity(np.radians(0.65), np.radians(0.02), "rad")}),
+        Replicated(
+            "actuator-saturation",
+            names,
+            stop,
+            {"limit": Quantity(np.radians(0.65), np.radians(0.02), "rad")},
+        ),
     ]
     figure = figure_replication(effects)
     first, second = figure.axes
@@ -194,12 +238,19 @@ def test_replication_shows_each_record_against_all_together() -> None:
         assert panel.get_xlim() == (-0.5, 2.5)
     (band,) = [patch for patch in second.patches if isinstance(patch, Rectangle)]
     assert (band.get_y(), band.get_y() + band.get_height()) == pytest.approx((0.61, 0.69))
-    assert [panel.get_title(loc="left") for panel in figure.axes] == ["sensor-lag:alpha", "actuator-saturation"]
+    assert [panel.get_title(loc="left") for panel in figure.axes] == [
+        "sensor-lag:alpha",
+        "actuator-saturation",
+    ]
     assert "deg" in second.get_ylabel() and figure_png(figure).startswith(b"\x89PNG")
 
 
 def test_replication_stands_records_without_the_parameter_and_sigmas_that_say_nothing() -> None:
-    by_record: tuple[dict[str, Quantity], ...] = ({"delay": Quantity(0.06, np.inf, "s")}, {}, {"delay": Quantity(0.05, 1e300, "s")})
+    by_record: tuple[dict[str, Quantity], ...] = (
+        {"delay": Quantity(0.06, np.inf, "s")},
+        {},
+        {"delay": Quantity(0.05, 1e300, "s")},
+    )
     (panel,) = figure_replication([Replicated("input-delay", ("a", "b", "c"), by_record, {})]).axes
     (points,) = [line for line in panel.lines if line.get_marker() == "o"]
     assert np.asarray(points.get_xdata()) == pytest.approx([0, 2])
@@ -209,5 +260,9 @@ def test_replication_stands_records_without_the_parameter_and_sigmas_that_say_no
 def test_figures_of_a_fall_and_of_runaway_predictions_can_be_drawn() -> None:
     d = tracing_of(Verdict.UNEXPLAINED, BALLISTIC, channels=("altitude",), count=60).diagnosis
     runaway = replace(d.predictions[0], before=np.full_like(d.predictions[0].before, 1e30))
-    for figure in (figure_held_out(runaway, d.noise_floor), figure_residuals(d.fitted[0], {}), figure_spectra(d.fitted[0], {})):
+    for figure in (
+        figure_held_out(runaway, d.noise_floor),
+        figure_residuals(d.fitted[0], {}),
+        figure_spectra(d.fitted[0], {}),
+    ):
         assert figure_png(figure).startswith(b"\x89PNG")

@@ -9,7 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.mathtext import MathTextParser
 
-from scenarios.plots.display import POUNDS_PER_SQUARE_FOOT, DisplayUnit, axis_label, display_unit, scaled_unit, signed, symbol
+from scenarios.plots.display import (
+    POUNDS_PER_SQUARE_FOOT,
+    DisplayUnit,
+    axis_label,
+    display_unit,
+    scaled_unit,
+    signed,
+    symbol,
+)
 
 
 @pytest.mark.parametrize(
@@ -56,7 +64,11 @@ def test_scaled_unit_keeps_the_value_and_leaves_few_digits(size: float) -> None:
     shown = size * unit.factor
     assert 0.02 <= shown < 2e4
     power = round(math.log10(unit.factor))
-    assert unit.text == ("m" if power == 0 else f"10{str(-power).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))} m")
+    assert unit.text == (
+        "m"
+        if power == 0
+        else f"10{str(-power).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))} m"
+    )
 
 
 def test_signed() -> None:

@@ -48,17 +48,28 @@ def points_of(data: str) -> np.ndarray:
 
 
 def noisy(count: int, records: int) -> list[Figure]:
-    """One figure a record: three panels of measured noise about two responses, as a fit has them."""
+    """One figure a record: three panels of measured noise about two responses, as a fit has
+    them.
+    """
     generator, figures = np.random.default_rng(1), []
     for _ in range(records):
         sheet = make_sheet([1.0] * 3)
         time = np.arange(count) / 100.0
         for panel in sheet.panels:
             smooth = np.sin(time)
-            panel.plot(time, smooth + 0.1 * generator.standard_normal(count), label="measured", **MEASURED)
+            panel.plot(
+                time, smooth + 0.1 * generator.standard_normal(count), label="measured", **MEASURED
+            )
             panel.plot(time, smooth, label="estimated", **method_style(0))
-            panel.plot(time, smooth + 0.1 * generator.standard_normal(count), label="residual", **method_style(1))
-            panel.fill_between(time, smooth - 0.2, smooth + 0.2 * generator.random(count), alpha=0.3, label="±2σ")
+            panel.plot(
+                time,
+                smooth + 0.1 * generator.standard_normal(count),
+                label="residual",
+                **method_style(1),
+            )
+            panel.fill_between(
+                time, smooth - 0.2, smooth + 0.2 * generator.random(count), alpha=0.3, label="±2σ"
+            )
             y_label(panel, "$\\alpha$ (deg)")
         time_axis(sheet.panels[-1])
         figures.append(finish(sheet, "records <of> a & b"))
@@ -70,9 +81,13 @@ def test_four_long_records_make_a_page_below_its_limit() -> None:
     drawn = [page_svg(figure, f"fit_{number}") for number, figure in enumerate(noisy(8000, 4))]
     assert 100_000 < sum(map(len, drawn)) < MOST
     root = ElementTree.fromstring(drawn[0])
-    assert root.attrib["role"] == "img" and root.attrib["aria-label"].startswith("records <of> a & b. Panels: alpha (deg) against time (s).")
+    assert root.attrib["role"] == "img" and root.attrib["aria-label"].startswith(
+        "records <of> a & b. Panels: alpha (deg) against time (s)."
+    )
     names = re.findall(r'id="([^"]*)"', "".join(drawn))
-    assert len(names) == len(set(names)) and set(re.findall(r"url\(#([^)]*)\)", "".join(drawn))) == set(names)
+    assert len(names) == len(set(names)) and set(
+        re.findall(r"url\(#([^)]*)\)", "".join(drawn))
+    ) == set(names)
 
 
 def test_same_figure_same_text_and_no_style_of_its_own() -> None:
@@ -107,7 +122,9 @@ def test_gaps_stay_gaps_and_areas_are_closed() -> None:
 
 def test_dots_that_cover_each_other_are_one_and_none_is_lost() -> None:
     generator = np.random.default_rng(2)
-    points = np.column_stack([generator.uniform(0.0, 400.0, 20_000), generator.uniform(0.0, 60.0, 20_000)])
+    points = np.column_stack(
+        [generator.uniform(0.0, 400.0, 20_000), generator.uniform(0.0, 60.0, 20_000)]
+    )
     points[7] = np.nan
     size = 1.5
     found = points_of(dots_data(points, size))
@@ -118,8 +135,13 @@ def test_dots_that_cover_each_other_are_one_and_none_is_lost() -> None:
 
 
 def test_captions_know_records_and_methods() -> None:
-    assert caption_of("fit") == CAPTIONS["fit"] and caption_of("fit_2") == f"{CAPTIONS['fit']} (record 2)"
-    assert caption_of("fit_other") == CAPTIONS["fit_other"] and caption_of("innovations_ukf-two").endswith("(ukf-two)")
+    assert (
+        caption_of("fit") == CAPTIONS["fit"]
+        and caption_of("fit_2") == f"{CAPTIONS['fit']} (record 2)"
+    )
+    assert caption_of("fit_other") == CAPTIONS["fit_other"] and caption_of(
+        "innovations_ukf-two"
+    ).endswith("(ukf-two)")
     assert caption_of("some_thing") == "Some thing"
 
 
@@ -127,14 +149,20 @@ def one() -> Figure:
     return noisy(20, 1)[0]
 
 
-def test_figures_are_the_same_with_a_fork_without_one_and_when_it_fails(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_figures_are_the_same_with_a_fork_without_one_and_when_it_fails(
+    tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch
+) -> None:
     gone = subprocess.Popen([sys.executable, "-c", "raise SystemExit(1)"])
     found = []
     for name, count, fork in (("alone", 2, os.fork), ("failed", 1, lambda: gone.pid)):
         monkeypatch.setattr("threading.active_count", lambda count=count: count)
         monkeypatch.setattr(os, "fork", fork)
         (tmp_path / name).mkdir()
-        found.append(drawn_for_page([(stem, one) for stem in ("record", "fit", "errors")], tmp_path / name, ()))
+        found.append(
+            drawn_for_page(
+                [(stem, one) for stem in ("record", "fit", "errors")], tmp_path / name, ()
+            )
+        )
         assert list((tmp_path / name).iterdir()) == []
     gone.returncode = 1  # it was waited for
 
@@ -143,14 +171,21 @@ def test_figures_are_the_same_with_a_fork_without_one_and_when_it_fails(tmp_path
 
     monkeypatch.setattr("threading.active_count", lambda: 1)
     monkeypatch.setattr(os, "fork", full)
-    assert drawn_for_page([(stem, one) for stem in ("record", "fit", "errors")], tmp_path / "alone", ()) == found[0]
+    assert (
+        drawn_for_page(
+            [(stem, one) for stem in ("record", "fit", "errors")], tmp_path / "alone", ()
+        )
+        == found[0]
+    )
     assert found[0] == found[1] and [each.stem for each in found[0]] == ["record", "fit", "errors"]
     leave_for_page([("fit", one)], tmp_path, ())
     assert gathered(tmp_path) == {"fit": found[0][1].svg}
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there are no forks")
-def test_a_fork_is_waited_for_and_leaves_nothing_where_drawing_fails(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fork_is_waited_for_and_leaves_nothing_where_drawing_fails(
+    tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken() -> Figure:
         raise ValueError("broken")
 
@@ -169,5 +204,9 @@ def test_a_fork_is_waited_for_and_leaves_nothing_where_drawing_fails(tmp_path: F
             raise ValueError("broken")
         return one()
 
-    drawn = drawn_for_page([("record", one), ("fit", one), ("errors", one), ("states", broken_there)], tmp_path, ())
-    assert [each.stem for each in drawn] == ["record", "fit", "errors", "states"] and list(tmp_path.iterdir()) == []
+    drawn = drawn_for_page(
+        [("record", one), ("fit", one), ("errors", one), ("states", broken_there)], tmp_path, ()
+    )
+    assert [each.stem for each in drawn] == ["record", "fit", "errors", "states"] and list(
+        tmp_path.iterdir()
+    ) == []

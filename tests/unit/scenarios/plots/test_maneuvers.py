@@ -1,4 +1,6 @@
-"""The figure of a whole flight: a band that loses no peak, few points, holes at pauses, a number for each maneuver."""
+"""The figure of a whole flight: a band that loses no peak, few points, holes at pauses, a number
+for each maneuver.
+"""
 
 from __future__ import annotations
 
@@ -28,25 +30,38 @@ def test_a_band_keeps_every_peak_in_its_place() -> None:
 
 def test_few_samples_are_drawn_as_they_are() -> None:
     times, values = np.arange(10.0), np.arange(10.0) ** 2
-    assert all(np.array_equal(got, wanted) for got, wanted in zip(envelope(times, values), (times, values, values), strict=True))
+    assert all(
+        np.array_equal(got, wanted)
+        for got, wanted in zip(envelope(times, values), (times, values, values), strict=True)
+    )
 
 
 def drawn(pause: float) -> Figure:
     """Two parts of 100 s with a pause between them, and a maneuver on either side."""
     times = np.r_[np.arange(0.0, 100.0, 0.1), np.arange(0.0, 100.0, 0.1) + 100.0 + pause]
-    outputs = tuple(Channel.of(name, unit, np.sin(times)) for name, unit in (("elevator", "rad"), ("phi", "rad"), ("nz", "g")))
+    outputs = tuple(
+        Channel.of(name, unit, np.sin(times))
+        for name, unit in (("elevator", "rad"), ("phi", "rad"), ("nz", "g"))
+    )
     found = [
         Maneuver(20.0, 30.0, "pitch", "doublet", "elevator", 0.1),
         Maneuver(140.0 + pause, 160.0 + pause, "roll", "turn", "phi", 0.5),
         Maneuver(120.0 + pause, 130.0 + pause, "all", "trim", "", 0.0),
     ]
     numbered = [SimpleNamespace(number=k, found=each) for k, each in enumerate(found, start=1)]
-    return figure_flight(SimpleNamespace(record=Record(times, (), outputs), maneuvers=numbered, simulated=False), "flight.csv")
+    return figure_flight(
+        SimpleNamespace(record=Record(times, (), outputs), maneuvers=numbered, simulated=False),
+        "flight.csv",
+    )
 
 
 def test_a_short_pause_is_a_hole_in_the_band() -> None:
     elevator, nz, phi = drawn(20.0).axes
-    assert [[text.get_text() for text in panel.texts] for panel in (elevator, nz, phi)] == [["1"], [], ["2"]]
+    assert [[text.get_text() for text in panel.texts] for panel in (elevator, nz, phi)] == [
+        ["1"],
+        [],
+        ["2"],
+    ]
     assert "elevator" in elevator.get_ylabel() and "deg" in phi.get_ylabel()
     (band,) = [each for each in elevator.collections if len(each.get_paths()) > 0][:1]
     assert len(band.get_paths()) == 2, "a hole at the pause"
@@ -54,7 +69,14 @@ def test_a_short_pause_is_a_hole_in_the_band() -> None:
 
 def test_a_long_pause_is_cut_out_and_each_part_has_its_panels() -> None:
     panels = drawn(5000.0).axes
-    assert [[text.get_text() for text in panel.texts] for panel in panels] == [["1"], [], [], [], [], ["2"]]
+    assert [[text.get_text() for text in panel.texts] for panel in panels] == [
+        ["1"],
+        [],
+        [],
+        [],
+        [],
+        ["2"],
+    ]
     spans = [panel.get_xlim() for panel in panels[:2]]
     assert spans == [pytest.approx((0.0, 99.9)), pytest.approx((5100.0, 5199.9))]
     assert panels[0].get_ylim() == panels[1].get_ylim() and panels[1].get_ylabel() == ""

@@ -7,7 +7,12 @@ import pytest
 from scipy import signal
 
 import flightid as fid
-from scenarios.plots.low_order import figure_bandwidth, figure_margins, figure_mismatch, figure_response
+from scenarios.plots.low_order import (
+    figure_bandwidth,
+    figure_margins,
+    figure_mismatch,
+    figure_response,
+)
 from sim.errors import DeclarationError
 from tests.figure_laws import broken_laws, words
 
@@ -22,7 +27,9 @@ def flown() -> dict[str, np.ndarray]:
     top, bottom, _ = signal.cont2discrete(([6.0, 7.2], [1.0, 3.2, 16.0]), STEP, "zoh")
     top = np.concatenate([np.zeros(4), np.ravel(top)[1:]])
     bottom = np.concatenate([bottom, np.zeros(3)])
-    sweep, other = (signal.lfilter(*signal.butter(2, 0.3), rng.standard_normal(count)) for _ in "ab")
+    sweep, other = (
+        signal.lfilter(*signal.butter(2, 0.3), rng.standard_normal(count)) for _ in "ab"
+    )
     noise = 0.05 * rng.standard_normal(count)
     closed = np.polyadd(bottom, 0.3 * top)
     q = signal.lfilter(top, closed, sweep) + signal.lfilter(bottom, closed, noise)

@@ -32,11 +32,15 @@ def test_a_mean_near_nothing_is_shown_at_the_size_of_its_band(rigid: Study) -> N
 
 def test_small_innovations_have_their_power_in_the_unit(rigid: Study) -> None:
     history = rigid.history
-    small = replace(history, innovation=1e-4 * history.innovation, innovation_std=1e-4 * history.innovation_std)
+    small = replace(
+        history, innovation=1e-4 * history.innovation, innovation_std=1e-4 * history.innovation_std
+    )
     figure = figure_innovations(small, rigid.estimate.output_names, ("rad", "rad/s"))
     assert all("(10⁻" in panel.get_ylabel() for panel in figure.axes[::2])
     assert set(powers_above(figure)) == {""}
     (line,) = [line for line in figure.axes[0].lines if line.get_label() == "innovation"]
     valid = history.valid[0]
     # 1e-4 of some tenths of a degree: shown in millionths of one.
-    assert np.asarray(line.get_ydata()) == pytest.approx(1e6 * np.degrees(small.innovation[0, valid]))
+    assert np.asarray(line.get_ydata()) == pytest.approx(
+        1e6 * np.degrees(small.innovation[0, valid])
+    )

@@ -22,7 +22,9 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="there are no fo
 
 
 def noted(file: Path, number: int, failing: Callable[[], bool] = lambda: False) -> None:
-    """Note that the work was done, and by whom; the first that this process does waits until the other has begun one."""
+    """Note that the work was done, and by whom; the first that this process does waits until the
+    other has begun one.
+    """
     begun = file.with_suffix(".begun")
     if os.getpid() != HERE:
         begun.touch()
@@ -55,7 +57,9 @@ def test_each_work_is_done_once_by_two_processes(tmp_path: Path) -> None:
     assert counts == Counter(range(COUNT)) and len(processes) == 2 and HERE in processes
 
 
-def test_beside_other_threads_all_is_done_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_beside_other_threads_all_is_done_here(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("threading.active_count", lambda: 2)
     (tmp_path / "done.begun").touch()
     shared_out([partial(noted, tmp_path / "done", number) for number in range(9)])
@@ -63,7 +67,9 @@ def test_beside_other_threads_all_is_done_here(tmp_path: Path, monkeypatch: pyte
 
 
 @pytest.mark.usefixtures("alone")
-def test_where_nothing_can_fork_all_is_done_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_nothing_can_fork_all_is_done_here(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv(START_METHOD, "spawn")
     (tmp_path / "done.begun").touch()
     shared_out([partial(noted, tmp_path / "done", number) for number in range(9)])
@@ -72,15 +78,30 @@ def test_where_nothing_can_fork_all_is_done_here(tmp_path: Path, monkeypatch: py
 
 @pytest.mark.usefixtures("alone")
 def test_what_a_fork_fails_at_is_done_here(tmp_path: Path) -> None:
-    shared_out([partial(noted, tmp_path / "done", number, lambda: os.getpid() != HERE) for number in range(9)])
-    assert done(tmp_path / "done") == (Counter(range(9)), {HERE}) and (tmp_path / "done.begun").exists()
+    shared_out(
+        [
+            partial(noted, tmp_path / "done", number, lambda: os.getpid() != HERE)
+            for number in range(9)
+        ]
+    )
+    assert (
+        done(tmp_path / "done") == (Counter(range(9)), {HERE})
+        and (tmp_path / "done.begun").exists()
+    )
 
 
 @pytest.mark.usefixtures("alone")
-def test_a_work_that_fails_here_leaves_the_fork_nothing_to_take(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_work_that_fails_here_leaves_the_fork_nothing_to_take(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     helpers = remembered_forks(monkeypatch)
     with pytest.raises(ValueError, match="broken"):
-        shared_out([partial(noted, tmp_path / "done", number, lambda: os.getpid() == HERE) for number in range(COUNT)])
+        shared_out(
+            [
+                partial(noted, tmp_path / "done", number, lambda: os.getpid() == HERE)
+                for number in range(COUNT)
+            ]
+        )
     with pytest.raises(ChildProcessError):
         os.waitpid(helpers[0], os.WNOHANG)  # it was waited for
     assert not (tmp_path / "done").exists() or len(done(tmp_path / "done")[0]) < COUNT

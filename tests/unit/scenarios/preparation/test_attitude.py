@@ -1,4 +1,6 @@
-"""A measured pitch attitude becomes an input that a phugoid takes, where all records have it and no airspeed is recorded."""
+"""A measured pitch attitude becomes an input that a phugoid takes, where all records have it and no
+airspeed is recorded.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,11 @@ def rising() -> np.ndarray:
 
 def test_it_counts_from_the_begin_and_is_no_output_any_more() -> None:
     model, (record,), said = with_attitude(declared(), [with_theta(rising())])
-    assert said and record.input_names == ("elevator", "theta") and record.output_names == ("alpha", "q", "nz")
+    assert (
+        said
+        and record.input_names == ("elevator", "theta")
+        and record.output_names == ("alpha", "q", "nz")
+    )
     assert [signal.name for signal in model.equations.inputs] == ["elevator", "theta"]
     np.testing.assert_allclose(record["theta"].values, TRUE - 0.3, atol=NOISE)
 
@@ -49,7 +55,18 @@ def test_gaps_and_a_wild_sample_are_bridged() -> None:
 def test_where_the_attitude_turns_it_is_followed(kind: str, rate: float, noise: float) -> None:
     """Turning points within a few samples are motion and no wrong samples."""
     drawn = (np.random.default_rng(3), None)
-    recorded, true = (flight(rng, kind=kind, rate=rate, duration=20.0, size=0.05, noise=noise, outputs=(*OUTPUTS, "theta")) for rng in drawn)
+    recorded, true = (
+        flight(
+            rng,
+            kind=kind,
+            rate=rate,
+            duration=20.0,
+            size=0.05,
+            noise=noise,
+            outputs=(*OUTPUTS, "theta"),
+        )
+        for rng in drawn
+    )
     _, (record,), _ = with_attitude(declared(), [replace(recorded, hold=Hold.LINEAR)])
     off = record["theta"].values - true["theta"].values
     assert float(np.ptp(off)) < 10.0 * noise * SIGMAS["theta"]
@@ -58,7 +75,9 @@ def test_where_the_attitude_turns_it_is_followed(kind: str, rate: float, noise: 
 def test_held_between_samples_it_is_the_mean_of_each_interval() -> None:
     _, (record,), _ = with_attitude(declared(), [with_theta(rising(), Hold.PREVIOUS)])
     straight = TRUE - 0.3
-    np.testing.assert_allclose(record["theta"].values[:-1], 0.5 * (straight[1:] + straight[:-1]), atol=NOISE)
+    np.testing.assert_allclose(
+        record["theta"].values[:-1], 0.5 * (straight[1:] + straight[:-1]), atol=NOISE
+    )
 
 
 def test_where_one_record_lacks_it_none_uses_it_and_that_is_said() -> None:
@@ -66,7 +85,9 @@ def test_where_one_record_lacks_it_none_uses_it_and_that_is_said() -> None:
     for lacking in (measured_record(), with_theta(mostly_gone)):
         model, records, said = with_attitude(declared(), [with_theta(rising()), lacking])
         assert said == PARTLY
-        assert model == declared() and all("theta" not in (*record.input_names, *record.output_names) for record in records)
+        assert model == declared() and all(
+            "theta" not in (*record.input_names, *record.output_names) for record in records
+        )
     assert with_attitude(declared(), [measured_record()])[2] == ""
 
 
@@ -80,6 +101,9 @@ def test_a_model_without_a_phugoid_has_no_use_for_it(vehicle: VehicleFile) -> No
 def test_a_recorded_airspeed_goes_before_it() -> None:
     model = declared()
     equations = model.equations
-    speedy = replace(model, equations=replace(equations, inputs=(*equations.inputs, Signal("airspeed_change", "m/s"))))  # type: ignore[type-var]
+    speedy = replace(
+        model,
+        equations=replace(equations, inputs=(*equations.inputs, Signal("airspeed_change", "m/s"))),
+    )  # type: ignore[type-var]
     same, (record,), said = with_attitude(speedy, [with_theta(rising())])
     assert same is speedy and said == "" and "theta" not in record.output_names

@@ -1,4 +1,6 @@
-"""Drafts of a channel map: what is the clock, which unit, and what is said of the rest of the file."""
+"""Drafts of a channel map: what is the clock, which unit, and what is said of the rest of the
+file.
+"""
 
 from __future__ import annotations
 
@@ -36,28 +38,43 @@ def test_the_number_of_a_row_is_no_clock(tmp_path: Path, first: int) -> None:
 
 
 def test_the_clock_beside_the_number_of_a_row_is_found(tmp_path: Path) -> None:
-    rows = [f"{n},{time:.2f},{alpha:.6f}" for n, (time, alpha) in enumerate(zip(TIME, ALPHA, strict=True))]
-    assert choice(drafted(opened(tmp_path, "Sample,elapsed so far,alpha", rows)), "time").column == 2
+    rows = [
+        f"{n},{time:.2f},{alpha:.6f}"
+        for n, (time, alpha) in enumerate(zip(TIME, ALPHA, strict=True))
+    ]
+    assert (
+        choice(drafted(opened(tmp_path, "Sample,elapsed so far,alpha", rows)), "time").column == 2
+    )
 
 
 @pytest.mark.parametrize("header", ["Zeit", "when"])
 def test_a_column_of_dates_is_the_clock(tmp_path: Path, header: str) -> None:
-    rows = [f"03/01/2025 11:59:{time:09.6f} PM,{alpha:.6f}" for time, alpha in zip(TIME, ALPHA, strict=True)]
+    rows = [
+        f"03/01/2025 11:59:{time:09.6f} PM,{alpha:.6f}"
+        for time, alpha in zip(TIME, ALPHA, strict=True)
+    ]
     draft = drafted(opened(tmp_path, f"{header},alpha", rows))
     assert not draft.clockless and not draft.faults
 
 
 def test_a_fill_value_does_not_turn_the_unit(tmp_path: Path) -> None:
     """Radians with -999 for no measurement do not move by 999."""
-    rows = [f"{time:.2f},{-999 if 20 <= n < 25 else alpha:.6f}" for n, (time, alpha) in enumerate(zip(TIME, ALPHA, strict=True))]
+    rows = [
+        f"{time:.2f},{-999 if 20 <= n < 25 else alpha:.6f}"
+        for n, (time, alpha) in enumerate(zip(TIME, ALPHA, strict=True))
+    ]
     draft = drafted(opened(tmp_path, "time,alpha", rows))
     (alpha,) = (guess for guess in draft.guesses if guess.channel == "alpha")
     assert alpha.choice.unit is None and "-999 is taken as a fill value" in alpha.reason
 
 
 def test_the_unit_of_a_clock_stands_before_the_message_in_brackets(tmp_path: Path) -> None:
-    rows = [f"{12000 + 1e3 * time:.0f},{alpha:.6f}" for time, alpha in zip(TIME, ALPHA, strict=True)]
-    assert choice(drafted(opened(tmp_path, "time_boot_ms(ATTITUDE),alpha", rows)), "time").unit == "ms"
+    rows = [
+        f"{12000 + 1e3 * time:.0f},{alpha:.6f}" for time, alpha in zip(TIME, ALPHA, strict=True)
+    ]
+    assert (
+        choice(drafted(opened(tmp_path, "time_boot_ms(ATTITUDE),alpha", rows)), "time").unit == "ms"
+    )
 
 
 def test_vectors_beside_several_structs_are_columns_without_a_topic(tmp_path: Path) -> None:
@@ -75,7 +92,9 @@ def test_sheets_of_other_runs_are_said_not_to_be_read(tmp_path: Path) -> None:
     pytest.importorskip("openpyxl")
     with pandas.ExcelWriter(tmp_path / "record.xlsx") as book:
         for run in ("Run1", "Run2", "Run3"):
-            pandas.DataFrame({"time": TIME, "alpha": ALPHA}).to_excel(book, sheet_name=run, index=False)
+            pandas.DataFrame({"time": TIME, "alpha": ALPHA}).to_excel(
+                book, sheet_name=run, index=False
+            )
     file = read_record_file(tmp_path / "record.xlsx")
     draft = drafted(file)
     notes = read_with_notes(file, (), ["alpha"], {"alpha": choice(draft, "alpha")})[1]

@@ -1,4 +1,6 @@
-"""A record with gaps in its time becomes several; each sample is in one of them, and none lies in a gap."""
+"""A record with gaps in its time becomes several; each sample is in one of them, and none lies in a
+gap.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +14,22 @@ from sim.record import Channel, Record
 
 
 def record(time: np.ndarray) -> Record:
-    return Record(time, (Channel.of("elevator", "rad", 0 * time),), (Channel.of("q", "rad/s", np.sin(time)),), name="flight.csv")
+    return Record(
+        time,
+        (Channel.of("elevator", "rad", 0 * time),),
+        (Channel.of("q", "rad/s", np.sin(time)),),
+        name="flight.csv",
+    )
 
 
-@given(st.lists(st.integers(40, 90), min_size=1, max_size=4), st.floats(0.3, 60.0), st.floats(0.005, 0.05))
-def test_every_sample_is_kept_and_none_is_simulated_through(sizes: list[int], gap: float, step: float) -> None:
+@given(
+    st.lists(st.integers(40, 90), min_size=1, max_size=4),
+    st.floats(0.3, 60.0),
+    st.floats(0.005, 0.05),
+)
+def test_every_sample_is_kept_and_none_is_simulated_through(
+    sizes: list[int], gap: float, step: float
+) -> None:
     steps = np.full(sum(sizes), step)
     steps[np.cumsum(sizes)[:-1]] = gap
     time = np.cumsum(steps)
@@ -33,7 +46,9 @@ def test_short_losses_are_bridged() -> None:
 
 
 def test_a_scrap_is_left_out() -> None:
-    time = np.concatenate([0.02 * np.arange(200), 50.0 + 0.02 * np.arange(FEWEST - 1), 90.0 + 0.02 * np.arange(200)])
+    time = np.concatenate(
+        [0.02 * np.arange(200), 50.0 + 0.02 * np.arange(FEWEST - 1), 90.0 + 0.02 * np.arange(200)]
+    )
     parts, note = split_at_gaps(record(time))
     assert [len(part) for part in parts] == [200, 200]
     assert "2 gaps" in note and "1 part of fewer than 30 samples left out" in note
@@ -65,7 +80,10 @@ def test_parts_put_together_have_every_row(sizes: list[int], resampled: bool) ->
     rows = [np.array([2.0 * part.time]) for part in parts]
     joined, (predicted,) = put_together(parted, parts, [rows])
     times = np.concatenate([part.time for part in parts])
-    assert joined.name == "flight.csv" and joined.time.tolist() == (times if resampled else whole.time).tolist()
+    assert (
+        joined.name == "flight.csv"
+        and joined.time.tolist() == (times if resampled else whole.time).tolist()
+    )
     inside = np.isin(joined.time, times)
     assert joined["q"].valid.tolist() == inside.tolist()
     np.testing.assert_array_equal(joined["q"].values[inside], np.sin(times))
@@ -74,12 +92,22 @@ def test_parts_put_together_have_every_row(sizes: list[int], resampled: bool) ->
 
 
 def test_a_part_lacks_the_outputs_that_it_has_no_sample_of() -> None:
-    time = np.concatenate([0.02 * np.arange(50), 5.0 + 0.02 * np.arange(50), 9.0 + 0.02 * np.arange(50)])
+    time = np.concatenate(
+        [0.02 * np.arange(50), 5.0 + 0.02 * np.arange(50), 9.0 + 0.02 * np.arange(50)]
+    )
     q = np.where(time > 4.0, np.nan, np.sin(time))
     alpha = np.where(time > 8.0, np.nan, np.cos(time))
-    whole = Record(time, (), (Channel.of("q", "rad/s", q), Channel.of("alpha", "rad", alpha)), name="flight.csv")
+    whole = Record(
+        time,
+        (),
+        (Channel.of("q", "rad/s", q), Channel.of("alpha", "rad", alpha)),
+        name="flight.csv",
+    )
     parts, note = split_at_gaps(whole)
     assert [part.output_names for part in parts] == [("q", "alpha"), ("alpha",)]
     assert "1 part of fewer than 30 samples" in note
     joined, _ = put_together(Parted("flight.csv", time, 2), parts, ())
-    assert joined["q"].valid.tolist() == np.isfinite(q).tolist() and joined["alpha"].valid.tolist() == np.isfinite(alpha).tolist()
+    assert (
+        joined["q"].valid.tolist() == np.isfinite(q).tolist()
+        and joined["alpha"].valid.tolist() == np.isfinite(alpha).tolist()
+    )

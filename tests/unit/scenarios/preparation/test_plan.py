@@ -16,7 +16,10 @@ def test_nothing_asked_is_the_whole_record_as_it_stands() -> None:
 def test_one_end_may_be_open_and_several_come_in_pairs() -> None:
     assert plan_of([3.0]).segments == (Segment(3.0, None),)
     assert plan_of(None, [3.0]).segments == (Segment(None, 3.0),)
-    assert plan_of([40.0, 10.0], [55.0, 25.0]).segments == (Segment(40.0, 55.0), Segment(10.0, 25.0))
+    assert plan_of([40.0, 10.0], [55.0, 25.0]).segments == (
+        Segment(40.0, 55.0),
+        Segment(10.0, 25.0),
+    )
     assert plan_of(hold="linear", rate=20.0, lowpass=3.0) == Plan(WHOLE, Hold.LINEAR, 20.0, 3.0)
 
 
@@ -32,7 +35,9 @@ def test_one_end_may_be_open_and_several_come_in_pairs() -> None:
         (dict(lowpass=float("inf")), ("--lowpass", "inf Hz is no frequency")),
     ],
 )
-def test_what_is_no_plan_is_told_in_one_line(words: dict[str, object], parts: tuple[str, ...]) -> None:
+def test_what_is_no_plan_is_told_in_one_line(
+    words: dict[str, object], parts: tuple[str, ...]
+) -> None:
     with pytest.raises(DeclarationError) as told:
         plan_of(**words)  # type: ignore[arg-type]
     assert all(part in str(told.value) for part in parts) and "\n" not in str(told.value)
@@ -43,18 +48,32 @@ def test_what_is_no_plan_is_told_in_one_line(words: dict[str, object], parts: tu
     [
         plan_of(),
         plan_of(stops=[25.0]),
-        plan_of([0.5, 30.0], [12.25, 41.125], "linear", 25.0, 8.0, trusted=True, columns="time,elevator,q"),
+        plan_of(
+            [0.5, 30.0],
+            [12.25, 41.125],
+            "linear",
+            25.0,
+            8.0,
+            trusted=True,
+            columns="time,elevator,q",
+        ),
     ],
 )
 def test_the_words_of_a_plan_make_the_same_plan(plan: Plan) -> None:
     words = options_of(plan)
     options = [word for word in words if word.startswith("--") and word != "--trust-record"]
-    given = {option: [words[k + 1] for k, word in enumerate(words) if word == option] for option in options}
+    given = {
+        option: [words[k + 1] for k, word in enumerate(words) if word == option]
+        for option in options
+    }
     again = plan_of(
         [float(value) for value in given.get("--from", [])],
         [float(value) for value in given.get("--to", [])],
         next(iter(given.get("--hold", [])), None),
-        *(float(given[option][0]) if option in given else None for option in ("--rate", "--lowpass")),
+        *(
+            float(given[option][0]) if option in given else None
+            for option in ("--rate", "--lowpass")
+        ),
         trusted="--trust-record" in words,
         columns=next(iter(given.get("--columns", [])), None),
     )

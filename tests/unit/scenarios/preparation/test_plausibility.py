@@ -54,7 +54,9 @@ def test_a_measured_attitude_is_no_control_that_moves(sound: Record) -> None:
     """Recorded with the motion, it moves beside an elevator that does not."""
     resting = with_values(sound, "elevator", np.full(len(sound), 0.02))
     attitude = Channel.of("theta", "rad", np.linspace(0.0, 0.2, len(sound)))
-    model, (record,), said = with_attitude(declared(), [replace(resting, outputs=(*resting.outputs, attitude))])
+    model, (record,), said = with_attitude(
+        declared(), [replace(resting, outputs=(*resting.outputs, attitude))]
+    )
     assert said and record.input_names == ("elevator", "theta")
     with pytest.raises(RecordError, match="the elevator never moves"):
         refuse_still([record], model)
@@ -80,5 +82,7 @@ def test_degrees_in_a_column_of_radians_are_noticed(sound: Record, name: str) ->
 def test_single_wild_samples_are_left_to_the_search_for_spikes(sound: Record) -> None:
     wild = sound["alpha"].values.copy()
     wild[:3] = 50.0
-    (_,), look = checked_records([with_values(sound, "alpha", wild)], expectations_of(declared()), Plan())
+    (_,), look = checked_records(
+        [with_values(sound, "alpha", wild)], expectations_of(declared()), Plan()
+    )
     assert all(one.finding.kind.value == "dropout" for one in look.seen)

@@ -1,4 +1,6 @@
-"""Channels of lateral and longitudinal records: accelerometers for load factors, trims, what stays an output, what the raw look says."""
+"""Channels of lateral and longitudinal records: accelerometers for load factors, trims, what stays
+an output, what the raw look says.
+"""
 
 from __future__ import annotations
 
@@ -29,9 +31,13 @@ def records() -> dict[str, Record]:
     return {model: flown(model) for model in TRUE}
 
 
-def read(folder: Path, model: str, record: Record, units: dict[str, tuple[str, float]] | None = None) -> Prepared:
+def read(
+    folder: Path, model: str, record: Record, units: dict[str, tuple[str, float]] | None = None
+) -> Prepared:
     path = write_flown(folder, model, record, units)
-    return prepare(read_record_files([path]), model_of_file(read_vehicle(folder / "vehicle.toml", model)), HELD)
+    return prepare(
+        read_record_files([path]), model_of_file(read_vehicle(folder / "vehicle.toml", model)), HELD
+    )
 
 
 def same(a: Record, b: Record) -> None:
@@ -45,10 +51,17 @@ def test_accelerometers_serve_as_load_factors(tmp_path: Path, records: dict[str,
     lateral = read(tmp_path, "lateral", records["lateral"], {"ny": ("ay", G0)})
     same(lateral.fitted[0], records["lateral"])
     assert "lateral.csv: ny is ay/9.80665" in lateral.notes
-    units = {"nz": ("az [ft/s2]", -G0 / 0.3048), "nx": ("ax", G0), "thrust": ("thrust_kN", 1e-3), "airspeed": ("airspeed [kt]", 3600 / 1852)}
+    units = {
+        "nz": ("az [ft/s2]", -G0 / 0.3048),
+        "nx": ("ax", G0),
+        "thrust": ("thrust_kN", 1e-3),
+        "airspeed": ("airspeed [kt]", 3600 / 1852),
+    }
     longitudinal = read(tmp_path, "longitudinal", records["longitudinal"], units)
     same(longitudinal.fitted[0], records["longitudinal"])
-    assert {"longitudinal.csv: nz is -az/9.80665", "longitudinal.csv: nx is ax/9.80665"} <= set(longitudinal.notes)
+    assert {"longitudinal.csv: nz is -az/9.80665", "longitudinal.csv: nx is ax/9.80665"} <= set(
+        longitudinal.notes
+    )
     assert instead_of(("alpha", "q", "nz")) == {"nz": "az"}
 
 
@@ -58,10 +71,15 @@ def test_degrees_by_name(tmp_path: Path, records: dict[str, Record]) -> None:
     same(read(tmp_path, "lateral", records["lateral"], units).fitted[0], records["lateral"])
 
 
-def test_each_control_of_perturbations_is_taken_about_its_trim(tmp_path: Path, records: dict[str, Record]) -> None:
+def test_each_control_of_perturbations_is_taken_about_its_trim(
+    tmp_path: Path, records: dict[str, Record]
+) -> None:
     ready = read(tmp_path, "lateral", moved(records["lateral"], {"aileron": 0.02, "rudder": -0.01}))
     same(ready.fitted[0], records["lateral"])
-    assert "lateral.csv: trim of aileron taken off, 1.146 deg" in ready.notes and "lateral.csv: trim of rudder taken off, -0.573 deg" in ready.notes
+    assert (
+        "lateral.csv: trim of aileron taken off, 1.146 deg" in ready.notes
+        and "lateral.csv: trim of rudder taken off, -0.573 deg" in ready.notes
+    )
 
 
 def test_no_trim_is_taken_off_totals(tmp_path: Path, records: dict[str, Record]) -> None:
@@ -71,22 +89,44 @@ def test_no_trim_is_taken_off_totals(tmp_path: Path, records: dict[str, Record])
     assert ready.fitted[0]["elevator"].values[0] == pytest.approx(trim()[1])
 
 
-def test_airspeed_and_attitude_are_outputs_of_one_and_unused_by_the_other(tmp_path: Path, records: dict[str, Record]) -> None:
+def test_airspeed_and_attitude_are_outputs_of_one_and_unused_by_the_other(
+    tmp_path: Path, records: dict[str, Record]
+) -> None:
     """With an attitude asked for, as a diagnosis does, too."""
     path = write_flown(tmp_path, "longitudinal", records["longitudinal"])
-    ready = prepare(read_record_files([path]), model_of_file(read_vehicle(tmp_path / "vehicle.toml", "longitudinal")), HELD, attitude=True)
-    assert {"airspeed", "theta"} <= set(ready.fitted[0].output_names) and ready.fitted[0].input_names == ("elevator", "thrust")
+    ready = prepare(
+        read_record_files([path]),
+        model_of_file(read_vehicle(tmp_path / "vehicle.toml", "longitudinal")),
+        HELD,
+        attitude=True,
+    )
+    assert {"airspeed", "theta"} <= set(ready.fitted[0].output_names) and ready.fitted[
+        0
+    ].input_names == ("elevator", "thrust")
     path = write_flown(tmp_path, "lateral", records["lateral"])
     header, *rows = path.read_text().splitlines()
     path.write_text("\n".join([header + ",airspeed,theta", *(row + ",61.0,0.03" for row in rows)]))
-    ready = prepare(read_record_files([path]), model_of_file(read_vehicle(tmp_path / "vehicle.toml", "lateral")), HELD, attitude=True)
+    ready = prepare(
+        read_record_files([path]),
+        model_of_file(read_vehicle(tmp_path / "vehicle.toml", "lateral")),
+        HELD,
+        attitude=True,
+    )
     same(ready.fitted[0], records["lateral"])
 
 
-def test_a_column_in_degrees_that_says_radians_is_refused(tmp_path: Path, records: dict[str, Record]) -> None:
-    with pytest.raises(RecordError, match=r"rudder: moves by .* rad .*; if the column is in degrees, name it rudder_deg"):
+def test_a_column_in_degrees_that_says_radians_is_refused(
+    tmp_path: Path, records: dict[str, Record]
+) -> None:
+    with pytest.raises(
+        RecordError,
+        match=r"rudder: moves by .* rad .*; if the column is in degrees, name it rudder_deg",
+    ):
         read(tmp_path, "lateral", records["lateral"], {"rudder": ("rudder", DEGREES)})
     with pytest.raises(RecordError, match="channel elevator: has the sign turned"):
         read(tmp_path, "longitudinal", records["longitudinal"], {"elevator": ("elevator", -1.0)})
     vehicle = model_of_file(read_vehicle(tmp_path / "vehicle.toml", "longitudinal"))
-    assert expectations_of(vehicle).airspeed == 62.0 and (expectations_of(vehicle).control_power or 0.0) < 0.0
+    assert (
+        expectations_of(vehicle).airspeed == 62.0
+        and (expectations_of(vehicle).control_power or 0.0) < 0.0
+    )

@@ -13,7 +13,9 @@ from scenarios.studies.rows import Row
     ("estimate", "reference", "percent"),
     [(-1.1, -1.0, -10.0), (-0.9, -1.0, 10.0), (2.2, 2.0, 10.0)],
 )
-def test_an_error_in_per_cent_has_the_sign_of_the_error(estimate: float, reference: float, percent: float) -> None:
+def test_an_error_in_per_cent_has_the_sign_of_the_error(
+    estimate: float, reference: float, percent: float
+) -> None:
     value = Value(estimate, 0.05, "1/rad", true=reference)
     assert value.percent == pytest.approx(percent)
     assert value.sigmas == pytest.approx((estimate - reference) / 0.05)
@@ -31,14 +33,20 @@ def test_where_modes_are_lacking_the_condensed_value_is_the_reference() -> None:
 
 def test_without_a_reference_or_a_sigma_there_is_no_error() -> None:
     assert Value(1.0, 0.1, "1").percent is None and Value(1.0, 0.1, "1").sigmas is None
-    assert Value(1.0, 0.0, "1", true=0.5).sigmas is None and Value(1.0, 0.0, "1", true=0.5).percent == pytest.approx(100.0)
-    assert Value(1.0, 0.1, "1", true=0.0).percent is None and Value(1.0, 0.1, "1", true=0.0).sigmas == pytest.approx(10.0)
+    assert Value(1.0, 0.0, "1", true=0.5).sigmas is None and Value(
+        1.0, 0.0, "1", true=0.5
+    ).percent == pytest.approx(100.0)
+    assert Value(1.0, 0.1, "1", true=0.0).percent is None and Value(
+        1.0, 0.1, "1", true=0.0
+    ).sigmas == pytest.approx(10.0)
 
 
 def test_another_unit_scales_all_numbers_and_no_error() -> None:
     value = Value(0.2, 0.01, "rad", true=0.21, condensed=0.19, published=(0.18, 0.02))
     other = value.in_unit(10.0, "mrad")
-    assert (other.estimate, other.std, other.true, other.condensed) == pytest.approx((2.0, 0.1, 2.1, 1.9))
+    assert (other.estimate, other.std, other.true, other.condensed) == pytest.approx(
+        (2.0, 0.1, 2.1, 1.9)
+    )
     assert other.published == pytest.approx((1.8, 0.2)) and other.unit == "mrad"
     assert (other.percent, other.sigmas) == pytest.approx((value.percent, value.sigmas))
     printed = other.published_value

@@ -9,13 +9,22 @@ import pytest
 
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.declaration import ManeuverPlan
-from scenarios.studies.estimating import EVER, fly_scenario, held_alike, maneuver_of, maneuvers_by_input, measured_again
+from scenarios.studies.estimating import (
+    EVER,
+    fly_scenario,
+    held_alike,
+    maneuver_of,
+    maneuvers_by_input,
+    measured_again,
+)
 from sim.maneuvers import Maneuver
 from sim.record import Hold
 
 TIME = np.arange(0.0, 8.0, 0.1)
 DOUBLET = ManeuverPlan("elevator", "doublet", {"amplitude": 0.1, "unit": 0.5, "start": 1.0})
-MULTISINE = ManeuverPlan("rudder", "multisine", {"amplitude": 0.2, "duration": 4.0, "harmonics": [1, 3], "start": 2.0})
+MULTISINE = ManeuverPlan(
+    "rudder", "multisine", {"amplitude": 0.2, "duration": 4.0, "harmonics": [1, 3], "start": 2.0}
+)
 SWEEP = ManeuverPlan(
     "aileron",
     "sweep",
@@ -61,11 +70,15 @@ def test_beside_steps_a_smooth_maneuver_is_held_from_sample_to_sample(smooth: Ma
 
 def test_a_smooth_maneuver_on_the_input_of_a_step_is_held_with_it() -> None:
     declared, held = flown(DOUBLET, replace(SWEEP, input="elevator"))
-    np.testing.assert_allclose(held["elevator"](TIME + 0.05), declared["elevator"](TIME), atol=1e-12)
+    np.testing.assert_allclose(
+        held["elevator"](TIME + 0.05), declared["elevator"](TIME), atol=1e-12
+    )
 
 
 def test_maneuvers_of_one_input_add_up_about_its_rest() -> None:
-    both = maneuvers_by_input([DOUBLET, replace(DOUBLET, kind="pulse")], INPUTS, "here", {"elevator": 0.03})["elevator"]
+    both = maneuvers_by_input(
+        [DOUBLET, replace(DOUBLET, kind="pulse")], INPUTS, "here", {"elevator": 0.03}
+    )["elevator"]
     at = np.array([-5.0, 0.9, 1.25, 1.75, 2.5])
     np.testing.assert_allclose(both(at), [0.03, 0.03, 0.23, -0.07, 0.03], atol=1e-12)
 
@@ -86,9 +99,13 @@ def test_each_kind_has_the_extent_that_its_numbers_say() -> None:
     ):
         values = maneuver_of(ManeuverPlan("elevator", kind, {**numbers, "start": 1.0}), "here")(t)
         moved = t[np.abs(values) > 1e-9]
-        assert moved[0] == pytest.approx(1.0, abs=0.02) and moved[-1] == pytest.approx(end, abs=0.02), kind
+        assert moved[0] == pytest.approx(1.0, abs=0.02) and moved[-1] == pytest.approx(
+            end, abs=0.02
+        ), kind
         assert np.max(np.abs(values)) > 0.09, kind
-    stepped = maneuver_of(ManeuverPlan("elevator", "step", {"amplitude": 0.1, "start": 1.0}), "here")(t)
+    stepped = maneuver_of(
+        ManeuverPlan("elevator", "step", {"amplitude": 0.1, "start": 1.0}), "here"
+    )(t)
     np.testing.assert_array_equal(stepped, np.where(t > 1.0 - 1e-9, 0.1, 0.0))
 
 
@@ -100,8 +117,12 @@ def test_a_sweep_fades_in_and_out_over_a_tenth_of_its_length() -> None:
         "duration": 5.0,
         "start": 0.0,
     }
-    values = np.abs(maneuver_of(ManeuverPlan("elevator", "sweep", numbers), "here")(np.arange(0.0, 5.0, 0.001)))
-    assert values[:200].max() < 0.45 and values[250:500].max() < 1.0 and values[500:1000].max() > 0.99
+    values = np.abs(
+        maneuver_of(ManeuverPlan("elevator", "sweep", numbers), "here")(np.arange(0.0, 5.0, 0.001))
+    )
+    assert (
+        values[:200].max() < 0.45 and values[250:500].max() < 1.0 and values[500:1000].max() > 0.99
+    )
     assert values[-200:].max() < 0.45 and values[-1000:-500].max() > 0.99
 
 

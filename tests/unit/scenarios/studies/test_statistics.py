@@ -10,7 +10,13 @@ import pytest
 from scipy.stats import binomtest, chi2
 
 from scenarios.studies.campaign import CampaignRuns, fly_campaign
-from scenarios.studies.campaign_statistics import campaign_statistics, squares, squares_sentence, statistics_content, statistics_csv
+from scenarios.studies.campaign_statistics import (
+    campaign_statistics,
+    squares,
+    squares_sentence,
+    statistics_content,
+    statistics_csv,
+)
 from scenarios.studies.catalogue import load_scenario
 
 RUNS = 48
@@ -26,28 +32,44 @@ def test_bias_scatter_and_coverage_are_those_of_the_estimates(campaign: Campaign
     assert found.names == campaign.names
     for i, each in enumerate(found.parameters):
         error = campaign.values[i] - each.reference
-        assert each.bias == pytest.approx(error.mean(), abs=1e-12) and each.bias_std == pytest.approx(np.std(error, ddof=1) / RUNS**0.5)
-        assert each.ratio == pytest.approx(np.std(error, ddof=1) / np.sqrt(np.mean(campaign.std[i] ** 2)))
-        ends = [each.ratio * ((RUNS - 1) / chi2.ppf(share, RUNS - 1)) ** 0.5 for share in (0.975, 0.025)]
+        assert each.bias == pytest.approx(
+            error.mean(), abs=1e-12
+        ) and each.bias_std == pytest.approx(np.std(error, ddof=1) / RUNS**0.5)
+        assert each.ratio == pytest.approx(
+            np.std(error, ddof=1) / np.sqrt(np.mean(campaign.std[i] ** 2))
+        )
+        ends = [
+            each.ratio * ((RUNS - 1) / chi2.ppf(share, RUNS - 1)) ** 0.5 for share in (0.975, 0.025)
+        ]
         assert each.ratio_interval == pytest.approx(ends)
         for within in each.coverage:
-            hits = sum(abs(e) <= within.sigmas * s for e, s in zip(error, campaign.std[i], strict=True))
+            hits = sum(
+                abs(e) <= within.sigmas * s for e, s in zip(error, campaign.std[i], strict=True)
+            )
             interval = binomtest(hits, RUNS).proportion_ci(0.95, method="exact")
-            assert within.share == hits / RUNS and within.interval == pytest.approx((interval.low, interval.high), abs=1e-12)
-        assert each.bound is not None and each.efficiency == pytest.approx((each.bound / each.scatter) ** 2)
+            assert within.share == hits / RUNS and within.interval == pytest.approx(
+                (interval.low, interval.high), abs=1e-12
+            )
+        assert each.bound is not None and each.efficiency == pytest.approx(
+            (each.bound / each.scatter) ** 2
+        )
 
 
 def test_nees_and_nis_are_means_over_their_degrees(campaign: CampaignRuns) -> None:
     found = campaign_statistics(campaign)
     assert found.nees is not None and found.nis is not None
     assert found.nees.mean == pytest.approx(np.mean(campaign.nees) / 6)
-    assert found.nees.interval == pytest.approx([end / (6 * RUNS) for end in chi2.interval(0.95, 6 * RUNS)])
+    assert found.nees.interval == pytest.approx(
+        [end / (6 * RUNS) for end in chi2.interval(0.95, 6 * RUNS)]
+    )
     assert found.nis.mean == pytest.approx(campaign.nis.sum() / campaign.degrees.sum())
     low, high = chi2.interval(0.95, campaign.degrees)
     assert found.nis.inside == np.mean((campaign.nis >= low) & (campaign.nis <= high))
 
 
-@pytest.mark.parametrize(("factor", "said"), [(1.0, "as it should be"), (1.3, "too large"), (0.7, "too small")])
+@pytest.mark.parametrize(
+    ("factor", "said"), [(1.0, "as it should be"), (1.3, "too large"), (0.7, "too small")]
+)
 def test_a_wrong_nees_is_called_so(factor: float, said: str) -> None:
     drawn = factor * np.random.default_rng(3).chisquare(6, 500)
     found = squares("NEES", drawn, np.full(500, 6))

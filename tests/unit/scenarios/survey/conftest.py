@@ -1,4 +1,6 @@
-"""A survey whose flights are made up: nothing is read of a record but its name, and what is computed is counted."""
+"""A survey whose flights are made up: nothing is read of a record but its name, and what is
+computed is counted.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ from tests.unit.scenarios.survey.made_up import flown, kept
 
 
 class Campaign:
-    """A test campaign in a folder: ``late`` flights have a late channel. ``diagnosed`` and ``fitted``: of which flights, in turn."""
+    """A test campaign in a folder: ``late`` flights have a late channel. ``diagnosed`` and
+    ``fitted``: of which flights, in turn.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.out = folder, folder / "morning"
@@ -36,7 +40,9 @@ class Campaign:
 
     def declare(self, *flights: str) -> Path:
         file = self.folder / "flights.toml"
-        file.write_text('title = "made up"\nmodel = "rigid"\nvehicle = "aircraft.toml"\n' + "".join(flights))
+        file.write_text(
+            'title = "made up"\nmodel = "rigid"\nvehicle = "aircraft.toml"\n' + "".join(flights)
+        )
         return file
 
     def survey(self, *flights: str) -> SurveyResult:
@@ -62,21 +68,34 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
         if flight.name in made.faults:
             raise made.faults[flight.name]
         if not flight.records[0].is_file():
-            raise FlightidError("there is no such file", where=str(flight.records[0]), remedy="check the path")
+            raise FlightidError(
+                "there is no such file", where=str(flight.records[0]), remedy="check the path"
+            )
         made.diagnosed.append(flight.name)
         (told,) = kept([{"sensor-delay:q": ["sensor-lag:q"]} if late_of(flight) else {}]).values()
-        content = {"schema": one_flight.SCHEMA, "digest": flight.digest, "name": flight.name, **told}
+        content = {
+            "schema": one_flight.SCHEMA,
+            "digest": flight.digest,
+            "name": flight.name,
+            **told,
+        }
         folder.mkdir(parents=True, exist_ok=True)
         write_json(folder / one_flight.KEPT, content)
         return content
 
-    def fitted_sets(flight: SurveyFlight, names: tuple[str, ...], starts: object, own: object) -> dict[str, Any]:
+    def fitted_sets(
+        flight: SurveyFlight, names: tuple[str, ...], starts: object, own: object
+    ) -> dict[str, Any]:
         import numpy as np
 
         made.fitted.append(flight.name)
         rng = np.random.default_rng(list(flight.name.encode()))
         late = late_of(flight)
-        return flown(rng, {name: rng.standard_normal((60, 1)) for name in names}, {"sensor-delay:q": [late]} if late and names else {}).fits()
+        return flown(
+            rng,
+            {name: rng.standard_normal((60, 1)) for name in names},
+            {"sensor-delay:q": [late]} if late and names else {},
+        ).fits()
 
     monkeypatch.setattr(one_flight, "diagnosed", diagnosed)
     monkeypatch.setattr(growing, "fitted_sets", fitted_sets)

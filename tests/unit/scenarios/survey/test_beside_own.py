@@ -1,4 +1,6 @@
-"""Effects that single flights claim: they stay where they are needed beside what recurs, and go where a flight named one thing for two."""
+"""Effects that single flights claim: they stay where they are needed beside what recurs, and go
+where a flight named one thing for two.
+"""
 
 from __future__ import annotations
 
@@ -31,14 +33,24 @@ def fleet(seed: int) -> tuple[list[Flown], np.random.Generator]:
 
 
 def test_one_name_for_two_effects_goes() -> None:
-    """A flight's own effect that looks like both shared ones at once takes from either, and would spoil what all flights say."""
+    """A flight's own effect that looks like both shared ones at once takes from either, and would
+    spoil what all flights say.
+    """
     flights, rng = fleet(1)
     fits = [each.fits() for each in flights]
-    both = flights[3].effects["delay"] + 0.8 * flights[3].effects["arm"] + 0.1 * rng.standard_normal((60, 1))
-    plain, _, _ = recurring_with_other_effects(SHARED, tuple(kept([{}] * COUNT)), fits, kept([{}] * COUNT))
+    both = (
+        flights[3].effects["delay"]
+        + 0.8 * flights[3].effects["arm"]
+        + 0.1 * rng.standard_normal((60, 1))
+    )
+    plain, _, _ = recurring_with_other_effects(
+        SHARED, tuple(kept([{}] * COUNT)), fits, kept([{}] * COUNT)
+    )
     spoilt = [*fits[:3], with_own(flights[3], both), *fits[4:]]
     claims: list[dict[str, list[str]]] = [{}, {}, {}, {"lag": []}, *([{}] * (COUNT - 4))]
-    found, sets, taken = recurring_with_other_effects(SHARED, tuple(kept(claims)), spoilt, kept(claims))
+    found, sets, taken = recurring_with_other_effects(
+        SHARED, tuple(kept(claims)), spoilt, kept(claims)
+    )
     assert taken[3]["sets"] is spoilt[3]["sets_without"]
     assert sets == [frozenset(SHARED)] * COUNT
     for each, same in zip(found, plain, strict=True):

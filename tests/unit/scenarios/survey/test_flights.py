@@ -1,4 +1,6 @@
-"""The file of a survey: every key, and every fault in one line that names file, flight and remedy."""
+"""The file of a survey: every key, and every fault in one line that names file, flight and
+remedy.
+"""
 
 from __future__ import annotations
 
@@ -57,36 +59,70 @@ condition = {altitude = "5000 ft", mach = 0.36, fuel = "200 kg", flaps = "10 deg
 """
     found = flights_of(tmp_path, text)
     one, two = found.flights
-    assert (found.title, found.model, [each.name for each in found.flights]) == ("spring", "rigid", ["one", "F002"])
+    assert (found.title, found.model, [each.name for each in found.flights]) == (
+        "spring",
+        "rigid",
+        ["one", "F002"],
+    )
     assert one.records == (tmp_path / "records/one.csv",)
     assert two.records == (tmp_path / "two.csv", tmp_path / "three.csv")
     assert (one.channels, two.channels) == (tmp_path / "map.toml", tmp_path / "other.toml")
     assert one.effects == two.effects == tmp_path / "own.toml"
     assert one.effort == two.effort == "thorough"
-    assert [(s.start, s.stop) for each in (one, two) for s in each.plan.segments] == [(1.0, 9.0), (2.0, 8.0)]
-    assert [(each.plan.hold, each.plan.rate, each.plan.lowpass) for each in (one, two)] == [(Hold.LINEAR, 25.0, 6.0), (Hold.PREVIOUS, 20.0, 5.0)]
+    assert [(s.start, s.stop) for each in (one, two) for s in each.plan.segments] == [
+        (1.0, 9.0),
+        (2.0, 8.0),
+    ]
+    assert [(each.plan.hold, each.plan.rate, each.plan.lowpass) for each in (one, two)] == [
+        (Hold.LINEAR, 25.0, 6.0),
+        (Hold.PREVIOUS, 20.0, 5.0),
+    ]
     assert (two.date, two.tail, one.date, one.tail) == ("2026-03-02", "FT-1", "", "")
     plain, changed = tomllib.loads(one.vehicle), tomllib.loads(two.vehicle)
     assert plain == tomllib.loads(VEHICLE)
-    assert changed == {**plain, "mass": "10000 lb", "derivatives": {**plain["derivatives"], "Cm_q": -20.0}}
-    assert [each.condition["mass"][0] for each in (one, two)] == pytest.approx([288017 * 0.45359237, 4535.9237])
+    assert changed == {
+        **plain,
+        "mass": "10000 lb",
+        "derivatives": {**plain["derivatives"], "Cm_q": -20.0},
+    }
+    assert [each.condition["mass"][0] for each in (one, two)] == pytest.approx(
+        [288017 * 0.45359237, 4535.9237]
+    )
     assert two.condition["altitude"][0] == pytest.approx(1524.0)
     assert {each.condition["mass"][1] for each in (one, two)} == {"kg"}
-    assert (two.condition["mach"], two.condition["fuel"], two.condition["flaps"]) == ((0.36, "1"), (200.0, "kg"), (10.0, "deg"))
+    assert (two.condition["mach"], two.condition["fuel"], two.condition["flaps"]) == (
+        (0.36, "1"),
+        (200.0, "kg"),
+        (10.0, "deg"),
+    )
 
 
 def test_a_condition_has_one_unit_in_all_flights(tmp_path: Path) -> None:
-    text = HEAD + ONE + 'condition = {fuel = "200 kg"}\n[[flights]]\nrecord = "b.csv"\ncondition = {fuel = "300 lb"}\n'
-    assert [each.condition["fuel"] for each in flights_of(tmp_path, text).flights] == [(200.0, "kg"), (pytest.approx(136.0777), "kg")]
+    text = (
+        HEAD
+        + ONE
+        + (
+            'condition = {fuel = "200 kg"}\n[[flights]]\nrecord = "b.csv"\ncondition = {fuel = '
+            '"300 lb"}\n'
+        )
+    )
+    assert [each.condition["fuel"] for each in flights_of(tmp_path, text).flights] == [
+        (200.0, "kg"),
+        (pytest.approx(136.0777), "kg"),
+    ]
 
 
 def test_records_of_a_pattern_are_flights_but_those_that_have_a_table(tmp_path: Path) -> None:
     (tmp_path / "records").mkdir()
     for name in ("b", "a", "c"):
         (tmp_path / "records" / f"{name}.csv").write_text("")
-    found = flights_of(tmp_path, HEAD + 'records = "records/*.csv"\n[[flights]]\nrecord = "records/b.csv"\ntail = "T"\n')
+    found = flights_of(
+        tmp_path,
+        HEAD + 'records = "records/*.csv"\n[[flights]]\nrecord = "records/b.csv"\ntail = "T"\n',
+    )
     assert [(each.name, each.tail) for each in found.flights] == [("a", ""), ("c", ""), ("b", "T")]
-    listed = flights_of(tmp_path, HEAD + 'records = ["records/c.csv", "gone.csv"]\n')  # what is not there fails as a flight
+    # what is not there fails as a flight
+    listed = flights_of(tmp_path, HEAD + 'records = ["records/c.csv", "gone.csv"]\n')
     assert [each.name for each in listed.flights] == ["c", "gone"]
     assert listed.title == "flights"
 
@@ -108,13 +144,17 @@ FAULTS = {
     HEAD + '[[flights]]\nrecord = "a b.csv"\n': "'a b' cannot be the name of a folder",
     HEAD + ONE + 'condition = {altitude = "1500 blorb"}\n': "blorb",
     HEAD + ONE + 'condition = {fuel = "much"}\n': "'much' is not a number with a unit",
-    HEAD + ONE + 'condition = {fuel = "200 kg"}\n[[flights]]\nrecord = "b.csv"\ncondition = {fuel = "3 m"}\n': "flight b, fuel",
+    HEAD
+    + ONE
+    + 'condition = {fuel = "200 kg"}\n[[flights]]\nrecord = "b.csv"\ncondition = {fuel = "3 m"}\n': "flight b, fuel",  # noqa: E501
     HEAD + ONE + "condition = {mach = nan}\n": "mach",
     HEAD + ONE + 'vehicle = {mass = "5 blorb"}\n': "blorb",
     HEAD + ONE + "vehicle = {mass = -5.0}\n": "flight a, vehicle, key mass",
     HEAD + ONE + "vehicle = {maas = 5.0}\n": "flight a, vehicle, key maas",
     HEAD + ONE + "vehicle = {derivatives = {Cm_p = 1.0}}\n": "derivatives.Cm_p",
-    'model = "rigid"\n' + ONE + "vehicle = {mass = 5.0}\n": "changes a vehicle file that is not named",
+    'model = "rigid"\n'
+    + ONE
+    + "vehicle = {mass = 5.0}\n": "changes a vehicle file that is not named",
     'model = "rigid"\nvehicle = "gone.toml"\n' + ONE: "gone.toml",
     'model = "rigid"\nvehicle = "broken.toml"\n' + ONE: "broken.toml: key missing: chord",
     HEAD + 'channels = "gone.toml"\n' + ONE: "gone.toml",
@@ -128,7 +168,9 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize(("text", "said"), FAULTS.items(), ids=[str(number) for number in range(len(FAULTS))])
+@pytest.mark.parametrize(
+    ("text", "said"), FAULTS.items(), ids=[str(number) for number in range(len(FAULTS))]
+)
 def test_every_fault_is_one_line(tmp_path: Path, text: str, said: str) -> None:
     (tmp_path / "broken.toml").write_text(VEHICLE.replace("chord = 4.66344\n", ""))
     with pytest.raises(DeclarationError) as told:
@@ -156,24 +198,41 @@ def test_the_digest_is_of_everything_that_results_depend_on(tmp_path: Path) -> N
     (tmp_path / "a.csv").write_text("1")
     two = HEAD + ONE + '[[flights]]\nrecord = "b.csv"\n'
     before = digests(two)
-    assert digests(two + 'condition = {mach = 0.3}\ntail = "T"\n') == before  # a diagnosis does not know them
+    # a diagnosis does not know them
+    assert digests(two + 'condition = {mach = 0.3}\ntail = "T"\n') == before
     assert digests("title = 'other'\n" + two) == before
-    for changed in (two + "vehicle = {mass = 2.0e5}\n", two + "rate = 20.0\n", two + 'name = "c"\n'):
+    for changed in (
+        two + "vehicle = {mass = 2.0e5}\n",
+        two + "rate = 20.0\n",
+        two + 'name = "c"\n',
+    ):
         now = digests(changed)
         assert now[0] == before[0]
         assert now[1] != before[1]
-    assert all(now != was for now, was in zip(digests('effort = "thorough"\n' + two), before, strict=True))
+    assert all(
+        now != was for now, was in zip(digests('effort = "thorough"\n' + two), before, strict=True)
+    )
     (tmp_path / "a.csv").write_text("2")
     assert [now == was for now, was in zip(digests(two), before, strict=True)] == [False, True]
     (tmp_path / "b.json").write_text("{}")  # its sidecar
     assert digests(two)[1] != before[1]
 
 
-scalars = st.one_of(st.booleans(), st.integers(-(2**60), 2**60), st.floats(allow_nan=False), st.text(st.characters(exclude_categories=["Cs"])))
+scalars = st.one_of(
+    st.booleans(),
+    st.integers(-(2**60), 2**60),
+    st.floats(allow_nan=False),
+    st.text(st.characters(exclude_categories=["Cs"])),
+)
 tables = st.dictionaries(
     st.text(st.characters(exclude_categories=["Cs"])),
     st.recursive(
-        scalars, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text('ab é"\\', max_size=4), inner, max_size=3), max_leaves=8
+        scalars,
+        lambda inner: (
+            st.lists(inner, max_size=3)
+            | st.dictionaries(st.text('ab é"\\', max_size=4), inner, max_size=3)
+        ),
+        max_leaves=8,
     ),
     max_size=4,
 )

@@ -1,4 +1,6 @@
-"""A survey's folder that grows: only what is new or changed is computed, whatever else is there stays as it was."""
+"""A survey's folder that grows: only what is new or changed is computed, whatever else is there
+stays as it was.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,11 @@ LATE = 1.5
 def document(campaign: Campaign) -> dict[str, Any]:
     """The survey's document without what another moment or another folder changes."""
     content = json.loads((campaign.out / "survey.json").read_text())
-    return {key: value for key, value in content.items() if key not in ("created", "computed", "new", "refitted", "removed", "files")}
+    return {
+        key: value
+        for key, value in content.items()
+        if key not in ("created", "computed", "new", "refitted", "removed", "files")
+    }
 
 
 def four(campaign: Campaign) -> list[str]:
@@ -32,7 +38,9 @@ def test_the_first_survey_computes_all_and_says_what_recurs(campaign: Campaign) 
     assert campaign.diagnosed == campaign.fitted == ["a", "b", "c", "d"]
     assert found.grown.computed == ("a", "b", "c", "d")
     assert found.grown.new == ()
-    assert [(each.name, each.has, each.has_not) for each in found.recurs] == [("sensor-delay:q", ("a", "c"), ("b", "d"))]
+    assert [(each.name, each.has, each.has_not) for each in found.recurs] == [
+        ("sensor-delay:q", ("a", "c"), ("b", "d"))
+    ]
     assert dict(found.verdicts) == {"traced": 2, "consistent": 2}
     content = json.loads((campaign.out / "survey.json").read_text())
     assert content["effects"][0]["flights"]["b"]["state"] == "has it not"
@@ -61,7 +69,12 @@ def test_nothing_new_computes_nothing_and_says_the_same(campaign: Campaign) -> N
     campaign.survey(*flights)
     before = document(campaign)
     found = campaign.survey(*flights)
-    assert (campaign.diagnosed, campaign.fitted, found.grown.computed, found.refitted) == ([], [], (), 0)
+    assert (campaign.diagnosed, campaign.fitted, found.grown.computed, found.refitted) == (
+        [],
+        [],
+        (),
+        0,
+    )
     assert document(campaign) == before
     everything = document(campaign)
     fresh = Campaign(campaign.folder)
@@ -91,7 +104,8 @@ def test_what_is_changed_of_one_flight_computes_that_flight(campaign: Campaign) 
     (campaign.folder / "c.csv").write_text("1.25")  # its record
     campaign.survey(*flights)
     assert campaign.diagnosed == campaign.fitted == ["b", "c"]
-    found = campaign.survey(flights[0] + "tail = 'FT-9'\ncondition = {mach = 0.3}\n", *flights[1:])  # what no diagnosis knows
+    # what no diagnosis knows
+    found = campaign.survey(flights[0] + "tail = 'FT-9'\ncondition = {mach = 0.3}\n", *flights[1:])
     assert campaign.diagnosed == []
     assert found.grown.flights["a"].tail == "FT-9"
     aircraft = campaign.folder / "aircraft.toml"
@@ -100,8 +114,13 @@ def test_what_is_changed_of_one_flight_computes_that_flight(campaign: Campaign) 
     assert campaign.diagnosed == ["a", "b", "c", "d"]
 
 
-@pytest.mark.parametrize(("file", "broken"), [(KEPT, b"{"), ("sets.json", b"[]"), (KEPT, b'{"schema": "flightid/survey-flight/0"}')])
-def test_a_kept_file_that_is_broken_is_computed_again(campaign: Campaign, broken: bytes, file: str) -> None:
+@pytest.mark.parametrize(
+    ("file", "broken"),
+    [(KEPT, b"{"), ("sets.json", b"[]"), (KEPT, b'{"schema": "flightid/survey-flight/0"}')],
+)
+def test_a_kept_file_that_is_broken_is_computed_again(
+    campaign: Campaign, broken: bytes, file: str
+) -> None:
     flights = four(campaign)
     campaign.survey(*flights)
     before = document(campaign)

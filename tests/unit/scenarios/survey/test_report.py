@@ -1,4 +1,6 @@
-"""What a survey tells of what it found: terminal, page, figures, JSON and CSV say the same, and nothing more than is known."""
+"""What a survey tells of what it found: terminal, page, figures, JSON and CSV say the same, and
+nothing more than is known.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,15 @@ import pytest
 from scenarios.pages.folder import rebuilt
 from scenarios.survey.files import survey_figures, survey_page, write_survey
 from scenarios.survey.recurring import over_flights
-from scenarios.survey.report import effect_rows, flight_rows, fresh, hints, rivals_phrase, survey_text, verdict_of
+from scenarios.survey.report import (
+    effect_rows,
+    flight_rows,
+    fresh,
+    hints,
+    rivals_phrase,
+    survey_text,
+    verdict_of,
+)
 from scenarios.survey.survey import SurveyResult
 from sim.errors import ModelError
 from tests.unit.scenarios.survey.conftest import Campaign
@@ -23,7 +33,10 @@ LATE = 1.5
 
 def more(campaign: Campaign, count: int) -> list[str]:
     """Flights at masses of their own, every second one late."""
-    return [campaign.fly(f"F{n:02d}", LATE * (n % 2), f"vehicle = {{mass = {1.2e5 + 1e3 * n}}}") for n in range(count)]
+    return [
+        campaign.fly(f"F{n:02d}", LATE * (n % 2), f"vehicle = {{mass = {1.2e5 + 1e3 * n}}}")
+        for n in range(count)
+    ]
 
 
 @pytest.fixture
@@ -37,7 +50,9 @@ def test_terminal_page_and_files_say_the_same(found: SurveyResult, campaign: Cam
     content = json.loads((campaign.out / "survey.json").read_text())
     assert content["effects"][0]["parameters"]["value0"]["value"] == each.found.value[0]
     assert content["effects"][0]["parameters"]["value0"]["std"] == sigma
-    assert [name for name, told in content["effects"][0]["flights"].items() if told["state"] == "has it"] == ["F01", "F03", "F05"]
+    assert [
+        name for name, told in content["effects"][0]["flights"].items() if told["state"] == "has it"
+    ] == ["F01", "F03", "F05"]
     phrase = verdict_of(found)[1]
     value = float(phrase.split()[1])
     assert value == pytest.approx(each.found.value[0], abs=0.6 * sigma)
@@ -64,7 +79,9 @@ def test_the_page_is_made_again_from_its_folder(campaign: Campaign) -> None:
     assert rebuilt(campaign.out).read_bytes() == before
 
 
-def test_flights_lead_to_their_own_pages_where_there_are_any(found: SurveyResult, campaign: Campaign) -> None:
+def test_flights_lead_to_their_own_pages_where_there_are_any(
+    found: SurveyResult, campaign: Campaign
+) -> None:
     (campaign.out / "flights" / "F03" / "report.html").write_text("its page")
     write_survey(found, campaign.out, figures=())
     page = (campaign.out / "report.html").read_text()
@@ -86,12 +103,16 @@ def test_a_link_leads_nowhere_outside() -> None:
 def test_figures_are_of_the_flights_that_have_the_condition(found: SurveyResult) -> None:
     drawn = dict(survey_figures(found))
     assert list(drawn) == ["effects", "shared", "over_mass"]
-    assert [label.get_text() for label in drawn["effects"]().axes[0].get_xticklabels()] == [f"F{n:02d}" for n in range(6)]
+    assert [label.get_text() for label in drawn["effects"]().axes[0].get_xticklabels()] == [
+        f"F{n:02d}" for n in range(6)
+    ]
     for figure in drawn.values():
         figure().canvas.draw()
 
 
-def test_columns_in_which_nothing_stands_are_left_out(found: SurveyResult, campaign: Campaign) -> None:
+def test_columns_in_which_nothing_stands_are_left_out(
+    found: SurveyResult, campaign: Campaign
+) -> None:
     assert flight_rows(found)[0] == ["flight", "verdict", "sensor-delay:q", "kinematics"]
     flights = [*more(campaign, 6), campaign.fly("G", LATE, 'tail = "T-1"\ndate = 2026-03-04')]
     grown = campaign.survey(*flights)
@@ -102,25 +123,42 @@ def test_columns_in_which_nothing_stands_are_left_out(found: SurveyResult, campa
 
 
 def test_unexplained_flights_are_told(found: SurveyResult) -> None:
-    kept = {name: {**each, "verdict": "unexplained", "effects": []} for name, each in found.grown.kept.items()}
+    kept = {
+        name: {**each, "verdict": "unexplained", "effects": []}
+        for name, each in found.grown.kept.items()
+    }
     silent = replace(found, grown=replace(found.grown, kept=kept), recurs=())
-    assert verdict_of(silent) == ("NOTHING RECURS", "no effect acts in two or more of 6 flights beyond chance; 6 of them are unexplained")
+    assert verdict_of(silent) == (
+        "NOTHING RECURS",
+        "no effect acts in two or more of 6 flights beyond chance; 6 of them are unexplained",
+    )
     assert survey_page(silent).tone == "fair"
     assert "6 unexplained" in survey_text(silent)
-    calm = {name: {**each, "verdict": "consistent", "effects": []} for name, each in found.grown.kept.items()}
+    calm = {
+        name: {**each, "verdict": "consistent", "effects": []}
+        for name, each in found.grown.kept.items()
+    }
     assert survey_page(replace(silent, grown=replace(found.grown, kept=calm))).tone == "good"
 
 
 def test_what_an_effect_is_told_from(found: SurveyResult) -> None:
     (each,) = found.recurs
     assert rivals_phrase(each).startswith("preferred to sensor-lag:q by ")
-    equal = replace(each, rivals={"vane-offset": 1.0, "sensor-lag:q": 20.0, "sensor-lag:alpha": 30.0})
+    equal = replace(
+        each, rivals={"vane-offset": 1.0, "sensor-lag:q": 20.0, "sensor-lag:alpha": 30.0}
+    )
     assert rivals_phrase(equal) == (
-        "likelihood does not tell it from vane-offset: named by the derivatives, which it scatters less, or by the flights' diagnoses; "
+        "likelihood does not tell it from vane-offset: named by the derivatives, which it scatters "
+        "less, or by the flights' diagnoses; "
         "preferred to sensor-lag:q and sensor-lag:alpha by 20 of twice the log likelihood at least"
     )
-    assert rivals_phrase(replace(each, name="input-delay", rivals={})).startswith("the same filter or delay before all recorded outputs")
-    faint, loud = (replace(found, recurs=(replace(each, found=replace(each.found, p_value=p)),)) for p in (2e-5, 0.0))
+    assert rivals_phrase(replace(each, name="input-delay", rivals={})).startswith(
+        "the same filter or delay before all recorded outputs"
+    )
+    faint, loud = (
+        replace(found, recurs=(replace(each, found=replace(each.found, p_value=p)),))
+        for p in (2e-5, 0.0)
+    )
     assert [effect_rows(one)[1][0][-1] for one in (faint, loud)] == ["2e-05", "<1e-99"]
 
 
@@ -129,16 +167,24 @@ def test_forces_that_change_with_mass_ask_for_the_masses(found: SurveyResult) ->
     mass = found.conditions["mass"]
     rng = np.random.default_rng(1)
     told = [
-        {name: (slope * mass[flight] + 1e-3 * rng.standard_normal(), 1e-3) for name, slope in (("CL_alpha", 1e-4), ("Cm_alpha", 1e-5))}
+        {
+            name: (slope * mass[flight] + 1e-3 * rng.standard_normal(), 1e-3)
+            for name, slope in (("CL_alpha", 1e-4), ("Cm_alpha", 1e-5))
+        }
         for flight in flights
     ]
     one = replace(found, derivatives=tuple(over_flights(flights, told, found.conditions, {})))
     assert [each.name for each in one.derivatives if each.drifts] == ["CL_alpha", "Cm_alpha"]
-    assert hints(one) == ["CL_alpha changes with mass, which no force coefficient does by itself: check the masses that the flights were given"]
+    assert hints(one) == [
+        "CL_alpha changes with mass, which no force coefficient does by itself: check the masses "
+        "that the flights were given"
+    ]
     assert hints(found) == []
 
 
-def test_a_flight_that_could_not_be_fitted_is_told(campaign: Campaign, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_flight_that_could_not_be_fitted_is_told(
+    campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from scenarios.survey import growing
 
     plain = growing.fitted_sets
@@ -150,7 +196,9 @@ def test_a_flight_that_could_not_be_fitted_is_told(campaign: Campaign, monkeypat
 
     monkeypatch.setattr(growing, "fitted_sets", failing)
     found = campaign.survey(*more(campaign, 6))
-    assert found.warnings == ("F02 could not be fitted with what recurs: ArithmeticError: no finite cost",)
+    assert found.warnings == (
+        "F02 could not be fitted with what recurs: ArithmeticError: no finite cost",
+    )
     assert found.recurs[0].flights == ("F00", "F01", "F03", "F04", "F05")
     assert "F02 could not be fitted" in survey_text(found)
     content = json.loads((Path(campaign.out) / "survey.json").read_text())

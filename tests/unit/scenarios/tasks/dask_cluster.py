@@ -21,7 +21,9 @@ PATIENCE = 60.0  # s until a process must have begun
 
 
 class Cluster:
-    """``folder`` : what the processes tell. A worker has one thread; with a nanny, as Dask starts it usually, it is begun again when it dies."""
+    """``folder`` : what the processes tell. A worker has one thread; with a nanny, as Dask starts
+    it usually, it is begun again when it dies.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -34,12 +36,34 @@ class Cluster:
         self._count = 0
 
     def start(self, workers: int = 2, nannies: int = 0, path: Path = ROOT) -> None:
-        """A scheduler where none is left, and as many workers, the first ``nannies`` of them with nannies."""
+        """A scheduler where none is left, and as many workers, the first ``nannies`` of them with
+        nannies.
+        """
         if self.scheduler is None:
-            self.scheduler = self._process("dask_scheduler", "--host", "127.0.0.1", "--port", str(self.port), "--no-show", path=path)
+            self.scheduler = self._process(
+                "dask_scheduler",
+                "--host",
+                "127.0.0.1",
+                "--port",
+                str(self.port),
+                "--no-show",
+                path=path,
+            )
         for at in range(workers):
-            options = ["--nthreads", "1", "--no-dashboard", *([] if at < nannies else ["--no-nanny"])]
-            worker = self._process("dask_worker", self.address, *options, "--local-directory", str(self.folder), path=path)
+            options = [
+                "--nthreads",
+                "1",
+                "--no-dashboard",
+                *([] if at < nannies else ["--no-nanny"]),
+            ]
+            worker = self._process(
+                "dask_worker",
+                self.address,
+                *options,
+                "--local-directory",
+                str(self.folder),
+                path=path,
+            )
             self.workers.append(worker)
 
     def ready(self, workers: int = 2) -> None:
@@ -75,12 +99,23 @@ class Cluster:
         environment = {**os.environ, "PYTHONPATH": str(path), "OPENBLAS_NUM_THREADS": "1"}
         self._count += 1
         with open(self.folder / f"{self._count}-{command}.log", "wb") as log:
-            arguments = [sys.executable, "-m", f"distributed.cli.{command}", *options, "--dashboard-address", "127.0.0.1:0"]
-            return subprocess.Popen(arguments, cwd=self.folder, env=environment, stdout=log, stderr=subprocess.STDOUT)
+            arguments = [
+                sys.executable,
+                "-m",
+                f"distributed.cli.{command}",
+                *options,
+                "--dashboard-address",
+                "127.0.0.1:0",
+            ]
+            return subprocess.Popen(
+                arguments, cwd=self.folder, env=environment, stdout=log, stderr=subprocess.STDOUT
+            )
 
 
 @contextmanager
-def cluster_of(folder: Path, workers: int = 2, nannies: int = 0, path: Path = ROOT) -> Iterator[Cluster]:
+def cluster_of(
+    folder: Path, workers: int = 2, nannies: int = 0, path: Path = ROOT
+) -> Iterator[Cluster]:
     pytest.importorskip("distributed")
     folder.mkdir(parents=True, exist_ok=True)
     cluster = Cluster(folder)

@@ -1,4 +1,6 @@
-"""The same study on a Dask cluster: a real scheduler with workers in processes of their own, killed and lost."""
+"""The same study on a Dask cluster: a real scheduler with workers in processes of their own, killed
+and lost.
+"""
 
 from __future__ import annotations
 
@@ -42,10 +44,15 @@ def _there(cluster: Cluster, asked: TaskRequest = ASKED) -> TaskRequest:
     return dataclasses.replace(asked, cluster=cluster.address)
 
 
-def test_the_table_is_that_of_one_process(cluster: Cluster, whole: RowTable, tmp_path: Path) -> None:
+def test_the_table_is_that_of_one_process(
+    cluster: Cluster, whole: RowTable, tmp_path: Path
+) -> None:
     assert same(run_study(Toy(), _there(cluster)), whole)
     kept = dataclasses.replace(_there(cluster), folder=tmp_path / "kept")
-    assert same(run_study(Toy(), dataclasses.replace(kept, count=23)), run_study(Toy(), dataclasses.replace(ASKED, count=23)))
+    assert same(
+        run_study(Toy(), dataclasses.replace(kept, count=23)),
+        run_study(Toy(), dataclasses.replace(ASKED, count=23)),
+    )
     assert same(run_study(Toy(), dataclasses.replace(kept, resume=True)), whole)
 
 
@@ -58,10 +65,15 @@ def test_work_is_sent_once_to_each_worker_and_has_one_thread(cluster: Cluster) -
 
 def test_what_fails_or_takes_too_long_is_recorded_and_ends_nothing(cluster: Cluster) -> None:
     work = Toy(raising=(9,), refused=(2,), killing=(21,))
-    table, here = run_study(work, _there(cluster)), run_study(work, dataclasses.replace(ASKED, jobs=2))
+    table, here = (
+        run_study(work, _there(cluster)),
+        run_study(work, dataclasses.replace(ASKED, jobs=2)),
+    )
     assert same(table, here) and re.match("2 processes died over it", table.columns["error"][21])
     late = run_study(Toy(stuck=(13,)), dataclasses.replace(_there(cluster), count=20, longest=0.7))
-    assert [bool(error) for error in late.columns["error"]] == [number // 4 == 3 for number in range(20)]
+    assert [bool(error) for error in late.columns["error"]] == [
+        number // 4 == 3 for number in range(20)
+    ]
     assert late.columns["error"][12] == "ended after 0.7 s, the time that it was given"
 
 
@@ -77,42 +89,72 @@ def test_ctrl_c_ends_it_and_gives_up_what_was_sent(cluster: Cluster, whole: RowT
 
     table = run_study(Toy(pause=0.1), _there(cluster), stop)
     assert time.monotonic() - since[0] < 2.0 and 12 <= len(table) < COUNT
-    assert same(table, RowTable({n: c[table.columns["number"]] for n, c in whole.columns.items()}, COUNT, table.times))
+    assert same(
+        table,
+        RowTable(
+            {n: c[table.columns["number"]] for n, c in whole.columns.items()}, COUNT, table.times
+        ),
+    )
     with Client(cluster.address, set_as_default=False) as client:
         until = time.monotonic() + 5.0
-        while (left := client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks))) and time.monotonic() < until:
+        while (
+            left := client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks))
+        ) and time.monotonic() < until:
             time.sleep(0.05)
     assert not left
 
 
-def test_other_versions_there_are_refused(cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_versions_there_are_refused(
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     here = versions()
     monkeypatch.setattr("scenarios.tasks.cluster.versions", lambda: {**here, "scipy": "0.1"})
-    with pytest.raises(FlightidError, match=r"the worker on \S+ has scipy [\d.]+, and here is 0.1; have the same on every worker") as told:
+    with pytest.raises(
+        FlightidError,
+        match=r"the worker on \S+ has scipy [\d.]+, and here is 0.1; have the same on every worker",
+    ) as told:
         run_study(Toy(), dataclasses.replace(_there(cluster), folder=tmp_path / "study" / "runs"))
     assert "\n" not in str(told.value) and not list(tmp_path.iterdir())
 
 
-def test_nothing_answers_and_nothing_is_left_behind(cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_answers_and_nothing_is_left_behind(
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(on_cluster, "REACHED", 0.5)
     for address in ("tcp://127.0.0.1:1", "http://127.0.0.1:1", "nonsense"):
-        with pytest.raises(FlightidError, match=f"^{address}: no Dask scheduler answers .*; start one with dask scheduler"):
-            run_study(Toy(), dataclasses.replace(ASKED, cluster=address, folder=tmp_path / "study" / "runs"))
+        with pytest.raises(
+            FlightidError,
+            match=f"^{address}: no Dask scheduler answers .*; start one with dask scheduler",
+        ):
+            run_study(
+                Toy(),
+                dataclasses.replace(ASKED, cluster=address, folder=tmp_path / "study" / "runs"),
+            )
     assert not list(tmp_path.iterdir())
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(FlightidError, match=r'^--cluster: Dask is not installed; pip install "flightid\[cluster\]"$'):
+    with pytest.raises(
+        FlightidError,
+        match=r'^--cluster: Dask is not installed; pip install "flightid\[cluster\]"$',
+    ):
         run_study(Toy(), _there(cluster))
 
 
 def test_a_worker_without_flightid_says_so(tmp_path: Path) -> None:
     (tmp_path / "path" / "scenarios").mkdir(parents=True)
-    (tmp_path / "path" / "scenarios" / "__init__.py").write_text("raise ImportError('nothing here')")
+    (tmp_path / "path" / "scenarios" / "__init__.py").write_text(
+        "raise ImportError('nothing here')"
+    )
     words = r"the worker on \S+ has no flightid, or an older one \(nothing here\); have the same"
-    with cluster_of(tmp_path / "cluster", workers=1, path=tmp_path / "path") as made, pytest.raises(FlightidError, match=words):
+    with (
+        cluster_of(tmp_path / "cluster", workers=1, path=tmp_path / "path") as made,
+        pytest.raises(FlightidError, match=words),
+    ):
         run_study(Toy(), _there(made))
 
 
-def test_a_block_whose_worker_dies_is_run_by_another(cluster: Cluster, whole: RowTable, tmp_path: Path) -> None:
+def test_a_block_whose_worker_dies_is_run_by_another(
+    cluster: Cluster, whole: RowTable, tmp_path: Path
+) -> None:
     killed: list[str] = []
 
     def kill(stage: str, share: float) -> None:
@@ -126,7 +168,9 @@ def test_a_block_whose_worker_dies_is_run_by_another(cluster: Cluster, whole: Ro
     cluster.start(workers=1)
 
 
-def test_the_scheduler_is_lost_and_what_had_ended_is_kept(cluster: Cluster, whole: RowTable, tmp_path: Path) -> None:
+def test_the_scheduler_is_lost_and_what_had_ended_is_kept(
+    cluster: Cluster, whole: RowTable, tmp_path: Path
+) -> None:
     kept = dataclasses.replace(_there(cluster), folder=tmp_path)
     killed: list[float] = []
 
@@ -135,7 +179,10 @@ def test_the_scheduler_is_lost_and_what_had_ended_is_kept(cluster: Cluster, whol
             killed.append(time.monotonic())
             cluster.kill_scheduler()
 
-    words = r"the scheduler no longer answers; (\d+) of 60 runs are kept in \S+; start it again, then go on with --resume$"
+    words = (
+        r"the scheduler no longer answers; (\d+) of 60 runs are kept in \S+; start it again, then "
+        r"go on with --resume$"
+    )
     with pytest.raises(FlightidError, match=words) as told:
         run_study(Toy(pause=0.1), kept, kill)
     assert time.monotonic() - killed[0] < 10.0

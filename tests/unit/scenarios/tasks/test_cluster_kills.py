@@ -1,4 +1,6 @@
-"""The scheduler and the workers of a Dask cluster killed at moments drawn at random: what is resumed has the table of one that ran through."""
+"""The scheduler and the workers of a Dask cluster killed at moments drawn at random: what is
+resumed has the table of one that ran through.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 
 @pytest.mark.parametrize("moment", range(MOMENTS))
-def test_the_scheduler_is_killed(moment: int, cluster: Cluster, tmp_path: Path, whole: RowTable) -> None:
+def test_the_scheduler_is_killed(
+    moment: int, cluster: Cluster, tmp_path: Path, whole: RowTable
+) -> None:
     asked = dataclasses.replace(ASKED, folder=tmp_path / "kept", cluster=cluster.address)
     begun = threading.Event()
 

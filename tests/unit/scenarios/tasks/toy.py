@@ -1,4 +1,6 @@
-"""Work of no meaning: rows that depend on their seeds alone, with tasks that fail, take their time, or end their process."""
+"""Work of no meaning: rows that depend on their seeds alone, with tasks that fail, take their time,
+or end their process.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +19,11 @@ from scenarios.tasks.work import Row, Task
 
 @dataclass(frozen=True)
 class Toy:
-    """``raising``, ``refused`` : numbers of tasks that fail. ``killing`` : of tasks that kill their process; with ``once``, a folder, only once.
+    """``raising``, ``refused`` : numbers of tasks that fail. ``killing`` : of tasks that kill their
+    process; with ``once``, a folder, only once.
 
-    ``pause`` : s that each block takes. ``stuck`` : of tasks that stay in one call of native code for half a minute.
+    ``pause`` : s that each block takes. ``stuck`` : of tasks that stay in one call of native code
+    for half a minute.
     """
 
     block: int = 4
@@ -33,7 +37,13 @@ class Toy:
     meaning: int = 1
 
     name = "toy"
-    columns: ClassVar[Mapping[str, str]] = {"x": "float", "n": "int", "flag": "bool", "word": "text", "gap": "float"}
+    columns: ClassVar[Mapping[str, str]] = {
+        "x": "float",
+        "n": "int",
+        "flag": "bool",
+        "word": "text",
+        "gap": "float",
+    }
 
     def identity(self) -> Mapping[str, Any]:
         return {"meaning": self.meaning, "raising": list(self.raising)}
@@ -47,7 +57,10 @@ class Toy:
             os.kill(os.getpid(), signal.SIGKILL)
         if numbers & set(self.stuck):
             sum(range(10**10))
-        return [f"no row of {task.number}" if task.number in self.refused else row_of(task) for task in tasks]
+        return [
+            f"no row of {task.number}" if task.number in self.refused else row_of(task)
+            for task in tasks
+        ]
 
     def _due(self, number: int) -> bool:
         if self.once is None:
@@ -60,7 +73,9 @@ class Toy:
 
 
 class Threads(Toy):
-    """How many threads linear algebra takes in the process that works, also that which is loaded late."""
+    """How many threads linear algebra takes in the process that works, also that which is loaded
+    late.
+    """
 
     columns: ClassVar[Mapping[str, str]] = {"threads": "int"}
 
@@ -69,7 +84,10 @@ class Threads(Toy):
         import threadpoolctl
 
         scipy.linalg.inv(np.eye(3))
-        return [{"threads": max(each["num_threads"] for each in threadpoolctl.threadpool_info())} for _ in tasks]
+        return [
+            {"threads": max(each["num_threads"] for each in threadpoolctl.threadpool_info())}
+            for _ in tasks
+        ]
 
 
 class Loads(Toy):

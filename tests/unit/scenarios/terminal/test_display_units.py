@@ -1,4 +1,6 @@
-"""One display unit a quantity: figures take theirs from the table of the terminal, and a frequency is never shown in deg/s."""
+"""One display unit a quantity: figures take theirs from the table of the terminal, and a frequency
+is never shown in deg/s.
+"""
 
 from __future__ import annotations
 
@@ -20,18 +22,33 @@ from sim.effects.library import library
 
 def test_figures_and_tables_share_one_unit() -> None:
     parameters = {(item.unit, item.name) for effect in library() for item in effect.parameters}
-    for unit, name in {*parameters, *((unit, name) for name, unit in CHANNEL_UNITS.items()), *((unit, "") for unit in DEGREES)}:
+    for unit, name in {
+        *parameters,
+        *((unit, name) for name, unit in CHANNEL_UNITS.items()),
+        *((unit, "") for unit in DEGREES),
+    }:
         factor, shown = shown_in(unit, name)
         drawn = display_unit(unit, name)
         assert drawn.factor == factor
-        assert drawn.text.replace("²", "2").replace("³", "3") == (shown if unit_cell(shown) else "–"), (unit, name)
+        assert drawn.text.replace("²", "2").replace("³", "3") == (
+            shown if unit_cell(shown) else "–"
+        ), (unit, name)
         assert not ("frequency" in name and shown.startswith("deg"))
 
 
 def test_numbers_without_a_sigma() -> None:
-    assert quantity_text(0.00872665, "rad", "half_width") == "0.5 deg" and quantity_text(12.0, "rad/s", "omega1") == "12 rad/s (1.91 Hz)"
-    assert quantity_text(4.0, "m") == "4 m" and quantity_text(0.3, "1") == "0.3" and quantity_text(math.pi, "rad/s", "rate") == "180 deg/s"
-    assert in_hertz(1.0, "rate", "rad/s") == "" and shown_in("rad/s", "L_0") == (1.0, "rad/s"), "a load, read beside derivatives"
+    assert (
+        quantity_text(0.00872665, "rad", "half_width") == "0.5 deg"
+        and quantity_text(12.0, "rad/s", "omega1") == "12 rad/s (1.91 Hz)"
+    )
+    assert (
+        quantity_text(4.0, "m") == "4 m"
+        and quantity_text(0.3, "1") == "0.3"
+        and quantity_text(math.pi, "rad/s", "rate") == "180 deg/s"
+    )
+    assert in_hertz(1.0, "rate", "rad/s") == "" and shown_in("rad/s", "L_0") == (1.0, "rad/s"), (
+        "a load, read beside derivatives"
+    )
 
 
 def test_an_effect_is_shown_in_degrees_and_fits(capsys: pytest.CaptureFixture[str]) -> None:
@@ -43,9 +60,20 @@ def test_an_effect_is_shown_in_degrees_and_fits(capsys: pytest.CaptureFixture[st
 
 
 def test_rows_of_a_study_are_shown_so_and_a_frequency_in_hertz_as_well() -> None:
-    rows = [Row("omega1", "rad/s", 12.0, 0.1, 12.5), Row("bias_q", "rad/s", 0.01, 0.001), Row("Cm_q", "1/rad", -3.0, 0.1)]
+    rows = [
+        Row("omega1", "rad/s", 12.0, 0.1, 12.5),
+        Row("bias_q", "rad/s", 0.01, 0.001),
+        Row("Cm_q", "1/rad", -3.0, 0.1),
+    ]
     study: Any = SimpleNamespace(scenario=SimpleNamespace(display={}))
     shown = with_display(study, rows)
-    assert [(row.name, row.unit) for row in shown] == [("omega1", "rad/s"), ("omega1", "Hz"), ("bias_q", "deg/s"), ("Cm_q", "1/rad")]
-    assert shown[1].estimate == pytest.approx(12.0 / (2.0 * math.pi)) and shown[1].sigmas == pytest.approx(rows[0].sigmas)
+    assert [(row.name, row.unit) for row in shown] == [
+        ("omega1", "rad/s"),
+        ("omega1", "Hz"),
+        ("bias_q", "deg/s"),
+        ("Cm_q", "1/rad"),
+    ]
+    assert shown[1].estimate == pytest.approx(12.0 / (2.0 * math.pi)) and shown[
+        1
+    ].sigmas == pytest.approx(rows[0].sigmas)
     assert shown[2].std == pytest.approx(math.degrees(0.001))

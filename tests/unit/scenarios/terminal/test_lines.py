@@ -1,4 +1,6 @@
-"""Single lines: residual tests by axis, and levels of flying qualities with what is assumed and what is doubted."""
+"""Single lines: residual tests by axis, and levels of flying qualities with what is assumed and
+what is doubted.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ from scenarios.terminal.summary import level_text, levels_line
 
 
 def whiteness(channel: str, p_value: float) -> ResidualTest:
-    return ResidualTest("ljung-box", channel, 40.0, p_value, "white" if p_value > 1e-3 else "not white")
+    return ResidualTest(
+        "ljung-box", channel, 40.0, p_value, "white" if p_value > 1e-3 else "not white"
+    )
 
 
 LATERAL = ("beta", "p", "r", "phi", "ny")
@@ -23,7 +27,11 @@ LATERAL = ("beta", "p", "r", "phi", "ny")
         (("r",), "in yaw (r not white); noise alone in side force and roll"),
         (("p", "phi"), "in roll (p not white, phi not white); noise alone in side force and yaw"),
         (("ny", "r"), "in side force (ny not white); in yaw (r not white); noise alone in roll"),
-        (LATERAL, "in side force (beta not white, ny not white); in roll (p not white, phi not white); in yaw (r not white)"),
+        (
+            LATERAL,
+            "in side force (beta not white, ny not white); in roll (p not white, phi not white); "
+            "in yaw (r not white)",
+        ),
     ],
 )
 def test_the_axis_that_fails_is_named(wrong: tuple[str, ...], expected: str) -> None:
@@ -32,31 +40,65 @@ def test_the_axis_that_fails_is_named(wrong: tuple[str, ...], expected: str) -> 
 
 
 def test_one_axis_needs_no_name_and_a_test_of_all_outputs_has_none() -> None:
-    assert line_of([whiteness("altitude", 1e-9)]) == "residual is not the noise alone: altitude: not white"
-    assert line_of([whiteness("q", 1e-9), whiteness("theta", 0.5)]) == "residual is not the noise alone: q: not white"
+    assert (
+        line_of([whiteness("altitude", 1e-9)])
+        == "residual is not the noise alone: altitude: not white"
+    )
+    assert (
+        line_of([whiteness("q", 1e-9), whiteness("theta", 0.5)])
+        == "residual is not the noise alone: q: not white"
+    )
     size = ResidualTest("nis", "all", 9.0, 1e-9, "innovations are 2 times the size")
     told = line_of([whiteness("airspeed", 0.3), whiteness("q", 0.3), size])
-    assert told == "residual is not the noise alone: all: innovations are 2 times the size; noise alone in speed and pitch"
-    assert line_of([whiteness("q", 0.3)]) == "residual: what the noise alone would give (q p = 0.3)" and line_of([]) == ""
+    assert told == (
+        "residual is not the noise alone: all: innovations are 2 times the size; noise alone "
+        "in speed and pitch"
+    )
+    assert (
+        line_of([whiteness("q", 0.3)]) == "residual: what the noise alone would give (q p = 0.3)"
+        and line_of([]) == ""
+    )
 
 
-def level(shares: tuple[float, ...], decided: str = "", value: float = 0.0, limit: float = 0.0) -> ModeLevel:
-    return ModeLevel("Dutch roll", shares.index(max(shares)) + 1, shares, decided, value, limit, ("MIL-F-8785C 3.3.1.1, table VI",))
+def level(
+    shares: tuple[float, ...], decided: str = "", value: float = 0.0, limit: float = 0.0
+) -> ModeLevel:
+    return ModeLevel(
+        "Dutch roll",
+        shares.index(max(shares)) + 1,
+        shares,
+        decided,
+        value,
+        limit,
+        ("MIL-F-8785C 3.3.1.1, table VI",),
+    )
 
 
 def test_a_level_is_told_with_its_probability_or_not_at_all() -> None:
     assert level_text(level((0.97, 0.03, 0.0, 0.0))) == "level 1 (97 %)"
     assert level_text(level((0.9999, 0.0001, 0.0, 0.0))) == "level 1 (> 99.9 %)"
     assert level_text(level((0.0, 0.006, 0.0, 0.994))) == "below level 3 (99.4 %)"
-    assert level_text(level((0.3, 0.69, 0.005, 0.005))) == "not determined (level 2 69 %, level 1 30 %)"
+    assert (
+        level_text(level((0.3, 0.69, 0.005, 0.005)))
+        == "not determined (level 2 69 %, level 1 30 %)"
+    )
 
 
 def test_what_is_assumed_and_what_is_doubted_is_said() -> None:
     some = [level((0.0, 1.0, 0.0, 0.0), "dutch_roll_damping_rate", 0.12, 0.15)]
     sound, bad = [whiteness("r", 0.3)], [whiteness("r", 1e-9)]
-    told = "Dutch roll level 2 (> 99.9 %): damping ratio times frequency 0.12 rad/s, asked at least 0.15 rad/s"
-    assert levels_line(some, Flown("IV", "A", ()), sound) == f"levels by MIL-F-8785C, class IV, category A: {told}"
-    assert "class II-L, category B (class and category assumed: --class, --category, or the vehicle file): " in levels_line(some, Flown(), sound)
+    told = (
+        "Dutch roll level 2 (> 99.9 %): damping ratio times frequency 0.12 rad/s, asked at least "
+        "0.15 rad/s"
+    )
+    assert (
+        levels_line(some, Flown("IV", "A", ()), sound)
+        == f"levels by MIL-F-8785C, class IV, category A: {told}"
+    )
+    assert (
+        "class II-L, category B (class and category assumed: --class, --category, or the vehicle "
+        "file): " in levels_line(some, Flown(), sound)
+    )
     assert levels_line(some, Flown("IV", "A", ()), bad).startswith(
         "levels by MIL-F-8785C, class IV, category A, were the model right, which its resid"
     )

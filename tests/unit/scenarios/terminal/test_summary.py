@@ -1,4 +1,6 @@
-"""Every study begins with a summary of five lines at most, each within the terminal, its numbers whole."""
+"""Every study begins with a summary of five lines at most, each within the terminal, its numbers
+whole.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,14 @@ from scenarios.diagnosis.report.text import details_text, diagnosis_summary, dia
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.study import run_scenario
 from scenarios.studies.text import print_study
-from scenarios.terminal.summary import Summary, details_in, residual_phrase, result_phrase, summary_lines, value_phrase
+from scenarios.terminal.summary import (
+    Summary,
+    details_in,
+    residual_phrase,
+    result_phrase,
+    summary_lines,
+    value_phrase,
+)
 from tests.diagnoses import tracing_of
 
 LABELS = ("study", "outcome", "result", "residual", "details")
@@ -27,17 +36,28 @@ def begins_with_a_summary(text: str, width: int) -> list[str]:
     """The lines above the first empty one, checked."""
     lines = text.split("\n\n")[0].splitlines()
     labels = [line.split()[0] for line in lines]
-    assert len(lines) <= 5 and labels == [label for label in LABELS if label in labels] and {"study", "outcome", "details"} <= set(labels)
+    assert (
+        len(lines) <= 5
+        and labels == [label for label in LABELS if label in labels]
+        and {"study", "outcome", "details"} <= set(labels)
+    )
     assert all(len(line) <= width for line in lines[:-1]), "a path stays whole"
     return lines
 
 
 @given(
-    st.lists(st.tuples(st.sampled_from(["Cm_q", "CL_alpha"]), st.floats(-50, 50), st.floats(1e-4, 1.0)), min_size=1, max_size=6), st.integers(40, 130)
+    st.lists(
+        st.tuples(st.sampled_from(["Cm_q", "CL_alpha"]), st.floats(-50, 50), st.floats(1e-4, 1.0)),
+        min_size=1,
+        max_size=6,
+    ),
+    st.integers(40, 130),
 )
 def test_no_number_is_cut_at_any_width(values: list[tuple[str, float, float]], width: int) -> None:
     whole = result_phrase([(name, value, std, "1/rad") for name, value, std in values], {})
-    (line,) = [each for each in summary_lines(Summary("a", "b", whole), width) if each.startswith("result")]
+    (line,) = [
+        each for each in summary_lines(Summary("a", "b", whole), width) if each.startswith("result")
+    ]
     assert len(line) <= width
     numbers = set(re.findall(r"[-\d.e+]*\d", whole))
     assert set(re.findall(r"[-\d.e+]*\d", line)) <= numbers
@@ -45,27 +65,46 @@ def test_no_number_is_cut_at_any_width(values: list[tuple[str, float, float]], w
 
 
 def test_values_stand_in_the_units_that_people_read() -> None:
-    assert value_phrase("half_width", 0.00872665, 0.0000872665, "rad") == "half_width 0.5000 +- 0.0050 deg"
-    assert value_phrase("frequency", 12.0, 0.1, "rad/s") == "frequency 12.00 +- 0.10 rad/s (1.91 Hz)"
-    assert value_phrase("Cm_q", -3.0, 1e4, "1/rad") == "Cm_q not determined" and value_phrase("held", 2.0, 0.0, "1") == "held 2"
+    assert (
+        value_phrase("half_width", 0.00872665, 0.0000872665, "rad")
+        == "half_width 0.5000 +- 0.0050 deg"
+    )
+    assert (
+        value_phrase("frequency", 12.0, 0.1, "rad/s") == "frequency 12.00 +- 0.10 rad/s (1.91 Hz)"
+    )
+    assert (
+        value_phrase("Cm_q", -3.0, 1e4, "1/rad") == "Cm_q not determined"
+        and value_phrase("held", 2.0, 0.0, "1") == "held 2"
+    )
 
 
 def test_the_residuals_state_names_the_channels() -> None:
-    tests = [ResidualTest("ljung-box", name, 1.0, p, "") for name, p in (("alpha", 0.5), ("q", 1e-9), ("nz", 0.2), ("q, record 2", 0.5))]
+    tests = [
+        ResidualTest("ljung-box", name, 1.0, p, "")
+        for name, p in (("alpha", 0.5), ("q", 1e-9), ("nz", 0.2), ("q, record 2", 0.5))
+    ]
     assert [test.passed for test in tests] == [True, False, True, True]
     assert residual_phrase(tests) == "more than noise in q; the noise alone in alpha and nz"
     assert residual_phrase(tests[:1]) == "the noise alone in alpha" and residual_phrase([]) == ""
-    assert residual_phrase([tests[0], ResidualTest("nis", "all", 9.0, 1e-9, "")]).startswith("not what the noise alone would give")
+    assert residual_phrase([tests[0], ResidualTest("nis", "all", 9.0, 1e-9, "")]).startswith(
+        "not what the noise alone would give"
+    )
 
 
 @pytest.mark.parametrize("verdict", list(Verdict))
 def test_a_diagnosis_begins_with_it(verdict: Verdict) -> None:
     tracing = tracing_of(verdict)
     for width in (80, 118):
-        lines = begins_with_a_summary(diagnosis_text(tracing, width, "below; in study/report.html"), width)
+        lines = begins_with_a_summary(
+            diagnosis_text(tracing, width, "below; in study/report.html"), width
+        )
         assert verdict.value.upper() in lines[1] and lines[-1].endswith("study/report.html")
         assert diagnosis_text(tracing, width).endswith(details_text(tracing, width))
-    assert all(claim.name in diagnosis_summary(tracing).outcome for claim in tracing.diagnosis.effects if claim.claimed)
+    assert all(
+        claim.name in diagnosis_summary(tracing).outcome
+        for claim in tracing.diagnosis.effects
+        if claim.claimed
+    )
 
 
 def printed(show: Callable[[Console], None], width: int) -> str:
@@ -80,4 +119,9 @@ def test_a_run_begins_with_it(width: int) -> None:
     study = run_scenario(load_scenario("ballistic", ()), 1)
     lines = begins_with_a_summary(printed(lambda out: print_study(study, out), width), width)
     (row, *_) = study.main.rows
-    assert f"{row.name} " in lines[2] and "kg/m2" in lines[2] and "sigma" in lines[1] and details_in(None) in lines[-1]
+    assert (
+        f"{row.name} " in lines[2]
+        and "kg/m2" in lines[2]
+        and "sigma" in lines[1]
+        and details_in(None) in lines[-1]
+    )

@@ -35,7 +35,10 @@ def test_a_row_has_means_sigmas_and_weights_of_the_state_after_it() -> None:
         )
         for state in states
     ]
-    table = [dict(zip(columns(bank), row, strict=True)) for row in csv.reader(lines(bank, steps).splitlines())]
+    table = [
+        dict(zip(columns(bank), row, strict=True))
+        for row in csv.reader(lines(bank, steps).splitlines())
+    ]
     assert len(table) == len(flown)
     for at in (0, 20, len(table) - 1):
         row, state = table[at], states[at]
@@ -45,8 +48,12 @@ def test_a_row_has_means_sigmas_and_weights_of_the_state_after_it() -> None:
         assert float(row["weighted_delay"]) == pytest.approx(weights @ bank.delays)
         assert float(row["weight_25ms"]) == pytest.approx(weights[1], abs=1e-9)
         for number, name in enumerate(bank.names):
-            assert float(row[name]) == pytest.approx(state.mean[number, state.best], rel=1e-8, abs=1e-12)
-            assert float(row[f"{name}_std"]) == pytest.approx(state.std(state.best)[number], rel=1e-8)
+            assert float(row[name]) == pytest.approx(
+                state.mean[number, state.best], rel=1e-8, abs=1e-12
+            )
+            assert float(row[f"{name}_std"]) == pytest.approx(
+                state.std(state.best)[number], rel=1e-8
+            )
             assert float(row[f"{name}_spread"]) == pytest.approx(spread[number])
         shown = [row[f"innovation_{name}"] for name in ("alpha", "q", "nz")]
         assert [float(cell) for cell in shown] == pytest.approx(state.innovation, rel=1e-3)

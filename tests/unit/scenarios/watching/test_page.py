@@ -1,4 +1,6 @@
-"""The page's server: this machine alone, known host names alone, nothing lost over a broken connection, memory that is bounded."""
+"""The page's server: this machine alone, known host names alone, nothing lost over a broken
+connection, memory that is bounded.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,10 @@ class Browser:
         self._connection = http.client.HTTPConnection("127.0.0.1", port, timeout=5.0)
         self._connection.request("GET", "/events", headers={"Last-Event-ID": last} if last else {})
         self._answer = self._connection.getresponse()
-        assert (self._answer.status, self._answer.getheader("Content-Type")) == (200, "text/event-stream")
+        assert (self._answer.status, self._answer.getheader("Content-Type")) == (
+            200,
+            "text/event-stream",
+        )
 
     def read(self, until: str = "beat") -> list[Event]:
         """Events up to one of that name; none of it where the line ends first."""
@@ -61,7 +66,15 @@ class Browser:
 def asked(port: int, hosts: list[str], path: str = "/") -> str:
     """The first line of the answer to a request with these Host headers."""
     with socket.create_connection(("127.0.0.1", port), timeout=5.0) as line:
-        line.sendall("".join([f"GET {path} HTTP/1.1\r\n", *(f"Host: {host}\r\n" for host in hosts), "Connection: close\r\n\r\n"]).encode())
+        line.sendall(
+            "".join(
+                [
+                    f"GET {path} HTTP/1.1\r\n",
+                    *(f"Host: {host}\r\n" for host in hosts),
+                    "Connection: close\r\n\r\n",
+                ]
+            ).encode()
+        )
         return line.recv(200).decode().splitlines()[0]
 
 
@@ -74,7 +87,14 @@ def test_it_listens_on_this_machine_alone_and_to_its_own_names(server: PageServe
     port = server.port
     for host in (f"127.0.0.1:{port}", f"localhost:{port}", f"LOCALHOST:{port}"):
         assert asked(port, [host]).endswith("200 OK")
-    names = [f"evil.example:{port}", "127.0.0.1", f"127.0.0.1:{port + 1}", f"127.0.0.1.evil.example:{port}", f"[::1]:{port}", ""]
+    names = [
+        f"evil.example:{port}",
+        "127.0.0.1",
+        f"127.0.0.1:{port + 1}",
+        f"127.0.0.1.evil.example:{port}",
+        f"[::1]:{port}",
+        "",
+    ]
     for hosts in [[], [f"127.0.0.1:{port}", f"evil.example:{port}"], *([name] for name in names)]:
         for path in ("/", "/events"):
             assert " 421 " in asked(port, hosts, path), hosts
@@ -102,7 +122,10 @@ def test_what_was_missed_is_caught_up_once() -> None:
     feed.put("rows", rows(8, 4), rows=4)
     again = Browser(server.port, last)
     came = again.read()
-    assert [(name, data) for _, name, data in came[:-1]] == [("rows", rows(4, 4)), ("rows", rows(8, 4))]
+    assert [(name, data) for _, name, data in came[:-1]] == [
+        ("rows", rows(4, 4)),
+        ("rows", rows(8, 4)),
+    ]
     feed.put("status", "{}")
     assert [name for _, name, _ in again.read()] == ["status", "beat"]
     other = Browser(server.port, "0badcafe-1")  # of another watch on the same port
@@ -127,8 +150,16 @@ def test_memory_is_bounded_and_the_whole_time_stays_in_sight() -> None:
     assert whole.complete
     told = [json.loads(event.data)["t"] for event in whole.events if event.name == "estimates"]
     steps = np.diff(told[:-1])
-    assert told[0] == 0 and told[-1] == 4999 and len(told) <= 51 and steps.max() == steps.min() and steps.max() <= 5000 / 25
-    times = [t for event in whole.events if event.name == "rows" for t in json.loads(event.data)["t"]]
+    assert (
+        told[0] == 0
+        and told[-1] == 4999
+        and len(told) <= 51
+        and steps.max() == steps.min()
+        and steps.max() <= 5000 / 25
+    )
+    times = [
+        t for event in whole.events if event.name == "rows" for t in json.loads(event.data)["t"]
+    ]
     np.testing.assert_allclose(np.diff(times), 1.0 / 40.0, atol=1e-9)
     assert times[-1] == 19999 / 40.0 and [event.name for event in whole.events].count("status") == 1
     assert not feed.since(whole.last, 0.0).events
@@ -166,7 +197,14 @@ def test_a_port_that_is_taken(server: PageServer) -> None:
 def test_events_are_strict_json() -> None:
     hanging = CrossValidation("M_q", "1/s", 1.0, np.inf, (1.0, 0.1), hanging=True)
     known = CrossValidation("delay", "s", 0.118, 0.003, (0.1, 0.001))
-    told = json.loads(follow.estimates(2.0, [hanging, known], np.array([0.25, 0.75]), "refined"), parse_constant=pytest.fail)
-    assert told["items"][0]["told"] == "hangs on start" and "value" not in told["items"][0] and "off" not in told["items"][0]
+    told = json.loads(
+        follow.estimates(2.0, [hanging, known], np.array([0.25, 0.75]), "refined"),
+        parse_constant=pytest.fail,
+    )
+    assert (
+        told["items"][0]["told"] == "hangs on start"
+        and "value" not in told["items"][0]
+        and "off" not in told["items"][0]
+    )
     assert told["items"][1]["off"] == pytest.approx(5.69, abs=0.01) and told["items"][1]["outside"]
     assert json.loads(follow.status("waiting", "", {"t": np.nan, "rows": 3}))["t"] is None

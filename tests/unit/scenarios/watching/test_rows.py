@@ -1,4 +1,6 @@
-"""Lines to rows: the same numbers as a record's reader, and every line that cannot be used told apart and counted."""
+"""Lines to rows: the same numbers as a record's reader, and every line that cannot be used told
+apart and counted.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +14,27 @@ from hypothesis import strategies as st
 
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.records import read_record
-from scenarios.watching.rows import LOST, Header, Lines, Order, _careful, _plain, at_end, in_order, lines_of, read_header, read_lines
+from scenarios.watching.rows import (
+    LOST,
+    Header,
+    Lines,
+    Order,
+    _careful,
+    _plain,
+    at_end,
+    in_order,
+    lines_of,
+    read_header,
+    read_lines,
+)
 from sim.errors import RecordError
 
 PLAIN = read_header(b"time,stick,alpha,q,nz", "stream")
 
 
-def rows(text: str, header: Header = PLAIN, order: Order | None = None) -> tuple[np.ndarray, list[tuple[int, str]], Order]:
+def rows(
+    text: str, header: Header = PLAIN, order: Order | None = None
+) -> tuple[np.ndarray, list[tuple[int, str]], Order]:
     """Rows of lines from row 2 on, and what is wrong with those that are not among them."""
     table, numbers, faults = read_lines(header, text.encode().split(b"\n"), 2)
     kept, disorder, order = in_order(table, numbers, order or Order())
@@ -26,18 +42,28 @@ def rows(text: str, header: Header = PLAIN, order: Order | None = None) -> tuple
 
 
 def test_units_and_header_rules_are_those_of_records(tmp_path: Path) -> None:
-    text = "time_ms,stick [in],alpha_deg,q (deg/s),nz [m/s2],other\n0,0.1,1.5,-3,9.7,x\n25,0.2,,2.25,9.9,y\n50,0.3,1.0,1.0,,z\n"
+    text = (
+        "time_ms,stick [in],alpha_deg,q (deg/s),nz "
+        "[m/s2],other\n0,0.1,1.5,-3,9.7,x\n25,0.2,,2.25,9.9,y\n50,0.3,1.0,1.0,,z\n"
+    )
     (tmp_path / "record.csv").write_text(text)
     record = read_record(tmp_path / "record.csv", ["stick"], ["alpha", "q", "nz"])
     first, *lines = text.encode().splitlines()
     table, numbers, faults = read_lines(read_header(first, "stream"), lines, 2)
     assert (numbers, faults) == ([2, 3, 4], [])
-    np.testing.assert_array_equal(table, [record.time, *(channel.with_gaps() for channel in record.channels)])
+    np.testing.assert_array_equal(
+        table, [record.time, *(channel.with_gaps() for channel in record.channels)]
+    )
     assert read_header(first, "stream").stick_unit == record["stick"].unit == "in"
 
 
 def test_a_channel_map_and_the_sidecars_units_serve() -> None:
-    header = read_header(b"t,stick,AoA1,q", "stream", {"time": ColumnChoice("t"), "alpha": ColumnChoice("AoA1", "deg")}, {"q": "deg/s"})
+    header = read_header(
+        b"t,stick,AoA1,q",
+        "stream",
+        {"time": ColumnChoice("t"), "alpha": ColumnChoice("AoA1", "deg")},
+        {"q": "deg/s"},
+    )
     table, _, _ = read_lines(header, [b"1,0,180,180"], 2)
     np.testing.assert_allclose(table[:, 0], [1.0, 0.0, math.pi, math.pi, math.nan])
 
@@ -81,7 +107,13 @@ def test_a_bad_line_is_left_out_and_told(line: str, word: str) -> None:
     assert faults == [(4, word)]
 
 
-@given(st.lists(st.one_of(st.floats().map(repr), st.text('0123456789.+-eEinfa_ \t"x\u0663', max_size=6)), min_size=4, max_size=6))
+@given(
+    st.lists(
+        st.one_of(st.floats().map(repr), st.text('0123456789.+-eEinfa_ \t"x\u0663', max_size=6)),
+        min_size=4,
+        max_size=6,
+    )
+)
 def test_plain_lines_are_read_as_all_others_are(cells: list[str]) -> None:
     line = ",".join(cells).encode()
     found = _plain(line, (0, 2, 3), 5)
@@ -93,7 +125,10 @@ def test_missing_samples_and_sticks() -> None:
     kept, faults, _ = rows("0,,0,0,0\n0.1,0.5,,,\n0.2,,1,nan,NA\n\n0.3,0.7,1,1,1\n0.4,0.8,1,1,1")
     np.testing.assert_array_equal(kept[:2], [[0.1, 0.2, 0.3, 0.4], [0.5, 0.5, 0.7, 0.8]])
     assert np.isnan(kept[2:, 0]).all() and kept[2, 1] == 1.0 and np.isnan(kept[3:, 1]).all()
-    assert faults == [(2, "the stick is missing, and there is none before"), (4, "the stick is missing, the last one holds")]
+    assert faults == [
+        (2, "the stick is missing, and there is none before"),
+        (4, "the stick is missing, the last one holds"),
+    ]
 
 
 def test_a_stamp_far_ahead_waits_for_the_next() -> None:
@@ -120,7 +155,9 @@ def test_a_row_that_waits_at_the_end_is_taken() -> None:
 
 def test_nothing_is_taken_once_the_motion_is_lost() -> None:
     late = LOST + 10.0
-    kept, faults, order = rows(f"0,0,0,0,0\n0.1,0,0,0,0\n{late},0,0,0,0\n{late + 0.1},0,0,0,0\n{late + 0.2},0,0,0,0")
+    kept, faults, order = rows(
+        f"0,0,0,0,0\n0.1,0,0,0,0\n{late},0,0,0,0\n{late + 0.1},0,0,0,0\n{late + 0.2},0,0,0,0"
+    )
     np.testing.assert_array_equal(kept[0], [0.0, 0.1])
     assert [row for row, _ in faults] == [4, 5, 6] and order.lost == 0.1
 
@@ -144,7 +181,9 @@ def test_lines_do_not_depend_on_how_the_bytes_came(pieces: list[bytes]) -> None:
     given_pieces = iter([*pieces, None])
     found = list(lines_of(lambda: next(given_pieces), None, "stream"))
     *whole, rest = b"".join(pieces).split(b"\n")
-    assert [line for each in found for line in each.whole] == [line.removesuffix(b"\r") for line in whole]
+    assert [line for each in found for line in each.whole] == [
+        line.removesuffix(b"\r") for line in whole
+    ]
     assert found[-1] == Lines([], rest)
 
 

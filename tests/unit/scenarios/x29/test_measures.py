@@ -25,7 +25,9 @@ def measured(
     peak: tuple[float, float] | None = None,
 ) -> Misfit:
     """Misfit of simulated outputs ``(3, N)`` where q has these innovations, expected of size 2."""
-    record = Record(TIME, (), tuple(Channel.of(name, "1", row) for name, row in zip(NAMES, z, strict=True)))
+    record = Record(
+        TIME, (), tuple(Channel.of(name, "1", row) for name, row in zip(NAMES, z, strict=True))
+    )
     rows = np.stack([np.zeros(COUNT), innovation, np.zeros(COUNT)])
     history = SimpleNamespace(
         innovation=rows,
@@ -47,7 +49,9 @@ def test_of_white_innovations_a_fifth_of_the_power_lies_below_a_fifth_of_the_ban
     found = measured(z, z, white())
     # 2000 frequencies, each with an exponential share: the sum of 400 of them scatters by 0.9 %.
     assert found.low_share == pytest.approx(0.2, abs=0.036)
-    assert abs(found.lag_one) < 4.0 / math.sqrt(COUNT) and found.ratio == pytest.approx(1.0, abs=0.05)
+    assert abs(found.lag_one) < 4.0 / math.sqrt(COUNT) and found.ratio == pytest.approx(
+        1.0, abs=0.05
+    )
     nyquist = 0.5 / STEP
     for share, low in ((0.05, 1.0), (0.18, 1.0), (0.22, 0.0), (0.9, 0.0)):
         line = np.sin(2.0 * math.pi * round(share * nyquist * TIME[-1]) / (COUNT * STEP) * TIME)
@@ -76,9 +80,13 @@ def test_errors_are_in_sigmas_of_each_output_inside_and_outside_of_a_stretch() -
 
 @pytest.mark.parametrize(("share", "percent"), [(0.8, -20.0), (1.25, 25.0)])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_peak_is_the_largest_rate_of_the_interval_on_either_side(share: float, percent: float, sign: float) -> None:
+def test_the_peak_is_the_largest_rate_of_the_interval_on_either_side(
+    share: float, percent: float, sign: float
+) -> None:
     bump = sign * np.exp(-(((TIME - 30.0) / 2.0) ** 2))
     far = np.where(TIME > 50.0, 5.0, 0.0)
     z = np.stack([np.zeros(COUNT), bump + far, np.zeros(COUNT)])
     found = measured(z, share * z, white(), peak=(20.0, 40.0))
-    assert found.peak_measured == pytest.approx(sign, rel=1e-3) and found.peak_percent == pytest.approx(percent)
+    assert found.peak_measured == pytest.approx(
+        sign, rel=1e-3
+    ) and found.peak_percent == pytest.approx(percent)

@@ -1,4 +1,6 @@
-"""What the paper leaves open of the margins: loops fitted to its equivalents, and what is said of them."""
+"""What the paper leaves open of the margins: loops fitted to its equivalents, and what is said of
+them.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,18 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from scenarios.x29.loop import MATCHED, PLAUSIBLE, Beginning, Target, beginning, changed, equivalent_of, has_equivalent, match, targets
+from scenarios.x29.loop import (
+    MATCHED,
+    PLAUSIBLE,
+    Beginning,
+    Target,
+    beginning,
+    changed,
+    equivalent_of,
+    has_equivalent,
+    match,
+    targets,
+)
 from scenarios.x29.open_margins import (
     AIRFRAMES,
     EVERYTHING,
@@ -43,8 +56,12 @@ def study() -> OpenMargins:
 def test_sigmas_are_the_scatter_of_the_papers_three_estimates_or_its_own() -> None:
     flight = targets("flight")
     printed = (-8.95, -8.42, -8.31)
-    assert flight["M_alpha"].std == pytest.approx(np.std(printed, ddof=1) / abs(np.mean(printed)) * 8.95)
-    assert flight["L_alpha"].std == pytest.approx(np.sqrt(0.725e-4)), "three nearly equal estimates: the printed sigma is the larger"
+    assert flight["M_alpha"].std == pytest.approx(
+        np.std(printed, ddof=1) / abs(np.mean(printed)) * 8.95
+    )
+    assert flight["L_alpha"].std == pytest.approx(np.sqrt(0.725e-4)), (
+        "three nearly equal estimates: the printed sigma is the larger"
+    )
     assert tuple(flight) == MATCHED and targets("simulation")["M_q"].value == -2.99
 
 
@@ -54,11 +71,17 @@ def test_the_middle_of_all_ranges_is_the_aircraft_as_declared() -> None:
         x29 = load_x29(name)
         same, late = loop_of(x29, values)
         assert late == pytest.approx(x29.frame)
-        assert same.airframe.M_q == pytest.approx(x29.airframe.M_q) and same.airframe.L_surface == pytest.approx(x29.airframe.L_surface)
-        assert [each.ram for each in same.surfaces] == pytest.approx([each.ram for each in x29.surfaces])
+        assert same.airframe.M_q == pytest.approx(
+            x29.airframe.M_q
+        ) and same.airframe.L_surface == pytest.approx(x29.airframe.L_surface)
+        assert [each.ram for each in same.surfaces] == pytest.approx(
+            [each.ram for each in x29.surfaces]
+        )
     for item in OPEN:
         assert (item.at(-1.0), item.at(1.0)) == pytest.approx((item.low, item.high))
-        assert item.at(0.0) == pytest.approx(np.sqrt(item.low * item.high) if item.ratio else 0.5 * (item.low + item.high))
+        assert item.at(0.0) == pytest.approx(
+            np.sqrt(item.low * item.high) if item.ratio else 0.5 * (item.low + item.high)
+        )
 
 
 def test_the_hypercube_meets_each_range_evenly() -> None:
@@ -72,9 +95,17 @@ def test_a_fitted_airframe_is_the_least_squares_one_and_has_the_equivalent() -> 
     places = np.array([0.2, -0.2, 0.1, 0.0, 0.3, 0.2, 0.1, -0.1])
     x29, late = flown_loop(load_x29("F"), values_at(places))
     found = match(x29, late, goal, begin)
-    # Second search, begun beside it: nested, by SciPy with its own slopes. It finds the same sum of squares and no better one.
+    # Second search, begun beside it: nested, by SciPy with its own slopes. It finds the same sum of
+    # squares and no better one.
     best = least_squares(
-        lambda p: [(getattr(equivalent_of(changed(x29, p), late, found.equivalent), name) - goal[name].value) / goal[name].std for name in MATCHED],
+        lambda p: [
+            (
+                getattr(equivalent_of(changed(x29, p), late, found.equivalent), name)
+                - goal[name].value
+            )
+            / goal[name].std
+            for name in MATCHED
+        ],
         found.found * np.array([1.002, 1.05, 0.98, 1.05]),
         x_scale=np.array([0.1, 3.0, 0.1, 0.01]),
         diff_step=1e-4,
@@ -89,18 +120,32 @@ def test_margins_of_a_fitted_loop_are_those_of_the_oracle() -> None:
     x29 = load_x29("F")
     found = match(replace(x29, airframe=replace(x29.airframe, M_q=-1.2)), x29.frame, goal, begin)
     loop = equivalent_system(found.x29)
-    assert [getattr(loop, name) for name in MATCHED] == pytest.approx([getattr(found.equivalent, name) for name in MATCHED], rel=1e-5)
+    assert [getattr(loop, name) for name in MATCHED] == pytest.approx(
+        [getattr(found.equivalent, name) for name in MATCHED], rel=1e-5
+    )
     at = returned(found.x29, np.array([found.margins.crossover]))[0]
-    assert abs(at) == pytest.approx(1.0, abs=1e-4) and np.degrees(np.angle(-at)) == pytest.approx(found.margins.phase, abs=0.01)
-    assert found.margins.phase > margins(x29).phase, "more damping of the airframe, and a larger margin"
+    assert abs(at) == pytest.approx(1.0, abs=1e-4) and np.degrees(np.angle(-at)) == pytest.approx(
+        found.margins.phase, abs=0.01
+    )
+    assert found.margins.phase > margins(x29).phase, (
+        "more damping of the airframe, and a larger margin"
+    )
 
 
 def test_airframe_d_has_the_papers_equivalent_and_its_sign() -> None:
     d, goal = load_x29("D"), targets("flight")
     loop = equivalent_system(d)
-    assert sum(((getattr(loop, name) - target.value) / target.std) ** 2 for name, target in goal.items()) < PLAUSIBLE
+    assert (
+        sum(
+            ((getattr(loop, name) - target.value) / target.std) ** 2
+            for name, target in goal.items()
+        )
+        < PLAUSIBLE
+    )
     assert has_equivalent(d, goal) and not has_equivalent(load_x29("S"), goal)
-    assert 0.84 < loop.damping_ratio < 0.92 and loop.natural_frequency == pytest.approx(4.6965, rel=0.02)
+    assert 0.84 < loop.damping_ratio < 0.92 and loop.natural_frequency == pytest.approx(
+        4.6965, rel=0.02
+    )
     assert loop.delay == pytest.approx(equivalent_system(load_x29("F")).delay, abs=0.001)
     phases = {name: margins(load_x29(name)).phase for name in ("S", "F", "D")}
     assert phases["F"] < phases["S"] < phases["D"]
@@ -130,11 +175,22 @@ def straight(middle: float, slope: float, samples: int = 40) -> OpenMargins:
 
 def test_what_is_said_follows_the_points() -> None:
     mixed = straight(-2.0, 4.0)
-    assert mixed.turning("damping_flight") == pytest.approx(2.0**0.5) and mixed.turning("surfaces_flight") is None
+    assert (
+        mixed.turning("damping_flight") == pytest.approx(2.0**0.5)
+        and mixed.turning("surfaces_flight") is None
+    )
     said = margins_sentence(mixed)
-    assert f"in {mixed.designs[0].larger} of 40" in said and "do not decide the sign" in said and "pitch damping, flight, times 1.41" in said
+    assert (
+        f"in {mixed.designs[0].larger} of 40" in said
+        and "do not decide the sign" in said
+        and "pitch damping, flight, times 1.41" in said
+    )
     never = margins_sentence(straight(-9.0, 4.0))
-    assert "none of these has its sign" in never and "decide" not in never and "by itself" not in never
+    assert (
+        "none of these has its sign" in never and "decide" not in never and "by itself" not in never
+    )
     assert "all of these have its sign" in margins_sentence(straight(9.0, 4.0))
     nothing = replace(mixed.designs[0], plausible=np.zeros(40, dtype=bool))
-    assert "no point has the paper's equivalents" in margins_sentence(replace(mixed, designs=(nothing,), effects={}))
+    assert "no point has the paper's equivalents" in margins_sentence(
+        replace(mixed, designs=(nothing,), effects={})
+    )

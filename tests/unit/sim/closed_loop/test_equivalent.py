@@ -1,4 +1,6 @@
-"""The low-order equivalent: the reference's values for S and F, and exact recovery of what is low-order."""
+"""The low-order equivalent: the reference's values for S and F, and exact recovery of what is
+low-order.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +10,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim.closed_loop.airframe import load_x29
-from sim.closed_loop.linear import FITTED_NAMES, FitOutcome, equivalent_response, equivalent_system, fit_equivalent
+from sim.closed_loop.linear import (
+    FITTED_NAMES,
+    FitOutcome,
+    equivalent_response,
+    equivalent_system,
+    fit_equivalent,
+)
 from sim.errors import ModelError
 
 OMEGA = np.geomspace(0.35, 14.0, 40)
-# Half of the last digit that the reference prints, but M_alpha of F: -9.137 here and -9.15 there, which the choice of frequencies explains.
+# Half of the last digit that the reference prints, but M_alpha of F: -9.137 here and -9.15 there,
+# which the choice of frequencies explains.
 REFERENCE = {
     "S": {
-        "L_alpha": (-1.912, 5e-4), "M_alpha": (-12.46, 5e-3), "M_q": (-2.95, 5e-3), "M_delta": (0.320, 5e-4), "inv_tau": (10.8, 0.05),
+        "L_alpha": (-1.912, 5e-4), "M_alpha": (-12.46, 5e-3), "M_q": (-2.95, 5e-3), "M_delta": (0.320, 5e-4), "inv_tau": (10.8, 0.05),  # noqa: E501
         "delay": (0.125, 5e-4), "natural_frequency": (4.27, 5e-3), "damping_ratio": (0.569, 5e-4),
     },
     "F": {
-        "L_alpha": (-2.103, 5e-4), "M_alpha": (-9.15, 0.015), "M_q": (-6.25, 5e-3), "M_delta": (0.358, 6e-4), "inv_tau": (15.0, 0.05),
+        "L_alpha": (-2.103, 5e-4), "M_alpha": (-9.15, 0.015), "M_q": (-6.25, 5e-3), "M_delta": (0.358, 6e-4), "inv_tau": (15.0, 0.05),  # noqa: E501
         "delay": (0.146, 5e-4), "natural_frequency": (4.73, 5e-3), "damping_ratio": (0.883, 5e-4),
     },
 }  # fmt: skip
@@ -36,12 +45,20 @@ def test_equivalents_are_those_of_the_reference(name: str) -> None:
 
 
 def test_the_reconstruction_has_the_delay_and_the_lag_that_table_2_leaves() -> None:
-    """0.1435 s, which the paper calls the delay, less its lag of 1/14.6 s; the other numbers are those that Table 2 prints."""
+    """0.1435 s, which the paper calls the delay, less its lag of 1/14.6 s; the other numbers are
+    those that Table 2 prints.
+    """
     x29 = load_x29("R")
     found = equivalent_system(x29, L_q=x29.airframe.L_q)
     assert found.outcome is FitOutcome.CONVERGED and found.mismatch < 0.01
     assert found.delay == pytest.approx(0.1435 - 1.0 / 14.6, abs=3e-4)
-    printed = {"L_alpha": (-2.10, 0.0085), "M_alpha": (-8.95, 0.16), "M_delta": (0.367, 0.007), "M_q": (-6.19, 0.14), "inv_tau": (14.6, 0.3)}
+    printed = {
+        "L_alpha": (-2.10, 0.0085),
+        "M_alpha": (-8.95, 0.16),
+        "M_delta": (0.367, 0.007),
+        "M_q": (-6.19, 0.14),
+        "inv_tau": (14.6, 0.3),
+    }
     for name, (value, sigma) in printed.items():
         assert getattr(found, name) == pytest.approx(value, abs=0.5 * sigma), name
 
@@ -68,7 +85,9 @@ def test_recorded_skew_counts_as_delay() -> None:
 )
 def test_a_low_order_system_is_recovered(values: tuple[float, ...]) -> None:
     given_values = dict(zip(FITTED_NAMES, values, strict=True))
-    found = fit_equivalent(OMEGA, equivalent_response(given_values, OMEGA, 295.0, 9.8, 1.01), 295.0, 9.8)
+    found = fit_equivalent(
+        OMEGA, equivalent_response(given_values, OMEGA, 295.0, 9.8, 1.01), 295.0, 9.8
+    )
     for name, value in given_values.items():
         assert getattr(found, name) == pytest.approx(value, rel=1e-5, abs=1e-6)
     assert found.mismatch < 1e-9

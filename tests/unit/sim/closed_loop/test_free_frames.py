@@ -1,4 +1,6 @@
-"""Stretches of free frames give what single frames give, end where a limit is met, and filter like a loop."""
+"""Stretches of free frames give what single frames give, end where a limit is met, and filter like
+a loop.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,16 @@ import pytest
 from sim.closed_loop import nonlinear
 from sim.closed_loop.airframe import X29, load_x29
 from sim.closed_loop.equations import Matrices, Stepper, shaping_matrices
-from sim.closed_loop.nonlinear import FRAMES, ClosedLoopTruth, FlightOutcome, FreeFrames, filtered, fly_closed_loop, free_frames, three_two_one_one
+from sim.closed_loop.nonlinear import (
+    FRAMES,
+    ClosedLoopTruth,
+    FlightOutcome,
+    FreeFrames,
+    filtered,
+    fly_closed_loop,
+    free_frames,
+    three_two_one_one,
+)
 
 
 class NeverAhead(FreeFrames):
@@ -21,7 +32,9 @@ class NeverAhead(FreeFrames):
         return start[None]
 
 
-def one_by_one(monkeypatch: pytest.MonkeyPatch, x29: X29, amplitude: float, duration: float) -> ClosedLoopTruth:
+def one_by_one(
+    monkeypatch: pytest.MonkeyPatch, x29: X29, amplitude: float, duration: float
+) -> ClosedLoopTruth:
     def never(x29: X29, steppers: Sequence[Stepper], departure: float) -> FreeFrames:
         return NeverAhead(**vars(free_frames(x29, steppers, departure)))
 
@@ -36,7 +49,14 @@ def skewed(x29: X29) -> X29:
 
 def slow(x29: X29) -> X29:
     canard, flaperon, strake = x29.surfaces
-    return replace(x29, surfaces=(replace(canard, rate=20.0), replace(flaperon, rate=8.0), replace(strake, lower=-4.0, upper=5.0)))
+    return replace(
+        x29,
+        surfaces=(
+            replace(canard, rate=20.0),
+            replace(flaperon, rate=8.0),
+            replace(strake, lower=-4.0, upper=5.0),
+        ),
+    )
 
 
 CASES = {
@@ -48,8 +68,12 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize(("x29", "amplitude", "duration", "limited"), CASES.values(), ids=CASES.keys())
-def test_stretches_fly_as_single_frames_do(monkeypatch: pytest.MonkeyPatch, x29: X29, amplitude: float, duration: float, limited: bool) -> None:
+@pytest.mark.parametrize(
+    ("x29", "amplitude", "duration", "limited"), CASES.values(), ids=CASES.keys()
+)
+def test_stretches_fly_as_single_frames_do(
+    monkeypatch: pytest.MonkeyPatch, x29: X29, amplitude: float, duration: float, limited: bool
+) -> None:
     expected = one_by_one(monkeypatch, x29, amplitude, duration)
     _, found = fly_closed_loop(x29, three_two_one_one(amplitude, 0.5, 0.3), duration)
     assert (expected.rate_limited | expected.command_limited | expected.stopped).any() == limited
@@ -57,17 +81,22 @@ def test_stretches_fly_as_single_frames_do(monkeypatch: pytest.MonkeyPatch, x29:
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
     for name in ("reference", "command", "alpha", "q", "nz", "surfaces", "recorded"):
         wanted = getattr(expected, name)
-        np.testing.assert_allclose(getattr(found, name), wanted, rtol=0.0, atol=1e-9 * np.abs(wanted).max(), err_msg=name)
+        np.testing.assert_allclose(
+            getattr(found, name), wanted, rtol=0.0, atol=1e-9 * np.abs(wanted).max(), err_msg=name
+        )
     assert np.abs(expected.alpha).max() > 1e-3
 
 
 @pytest.mark.parametrize("limits", [True, False])
 def test_a_departure_ends_a_stretch(monkeypatch: pytest.MonkeyPatch, limits: bool) -> None:
-    # A pitch damper of the wrong sign: the aircraft runs away, with rams at their limits or with rams that have none.
+    # A pitch damper of the wrong sign: the aircraft runs away, with rams at their limits or with
+    # rams that have none.
     x29 = load_x29("P")
     x29 = replace(x29, law=replace(x29.law, Kq=-x29.law.Kq))
     if not limits:
-        canard, flaperon, strake = (replace(surface, rate=1e6, lower=-1e6, upper=1e6) for surface in x29.surfaces)
+        canard, flaperon, strake = (
+            replace(surface, rate=1e6, lower=-1e6, upper=1e6) for surface in x29.surfaces
+        )
         x29 = replace(x29, surfaces=(canard, flaperon, strake))
     expected = one_by_one(monkeypatch, x29, 1.0, 20.0)
     _, found = fly_closed_loop(x29, three_two_one_one(1.0, 0.5, 0.3), 20.0)
@@ -82,7 +111,12 @@ def test_a_block_is_filtered_as_by_a_loop(samples: int) -> None:
     x29, rng = load_x29("F"), np.random.default_rng(samples)
     for block in (
         shaping_matrices(x29.stick, x29.frame),
-        Matrices(0.4 * rng.standard_normal((3, 3)), rng.standard_normal((3, 1)), rng.standard_normal((1, 3)), rng.standard_normal((1, 1))),
+        Matrices(
+            0.4 * rng.standard_normal((3, 3)),
+            rng.standard_normal((3, 1)),
+            rng.standard_normal((1, 3)),
+            rng.standard_normal((1, 1)),
+        ),
     ):
         driven, state, expected = rng.standard_normal(samples), np.zeros(block.A.shape[0]), []
         for u in driven:

@@ -17,13 +17,20 @@ PLANT = plant(X29)
 SPAN = 0.0125
 COARSE, FINE = prepare(X29, PLANT, SPAN, 1), prepare(X29, PLANT, SPAN, 32)
 FINER = prepare(X29, PLANT, SPAN, 256)
-# State positions: canard servo and ram, flaperon servo and ram, strake ram; then the three commands and the 1.
+# State positions: canard servo and ram, flaperon servo and ram, strake ram; then the three commands
+# and the 1.
 CANARD_SERVO, CANARD, FLAPERON_SERVO, FLAPERON, STRAKE = 2, 4, 5, 7, 8
 COMMANDS = slice(13, 16)
 
 
 def state_with(**values: float) -> np.ndarray:
-    positions = {"canard_servo": CANARD_SERVO, "canard": CANARD, "flaperon_servo": FLAPERON_SERVO, "flaperon": FLAPERON, "strake": STRAKE}
+    positions = {
+        "canard_servo": CANARD_SERVO,
+        "canard": CANARD,
+        "flaperon_servo": FLAPERON_SERVO,
+        "flaperon": FLAPERON,
+        "strake": STRAKE,
+    }
     state = np.zeros(17)
     state[-1] = 1.0
     for name, value in values.items():
@@ -35,7 +42,8 @@ def state_with(**values: float) -> np.ndarray:
 
 @pytest.mark.parametrize("stepper", [COARSE, FINE])
 def test_ram_runs_at_its_rate_until_it_is_close_then_follows_its_lag(stepper: Stepper) -> None:
-    # From 0.6 deg below the strake's end of rate limiting: 30 deg/s for 20 ms, an exponential from there.
+    # From 0.6 deg below the strake's end of rate limiting: 30 deg/s for 20 ms, an exponential from
+    # there.
     boundary = 30.0 / 20.2
     state, modes = state_with(strake=-(boundary + 0.6)), ALL_FREE
     seen_modes = []
@@ -47,7 +55,9 @@ def test_ram_runs_at_its_rate_until_it_is_close_then_follows_its_lag(stepper: St
     assert seen_modes == [[RamMode.RATE_UP], [RamMode.RATE_UP, RamMode.FREE], [], []]
 
 
-@pytest.mark.parametrize(("end", "mode"), [(19.75, RamMode.STOP_UPPER), (-15.0, RamMode.STOP_LOWER)])
+@pytest.mark.parametrize(
+    ("end", "mode"), [(19.75, RamMode.STOP_UPPER), (-15.0, RamMode.STOP_LOWER)]
+)
 def test_ram_stops_at_the_end_of_its_travel_and_leaves_it(end: float, mode: RamMode) -> None:
     # A servo held 1 deg beyond the travel for a span, then back within it.
     sign = np.sign(end)
@@ -57,18 +67,23 @@ def test_ram_stops_at_the_end_of_its_travel_and_leaves_it(end: float, mode: RamM
     assert state[FLAPERON] == end and modes[1] is mode
     state[FLAPERON_SERVO] = state[14] = end - sign
     state, modes, seen = advance(FINE, state, modes)
-    assert modes == ALL_FREE and state[FLAPERON] == pytest.approx(end - sign * (1.0 - np.exp(-20.2 * SPAN)), rel=1e-9)
+    assert modes == ALL_FREE and state[FLAPERON] == pytest.approx(
+        end - sign * (1.0 - np.exp(-20.2 * SPAN)), rel=1e-9
+    )
 
 
 def test_a_limit_met_and_left_within_a_piece_costs_little() -> None:
-    # The canard's servo swings out and back; its ram's rate tops its limit by 1 % for about a millisecond.
+    # The canard's servo swings out and back; its ram's rate tops its limit by 1 % for about a
+    # millisecond.
     state = state_with()
     state[CANARD_SERVO + 1] = 300.0
     small, rates, moved = prepare(X29, PLANT, SPAN / 500, 1), [], state
     for _ in range(3000):
         moved, _, _ = advance(small, moved, ALL_FREE)
         rates.append(20.2 * (moved[CANARD_SERVO] - moved[CANARD]))
-    limited = replace(X29, surfaces=(replace(X29.surfaces[0], rate=0.99 * max(rates)), *X29.surfaces[1:]))
+    limited = replace(
+        X29, surfaces=(replace(X29.surfaces[0], rate=0.99 * max(rates)), *X29.surfaces[1:])
+    )
 
     def end(pieces: int) -> tuple[float, bool]:
         stepper, at, modes, met = prepare(limited, PLANT, SPAN, pieces), state, ALL_FREE, False
@@ -90,7 +105,9 @@ def test_a_limit_met_and_left_within_a_piece_costs_little() -> None:
     strake=st.floats(-30.0, 30.0),
     command=st.floats(-15.0, 19.75),
 )
-def test_rams_obey_rate_and_travel_and_finer_pieces_change_nothing(servo: float, ram: float, strake: float, command: float) -> None:
+def test_rams_obey_rate_and_travel_and_finer_pieces_change_nothing(
+    servo: float, ram: float, strake: float, command: float
+) -> None:
     state = state_with(flaperon_servo=servo, flaperon=ram, strake=strake)
     state[14] = command
     fine, fine_modes = state, ALL_FREE

@@ -1,4 +1,6 @@
-"""The linear closed loop against the reference and against transfer functions written a second way."""
+"""The linear closed loop against the reference and against transfer functions written a second
+way.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,15 @@ import pytest
 
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.equations import OUTPUT_NAMES, mixing, plant
-from sim.closed_loop.linear import RESPONSE_NAMES, closed_loop, continuous_plant, frequency_response, margins, open_loop, respond
+from sim.closed_loop.linear import (
+    RESPONSE_NAMES,
+    closed_loop,
+    continuous_plant,
+    frequency_response,
+    margins,
+    open_loop,
+    respond,
+)
 from tests.oracles.x29_frequency import returned, signals, stick_response
 from tests.oracles.x29_linear import airframe_roots, closed_loop_poles, step_response
 
@@ -15,14 +25,21 @@ NAMES = ("P", "S", "F")
 OMEGA = np.array([0.35, 1.0, 3.0, 9.0, 14.0, 27.0, 60.0, 120.0, 200.0])
 
 
-@pytest.mark.parametrize(("name", "unstable", "stable"), [("P", 2.86, -4.10), ("S", 3.66, -6.29), ("F", 2.46, -5.32)])
+@pytest.mark.parametrize(
+    ("name", "unstable", "stable"), [("P", 2.86, -4.10), ("S", 3.66, -6.29), ("F", 2.46, -5.32)]
+)
 def test_bare_airframe_has_the_reference_roots(name: str, unstable: float, stable: float) -> None:
     # The stable root of P is -4.0948; the reference prints -4.10.
     assert airframe_roots(load_x29(name)) == pytest.approx([unstable, stable], abs=0.0055)
 
 
-@pytest.mark.parametrize(("name", "decrease", "increase", "phase"), [("P", -8.7, 6.1, 38.9), ("S", -6.8, 6.3, 37.6), ("F", -12.5, 4.7, 33.1)])
-def test_margins_are_those_of_the_reference(name: str, decrease: float, increase: float, phase: float) -> None:
+@pytest.mark.parametrize(
+    ("name", "decrease", "increase", "phase"),
+    [("P", -8.7, 6.1, 38.9), ("S", -6.8, 6.3, 37.6), ("F", -12.5, 4.7, 33.1)],
+)
+def test_margins_are_those_of_the_reference(
+    name: str, decrease: float, increase: float, phase: float
+) -> None:
     # Half of the last printed digit: closer than the 0.3 dB and 1 deg that are asked.
     found = margins(load_x29(name))
     assert found.gain_decrease == pytest.approx(decrease, abs=0.05)
@@ -40,7 +57,12 @@ def test_margins_describe_the_loop_of_the_oracle(name: str) -> None:
     loop = returned(x29, np.geomspace(1.0, 40.0, 3000), aliases=50)
     crossings = np.nonzero((np.diff(np.sign(loop.imag)) != 0) & (loop.real[:-1] < 0.0))[0]
     limits = [
-        -20.0 * np.log10(-loop.real[i] + loop.imag[i] * (loop.real[i + 1] - loop.real[i]) / (loop.imag[i + 1] - loop.imag[i])) for i in crossings
+        -20.0
+        * np.log10(
+            -loop.real[i]
+            + loop.imag[i] * (loop.real[i + 1] - loop.real[i]) / (loop.imag[i + 1] - loop.imag[i])
+        )
+        for i in crossings
     ]
     assert sorted(limits) == pytest.approx([found.gain_decrease, found.gain_increase], abs=1e-3)
 
@@ -57,11 +79,14 @@ def test_response_to_the_stick_is_that_of_the_oracle(name: str) -> None:
     x29 = load_x29(name)
     expected = stick_response(x29, OMEGA)
     found = frequency_response(x29, OMEGA)
-    # nz follows the strake's rate, so its sum of aliases converges slowly: good for 1e-6 up to 14 rad/s only.
+    # nz follows the strake's rate, so its sum of aliases converges slowly: good for 1e-6 up to 14
+    # rad/s only.
     np.testing.assert_allclose(found[:2], expected[:2], rtol=1e-6)
     np.testing.assert_allclose(found[2, :5], expected[2, :5], rtol=1e-6)
     late = np.exp(-1j * OMEGA * x29.stick.recorded_skew)
-    np.testing.assert_allclose(frequency_response(x29, OMEGA, recorded=True), found * late, rtol=1e-12)
+    np.testing.assert_allclose(
+        frequency_response(x29, OMEGA, recorded=True), found * late, rtol=1e-12
+    )
 
 
 def test_joined_blocks_equal_the_assembled_plant() -> None:
@@ -69,7 +94,9 @@ def test_joined_blocks_equal_the_assembled_plant() -> None:
     joined, assembled = continuous_plant(x29), plant(x29)
     by_hand = signals(x29, 1j * OMEGA)
     for i, omega in enumerate(OMEGA):
-        solved = assembled.C @ np.linalg.solve(1j * omega * np.eye(13) - assembled.A, assembled.B @ mixing(x29))
+        solved = assembled.C @ np.linalg.solve(
+            1j * omega * np.eye(13) - assembled.A, assembled.B @ mixing(x29)
+        )
         np.testing.assert_allclose(joined(1j * omega)[:, 0], solved, rtol=1e-9)
         for name, values in by_hand.items():
             assert solved[OUTPUT_NAMES.index(name)] == pytest.approx(values[i], rel=1e-9)
@@ -91,7 +118,9 @@ def test_gain_margins_are_where_the_loop_turns_unstable(name: str) -> None:
         import control
 
         loop = open_loop(x29)
-        closed = control.feedback(control.ss(loop.A, loop.B, 10.0 ** (decibel / 20.0) * loop.C, loop.D, x29.frame), 1)
+        closed = control.feedback(
+            control.ss(loop.A, loop.B, 10.0 ** (decibel / 20.0) * loop.C, loop.D, x29.frame), 1
+        )
         return float(np.max(np.abs(closed.poles())))
 
     for edge, outward in ((found.gain_decrease, -0.02), (found.gain_increase, 0.02)):
@@ -117,13 +146,16 @@ def test_step_settles_where_the_integrator_is_content() -> None:
 def test_nothing_moves_before_the_delays_have_passed() -> None:
     x29 = load_x29("F")
     _, response = respond(x29, np.concatenate([np.zeros(3), np.ones(10)]))
-    # Three frames in the shaping, one in the law; the command then moves the surfaces within its frame.
+    # Three frames in the shaping, one in the law; the command then moves the surfaces within its
+    # frame.
     assert np.flatnonzero(np.abs(response[6]) > 1e-12)[0] == 3 + 3 + 1
     assert np.flatnonzero(np.abs(response[3]) > 1e-12)[0] == 3 + 3 + 1 + 1
 
 
 def test_a_test_of_the_loop_is_the_open_loop_behind_a_sum() -> None:
-    """Without noise: the returned signal is python-control's response of the open loop to the command."""
+    """Without noise: the returned signal is python-control's response of the open loop to the
+    command.
+    """
     import control
 
     from sim.closed_loop.linear import LoopNoise, loop_test, open_loop
@@ -135,8 +167,11 @@ def test_a_test_of_the_loop_is_the_open_loop_behind_a_sum() -> None:
     np.testing.assert_array_equal(given, sweep)
     np.testing.assert_allclose(command, sweep - returned, atol=1e-12)
     time = x29.frame * np.arange(800)
-    expected = np.squeeze(control.forced_response(open_loop(x29), timepts=time, inputs=command).outputs)
-    # The open loop grows without bounds, and rounding with it: over the first second it has not yet.
+    expected = np.squeeze(
+        control.forced_response(open_loop(x29), timepts=time, inputs=command).outputs
+    )
+    # The open loop grows without bounds, and rounding with it: over the first second it has not
+    # yet.
     np.testing.assert_allclose(returned[:80], expected[:80], atol=1e-9)
     assert np.ptp(q) > 0.0 and np.ptp(nz) > 0.0
 

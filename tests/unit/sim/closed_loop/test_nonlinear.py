@@ -1,4 +1,6 @@
-"""The sampled loop with limits: equal to the linear loop for small sticks, and to a brute-force march for large ones."""
+"""The sampled loop with limits: equal to the linear loop for small sticks, and to a brute-force
+march for large ones.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,15 @@ import pytest
 
 from sim.closed_loop.airframe import X29, load_x29
 from sim.closed_loop.linear import RESPONSE_NAMES, respond
-from sim.closed_loop.nonlinear import ClosedLoopTruth, FlightOutcome, SmoothStick, SteppedStick, doublet, fly_closed_loop, three_two_one_one
+from sim.closed_loop.nonlinear import (
+    ClosedLoopTruth,
+    FlightOutcome,
+    SmoothStick,
+    SteppedStick,
+    doublet,
+    fly_closed_loop,
+    three_two_one_one,
+)
 from sim.errors import ModelError
 from tests.oracles.x29_march import march
 
@@ -46,26 +56,46 @@ def test_unlimited_flight_equals_the_march(name: str) -> None:
     assert not (truth.rate_limited.any() or truth.command_limited.any() or truth.stopped.any())
     expected = march(x29, truth.stick, steps_per_frame=25)
     for signal, found in histories(truth).items():
-        assert np.max(np.abs(found - expected[signal])) <= 1e-7 * np.max(np.abs(expected[signal])), signal
+        assert np.max(np.abs(found - expected[signal])) <= 1e-7 * np.max(
+            np.abs(expected[signal])
+        ), signal
 
 
 def test_limited_flight_equals_the_march() -> None:
-    # Rates and travels so small that commands are cut and all rams run at their limits, yet the aircraft stays in the air.
+    # Rates and travels so small that commands are cut and all rams run at their limits, yet the
+    # aircraft stays in the air.
     x29 = with_rates(load_x29("P"), 20.0)
     canard, flaperon, strake = x29.surfaces
-    x29 = replace(x29, surfaces=(replace(canard, rate=60.0), replace(flaperon, rate=8.0), replace(strake, lower=-4.0, upper=5.0)))
+    x29 = replace(
+        x29,
+        surfaces=(
+            replace(canard, rate=60.0),
+            replace(flaperon, rate=8.0),
+            replace(strake, lower=-4.0, upper=5.0),
+        ),
+    )
     _, truth = fly_closed_loop(x29, three_two_one_one(2.5, unit=0.2, start=0.1), 2.0, pieces=32)
     assert truth.outcome is FlightOutcome.COMPLETED
     assert truth.command_limited[2].any() and truth.rate_limited.any(axis=1).all()
     expected = march(x29, truth.stick, steps_per_frame=125)
     for signal, found in histories(truth).items():
-        assert np.max(np.abs(found - expected[signal])) <= 2e-6 * np.max(np.abs(expected[signal])), signal
+        assert np.max(np.abs(found - expected[signal])) <= 2e-6 * np.max(
+            np.abs(expected[signal])
+        ), signal
 
 
-@pytest.mark.parametrize(("name", "amplitude", "rates"), [("P", 3.0, None), ("P", 2.0, 30.0), ("P", 5.0, None), ("S", 5.0, None), ("F", 5.0, 10.0)])
-def test_switching_is_exact_whatever_the_pieces(name: str, amplitude: float, rates: float | None) -> None:
+@pytest.mark.parametrize(
+    ("name", "amplitude", "rates"),
+    [("P", 3.0, None), ("P", 2.0, 30.0), ("P", 5.0, None), ("S", 5.0, None), ("F", 5.0, 10.0)],
+)
+def test_switching_is_exact_whatever_the_pieces(
+    name: str, amplitude: float, rates: float | None
+) -> None:
     x29 = load_x29(name) if rates is None else with_rates(load_x29(name), rates)
-    coarse, default, fine = (fly_closed_loop(x29, three_two_one_one(amplitude), 7.0, pieces=pieces)[1] for pieces in (1, 8, 64))
+    coarse, default, fine = (
+        fly_closed_loop(x29, three_two_one_one(amplitude), 7.0, pieces=pieces)[1]
+        for pieces in (1, 8, 64)
+    )
     assert fine.rate_limited.sum() > 10
     for other in (coarse, default):
         assert np.max(np.abs(other.alpha - fine.alpha)) < 1e-9
@@ -75,7 +105,11 @@ def test_switching_is_exact_whatever_the_pieces(name: str, amplitude: float, rat
 def test_a_ram_at_its_rate_limit_moves_at_exactly_that_rate() -> None:
     x29 = load_x29("P")
     _, truth = fly_closed_loop(x29, three_two_one_one(3.0), 8.0)
-    whole = truth.rate_limited[2, :-1] & np.roll(truth.rate_limited[2], 1)[:-1] & np.roll(truth.rate_limited[2], -1)[:-1]
+    whole = (
+        truth.rate_limited[2, :-1]
+        & np.roll(truth.rate_limited[2], 1)[:-1]
+        & np.roll(truth.rate_limited[2], -1)[:-1]
+    )
     step = np.abs(np.diff(truth.surfaces[2]))
     assert whole.sum() > 10
     assert np.max(step) <= 30.0 * x29.frame * (1.0 + 1e-9)
@@ -112,11 +146,17 @@ def test_record_holds_vane_total_load_factor_and_stick_at_40_hz() -> None:
     x29 = load_x29("S")
     record, truth = fly_closed_loop(x29, three_two_one_one(), 20.0)
     assert len(record) == 801 and record.time[1] == 0.025 and record.time[-1] == 20.0
-    assert [(c.name, c.unit) for c in record.channels] == [("stick", "in"), ("alpha", "rad"), ("q", "rad/s"), ("nz", "g")]
+    assert [(c.name, c.unit) for c in record.channels] == [
+        ("stick", "in"),
+        ("alpha", "rad"),
+        ("q", "rad/s"),
+        ("nz", "g"),
+    ]
     vane = truth.alpha - 24.0 / 969.6 * truth.q
     np.testing.assert_allclose(record["alpha"].values, vane[::2], rtol=0, atol=1e-15)
     np.testing.assert_array_equal(record["q"].values, truth.q[::2])
-    # The product with three rows of C and that with all of them add up in an order of the processor's own.
+    # The product with three rows of C and that with all of them add up in an order of the
+    # processor's own.
     np.testing.assert_allclose(record["nz"].values, truth.nz[::2], rtol=1e-13)
     np.testing.assert_array_equal(record["stick"].values, three_two_one_one()(record.time))
     np.testing.assert_allclose(truth.recorded, record.output_array()[0])
@@ -129,7 +169,9 @@ def test_kinematics_of_the_recorded_load_factor() -> None:
     _, truth = fly_closed_loop(x29, smooth, 6.0)
     alpha_dot = (truth.alpha[2:] - truth.alpha[:-2]) / (2.0 * x29.frame)
     kinematic = x29.airframe.airspeed / x29.airframe.gravity * (truth.q[1:-1] - alpha_dot)
-    np.testing.assert_allclose(truth.nz[1:-1] - 1.0, kinematic, atol=2e-3 * np.max(np.abs(truth.nz - 1.0)))
+    np.testing.assert_allclose(
+        truth.nz[1:-1] - 1.0, kinematic, atol=2e-3 * np.max(np.abs(truth.nz - 1.0))
+    )
 
 
 def test_skewed_record_takes_its_outputs_before_the_stick() -> None:
@@ -137,13 +179,18 @@ def test_skewed_record_takes_its_outputs_before_the_stick() -> None:
     flown = load_x29("F")
     late, truth = fly_closed_loop(flown, stick, 8.0)
     assert flown.stick.recorded_skew == 0.005
-    plain, same = fly_closed_loop(replace(flown, stick=replace(flown.stick, recorded_skew=0.0)), stick, 8.0)
+    plain, same = fly_closed_loop(
+        replace(flown, stick=replace(flown.stick, recorded_skew=0.0)), stick, 8.0
+    )
     np.testing.assert_allclose(truth.q, same.q, atol=1e-14)
     np.testing.assert_array_equal(late["stick"].values, plain["stick"].values)
-    whole = fly_closed_loop(replace(flown, stick=replace(flown.stick, recorded_skew=2 * flown.frame)), stick, 8.0)[0]
+    whole = fly_closed_loop(
+        replace(flown, stick=replace(flown.stick, recorded_skew=2 * flown.frame)), stick, 8.0
+    )[0]
     np.testing.assert_allclose(whole["q"].values[1:], plain["q"].values[:-1], atol=1e-14)
     assert whole["q"].values[0] == 0.0 and whole["nz"].values[0] == 1.0
-    # RecordScatter frames the truth is not kept: linear interpolation is off by an eighth of the second difference at most.
+    # RecordScatter frames the truth is not kept: linear interpolation is off by an eighth of the
+    # second difference at most.
     between = np.interp(late.time - 0.005, truth.time, truth.q)
     curvature = np.max(np.abs(np.diff(truth.q, 2))) / 8.0
     assert np.max(np.abs(late["q"].values - between)) <= 1.05 * curvature
@@ -179,7 +226,9 @@ def test_stick_as_function_and_as_array_are_the_same() -> None:
         ({"recorded_skew": -0.001}, doublet(), 1.0, "recorded_skew -0.001 s"),
     ],
 )
-def test_what_cannot_be_flown_is_refused(change: dict[str, float], stick: SteppedStick | np.ndarray, duration: float, message: str) -> None:
+def test_what_cannot_be_flown_is_refused(
+    change: dict[str, float], stick: SteppedStick | np.ndarray, duration: float, message: str
+) -> None:
     x29 = load_x29("S")
     if "rate" in change:
         x29 = replace(x29, telemetry=replace(x29.telemetry, **change))

@@ -1,4 +1,6 @@
-"""The closed loop's limits, skews and figures written a second way, where one aircraft or one sign alone does not show an error."""
+"""The closed loop's limits, skews and figures written a second way, where one aircraft or one sign
+alone does not show an error.
+"""
 
 from __future__ import annotations
 
@@ -31,9 +33,18 @@ def test_a_departure_is_told_nose_up_and_nose_down() -> None:
 def test_commands_are_cut_where_they_leave_the_travel(amplitude: float) -> None:
     x29 = load_x29("P")
     canard, flaperon, strake = x29.surfaces
-    x29 = replace(x29, surfaces=(canard, replace(flaperon, lower=3.5, upper=6.0), replace(strake, lower=-4.0, upper=5.0)))
+    x29 = replace(
+        x29,
+        surfaces=(
+            canard,
+            replace(flaperon, lower=3.5, upper=6.0),
+            replace(strake, lower=-4.0, upper=5.0),
+        ),
+    )
     _, truth = fly_closed_loop(x29, three_two_one_one(amplitude, unit=0.2, start=0.1), 2.0)
-    absolute = mixing(x29)[:, None] * truth.command + np.array([[surface.trim] for surface in x29.surfaces])
+    absolute = mixing(x29)[:, None] * truth.command + np.array(
+        [[surface.trim] for surface in x29.surfaces]
+    )
     above = absolute > np.array([[surface.upper] for surface in x29.surfaces])
     below = absolute < np.array([[surface.lower] for surface in x29.surfaces])
     assert above[1].any() and below[1].any() and above[2].any() and below[2].any()
@@ -53,8 +64,12 @@ def test_a_skew_of_frames_and_a_part_is_the_part_some_frames_later() -> None:
     assert np.max(np.abs(more[:, 1:] - part[:, :-1])) > 1e-3
 
 
-@pytest.mark.parametrize(("end", "mode"), [(19.75, RamMode.STOP_UPPER), (-15.0, RamMode.STOP_LOWER)])
-def test_a_ram_on_its_stop_that_is_driven_beyond_stays_there_from_the_first_instant(end: float, mode: RamMode) -> None:
+@pytest.mark.parametrize(
+    ("end", "mode"), [(19.75, RamMode.STOP_UPPER), (-15.0, RamMode.STOP_LOWER)]
+)
+def test_a_ram_on_its_stop_that_is_driven_beyond_stays_there_from_the_first_instant(
+    end: float, mode: RamMode
+) -> None:
     x29 = load_x29("S")
     stepper = prepare(x29, plant(x29), x29.frame, 8)
     flaperon_servo, flaperon = stepper.rams[1] - 2, stepper.rams[1]
@@ -67,7 +82,9 @@ def test_a_ram_on_its_stop_that_is_driven_beyond_stays_there_from_the_first_inst
     assert {active[1] for active in seen} == {mode} and moved[flaperon] == end
 
 
-@pytest.mark.parametrize(("end", "mode"), [(19.75, RamMode.STOP_UPPER), (-15.0, RamMode.STOP_LOWER)])
+@pytest.mark.parametrize(
+    ("end", "mode"), [(19.75, RamMode.STOP_UPPER), (-15.0, RamMode.STOP_LOWER)]
+)
 def test_a_ram_leaves_its_stop_as_soon_as_it_is_driven_back(end: float, mode: RamMode) -> None:
     x29 = load_x29("S")
     stepper = prepare(x29, plant(x29), x29.frame, 8)
@@ -79,11 +96,17 @@ def test_a_ram_leaves_its_stop_as_soon_as_it_is_driven_back(end: float, mode: Ra
     state[flaperon_servo] = state[-3] = end + back
     moved, modes, _ = advance(stepper, state, (RamMode.FREE, mode, RamMode.FREE))
     assert modes == ALL_FREE
-    assert moved[flaperon] - end == pytest.approx(back * (1.0 - np.exp(-20.2 * x29.frame)), rel=1e-9)
+    assert moved[flaperon] - end == pytest.approx(
+        back * (1.0 - np.exp(-20.2 * x29.frame)), rel=1e-9
+    )
 
 
-def synthetic(monkeypatch: pytest.MonkeyPatch, zeros: list[complex], poles: list[complex], unit_gain_at: float) -> linear.Margins:
-    """Margins that the library's function finds for a loop with these zeros and poles, of gain one at a frequency (rad/s)."""
+def synthetic(
+    monkeypatch: pytest.MonkeyPatch, zeros: list[complex], poles: list[complex], unit_gain_at: float
+) -> linear.Margins:
+    """Margins that the library's function finds for a loop with these zeros and poles, of gain one
+    at a frequency (rad/s).
+    """
     shape = control.zpk(zeros, poles, 1.0)
     loop = control.ss(shape / abs(complex(shape(1j * unit_gain_at)))).sample(0.0125, "zoh")
     monkeypatch.setattr(linear, "open_loop", lambda x29: loop)
@@ -92,15 +115,22 @@ def synthetic(monkeypatch: pytest.MonkeyPatch, zeros: list[complex], poles: list
     # Second writing: crossings in a fine sweep of the same loop.
     omega = np.geomspace(0.06, 250.0, 40_001)
     resolvents = np.exp(1j * omega * x29.frame)[:, None, None] * np.eye(loop.nstates) - loop.A
-    response = (loop.C @ np.linalg.solve(resolvents, np.broadcast_to(loop.B, (omega.size, *loop.B.shape))) + loop.D)[:, 0, 0]
+    response = (
+        loop.C @ np.linalg.solve(resolvents, np.broadcast_to(loop.B, (omega.size, *loop.B.shape)))
+        + loop.D
+    )[:, 0, 0]
     turned = np.nonzero((np.diff(np.sign(response.imag)) != 0) & (response.real[:-1] < 0.0))[0]
     gains = -20.0 * np.log10(np.abs(response[turned]))
     crossed = np.nonzero(np.diff(np.sign(np.abs(response) - 1.0)) != 0)[0]
     phases = np.degrees(np.angle(-response[crossed]))
     assert gains.size > 2 or phases.size > 2, (gains, phases)
     if gains.size:
-        assert found.gain_decrease == pytest.approx(max(gains[gains < 0.0], default=-np.inf), abs=0.01)
-        assert found.gain_increase == pytest.approx(min(gains[gains > 0.0], default=np.inf), abs=0.01)
+        assert found.gain_decrease == pytest.approx(
+            max(gains[gains < 0.0], default=-np.inf), abs=0.01
+        )
+        assert found.gain_increase == pytest.approx(
+            min(gains[gains > 0.0], default=np.inf), abs=0.01
+        )
     assert found.phase == pytest.approx(phases[np.argmin(np.abs(phases))], abs=0.1)
     assert found.crossover == pytest.approx(omega[crossed[np.argmin(np.abs(phases))]], rel=1e-3)
     return found
@@ -108,7 +138,9 @@ def synthetic(monkeypatch: pytest.MonkeyPatch, zeros: list[complex], poles: list
 
 def test_of_several_gain_margins_the_nearest_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     # The phase passes -180 deg three times where the gain is above one, and once below.
-    found = synthetic(monkeypatch, [-0.1, -0.1, -8.0, -8.0], [0.0, 0.0, 0.0, -1.0, -1.0, -150.0, -150.0], 30.0)
+    found = synthetic(
+        monkeypatch, [-0.1, -0.1, -8.0, -8.0], [0.0, 0.0, 0.0, -1.0, -1.0, -150.0, -150.0], 30.0
+    )
     assert -40.0 < found.gain_decrease < 0.0 < found.gain_increase
 
 
@@ -120,9 +152,16 @@ def test_of_several_phase_margins_the_smallest_counts(monkeypatch: pytest.Monkey
 def test_mismatch_is_the_mean_square_in_decibel_and_weighted_degrees() -> None:
     truth = dict(zip(FITTED_NAMES, (-1.9, -12.0, -3.0, 0.32, 1e-3, 10.0, 0.12), strict=True))
     rng = np.random.default_rng(3)
-    disturbed = equivalent_response(truth, OMEGA, 295.0, 9.8, 1.01) * np.exp(0.1 * rng.standard_normal((3, 40)) + 0.1j * rng.standard_normal((3, 40)))
+    disturbed = equivalent_response(truth, OMEGA, 295.0, 9.8, 1.01) * np.exp(
+        0.1 * rng.standard_normal((3, 40)) + 0.1j * rng.standard_normal((3, 40))
+    )
     found = fit_equivalent(OMEGA, disturbed, 295.0, 9.8)
-    ratio = equivalent_response({name: getattr(found, name) for name in FITTED_NAMES}, OMEGA, 295.0, 9.8, 1.01) / disturbed
+    ratio = (
+        equivalent_response(
+            {name: getattr(found, name) for name in FITTED_NAMES}, OMEGA, 295.0, 9.8, 1.01
+        )
+        / disturbed
+    )
     decibel, degrees = 20.0 * np.log10(np.abs(ratio)), np.degrees(np.angle(ratio))
     assert found.mismatch == pytest.approx(np.mean(decibel**2 + 0.01745 * degrees**2), rel=1e-9)
     assert found.mismatch > 0.1
@@ -137,13 +176,24 @@ def test_a_system_without_short_period_has_neither_frequency_nor_damping() -> No
 
 
 def test_levels_of_a_hand_flown_stick_keep_to_their_bands_on_both_sides() -> None:
-    levels = np.array([level for seed in range(200) for level in hand_flown(np.random.default_rng(seed), 30.0).levels[:-1]])
+    levels = np.array(
+        [
+            level
+            for seed in range(200)
+            for level in hand_flown(np.random.default_rng(seed), 30.0).levels[:-1]
+        ]
+    )
     resting, held = levels[np.abs(levels) <= 0.1], levels[np.abs(levels) > 0.1]
-    # Even in -0.1 to 0.1 and, but for the sign, in 0.3 to 1: means within four standard errors, edges met to a hundredth.
+    # Even in -0.1 to 0.1 and, but for the sign, in 0.3 to 1: means within four standard errors,
+    # edges met to a hundredth.
     assert abs(np.mean(resting)) < 4.0 * 0.2 / np.sqrt(12.0 * resting.size)
-    assert resting.min() == pytest.approx(-0.1, abs=0.01) and resting.max() == pytest.approx(0.1, abs=0.01)
+    assert resting.min() == pytest.approx(-0.1, abs=0.01) and resting.max() == pytest.approx(
+        0.1, abs=0.01
+    )
     for side in (held[held > 0.0], -held[held < 0.0]):
-        assert side.min() == pytest.approx(0.3, abs=0.01) and side.max() == pytest.approx(1.0, abs=0.01)
+        assert side.min() == pytest.approx(0.3, abs=0.01) and side.max() == pytest.approx(
+            1.0, abs=0.01
+        )
         assert side.min() >= 0.3 and side.max() <= 1.0
     share = resting.size / levels.size
     assert share == pytest.approx(0.25, abs=4.0 * np.sqrt(0.25 * 0.75 / levels.size))

@@ -7,14 +7,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.closed_loop.nonlinear import SmoothStick, SteppedStick, doublet, hand_flown, three_two_one_one
+from sim.closed_loop.nonlinear import (
+    SmoothStick,
+    SteppedStick,
+    doublet,
+    hand_flown,
+    three_two_one_one,
+)
 from sim.errors import ModelError
 
 
 def test_3211_switches_at_exactly_its_times() -> None:
     stick = three_two_one_one()
     assert stick.times == (1.0, 2.5, 3.5, 4.0, 4.5) and stick.levels == (1.0, -1.0, 1.0, -1.0, 0.0)
-    assert stick(np.array([0.0, 0.9999, 1.0, 2.4999, 2.5, 3.5, 4.0, 4.4999, 4.5, 20.0])).tolist() == [0, 0, 1, 1, -1, 1, -1, -1, 0, 0]
+    assert stick(
+        np.array([0.0, 0.9999, 1.0, 2.4999, 2.5, 3.5, 4.0, 4.4999, 4.5, 20.0])
+    ).tolist() == [0, 0, 1, 1, -1, 1, -1, -1, 0, 0]
 
 
 @given(frame=st.integers(0, 1600), unit=st.sampled_from([0.1, 0.3, 0.5, 0.7]))
@@ -38,7 +46,9 @@ def test_smooth_stick_obeys_its_differential_equation() -> None:
     for time in (0.2, 0.7, 1.2, 1.6, 3.0):
         before, now, after = stick(np.array([time - h, time, time + h]))
         level = 0.0 if time < 0.5 else (1.0 if time < 1.5 else -0.4)
-        assert (after - 2 * now + before) / h**2 + 2 * w * (after - before) / (2 * h) + w**2 * now == pytest.approx(w**2 * level, abs=1e-3)
+        assert (after - 2 * now + before) / h**2 + 2 * w * (after - before) / (
+            2 * h
+        ) + w**2 * now == pytest.approx(w**2 * level, abs=1e-3)
 
 
 def test_hand_flown_repeats_with_its_generator_and_rests_sometimes() -> None:
@@ -50,7 +60,12 @@ def test_hand_flown_repeats_with_its_generator_and_rests_sometimes() -> None:
     assert 0.3 < np.max(np.abs(one)) <= 1.0 and np.min(one) < -0.3 < 0.3 < np.max(one)
     # Smooth: no jump from frame to frame beyond the hand's fastest, 2 in times w/e.
     assert np.max(np.abs(np.diff(one))) < 2.0 * 10.0 / np.e * 0.0125
-    resting = [s for seed in range(8) for s in hand_flown(np.random.default_rng(seed), 30.0).levels[:-1] if abs(s) <= 0.1]
+    resting = [
+        s
+        for seed in range(8)
+        for s in hand_flown(np.random.default_rng(seed), 30.0).levels[:-1]
+        if abs(s) <= 0.1
+    ]
     assert len(resting) > 8
 
 
@@ -69,7 +84,9 @@ def test_hand_flown_serves_any_duration(seed: int, duration: float) -> None:
         ((0.0,), (float("nan"),), "not finite"),
     ],
 )
-def test_wrong_steps_are_refused(times: tuple[float, ...], levels: tuple[float, ...], message: str) -> None:
+def test_wrong_steps_are_refused(
+    times: tuple[float, ...], levels: tuple[float, ...], message: str
+) -> None:
     with pytest.raises(ModelError, match=message):
         SteppedStick(times, levels)
     with pytest.raises(ModelError, match=message):

@@ -21,7 +21,11 @@ def test_an_effect_brings_its_parameters_under_full_names() -> None:
     added = model.parameters.names[len(rigid_model().parameters) :]
     assert added[:4] == ("input-delay.delay", "sensor-lag:q.time_constant", "omega2", "zeta2")
     assert model.parameters["input-delay.delay"].bounds == (0.0, 2.0)
-    assert [effect.name for effect in model.effects] == ["input-delay", "sensor-lag:q", "elastic-mode:2"]
+    assert [effect.name for effect in model.effects] == [
+        "input-delay",
+        "sensor-lag:q",
+        "elastic-mode:2",
+    ]
 
 
 def test_with_and_without_is_the_model_itself() -> None:
@@ -56,14 +60,24 @@ def test_biases_are_free_parameters_in_the_outputs_unit() -> None:
     model = rigid_model().with_biases(["q", "nz"], prior_std=0.2).with_biases(["nz"])
     assert model.biases == ("q", "nz") and model.parameters["bias_nz"].unit == "g"
     assert model.parameters["bias_q"].free and model.parameters["bias_q"].prior_std == 0.2
-    with pytest.raises(ModelError, match="there is no output 'altitude'; its outputs are alpha, q, nz"):
+    with pytest.raises(
+        ModelError, match="there is no output 'altitude'; its outputs are alpha, q, nz"
+    ):
         model.with_biases(["altitude"])
 
 
 def test_values_noise_and_initial_state_are_replaced_in_a_copy() -> None:
     model = rigid_model()
-    other = model.with_values({"Cm_q": -20.0}).with_noise(Noise({"q": 0.1})).with_initial(model.initial.with_values({"alpha": 0.05}))
-    assert (other.parameters["Cm_q"].value, other.noise.measurement_std["q"], other.initial["alpha"].value) == (-20.0, 0.1, 0.05)
+    other = (
+        model.with_values({"Cm_q": -20.0})
+        .with_noise(Noise({"q": 0.1}))
+        .with_initial(model.initial.with_values({"alpha": 0.05}))
+    )
+    assert (
+        other.parameters["Cm_q"].value,
+        other.noise.measurement_std["q"],
+        other.initial["alpha"].value,
+    ) == (-20.0, 0.1, 0.05)
     assert (model.parameters["Cm_q"].value, model.initial["alpha"].value) == (-34.75, 0.0)
 
 

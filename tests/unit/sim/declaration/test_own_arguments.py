@@ -21,7 +21,9 @@ from tests.own_models import roll
 Functions = Callable[[Any, Any], Mapping[str, Any]]
 
 
-def spring(rates: Functions | None = None, readings: Functions | None = None, flow: Functions | None = None) -> Model:
+def spring(
+    rates: Functions | None = None, readings: Functions | None = None, flow: Functions | None = None
+) -> Model:
     """A mass on a spring with a stiffness of 4 1/s2."""
     return own_model(
         name="spring",
@@ -100,7 +102,13 @@ CHANGING = [
 
 @pytest.mark.parametrize("rates", CHANGING, ids=lambda function: function.__name__)
 def test_a_function_that_changes_its_arguments_is_refused_with_its_line(rates: Functions) -> None:
-    with pytest.raises(ModelError, match=r"rates \(.*test_own_arguments.py, line \d+\): it changes what it was given.*; make a new value"):
+    with pytest.raises(
+        ModelError,
+        match=(
+            r"rates \(.*test_own_arguments.py, line \d+\): it changes what it was given.*; make a "
+            r"new value"
+        ),
+    ):
         spring(rates=rates)
 
 
@@ -126,7 +134,9 @@ def test_what_flow_formed_cannot_be_changed_by_the_others() -> None:
 
 
 @pytest.mark.parametrize("pushed", [False, True])
-def test_a_change_in_a_branch_that_the_trial_does_not_take_is_refused_when_it_happens(pushed: bool) -> None:
+def test_a_change_in_a_branch_that_the_trial_does_not_take_is_refused_when_it_happens(
+    pushed: bool,
+) -> None:
     def rates(s: Any, p: Any) -> dict[str, Any]:
         x = s.x
         if np.any(np.real(x) > 3.0):
@@ -134,7 +144,9 @@ def test_a_change_in_a_branch_that_the_trial_does_not_take_is_refused_when_it_ha
         return {"x": s.v, "v": -p.k * x - p.c * s.v}
 
     model = spring(rates=rates)
-    push = UnmeasuredInput(lasting=True, ports=("v_rate",), sizes=(0.1,), units=("m/s2",), needs_constants=())
+    push = UnmeasuredInput(
+        lasting=True, ports=("v_rate",), sizes=(0.1,), units=("m/s2",), needs_constants=()
+    )
     system = compile_model(model.with_effects(push) if pushed else model)
     x = np.array([0.0, 5.0])
     p = system.parameters.values().tolist()
@@ -159,7 +171,9 @@ def test_an_array_that_is_overwritten_at_each_call_is_refused() -> None:
         store[:] = -p.k * s.x - p.c * s.v
         return {"x": s.v, "v": store}
 
-    with pytest.raises(ModelError, match="the rate of v is the same array at every call; return a new array"):
+    with pytest.raises(
+        ModelError, match="the rate of v is the same array at every call; return a new array"
+    ):
         spring(rates=rates)
 
 
@@ -179,8 +193,15 @@ TIMED: dict[str, Callable[[Any], Any]] = {
 @pytest.mark.parametrize("place", ["rates", "readings", "flow"])
 def test_equations_that_use_the_time_have_no_table(share: Callable[[Any], Any], place: str) -> None:
     model = spring(
-        rates=lambda s, p: {"x": s.v, "v": s.force - p.c * s.v - p.k * s.x + (share(s.time) if place == "rates" else 0.0)},
-        readings=lambda s, p: {"x": s.x, "v": s.v + (share(s.time) if place == "readings" else s.late if place == "flow" else 0.0)},
+        rates=lambda s, p: {
+            "x": s.v,
+            "v": s.force - p.c * s.v - p.k * s.x + (share(s.time) if place == "rates" else 0.0),
+        },
+        readings=lambda s, p: {
+            "x": s.x,
+            "v": s.v
+            + (share(s.time) if place == "readings" else s.late if place == "flow" else 0.0),
+        },
         flow=(lambda s, p: {"late": share(s.time)}) if place == "flow" else None,
     )
     system = compile_model(model)
@@ -194,7 +215,18 @@ def test_equations_without_the_time_have_a_table() -> None:
 
 
 def test_a_watched_time_serves_as_a_number_and_records_its_use() -> None:
-    for use in (float, complex, bool, np.asarray, np.sin, lambda t: t + 1.0, lambda t: 1.0 - t, lambda t: t > 0, lambda t: t.shape, lambda t: -t):
+    for use in (
+        float,
+        complex,
+        bool,
+        np.asarray,
+        np.sin,
+        lambda t: t + 1.0,
+        lambda t: 1.0 - t,
+        lambda t: t > 0,
+        lambda t: t.shape,
+        lambda t: -t,
+    ):
         time: Any = WatchedTime()
         assert not time.used
         use(time)

@@ -12,7 +12,9 @@ from sim.declaration.user_equations import OwnEquations
 
 
 def spring(**ports: Any) -> Model:
-    """A spring and a damper with a drag by the speed's square, and a constant push that multiplies nothing."""
+    """A spring and a damper with a drag by the speed's square, and a constant push that multiplies
+    nothing.
+    """
     load = (lambda s: s.load) if ports else (lambda s: 0.0)
     return own_model(
         name="spring-mass",
@@ -34,7 +36,9 @@ def products(model: Model) -> set[tuple[str, str]]:
 
 
 def test_a_parameter_multiplies_the_signals_beside_it() -> None:
-    """Of the force nothing is estimated, and to the rate of the displacement no parameter belongs."""
+    """Of the force nothing is estimated, and to the rate of the displacement no parameter
+    belongs.
+    """
     assert products(spring()) == {("v_rate", "x"), ("v_rate", "v")}
 
 

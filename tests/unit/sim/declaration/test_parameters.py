@@ -11,7 +11,13 @@ import pytest
 from sim.declaration.effect import Parameter, ParameterSet
 from sim.errors import ModelError
 
-THREE = ParameterSet((Parameter("a", 1.0, "m"), Parameter("b", 2.0, free=False), Parameter("c", 3.0, bounds=(0.0, 5.0), prior_std=0.5)))
+THREE = ParameterSet(
+    (
+        Parameter("a", 1.0, "m"),
+        Parameter("b", 2.0, free=False),
+        Parameter("c", 3.0, bounds=(0.0, 5.0), prior_std=0.5),
+    )
+)
 
 
 @pytest.mark.parametrize(
@@ -46,7 +52,12 @@ def test_a_set_keeps_order_and_finds_by_name() -> None:
 def test_names_are_unique_and_unknown_ones_are_told() -> None:
     with pytest.raises(ModelError, match="parameter a: declared twice"):
         THREE.joined([Parameter("a", 0.0)])
-    for act in (lambda: THREE["d"], lambda: THREE.with_values({"d": 1.0}), lambda: THREE.hold(["d"]), lambda: THREE.only_free(["d"])):
+    for act in (
+        lambda: THREE["d"],
+        lambda: THREE.with_values({"d": 1.0}),
+        lambda: THREE.hold(["d"]),
+        lambda: THREE.only_free(["d"]),
+    ):
         with pytest.raises(ModelError, match=r"d: there is no such parameter; use one of a, b, c"):
             act()
 

@@ -13,7 +13,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim.declaration.compile import compile_model, parts_of
-from sim.declaration.effect import Effect, OnlineForm, Parameter, ReadingEffect, Regularity, Signal, Station, full_name
+from sim.declaration.effect import (
+    Effect,
+    OnlineForm,
+    Parameter,
+    ReadingEffect,
+    Regularity,
+    Signal,
+    Station,
+    full_name,
+)
 from sim.declaration.model import Model, Noise, System
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.dynamics.structural_mode import StructuralMode
@@ -130,7 +139,10 @@ def test_rigid_equations_are_those_of_the_textbook() -> None:
     V, S, c, rho = r["airspeed"], r["wing_area"], r["chord"], r["air_density"]
     CL = r["CL_alpha"] * alpha + r["CL_q"] * q * c / (2 * V) + r["CL_de"] * de
     Cm = r["Cm_alpha"] * alpha + r["Cm_q"] * q * c / (2 * V) + r["Cm_de"] * de
-    expected = [q - rho * V * S / (2 * r["mass"]) * CL, rho * V**2 * S * c / (2 * r["pitch_inertia"]) * Cm]
+    expected = [
+        q - rho * V * S / (2 * r["mass"]) * CL,
+        rho * V**2 * S * c / (2 * r["pitch_inertia"]) * Cm,
+    ]
     assert system.f(0.0, [alpha, q], [de], at(system)) == pytest.approx(expected, rel=1e-13)
     nz = rho * V**2 * S * CL / (2 * r["mass"] * 9.80665)
     assert system.h(0.0, [alpha, q], [de], at(system)) == pytest.approx([alpha, q, nz], rel=1e-13)
@@ -142,7 +154,9 @@ def test_ballistic_equations_brake_against_the_motion() -> None:
     rho = 1.2 * np.exp(-4000.0 / 8000.0)
     for velocity, sign in ((-300.0, 1.0), (300.0, -1.0)):
         rates = system.f(0.0, [4000.0, velocity], [], p)
-        assert rates == pytest.approx([velocity, sign * 0.5 * rho * velocity**2 / 500.0 - 9.8], rel=1e-13)
+        assert rates == pytest.approx(
+            [velocity, sign * 0.5 * rho * velocity**2 / 500.0 - 9.8], rel=1e-13
+        )
 
 
 def test_outputs_come_in_the_order_asked_for() -> None:
@@ -167,7 +181,12 @@ def test_biases_add_to_what_the_sensors_pass_on() -> None:
     p = at(system, bias_q=0.5)
     (_, q, _) = system.h(0.0, [0.0, 0.2], [0.0], p)
     assert q == pytest.approx(3.0 * 0.2 + 0.5)
-    begin, end = system.sensor_path(p, [np.zeros(4), np.full(4, q), np.zeros(4)], [np.zeros(3), np.full(3, q), np.zeros(3)], np.full(3, 0.01))
+    begin, end = system.sensor_path(
+        p,
+        [np.zeros(4), np.full(4, q), np.zeros(4)],
+        [np.zeros(3), np.full(3, q), np.zeros(3)],
+        np.full(3, 0.01),
+    )
     np.testing.assert_allclose(begin[1], (3.0 * 0.2) ** 2 + 0.5, rtol=1e-14)
     np.testing.assert_allclose(end[1], (3.0 * 0.2) ** 2 + 0.5, rtol=1e-14)
 
@@ -183,32 +202,54 @@ def test_readings_and_modes_and_gusts_meet_on_the_bus() -> None:
     CL = RIGID_VALUES["CL_alpha"] * (0.01 + 4.0 / 200.6) + 0.02 * 0.3 - 0.05 * 0.2
     weight = RIGID_VALUES["mass"] * 9.80665
     pressure_area = 0.5 * RIGID_VALUES["air_density"] * 200.6**2 * RIGID_VALUES["wing_area"]
-    assert system.h(0.0, x, [0.0], p) == pytest.approx([0.01 + 4.0 / 200.6, 0.0, pressure_area * CL / weight])
+    assert system.h(0.0, x, [0.0], p) == pytest.approx(
+        [0.01 + 4.0 / 200.6, 0.0, pressure_area * CL / weight]
+    )
     assert system.f(0.0, x, [0.0], p)[2] == pytest.approx(-0.5 * 4.0)
 
 
 def test_noise_carries_each_density_to_its_state_and_each_variance_to_its_output() -> None:
-    model = rigid_model().with_effects(StructuralMode(1, (1,)), Wind()).with_noise(Noise({"alpha": 0.1, "nz": 0.2}, {"q": 0.03, "etadot1": 0.7}))
+    model = (
+        rigid_model()
+        .with_effects(StructuralMode(1, (1,)), Wind())
+        .with_noise(Noise({"alpha": 0.1, "nz": 0.2}, {"q": 0.03, "etadot1": 0.7}))
+    )
     system = compile_model(model, ["nz", "q"])
     density, variance = system.noise(at(system, **{"wind.sigma": 3.0}))
-    assert dict(zip(system.state_names, density, strict=True)) == {"alpha": 0.0, "q": 0.03, "eta1": 0.0, "etadot1": 0.7, "w": 2.0 * 9.0 * 0.5}
+    assert dict(zip(system.state_names, density, strict=True)) == {
+        "alpha": 0.0,
+        "q": 0.03,
+        "eta1": 0.0,
+        "etadot1": 0.7,
+        "w": 2.0 * 9.0 * 0.5,
+    }
     assert variance[0] == pytest.approx(0.04) and np.isnan(variance[1])
 
 
 def test_online_input_lags_stand_in_a_chain() -> None:
     model = rigid_model().with_effects(Lag(1), Lag(2))
     system = compile_model(model, online=True)
-    assert isinstance(Lag(), OnlineForm) and system.input_stages == () and system.state_names[2:] == ("lagged1", "lagged2")
+    assert (
+        isinstance(Lag(), OnlineForm)
+        and system.input_stages == ()
+        and system.state_names[2:] == ("lagged1", "lagged2")
+    )
     p = at(system, **{"input-lag:1.T": 0.1, "input-lag:2.T": 0.5})
     rates = system.f(0.0, [0.0, 0.0, 0.04, 0.03], [0.06], p)
     assert rates[2:] == pytest.approx([(0.06 - 0.04) / 0.1, (0.04 - 0.03) / 0.5])
     plain = compile_model(rigid_model())
-    assert rates[:2] == plain.f(0.0, [0.0, 0.0], [0.03], at(plain)), "the vehicle feels what the last one passes on"
-    assert system.h(0.0, [0.0, 0.0, 0.04, 0.03], [0.06], p) == plain.h(0.0, [0.0, 0.0], [0.03], at(plain))
+    assert rates[:2] == plain.f(0.0, [0.0, 0.0], [0.03], at(plain)), (
+        "the vehicle feels what the last one passes on"
+    )
+    assert system.h(0.0, [0.0, 0.0, 0.04, 0.03], [0.06], p) == plain.h(
+        0.0, [0.0, 0.0], [0.03], at(plain)
+    )
 
 
 def test_online_sensor_lag_reads_its_state_and_adds_the_bias_after() -> None:
-    system = compile_model(rigid_model().with_biases(["q"]).with_effects(Scale(), SensorLag("q")), online=True)
+    system = compile_model(
+        rigid_model().with_biases(["q"]).with_effects(Scale(), SensorLag("q")), online=True
+    )
     p = at(system, bias_q=0.5, **{"sensor-lag:q.time_constant": 0.2})
     x = [0.0, 0.1, 0.25]
     assert system.h(0.0, x, [0.0], p)[1] == pytest.approx(0.25 + 0.5)
@@ -217,11 +258,14 @@ def test_online_sensor_lag_reads_its_state_and_adds_the_bias_after() -> None:
 
 def test_what_cannot_run_online_is_named() -> None:
     model = rigid_model().with_effects(InputDelay())
-    with pytest.raises(ModelError, match=r"model rigid: effect input-delay has no state form.*hold its parameters"):
+    with pytest.raises(
+        ModelError, match=r"model rigid: effect input-delay has no state form.*hold its parameters"
+    ):
         compile_model(model, online=True)
     held = model.with_parameters(model.parameters.hold(["input-delay.delay"]))
     assert compile_model(held, online=True).input_stages == ("input-delay",)
-    # A delay may act on the recorded input ahead of a lag that is a state, whichever was added first; an effect that does not commute may not.
+    # A delay may act on the recorded input ahead of a lag that is a state, whichever was added
+    # first; an effect that does not commute may not.
     for effects in ((InputDelay(), Lag()), (Lag(), InputDelay())):
         both = rigid_model().with_effects(*effects)
         both = both.with_parameters(both.parameters.hold(["input-delay.delay"]))
@@ -233,8 +277,22 @@ def test_what_cannot_run_online_is_named() -> None:
 
 
 def test_effects_stand_on_the_path_in_their_own_order() -> None:
-    effects = (InputDelay(), ActuatorSaturation(), ActuatorRateLimit(), ActuatorLag(), InputBacklash(), InputDeadband())
-    stages = ("input-deadband", "input-backlash", "actuator-lag", "actuator-rate-limit", "actuator-saturation", "input-delay")
+    effects = (
+        InputDelay(),
+        ActuatorSaturation(),
+        ActuatorRateLimit(),
+        ActuatorLag(),
+        InputBacklash(),
+        InputDeadband(),
+    )
+    stages = (
+        "input-deadband",
+        "input-backlash",
+        "actuator-lag",
+        "actuator-rate-limit",
+        "actuator-saturation",
+        "input-delay",
+    )
     for order in (effects, effects[::-1]):
         assert compile_model(rigid_model().with_effects(*order)).input_stages == stages
 
@@ -255,13 +313,19 @@ def everything() -> tuple[Model, System]:
 
 
 @settings(max_examples=20)
-@given(st.lists(st.floats(-0.2, 0.2), min_size=5, max_size=5), st.floats(-0.1, 0.1), st.floats(2.1, 2.9))
+@given(
+    st.lists(st.floats(-0.2, 0.2), min_size=5, max_size=5),
+    st.floats(-0.1, 0.1),
+    st.floats(2.1, 2.9),
+)
 def test_jacobians_of_f_and_h_are_central_differences(x: list[float], u: float, t: float) -> None:
     _, system = everything()
     p = at(system)
     n, m = len(x), len(p)
     for function in (system.f, system.h):
-        jacobian = complex_step_jacobian(lambda z, function=function: function(t, z[:n], [u], z[n:]), [*x, *p])  # type: ignore[misc]
+        jacobian = complex_step_jacobian(
+            lambda z, function=function: function(t, z[:n], [u], z[n:]), [*x, *p]
+        )  # type: ignore[misc]
         assert np.all(np.isfinite(jacobian))
         for j, value in enumerate([*x, *p]):
             size = 1e-5 * max(1.0, abs(value))
@@ -271,7 +335,12 @@ def test_jacobians_of_f_and_h_are_central_differences(x: list[float], u: float, 
                 z[j] += sign * size
                 sides.append(np.array(function(t, z[:n], [u], z[n:]), dtype=float))
             expected = (sides[0] - sides[1]) / (2.0 * size)
-            np.testing.assert_allclose(jacobian[:, j], expected, rtol=1e-5, atol=1e-8 * (1.0 + np.max(np.abs(sides)) / size * 1e-3))
+            np.testing.assert_allclose(
+                jacobian[:, j],
+                expected,
+                rtol=1e-5,
+                atol=1e-8 * (1.0 + np.max(np.abs(sides)) / size * 1e-3),
+            )
     assert len(system.state_names) == n and m == len(system.parameters)
 
 
@@ -281,7 +350,9 @@ def test_one_call_serves_floats_arrays_and_complex_numbers() -> None:
     x = [0.01, 0.02, 0.1, -0.2, 0.03]
     once = system.f(2.4, x, [0.05], p), system.h(2.4, x, [0.05], p)
     many = [np.full(4, value) for value in x]
-    for got, wanted in zip((system.f(2.4, many, [0.05], p), system.h(2.4, many, [0.05], p)), once, strict=True):
+    for got, wanted in zip(
+        (system.f(2.4, many, [0.05], p), system.h(2.4, many, [0.05], p)), once, strict=True
+    ):
         for row, value in zip(got, wanted, strict=True):
             np.testing.assert_allclose(np.broadcast_to(row, 4), value, rtol=1e-14)
     stepped = system.f(2.4, [complex(value) for value in x], [0.05], p)
@@ -323,5 +394,8 @@ def test_effects_of_one_class_may_have_methods_of_their_own() -> None:
     """What the first of a class lacks the second may have."""
     model, idle, scaled = rigid_model(), Assembled("idle"), Assembled("scaled")
     object.__setattr__(scaled, "read", lambda s, y, vehicle, p: {"alpha": p.size * y["alpha"]})
-    plain, first, second = (parts_of(model.with_effects(*effects), None, False).readings for effects in ((), (idle,), (scaled,)))
+    plain, first, second = (
+        parts_of(model.with_effects(*effects), None, False).readings
+        for effects in ((), (idle,), (scaled,))
+    )
     assert plain == first == () and [each.name for each in second] == [scaled.name]

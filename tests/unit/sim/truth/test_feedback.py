@@ -31,7 +31,9 @@ def seeded(seed: int = 1) -> np.random.Generator:
 
 
 def test_without_noise_it_is_the_sampled_loop_of_the_linear_aircraft() -> None:
-    """x[k+1] = F x[k] + G u[k] by the matrix exponential, u[k] = command + K x[k]; the elevator that is recorded is u."""
+    """x[k+1] = F x[k] + G u[k] by the matrix exponential, u[k] = command + K x[k]; the elevator
+    that is recorded is u.
+    """
     record, truth = fly_with_feedback(quiet(), PILOT, GAINS, TIME, seeded())
     lin = linearise(quiet())
     block = expm(np.block([[lin.A, lin.B], [np.zeros((1, 3))]]) * 0.04)
@@ -39,9 +41,13 @@ def test_without_noise_it_is_the_sampled_loop_of_the_linear_aircraft() -> None:
     for k, t in enumerate(TIME):
         u = (0.02 if t > 1.0 - 1e-9 else 0.0) + 0.9 * x[0] + 0.6 * x[1]
         assert record["elevator"].values[k] == pytest.approx(u, abs=1e-9)
-        np.testing.assert_allclose([truth.states["alpha"][k], truth.states["q"][k]], x, rtol=0.0, atol=1e-8)
+        np.testing.assert_allclose(
+            [truth.states["alpha"][k], truth.states["q"][k]], x, rtol=0.0, atol=1e-8
+        )
         x = F @ x + g * u
-    assert max(np.linalg.eigvals(lin.A).real) > np.log(2.0) / 1.0, "doubles in less than a second by itself"
+    assert max(np.linalg.eigvals(lin.A).real) > np.log(2.0) / 1.0, (
+        "doubles in less than a second by itself"
+    )
     assert np.max(np.abs(record["alpha"].values)) < 0.1
 
 
@@ -55,7 +61,12 @@ def test_without_gains_it_is_the_open_loop() -> None:
 def test_what_is_fed_back_is_what_is_recorded_noise_included() -> None:
     record, truth = fly_with_feedback(fighter(), PILOT, GAINS, TIME, seeded())
     command = np.where(TIME > 1.0 - 1e-9, 0.02, 0.0)
-    np.testing.assert_allclose(record["elevator"].values, command + 0.9 * record["alpha"].values + 0.6 * record["q"].values, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        record["elevator"].values,
+        command + 0.9 * record["alpha"].values + 0.6 * record["q"].values,
+        rtol=0.0,
+        atol=1e-12,
+    )
     noise = record["alpha"].values - truth.outputs["alpha"]
     assert np.std(noise) == pytest.approx(0.001, rel=0.2)
     again, _ = fly_with_feedback(fighter(), PILOT, GAINS, TIME, seeded())
@@ -67,12 +78,16 @@ def test_what_is_fed_back_is_what_is_recorded_noise_included() -> None:
 def test_totals_are_fed_back_as_they_differ_from_the_start() -> None:
     model = longitudinal_model().with_noise(Noise())
     trim = {"elevator": step(LEVEL[1]), "thrust": step(LEVEL[2])}
-    record, _ = fly_with_feedback(model, trim, {"elevator": {"theta": 0.5, "airspeed": 0.01}}, TIME, seeded())
+    record, _ = fly_with_feedback(
+        model, trim, {"elevator": {"theta": 0.5, "airspeed": 0.01}}, TIME, seeded()
+    )
     np.testing.assert_allclose(record["elevator"].values, LEVEL[1], rtol=0.0, atol=1e-9)
 
 
 def test_white_noise_forces_the_states_with_its_density() -> None:
-    """Held hard in pitch, alpha is a first-order process: variance density / (2 L_alpha), the elevator's own part left to rounding."""
+    """Held hard in pitch, alpha is a first-order process: variance density / (2 L_alpha), the
+    elevator's own part left to rounding.
+    """
     model = fighter({**FIGHTER, "Cm_alpha": -0.3}).with_noise(Noise({}, {"alpha": 4e-6}))
     _, truth = fly_with_feedback(model, {}, {}, sample_times(25.0, 120.0), seeded())
     A = linearise(model).A
@@ -94,10 +109,16 @@ def test_what_cannot_be_closed_is_refused() -> None:
     with pytest.raises(ModelError, match="under feedback"):
         fly_with_feedback(quiet().with_effects(ActuatorLag()), PILOT, GAINS, TIME, seeded())
     with pytest.raises(ModelError, match="drifts under feedback"):
-        fly_with_feedback(fighter().with_noise(Noise({}, {"Cm_q": 1.0})), PILOT, GAINS, TIME, seeded())
+        fly_with_feedback(
+            fighter().with_noise(Noise({}, {"Cm_q": 1.0})), PILOT, GAINS, TIME, seeded()
+        )
     with pytest.raises(ModelError, match="diverges at"):
-        fly_with_feedback(quiet(), PILOT, {"elevator": {"alpha": -500.0}}, sample_times(25.0, 60.0), seeded())
+        fly_with_feedback(
+            quiet(), PILOT, {"elevator": {"alpha": -500.0}}, sample_times(25.0, 60.0), seeded()
+        )
     still = longitudinal_model().with_noise(Noise())
     with pytest.raises(ModelError, match="diverges at 0 s"):  # rates over an airspeed that is none
-        fly_with_feedback(still.with_initial(still.initial.with_values({"airspeed": 0.0})), {}, {}, TIME, seeded())
+        fly_with_feedback(
+            still.with_initial(still.initial.with_values({"airspeed": 0.0})), {}, {}, TIME, seeded()
+        )
     assert compile_model(quiet()).output_names == ("alpha", "q", "nz")

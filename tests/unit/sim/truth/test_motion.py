@@ -1,4 +1,6 @@
-"""Motion to a tolerance: against a solver at the end of double precision, piece by piece, for every kind of vehicle and input."""
+"""Motion to a tolerance: against a solver at the end of double precision, piece by piece, for every
+kind of vehicle and input.
+"""
 
 from __future__ import annotations
 
@@ -35,12 +37,20 @@ def vehicle(name: str) -> Model:
     return model_of(read_parameter_set(name)).with_noise(Noise())
 
 
-def flown(model: Model, by_input: dict[str, Maneuver], time: np.ndarray = TIME, **wishes: Any) -> Truth:
-    return fly(model, by_input, time, np.random.default_rng(0), measurement=Measurement(std={}), **wishes)[1]
+def flown(
+    model: Model, by_input: dict[str, Maneuver], time: np.ndarray = TIME, **wishes: Any
+) -> Truth:
+    return fly(
+        model, by_input, time, np.random.default_rng(0), measurement=Measurement(std={}), **wishes
+    )[1]
 
 
-def reference(model: Model, by_input: dict[str, Maneuver], time: np.ndarray, further: tuple[float, ...] = ()) -> np.ndarray:
-    """States ``(n, N)`` by an explicit method of order 8 at 1e-13, begun anew at each sample and each break."""
+def reference(
+    model: Model, by_input: dict[str, Maneuver], time: np.ndarray, further: tuple[float, ...] = ()
+) -> np.ndarray:
+    """States ``(n, N)`` by an explicit method of order 8 at 1e-13, begun anew at each sample and
+    each break.
+    """
     system = compile_model(model)
     moves = [by_input.get(name, Sum()) for name in system.input_names]
     breaks = {at for at in (*Sum(tuple(moves)).breakpoints, *further) if time[0] < at < time[-1]}
@@ -60,10 +70,14 @@ def reference(model: Model, by_input: dict[str, Maneuver], time: np.ndarray, fur
 
 
 def error(truth: Truth, expected: np.ndarray) -> float:
-    """Largest difference of a state, by the largest value of it or, where it is at rest, of its neighbours."""
+    """Largest difference of a state, by the largest value of it or, where it is at rest, of its
+    neighbours.
+    """
     found = np.array(list(truth.states.values()))
     size = np.abs(expected - expected[:, :1]).max(axis=1)
-    return float(np.max(np.abs(found - expected).max(axis=1) / np.where(size > 0, size, size.max())))
+    return float(
+        np.max(np.abs(found - expected).max(axis=1) / np.where(size > 0, size, size.max()))
+    )
 
 
 SWEEP = Sweep(0.02, 0.5, 6.0, 6.0, start=1.0)
@@ -73,9 +87,19 @@ FLIGHTS: dict[str, tuple[str, dict[str, Maneuver], np.ndarray, str]] = {
     "rigid, uneven": ("bomber_rigid", {"elevator": STEPS}, UNEVEN, EXACT),
     "rigid, at one sample a second": ("bomber_rigid", {"elevator": SWEEP}, np.arange(9.0), EXACT),
     "flexible": ("bomber_ac2", {"elevator": STEPS}, TIME, EXACT),
-    "lateral": ("navion_lateral", {"aileron": STEPS, "rudder": schroeder_multisine(0.01, 8.0, [1, 3, 7])}, TIME, EXACT),
+    "lateral": (
+        "navion_lateral",
+        {"aileron": STEPS, "rudder": schroeder_multisine(0.01, 8.0, [1, 3, 7])},
+        TIME,
+        EXACT,
+    ),
     "longitudinal": ("navion_longitudinal", {"elevator": STEPS}, TIME, SMOOTH),
-    "longitudinal, smooth": ("navion_longitudinal", {"elevator": Sum((STEPS, SWEEP))}, TIME, SMOOTH),
+    "longitudinal, smooth": (
+        "navion_longitudinal",
+        {"elevator": Sum((STEPS, SWEEP))},
+        TIME,
+        SMOOTH,
+    ),
     "falling body": ("ballistic_target", {}, sample_times(10.0, 30.0), SMOOTH),
 }
 
@@ -86,11 +110,15 @@ def test_motion_is_that_of_a_solver_at_the_end_of_double_precision(case: str) ->
     model = vehicle(name)
     truth = flown(model, by_input, time)
     assert (truth.method, truth.step) == (method, None)
-    assert error(truth, reference(model, by_input, time)) < (TOLERANCE if method == SMOOTH else 1e-11)
+    assert error(truth, reference(model, by_input, time)) < (
+        TOLERANCE if method == SMOOTH else 1e-11
+    )
 
 
 @pytest.mark.parametrize(("bent", "method"), [(0.0, EXACT), (1e-7, SMOOTH), (1e-3, SMOOTH)])
-def test_a_spring_that_stiffens_by_a_ten_millionth_is_not_taken_for_linear(bent: float, method: str) -> None:
+def test_a_spring_that_stiffens_by_a_ten_millionth_is_not_taken_for_linear(
+    bent: float, method: str
+) -> None:
     model = own_model(
         "spring",
         states={"x": "m", "v": "m/s"},
@@ -110,24 +138,42 @@ def test_outputs_are_those_of_the_motion_just_after_a_switch() -> None:
     model = vehicle("bomber_rigid")
     truth, system = flown(model, {"elevator": STEPS}), compile_model(model)
     x, u = list(truth.states.values()), [STEPS(TIME)]
-    for name, row in zip(system.output_names, system.h(TIME, x, u, system.parameters.values().tolist()), strict=True):
+    for name, row in zip(
+        system.output_names, system.h(TIME, x, u, system.parameters.values().tolist()), strict=True
+    ):
         np.testing.assert_array_equal(truth.outputs[name], row)
 
 
 def test_what_jumps_in_time_is_no_constant_coefficient() -> None:
     at, width = 2.5037, 0.01
     model = vehicle("bomber_rigid")
-    model = model.with_effects(DerivativeJump()).with_values({"derivative-jump.time": at, "derivative-jump.Cm_alpha": 0.8})
+    model = model.with_effects(DerivativeJump()).with_values(
+        {"derivative-jump.time": at, "derivative-jump.Cm_alpha": 0.8}
+    )
     truth = flown(model, {"elevator": STEPS})
     assert truth.method == SMOOTH
-    assert error(truth, reference(model, {"elevator": STEPS}, TIME, (at - width / 2.0, at + width / 2.0))) < 1e-7
+    assert (
+        error(
+            truth, reference(model, {"elevator": STEPS}, TIME, (at - width / 2.0, at + width / 2.0))
+        )
+        < 1e-7
+    )
 
 
 def test_sensor_with_memory_sees_the_motion_between_samples() -> None:
-    model = vehicle("bomber_rigid").with_effects(SensorLag("q")).with_values({"sensor-lag:q.time_constant": 0.05})
-    truth, stepped = flown(model, {"elevator": STEPS}), flown(model, {"elevator": STEPS}, method=rk4_step, step=0.0005)
+    model = (
+        vehicle("bomber_rigid")
+        .with_effects(SensorLag("q"))
+        .with_values({"sensor-lag:q.time_constant": 0.05})
+    )
+    truth, stepped = (
+        flown(model, {"elevator": STEPS}),
+        flown(model, {"elevator": STEPS}, method=rk4_step, step=0.0005),
+    )
     assert truth.method == EXACT
-    assert np.max(np.abs(truth.outputs["q"] - stepped.outputs["q"])) < 1e-5 * np.max(np.abs(truth.outputs["q"]))
+    assert np.max(np.abs(truth.outputs["q"] - stepped.outputs["q"])) < 1e-5 * np.max(
+        np.abs(truth.outputs["q"])
+    )
 
 
 def test_what_goes_in_steps_says_so() -> None:

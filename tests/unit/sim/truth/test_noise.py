@@ -1,4 +1,6 @@
-"""Random series against theory. Bounds are four standard errors of the statistic, from the process's own autocovariance."""
+"""Random series against theory. Bounds are four standard errors of the statistic, from the
+process's own autocovariance.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +50,9 @@ def test_dryden_gust_has_its_covariance_at_any_sampling() -> None:
 
 
 def assert_covariance(x: np.ndarray, expected: np.ndarray) -> None:
-    """Sample covariance of zero-mean Gaussian rows: variance of an entry (c_ii c_jj + c_ij^2) / runs; 4.5 sigma for many entries."""
+    """Sample covariance of zero-mean Gaussian rows: variance of an entry (c_ii c_jj + c_ij^2) /
+    runs; 4.5 sigma for many entries.
+    """
     runs = len(x)
     found = x.T @ x / runs
     variance = np.diag(expected)
@@ -71,16 +75,20 @@ def test_dryden_spectrum_is_that_of_the_specification() -> None:
     bands = np.array_split(np.arange(4, 120), 8)
     for band in bands:
         ratio = np.mean(density[band] / expected[band])
-        # Mean of len(band) * runs periodogram values, their correlation by the window (factor 1.94); 1 % for aliasing and leakage.
+        # Mean of len(band) * runs periodogram values, their correlation by the window (factor
+        # 1.94); 1 % for aliasing and leakage.
         assert ratio == pytest.approx(1.0, abs=4 * math.sqrt(1.94 / (len(band) * runs)) + 0.01)
 
 
 def test_fine_steps_do_not_lose_the_gust() -> None:
     t = np.arange(20001) * 1e-5
     gust = dryden_gust(np.random.default_rng(5), t, SIGMA, L, V)
-    # Locally a Wiener process: increments of variance sigma^2 3 V / L dt (derivative of the covariance at zero is -3/2 sigma^2 V / L).
+    # Locally a Wiener process: increments of variance sigma^2 3 V / L dt (derivative of the
+    # covariance at zero is -3/2 sigma^2 V / L).
     quadratic = np.sum(np.diff(gust) ** 2)
-    assert quadratic == pytest.approx(3 * SIGMA**2 * V / L * t[-1], rel=4 * math.sqrt(2 / 20000) + 1e-3)
+    assert quadratic == pytest.approx(
+        3 * SIGMA**2 * V / L * t[-1], rel=4 * math.sqrt(2 / 20000) + 1e-3
+    )
 
 
 def test_same_generator_state_gives_the_same_bytes() -> None:

@@ -1,4 +1,6 @@
-"""What the truth generator writes, step by step a second way: walking parameters, quantised and lost samples, times, divergence."""
+"""What the truth generator writes, step by step a second way: walking parameters, quantised and
+lost samples, times, divergence.
+"""
 
 from __future__ import annotations
 
@@ -26,10 +28,16 @@ def generator(seed: int = 1) -> np.random.Generator:
 
 
 def test_each_euler_step_uses_the_parameter_that_has_walked_so_far() -> None:
-    body = ballistic_model(read_parameter_set("ballistic_target")).with_noise(Noise({}, {"beta": 1e5}))
+    body = ballistic_model(read_parameter_set("ballistic_target")).with_noise(
+        Noise({}, {"beta": 1e5})
+    )
     times = sample_times(100.0, 20.0)
     _, truth = fly(body, None, times, generator(2), step=0.01, method=euler_step, measurement=QUIET)
-    altitude, velocity, beta = truth.states["altitude"], truth.states["velocity"], truth.walks["beta"]
+    altitude, velocity, beta = (
+        truth.states["altitude"],
+        truth.states["velocity"],
+        truth.walks["beta"],
+    )
     p = {name: body.parameters[name].value for name in body.parameters.names}
     density = p["air_density_reference"] * np.exp(-altitude / p["density_scale_height"])
     rate = 0.5 * density * velocity**2 / beta - p["gravity"]
@@ -40,15 +48,30 @@ def test_each_euler_step_uses_the_parameter_that_has_walked_so_far() -> None:
 
 def test_a_lagging_sensor_is_fed_the_walk_of_both_ends_of_a_step() -> None:
     lag, step = 0.1, 0.01
-    model = rigid_model(RIGID, Noise({}, {"CL_alpha": 30.0})).with_effects(SensorLag("nz")).with_values({"sensor-lag:nz.time_constant": lag})
-    _, truth = fly(model, three_two_one_one(0.10471, 0.5, 0.2), sample_times(100.0, 4.0), generator(3), step=step, measurement=QUIET)
+    model = (
+        rigid_model(RIGID, Noise({}, {"CL_alpha": 30.0}))
+        .with_effects(SensorLag("nz"))
+        .with_values({"sensor-lag:nz.time_constant": lag})
+    )
+    _, truth = fly(
+        model,
+        three_two_one_one(0.10471, 0.5, 0.2),
+        sample_times(100.0, 4.0),
+        generator(3),
+        step=step,
+        measurement=QUIET,
+    )
     p = {name: model.parameters[name].value for name in model.parameters.names}
     alpha, q = truth.states["alpha"], truth.states["q"]
     elevator = three_two_one_one(0.10471, 0.5, 0.2)(truth.time)
     force = 0.5 * p["air_density"] * p["airspeed"] ** 2 * p["wing_area"] / (p["mass"] * 9.80665)
     rest = truth.walks["CL_alpha"] * alpha + p["CL_q"] * q * p["chord"] / (2.0 * p["airspeed"])
-    begin, end = force * (rest + p["CL_de"] * elevator), force * (rest[1:] + p["CL_de"] * elevator[:-1])
-    # y_dot = (v - y)/lag with v straight from begin to end of each step: v - lag slope, and what is left of the start.
+    begin, end = (
+        force * (rest + p["CL_de"] * elevator),
+        force * (rest[1:] + p["CL_de"] * elevator[:-1]),
+    )
+    # y_dot = (v - y)/lag with v straight from begin to end of each step: v - lag slope, and what is
+    # left of the start.
     fade, reading = math.exp(-step / lag), [begin[0]]
     for v0, v1 in zip(begin, end, strict=False):
         slope = (v1 - v0) / step
@@ -58,14 +81,25 @@ def test_a_lagging_sensor_is_fed_the_walk_of_both_ends_of_a_step() -> None:
 
 
 def test_a_walk_of_no_density_draws_nothing() -> None:
-    still, plain = (rigid_model(RIGID, Noise({"q": 0.003}, density)) for density in ({"Cm_alpha": 0.0, "q": 0.0}, {}))
-    records = [fly(model, None, sample_times(50.0, 2.0), generator(4))[0] for model in (still, plain)]
+    still, plain = (
+        rigid_model(RIGID, Noise({"q": 0.003}, density))
+        for density in ({"Cm_alpha": 0.0, "q": 0.0}, {})
+    )
+    records = [
+        fly(model, None, sample_times(50.0, 2.0), generator(4))[0] for model in (still, plain)
+    ]
     assert records[0]["q"].values.tobytes() == records[1]["q"].values.tobytes()
 
 
 def test_quantised_samples_are_the_nearest_steps() -> None:
     clean = np.linspace(-1.0, 1.0, 20001)
-    (channel,) = measure(np.arange(clean.size) * 0.01, {"q": clean}, {"q": "rad/s"}, generator(), Measurement(resolution={"q": 0.03}))
+    (channel,) = measure(
+        np.arange(clean.size) * 0.01,
+        {"q": clean},
+        {"q": "rad/s"},
+        generator(),
+        Measurement(resolution={"q": 0.03}),
+    )
     error = channel.values - clean
     assert np.max(np.abs(error)) <= 0.015 * (1.0 + 1e-9)
     assert abs(np.mean(error)) < 1e-4
@@ -73,8 +107,16 @@ def test_quantised_samples_are_the_nearest_steps() -> None:
 
 def test_the_share_of_lost_samples_is_the_one_asked_for() -> None:
     n, share = 200_000, 0.25
-    (channel,) = measure(np.arange(n) * 0.01, {"q": np.zeros(n)}, {"q": "rad/s"}, generator(), Measurement(missing={"q": share}))
-    assert np.mean(~channel.valid) == pytest.approx(share, abs=4.0 * math.sqrt(share * (1.0 - share) / n))
+    (channel,) = measure(
+        np.arange(n) * 0.01,
+        {"q": np.zeros(n)},
+        {"q": "rad/s"},
+        generator(),
+        Measurement(missing={"q": share}),
+    )
+    assert np.mean(~channel.valid) == pytest.approx(
+        share, abs=4.0 * math.sqrt(share * (1.0 - share) / n)
+    )
 
 
 def test_sample_times_run_from_their_start_to_their_end() -> None:

@@ -1,4 +1,6 @@
-"""Static condensation against reference values and against the aircraft's own static solution; the degree of flexibility."""
+"""Static condensation against reference values and against the aircraft's own static solution; the
+degree of flexibility.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,14 @@ from hypothesis import strategies as st
 
 from sim.errors import ModelError
 from sim.maneuvers import three_two_one_one
-from sim.vehicles.factory import RIGID_DERIVATIVES, flexible_model, frequency_response, held_response, linearise, rigid_model
+from sim.vehicles.factory import (
+    RIGID_DERIVATIVES,
+    flexible_model,
+    frequency_response,
+    held_response,
+    linearise,
+    rigid_model,
+)
 from sim.vehicles.flexibility import Flexibility, condense, flexibility
 from sim.vehicles.library import VehicleData, read_parameter_set
 from tests.oracles.quasi_static import quasi_static_error
@@ -36,9 +45,12 @@ TABLE = {
 
 @pytest.mark.parametrize(("name", "modes"), TABLE)
 def test_equivalents_are_those_of_the_reference_to_its_digits(name: str, modes: int) -> None:
-    # The reference was computed with Ceta1_de rounded to -0.0128; only Cm_de shows it, in the third digit after the point.
+    # The reference was computed with Ceta1_de rounded to -0.0128; only Cm_de shows it, in the third
+    # digit after the point.
     found = condense({**read_parameter_set(name).values, "Ceta1_de": -0.0128}, modes).derivatives
-    for key, text in zip(("CL_alpha", "Cm_alpha", "Cm_q", "Cm_de"), TABLE[name, modes], strict=True):
+    for key, text in zip(
+        ("CL_alpha", "Cm_alpha", "Cm_q", "Cm_de"), TABLE[name, modes], strict=True
+    ):
         digits = len(text.partition(".")[2])
         assert found[key] == pytest.approx(float(text), abs=0.5001 * 10**-digits), key
     unrounded = condense(read_parameter_set(name).values, modes).derivatives
@@ -49,7 +61,10 @@ def test_equivalents_are_those_of_the_reference_to_its_digits(name: str, modes: 
 def test_condensed_and_flexible_aircraft_agree_at_rest_of_the_structure(modes: int) -> None:
     data = read_parameter_set("bomber_ac2")
     condensed = rigid_model(data).with_values(condense(data.values, modes).derivatives)
-    over, under = (frequency_response(linearise(model), 0.0) for model in (flexible_model(data, modes), condensed))
+    over, under = (
+        frequency_response(linearise(model), 0.0)
+        for model in (flexible_model(data, modes), condensed)
+    )
     # At zero frequency the modal rates vanish, so both are the same equilibrium.
     assert over == pytest.approx(under, rel=1e-9)
 
@@ -58,7 +73,9 @@ def test_condensed_and_flexible_aircraft_agree_at_rest_of_the_structure(modes: i
 def test_stiffer_structures_come_nearer_to_the_rigid_aircraft(factor: float) -> None:
     values = dict(read_parameter_set("bomber_ac1").values)
     soft = condense(values, 4)
-    stiff = condense({**values, **{f"omega{i}": values[f"omega{i}"] * factor for i in range(1, 5)}}, 4)
+    stiff = condense(
+        {**values, **{f"omega{i}": values[f"omega{i}"] * factor for i in range(1, 5)}}, 4
+    )
     for name in RIGID_DERIVATIVES:
         assert abs(stiff.change[name]) <= abs(soft.change[name]) + 1e-12
     assert soft.divergence_margin - 1e-12 <= stiff.divergence_margin <= 1.0
@@ -80,7 +97,13 @@ def test_divergence_is_refused() -> None:
 
 def scaled(factor: float) -> VehicleData:
     data = read_parameter_set("bomber_ac1")
-    return replace(data, numbers=tuple(replace(n, value=n.value * factor) if n.name.startswith("omega") else n for n in data.numbers))
+    return replace(
+        data,
+        numbers=tuple(
+            replace(n, value=n.value * factor) if n.name.startswith("omega") else n
+            for n in data.numbers
+        ),
+    )
 
 
 def figures(data: VehicleData) -> Flexibility:
@@ -97,7 +120,9 @@ def ac2() -> Flexibility:
     return figures(read_parameter_set("bomber_ac2"))
 
 
-def test_rigid_model_serves_for_the_first_aircraft_and_not_for_the_second(ac1: Flexibility, ac2: Flexibility) -> None:
+def test_rigid_model_serves_for_the_first_aircraft_and_not_for_the_second(
+    ac1: Flexibility, ac2: Flexibility
+) -> None:
     assert ac1.rigid_serves
     assert ac1.misfit > ac1.detectable
     assert not ac2.rigid_serves
@@ -105,19 +130,32 @@ def test_rigid_model_serves_for_the_first_aircraft_and_not_for_the_second(ac1: F
     assert [ac1.misfit, ac2.misfit] == pytest.approx([0.69, 9.62], abs=0.006)
 
 
-def test_best_rigid_model_explains_more_than_the_condensed_one(ac1: Flexibility, ac2: Flexibility) -> None:
-    for one, data in ((ac1, read_parameter_set("bomber_ac1")), (ac2, read_parameter_set("bomber_ac2"))):
+def test_best_rigid_model_explains_more_than_the_condensed_one(
+    ac1: Flexibility, ac2: Flexibility
+) -> None:
+    for one, data in (
+        (ac1, read_parameter_set("bomber_ac1")),
+        (ac2, read_parameter_set("bomber_ac2")),
+    ):
         flexible = held_response(linearise(flexible_model(data), ("alpha", "q")), ELEVATOR, 0.01)
-        best = held_response(linearise(rigid_model(data).with_values(one.fitted), ("alpha", "q")), ELEVATOR, 0.01)
-        assert math.sqrt(np.mean((flexible - best) ** 2)) / NOISE == pytest.approx(one.misfit, rel=1e-9)
+        best = held_response(
+            linearise(rigid_model(data).with_values(one.fitted), ("alpha", "q")), ELEVATOR, 0.01
+        )
+        assert math.sqrt(np.mean((flexible - best) ** 2)) / NOISE == pytest.approx(
+            one.misfit, rel=1e-9
+        )
         assert one.misfit * math.sqrt(flexible.size) < one.distance
 
 
 def test_quasi_static_error_grows_with_frequency_and_falls_with_the_square_of_stiffness() -> None:
     soft, stiff = scaled(3.0), scaled(6.0)
     for omega in (0.1, 2.0, 5.0):
-        assert quasi_static_error(soft, omega) / quasi_static_error(stiff, omega) == pytest.approx(4.0, rel=0.05)
-    assert quasi_static_error(stiff, 0.2) / quasi_static_error(stiff, 0.1) == pytest.approx(2.0, rel=0.03)
+        assert quasi_static_error(soft, omega) / quasi_static_error(stiff, omega) == pytest.approx(
+            4.0, rel=0.05
+        )
+    assert quasi_static_error(stiff, 0.2) / quasi_static_error(stiff, 0.1) == pytest.approx(
+        2.0, rel=0.03
+    )
     assert quasi_static_error(read_parameter_set("bomber_ac1"), 1e-6) < 1e-6
 
 

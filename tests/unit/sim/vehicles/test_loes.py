@@ -1,4 +1,6 @@
-"""The low-order equivalent system against a second writing in the paper's own signs, and its way from numbers to models."""
+"""The low-order equivalent system against a second writing in the paper's own signs, and its way
+from numbers to models.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +25,20 @@ def full_model() -> Model:
 
 
 @given(number, number, number, number)
-def test_equations_are_the_papers_with_the_pseudo_control_turned(alpha: float, q: float, delta: float, stick: float) -> None:
+def test_equations_are_the_papers_with_the_pseudo_control_turned(
+    alpha: float, q: float, delta: float, stick: float
+) -> None:
     system = compile_model(full_model())
     p = list(system.parameters.values())
-    rates, readings = rates_and_readings({**LOES_CONSTANTS, **LOES_VALUES, **OFFSETS}, alpha, q, delta, stick)
-    np.testing.assert_allclose(system.f(0.0, [alpha, q, delta], [stick], p), rates, rtol=1e-12, atol=1e-11)
-    np.testing.assert_allclose(system.h(0.0, [alpha, q, delta], [stick], p), readings, rtol=1e-12, atol=1e-11)
+    rates, readings = rates_and_readings(
+        {**LOES_CONSTANTS, **LOES_VALUES, **OFFSETS}, alpha, q, delta, stick
+    )
+    np.testing.assert_allclose(
+        system.f(0.0, [alpha, q, delta], [stick], p), rates, rtol=1e-12, atol=1e-11
+    )
+    np.testing.assert_allclose(
+        system.h(0.0, [alpha, q, delta], [stick], p), readings, rtol=1e-12, atol=1e-11
+    )
 
 
 def test_a_maneuver_is_the_exact_one() -> None:
@@ -50,19 +60,26 @@ def test_delay_has_its_plain_name_and_moves_the_response() -> None:
     assert "delay" in model.parameters.names and model.parameters["delay"].bounds == (0.0, 2.0)
     assert not [name for name in model.parameters.names if "." in name]
     base = fly(compile_model(model), loes_flight())
-    later = fly(compile_model(model.with_values({"delay": LOES_VALUES["delay"] + 0.04})), loes_flight())
+    later = fly(
+        compile_model(model.with_values({"delay": LOES_VALUES["delay"] + 0.04})), loes_flight()
+    )
     for row, moved in zip(base, later, strict=True):
         np.testing.assert_allclose(moved[2:], row[:-2], atol=1e-12 * np.max(np.abs(row)))
 
 
 def test_gauges_of_fit_and_filter() -> None:
     fit = model_from_constants("loes", LOES_CONSTANTS, LOES_VALUES)
-    assert fit.parameters.free_names == (*(name for name in LOES_VALUES if name != "delay"), "delay")
+    assert fit.parameters.free_names == (
+        *(name for name in LOES_VALUES if name != "delay"),
+        "delay",
+    )
     assert [fit.parameters[name].value for name in LOES_OFFSETS] == [0.0] * 4
     filtered = loes_filter_model(fit)
     system = compile_model(filtered, online=True)
     assert len(system.states) + len(system.parameters.free_names) == 14
-    assert set(system.parameters.free_names) == {name for name in LOES_VALUES if name != "delay"} | set(LOES_OFFSETS)
+    assert set(system.parameters.free_names) == {
+        name for name in LOES_VALUES if name != "delay"
+    } | set(LOES_OFFSETS)
 
 
 def test_vane_is_at_the_centre_of_gravity_unless_told() -> None:
@@ -73,7 +90,11 @@ def test_vane_is_at_the_centre_of_gravity_unless_told() -> None:
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [({"inv_tau": -1.0}, "inv_tau: -1 1/s is negative"), ({"delay": -0.1}, "delay: -0.1 s is negative"), ({"Cm_q": 1.0}, "unknown number Cm_q")],
+    [
+        ({"inv_tau": -1.0}, "inv_tau: -1 1/s is negative"),
+        ({"delay": -0.1}, "delay: -0.1 s is negative"),
+        ({"Cm_q": 1.0}, "unknown number Cm_q"),
+    ],
 )
 def test_wrong_numbers_are_refused_by_name(change: dict[str, float], message: str) -> None:
     with pytest.raises(DeclarationError, match=message):
@@ -83,7 +104,11 @@ def test_wrong_numbers_are_refused_by_name(change: dict[str, float], message: st
 def test_missing_numbers_are_named() -> None:
     for name in LOES_VALUES:
         with pytest.raises(DeclarationError, match=f"the number {name} is missing"):
-            model_from_constants("loes", LOES_CONSTANTS, {key: value for key, value in LOES_VALUES.items() if key != name})
+            model_from_constants(
+                "loes",
+                LOES_CONSTANTS,
+                {key: value for key, value in LOES_VALUES.items() if key != name},
+            )
 
 
 def test_an_elastic_mode_is_refused_for_want_of_a_chord() -> None:

@@ -30,15 +30,26 @@ def test_with_all_modes_kept_nothing_changes(vehicle: str) -> None:
 def test_in_two_stages_as_in_one(vehicle: str, kept: int) -> None:
     values = read_parameter_set(vehicle).values
     between = {**values, **condense_above(values, 4, kept)}
-    assert condense_above(between, kept, 0) == pytest.approx(condense_above(values, 4, 0), rel=1e-10)
+    assert condense_above(between, kept, 0) == pytest.approx(
+        condense_above(values, 4, 0), rel=1e-10
+    )
 
 
 @vehicles
-def test_the_reduced_aircraft_answers_a_steady_elevator_alike_and_a_slow_one_nearly(vehicle: str) -> None:
+def test_the_reduced_aircraft_answers_a_steady_elevator_alike_and_a_slow_one_nearly(
+    vehicle: str,
+) -> None:
     data = read_parameter_set(vehicle)
     whole = linearise(flexible_model(data, 4), ("alpha", "q"))
-    reduced = linearise(flexible_model(data, 1).with_values(condense_above(data.values, 4, 1)), ("alpha", "q"))
-    error = {omega: np.max(np.abs(frequency_response(reduced, omega) / frequency_response(whole, omega) - 1.0)) for omega in (1e-9, 0.1, 0.4)}
+    reduced = linearise(
+        flexible_model(data, 1).with_values(condense_above(data.values, 4, 1)), ("alpha", "q")
+    )
+    error = {
+        omega: np.max(
+            np.abs(frequency_response(reduced, omega) / frequency_response(whole, omega) - 1.0)
+        )
+        for omega in (1e-9, 0.1, 0.4)
+    }
     assert error[1e-9] < 1e-6
     assert error[1e-9] < error[0.1] < error[0.4] < 0.1
 

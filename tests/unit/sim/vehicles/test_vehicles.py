@@ -1,4 +1,6 @@
-"""The vehicle library: sets that build on others, faults named by file and key, factories for built-in and user's numbers."""
+"""The vehicle library: sets that build on others, faults named by file and key, factories for
+built-in and user's numbers.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +50,9 @@ def test_rigid_roots_are_those_of_the_reference() -> None:
         ("bomber_ac2", 4, 0, -0.384 + 0.944j),
     ],
 )
-def test_flexible_roots_are_those_of_the_reference(name: str, modes: int, which: int, expected: complex) -> None:
+def test_flexible_roots_are_those_of_the_reference(
+    name: str, modes: int, which: int, expected: complex
+) -> None:
     root = roots(name, modes)[which]
     assert root.real == pytest.approx(expected.real, abs=6e-4)
     assert root.imag == pytest.approx(expected.imag, abs=6e-3 if abs(expected) > 2 else 6e-4)
@@ -58,7 +62,10 @@ def test_a_set_takes_over_what_it_does_not_change() -> None:
     first, second = read_parameter_set("bomber_ac1"), read_parameter_set("bomber_ac2")
     changed = difference(first, second)
     assert [item.name for item in changed] == ["omega1", "omega2", "omega3", "omega4"]
-    assert all(item.first and item.second and item.second.value == pytest.approx(item.first.value / 2) for item in changed)
+    assert all(
+        item.first and item.second and item.second.value == pytest.approx(item.first.value / 2)
+        for item in changed
+    )
     assert second.modes == first.modes == 4
     assert second["mass"] == read_parameter_set("bomber_rigid")["mass"]
     extra = difference(read_parameter_set("bomber_rigid"), first)
@@ -91,37 +98,74 @@ def test_sources_come_along_to_the_model() -> None:
 
 def test_elastic_modes_without_coupling_leave_the_rigid_motion_bit_for_bit() -> None:
     data = read_parameter_set("bomber_ac1")
-    silent = {f"{name}{i}": 0.0 for i in (1, 2) for name in ("CL_eta", "CL_etadot", "Cm_eta", "Cm_etadot")}
+    silent = {
+        f"{name}{i}": 0.0 for i in (1, 2) for name in ("CL_eta", "CL_etadot", "Cm_eta", "Cm_etadot")
+    }
     flexible = compile_model(flexible_model(data, 2).with_values(silent))
     rigid = compile_model(rigid_model(data))
     x, u = [0.02, -0.1, 0.3, 0.1, -0.2, 0.5], [0.05]
-    assert flexible.f(0.0, x, u, flexible.parameters.values().tolist())[:2] == rigid.f(0.0, x[:2], u, rigid.parameters.values().tolist())
+    assert flexible.f(0.0, x, u, flexible.parameters.values().tolist())[:2] == rigid.f(
+        0.0, x[:2], u, rigid.parameters.values().tolist()
+    )
 
 
 def test_matrices_about_a_point_are_the_slopes_there() -> None:
     model = model_of(read_parameter_set("navion_longitudinal"))
-    about = {"airspeed": 60.0, "alpha": 0.05, "theta": 0.1, "q": -0.02, "elevator": 0.03, "thrust": 2000.0}
+    about = {
+        "airspeed": 60.0,
+        "alpha": 0.05,
+        "theta": 0.1,
+        "q": -0.02,
+        "elevator": 0.03,
+        "thrust": 2000.0,
+    }
     system, found = compile_model(model), linearise(model, about=about)
     point, p = np.array(list(about.values())), system.parameters.values().tolist()
-    for function, matrix in ((system.f, np.hstack([found.A, found.B])), (system.h, np.hstack([found.C, found.D]))):
+    for function, matrix in (
+        (system.f, np.hstack([found.A, found.B])),
+        (system.h, np.hstack([found.C, found.D])),
+    ):
         for j in range(6):
             step = 1e-5 * max(1.0, point[j]) * np.eye(6)[j]
-            ends = [np.array(function(0.0, at[:4].tolist(), at[4:].tolist(), p)) for at in (point + step, point - step)]
-            # The differences' truncation goes with the square of the step, their rounding is 1e-16 of the values over it.
-            assert matrix[:, j] == pytest.approx((ends[0] - ends[1]) / (2.0 * step[j]), rel=1e-7, abs=1e-8)
+            ends = [
+                np.array(function(0.0, at[:4].tolist(), at[4:].tolist(), p))
+                for at in (point + step, point - step)
+            ]
+            # The differences' truncation goes with the square of the step, their rounding is 1e-16
+            # of the values over it.
+            assert matrix[:, j] == pytest.approx(
+                (ends[0] - ends[1]) / (2.0 * step[j]), rel=1e-7, abs=1e-8
+            )
 
 
 def test_linearising_about_what_is_not_there_is_refused() -> None:
     with pytest.raises(DeclarationError, match="there is no state or input flaps"):
-        linearise(model_of(read_parameter_set("navion_longitudinal")), about={"airspeed": 50.0, "flaps": 0.1})
+        linearise(
+            model_of(read_parameter_set("navion_longitudinal")),
+            about={"airspeed": 50.0, "flaps": 0.1},
+        )
 
 
 def test_users_numbers_go_through_the_same_factory() -> None:
     data = read_parameter_set("bomber_ac1")
-    constants = {name: data[name].value for name in (*RIGID_CONSTANTS, "omega1", "zeta1", "generalized_mass1")}
-    derivatives = {n.name: n.value for n in data.numbers if n.name.startswith(("CL_", "Cm_")) and n.name[-1] not in "234"}
-    derivatives |= {n.name: n.value for n in data.numbers if n.name in ("Ceta1_alpha", "Ceta1_q", "Ceta1_de", "Ceta1_eta1", "Ceta1_etadot1")}
-    users, ours = model_from_constants("rigid", constants, derivatives, modes=1), flexible_model(data, 1)
+    constants = {
+        name: data[name].value
+        for name in (*RIGID_CONSTANTS, "omega1", "zeta1", "generalized_mass1")
+    }
+    derivatives = {
+        n.name: n.value
+        for n in data.numbers
+        if n.name.startswith(("CL_", "Cm_")) and n.name[-1] not in "234"
+    }
+    derivatives |= {
+        n.name: n.value
+        for n in data.numbers
+        if n.name in ("Ceta1_alpha", "Ceta1_q", "Ceta1_de", "Ceta1_eta1", "Ceta1_etadot1")
+    }
+    users, ours = (
+        model_from_constants("rigid", constants, derivatives, modes=1),
+        flexible_model(data, 1),
+    )
     assert users.parameters.names == ours.parameters.names
     assert np.array_equal(users.parameters.values(), ours.parameters.values())
     assert users.parameters.free_names == ours.parameters.free_names
@@ -130,7 +174,11 @@ def test_users_numbers_go_through_the_same_factory() -> None:
 
 def test_coupling_that_a_user_leaves_out_is_zero() -> None:
     data = read_parameter_set("bomber_ac1")
-    values = {n.name: n.value for n in data.numbers if "_eta1" not in n.name or not n.name.startswith("Ceta")}
+    values = {
+        n.name: n.value
+        for n in data.numbers
+        if "_eta1" not in n.name or not n.name.startswith("Ceta")
+    }
     model = model_of(vehicle_from_values("mine", "rigid", values, modes=4))
     assert model.parameters["Ceta3_eta1"].value == 0.0
     assert model.parameters["Ceta3_eta2"].value == 1e-3
@@ -222,4 +270,10 @@ def test_ballistic_acceleration_is_that_of_the_paper_with_the_velocity_squared()
     # In feet: 0.5 rho v^2 / beta - g with beta = 500 lb/ft2 = 500 / 32.17405 slug/ft2.
     feet = 0.5 * 0.0034 * np.exp(-200000 / 22000) * 6000**2 / (500 / 32.17404855643) - 32.2
     assert rates[1] / 0.3048 == pytest.approx(feet, rel=1e-8)
-    assert np.all(np.isfinite(complex_step_jacobian(lambda v: system.f(0.0, v, [], system.parameters.values().tolist()), x)))
+    assert np.all(
+        np.isfinite(
+            complex_step_jacobian(
+                lambda v: system.f(0.0, v, [], system.parameters.values().tolist()), x
+            )
+        )
+    )

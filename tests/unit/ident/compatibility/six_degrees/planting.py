@@ -2,7 +2,19 @@
 
 from __future__ import annotations
 
-from ident.compatibility.kinematics import ARM, BELOW, BIAS, BOOM, DELAY, DRIFT, LAG, PACKAGE, RIGHT, SCALE, SensorFault
+from ident.compatibility.kinematics import (
+    ARM,
+    BELOW,
+    BIAS,
+    BOOM,
+    DELAY,
+    DRIFT,
+    LAG,
+    PACKAGE,
+    RIGHT,
+    SCALE,
+    SensorFault,
+)
 from tests.oracles.six_degrees import Faults
 
 SIZES = {SCALE: 0.1, DELAY: 0.06, LAG: 0.06, ARM: 3.0, RIGHT: 3.0, BELOW: 3.0}
@@ -22,7 +34,12 @@ def planted(fault: SensorFault, size: float) -> Faults:
     elif name in ("alpha", "beta"):
         wrong = Faults(vanes={name: (ahead, right, below)})
     else:
-        wrong = Faults(accelerometers={each: (ahead, right, below) for each in (("ax", "ay", "az") if name == PACKAGE else (name,))})
+        wrong = Faults(
+            accelerometers={
+                each: (ahead, right, below)
+                for each in (("ax", "ay", "az") if name == PACKAGE else (name,))
+            }
+        )
     others = {
         SCALE: Faults(scale={name: 1.0 + size}),
         DELAY: Faults(delay={name: size}),

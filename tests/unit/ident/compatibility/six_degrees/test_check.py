@@ -1,4 +1,6 @@
-"""What a check in six degrees of freedom says of sound and of faulty sensors, of the whole set of channels and of parts of it."""
+"""What a check in six degrees of freedom says of sound and of faulty sensors, of the whole set of
+channels and of parts of it.
+"""
 
 from __future__ import annotations
 
@@ -41,10 +43,18 @@ def test_sound_sensors_raise_nothing_and_the_noise_is_found() -> None:
     found = compatibility([shown(fly(), WHOLE, Faults(), 3)], SETTINGS)
     assert leaders(found) == {} and found.notes == ()
     assert all(item.agrees for item in (*found.joint.estimates, *found.joint.biases))
-    for name, sigma in (("beta", 0.00262), ("phi", 0.00349), ("theta", 0.00349), ("airspeed", 0.3), ("height", 1.0)):
+    for name, sigma in (
+        ("beta", 0.00262),
+        ("phi", 0.00349),
+        ("theta", 0.00349),
+        ("airspeed", 0.3),
+        ("height", 1.0),
+    ):
         assert found.joint.noise_std[name] == pytest.approx(sigma, rel=0.15)
     assert any("steady wind" in line for line in found.cannot_tell)
-    assert any("bias:airspeed, bias:ax and sensor-drift:airspeed" in line for line in found.cannot_tell)
+    assert any(
+        "bias:airspeed, bias:ax and sensor-drift:airspeed" in line for line in found.cannot_tell
+    )
 
 
 def test_three_faults_of_different_axes_are_named_and_sized_together() -> None:
@@ -54,7 +64,10 @@ def test_three_faults_of_different_axes_are_named_and_sized_together() -> None:
     for name, true in (("bias:q", 0.01), ("sensor-delay:beta", 0.06), ("sensor-scale:r", 1.08)):
         size, std = value(found, name)
         assert abs(size - true) < 3.0 * std and std < 0.1 * true
-    assert any(note.startswith("times count from") and "beta" not in note.split(", which")[0] for note in found.notes)
+    assert any(
+        note.startswith("times count from") and "beta" not in note.split(", which")[0]
+        for note in found.notes
+    )
 
 
 @pytest.mark.slow
@@ -67,31 +80,51 @@ def test_accelerometers_on_one_base_are_one_fault() -> None:
 
 
 def test_both_vanes_on_a_boom_are_told_before_accelerometers_behind() -> None:
-    """Both leave the same trace. A boom of 9 m is common, accelerometers 9 m behind the centre of gravity are not."""
+    """Both leave the same trace. A boom of 9 m is common, accelerometers 9 m behind the centre of
+    gravity are not.
+    """
     wrong = Faults(vanes=dict.fromkeys(("alpha", "beta"), (9.0, 0.0, 0.0)))
     found = compatibility([shown(fly(), WHOLE, wrong, 2)], SETTINGS)
     (best,) = leaders(found)
     size, std = value(found, best)
     assert best == "vane-offset:boom" and abs(size - 9.0) < 3.0 * std
     told = next(finding for finding in found.findings if finding.name == best)
-    assert sum(told.probabilities.values()) == pytest.approx(1.0) and told.probabilities[best] > 0.99
+    assert (
+        sum(told.probabilities.values()) == pytest.approx(1.0) and told.probabilities[best] > 0.99
+    )
 
 
-def test_a_vane_of_sideslip_ahead_is_told_before_its_accelerometer_behind_and_both_are_printed() -> None:
-    """Lateral channels alone: vane and accelerometer are twins of opposite sign; their priors alone part them."""
-    found = compatibility([shown(fly(), LATERAL, Faults(vanes={"beta": (12.0, 0.0, 0.0)}), 1)], SETTINGS)
+def test_a_vane_of_sideslip_ahead_is_told_before_its_accelerometer_behind_and_both_are_printed() -> (  # noqa: E501
+    None
+):
+    """Lateral channels alone: vane and accelerometer are twins of opposite sign; their priors alone
+    part them.
+    """
+    found = compatibility(
+        [shown(fly(), LATERAL, Faults(vanes={"beta": (12.0, 0.0, 0.0)}), 1)], SETTINGS
+    )
     ((best, group),) = leaders(found).items()
-    assert best == "vane-offset:beta" and any(name.startswith("accelerometer-offset") for name in group)
+    assert best == "vane-offset:beta" and any(
+        name.startswith("accelerometer-offset") for name in group
+    )
     told = next(finding for finding in found.findings if finding.name == best)
     twin = next(name for name in group if name.startswith("accelerometer-offset"))
     assert told.probabilities[twin] < 1e-3 < told.probabilities[best]
     said = odds(told, found.findings)
-    assert "that the vane of beta is" in said and "< 0.1 % that the accelerometer of" in said and "-1" in said
+    assert (
+        "that the vane of beta is" in said
+        and "< 0.1 % that the accelerometer of" in said
+        and "-1" in said
+    )
 
 
 def test_where_sensors_usually_are() -> None:
     """A boom of metres or of chords; an accelerometer within a metre or half a chord."""
-    spreads = [SensorFault(channel, ARM, chord).spread for channel in ("alpha", BOOM, PACKAGE, "ay") for chord in (0.0, 8.0)]
+    spreads = [
+        SensorFault(channel, ARM, chord).spread
+        for channel in ("alpha", BOOM, PACKAGE, "ay")
+        for chord in (0.0, 8.0)
+    ]
     assert spreads == [5.0, 24.0, 5.0, 24.0, 1.0, 2.0, 1.0, 2.0]
     assert SensorFault("q", SCALE).surprise(0.3, 0.01) == 0.0
     assert SensorFault("ay", ARM).surprise(-14.0, 0.5) == pytest.approx(0.5 * 14.0**2 / 1.5)
@@ -115,9 +148,14 @@ def test_lateral_channels_alone_at_a_given_airspeed(wrong: Faults, name: str) ->
 
 
 def test_which_of_two_is_late_takes_a_third() -> None:
-    """Of p and phi a scale is the other's inverse; with the side load and sideslip phi stands for itself."""
+    """Of p and phi a scale is the other's inverse; with the side load and sideslip phi stands for
+    itself.
+    """
     two = compatibility([shown(fly(), ("p", "phi"), Faults(scale={"phi": 1.1}), 1)], SETTINGS)
-    assert {name for best, group in leaders(two).items() for name in (best, *group)} == {"sensor-scale:p", "sensor-scale:phi"}
+    assert {name for best, group in leaders(two).items() for name in (best, *group)} == {
+        "sensor-scale:p",
+        "sensor-scale:phi",
+    }
     assert "a scale common to p and phi leaves no trace: only ratios show" in two.cannot_tell
     five = compatibility([shown(fly(), LATERAL, Faults(scale={"phi": 1.1}), 1)], SETTINGS)
     assert leaders(five) == {"sensor-scale:phi": ()}
@@ -129,15 +167,28 @@ def test_biases_that_make_up_for_each_other_are_not_seen_and_said_to_be() -> Non
     tilted = Faults(bias={"theta": 0.02, "ax": 0.02 * 9.80665})
     found = compatibility([shown(fly(), channels, tilted, 1)], SETTINGS)
     assert set(found.relations) == {"airspeed", "phi"} and leaders(found) == {}
-    assert any("bias:ax" in line and "bias:theta" in line and "only combinations" in line for line in found.cannot_tell)
-    leaning = compatibility([shown(fly(), LATERAL, Faults(bias={"phi": 0.03, "ny": -0.03}), 1)], SETTINGS)
-    assert leaders(leaning) == {} and "bias:ny and bias:phi: only combinations of them show" in leaning.cannot_tell
+    assert any(
+        "bias:ax" in line and "bias:theta" in line and "only combinations" in line
+        for line in found.cannot_tell
+    )
+    leaning = compatibility(
+        [shown(fly(), LATERAL, Faults(bias={"phi": 0.03, "ny": -0.03}), 1)], SETTINGS
+    )
+    assert (
+        leaders(leaning) == {}
+        and "bias:ny and bias:phi: only combinations of them show" in leaning.cannot_tell
+    )
 
 
 def test_a_delay_of_all_channels_alike_is_invisible_and_said_to_be() -> None:
-    found = compatibility([shown(fly(), LATERAL, Faults(delay=dict.fromkeys(LATERAL, 0.08)), 1)], SETTINGS)
+    found = compatibility(
+        [shown(fly(), LATERAL, Faults(delay=dict.fromkeys(LATERAL, 0.08)), 1)], SETTINGS
+    )
     assert leaders(found) == {}
-    assert "a delay common to beta, p, r, ny and phi leaves no trace: only relative timing shows" in found.cannot_tell
+    assert (
+        "a delay common to beta, p, r, ny and phi leaves no trace: only relative timing shows"
+        in found.cannot_tell
+    )
 
 
 def test_without_an_airspeed_flow_angles_are_left_out_and_said_to_be() -> None:
@@ -148,25 +199,44 @@ def test_without_an_airspeed_flow_angles_are_left_out_and_said_to_be() -> None:
 
 def test_several_records_share_a_fault_and_keep_their_own_biases_and_drifts() -> None:
     wrong = Faults(delay={"r": 0.06}, bias={"p": 0.008})
-    records = [shown(fly(), LATERAL, wrong, 1), shown(fly(), LATERAL, replace(wrong, bias={}, drift={"p": 0.002}), 2)]
+    records = [
+        shown(fly(), LATERAL, wrong, 1),
+        shown(fly(), LATERAL, replace(wrong, bias={}, drift={"p": 0.002}), 2),
+    ]
     found = compatibility(records, SETTINGS)
-    assert [best for best in leaders(found) if "r" in best] == ["sensor-delay:r"] and len(leaders(found)) == 1
+    assert [best for best in leaders(found) if "r" in best] == ["sensor-delay:r"] and len(
+        leaders(found)
+    ) == 1
     one, two = found.single
     assert [f.name for f in one.findings if f.stands] == ["bias:p"]
-    assert "sensor-drift:p" in [name for f in two.findings if f.kind == "drift" for name in (f.name, *f.group)]
+    assert "sensor-drift:p" in [
+        name for f in two.findings if f.kind == "drift" for name in (f.name, *f.group)
+    ]
 
 
 @pytest.mark.slow
 def test_a_fault_of_one_record_of_three_does_not_replicate() -> None:
-    records = [shown(fly(), LATERAL, Faults(delay={"beta": 0.06}) if i == 0 else Faults(), i) for i in range(3)]
+    records = [
+        shown(fly(), LATERAL, Faults(delay={"beta": 0.06}) if i == 0 else Faults(), i)
+        for i in range(3)
+    ]
     found = compatibility(records, SETTINGS, each=False)
-    assert found.single == () and not leaders(found) and any(not finding.replicates for finding in found.findings)
+    assert (
+        found.single == ()
+        and not leaders(found)
+        and any(not finding.replicates for finding in found.findings)
+    )
 
 
 def test_recorded_controls_are_instruments_and_a_fault_is_found_in_gusts() -> None:
     flown = fly(gusts=0.3, seed=2)
     gusty = shown(flown, LATERAL, Faults(delay={"p": 0.06}), 2)
-    moved = tuple(Channel.of(name, "rad", np.interp(gusty.time, np.arange(len(flown[name])) * FINE, flown[name])) for name in ("aileron", "rudder"))
+    moved = tuple(
+        Channel.of(
+            name, "rad", np.interp(gusty.time, np.arange(len(flown[name])) * FINE, flown[name])
+        )
+        for name in ("aileron", "rudder")
+    )
     found = compatibility([replace(gusty, inputs=moved)], SETTINGS)
     assert set(leaders(found)) == {"sensor-delay:p"}
     size, std = value(found, "sensor-delay:p")
@@ -181,7 +251,10 @@ def test_gaps_and_spikes_do_no_harm() -> None:
         values[200] += 1.0
         outputs.append(Channel.of(channel.name, channel.unit, values))
     found = compatibility([replace(whole, outputs=tuple(outputs))], SETTINGS)
-    assert "sensor-delay:p" in leaders(found) and sum("isolated wrong sample" in note for note in found.notes) >= 3
+    assert (
+        "sensor-delay:p" in leaders(found)
+        and sum("isolated wrong sample" in note for note in found.notes) >= 3
+    )
 
 
 def with_more(plain: Record, *channels: Channel) -> Record:
@@ -191,8 +264,12 @@ def with_more(plain: Record, *channels: Channel) -> Record:
 def test_channels_that_close_nothing_leave_a_longitudinal_check_as_it_is() -> None:
     plain = record(THREE, seed=3)
     rng = np.random.default_rng(0)
-    more = with_more(plain, *(Channel.of(name, "rad", rng.standard_normal(len(plain))) for name in ("beta", "psi")))
-    more = with_more(more, Channel.of("r", "rad/s", 1e-4 * rng.standard_normal(len(plain))))  # the wings stay level
+    more = with_more(
+        plain,
+        *(Channel.of(name, "rad", rng.standard_normal(len(plain))) for name in ("beta", "psi")),
+    )
+    # the wings stay level
+    more = with_more(more, Channel.of("r", "rad/s", 1e-4 * rng.standard_normal(len(plain))))
     more = replace(more, inputs=(*more.inputs, Channel.of("aileron", "rad", np.sin(plain.time))))
     one, two = compatibility([plain], SETTINGS), compatibility([more], SETTINGS)
     assert one.joint.estimates == two.joint.estimates and one.cannot_tell == two.cannot_tell
@@ -203,14 +280,31 @@ def test_an_attitude_near_the_vertical_is_refused_and_a_short_record_ends_well()
     with pytest.raises(RecordError, match="near the vertical"):
         compatibility([shown(fly(), (*LATERAL, "theta"), Faults(bias={"theta": 1.4}), 1)], SETTINGS)
     short = compatibility([whole.window(0.0, 0.8)], SETTINGS)
-    assert leaders(short) == {} and all(np.isfinite([item.smoother.value, item.smoother.std, item.gain]).all() for item in short.joint.estimates)
+    assert leaders(short) == {} and all(
+        np.isfinite([item.smoother.value, item.smoother.std, item.gain]).all()
+        for item in short.joint.estimates
+    )
     assert shortened.cache_info().currsize == 0, "what was made for this check is not kept after it"
 
 
 def test_exact_and_constant_data_end_well() -> None:
     for noise in (0.0, 1.0):
         plain = shown(fly(), LATERAL, Faults(), 1, noise=noise)
-        still = replace(plain, outputs=tuple(Channel.of(c.name, c.unit, np.zeros(len(plain))) for c in plain.outputs)) if noise else plain
+        still = (
+            replace(
+                plain,
+                outputs=tuple(
+                    Channel.of(c.name, c.unit, np.zeros(len(plain))) for c in plain.outputs
+                ),
+            )
+            if noise
+            else plain
+        )
         found = compatibility([still], SETTINGS)
-        assert all(np.isfinite([item.smoother.value, item.smoother.std, item.gain, item.output_error.std]).all() for item in found.joint.estimates)
+        assert all(
+            np.isfinite(
+                [item.smoother.value, item.smoother.std, item.gain, item.output_error.std]
+            ).all()
+            for item in found.joint.estimates
+        )
         assert not noise or leaders(found) == {}

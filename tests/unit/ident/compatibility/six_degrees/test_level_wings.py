@@ -1,4 +1,6 @@
-"""Records without a bank angle: level wings are said, and nothing is told where the rates of roll and yaw speak against them."""
+"""Records without a bank angle: level wings are said, and nothing is told where the rates of roll
+and yaw speak against them.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +20,23 @@ AT_SPEED = CompatibilitySettings(airspeed=SPEED)
 GYRO = np.radians(0.15)
 
 
-def turning(roll: float = 0.0, seconds: float = 3.0, bias: float = 0.0, channels: tuple[str, ...] = ("p", "r")) -> Record:
-    """A longitudinal record beside the gyros of an aircraft that banks to ``roll`` (rad) and back in so many seconds each, turning as it banks."""
+def turning(
+    roll: float = 0.0,
+    seconds: float = 3.0,
+    bias: float = 0.0,
+    channels: tuple[str, ...] = ("p", "r"),
+) -> Record:
+    """A longitudinal record beside the gyros of an aircraft that banks to ``roll`` (rad) and back
+    in so many seconds each, turning as it banks.
+    """
     one, rng = record(FOUR, seed=1), np.random.default_rng(2)
     t = one.time
     phi = roll * 0.5 * (1.0 - np.cos(2.0 * np.pi * np.clip((t - 5.0) / (2.0 * seconds), 0.0, 1.0)))
     rates = {"p": np.gradient(phi, t) + bias, "r": G0 / SPEED * np.tan(phi)}
-    extra = tuple(Channel.of(name, "rad/s", rates[name] + GYRO * rng.standard_normal(len(t))) for name in channels)
+    extra = tuple(
+        Channel.of(name, "rad/s", rates[name] + GYRO * rng.standard_normal(len(t)))
+        for name in channels
+    )
     return replace(one, outputs=(*one.outputs, *extra))
 
 
@@ -41,7 +53,12 @@ def test_a_gyro_with_a_bias_is_no_bank() -> None:
 @pytest.mark.parametrize("channels", [("p",), ("r",), ("p", "r")])
 def test_of_banked_flight_nothing_is_told(channels: tuple[str, ...]) -> None:
     found = compatibility([turning(), turning(np.radians(40.0), channels=channels)], AT_SPEED)
-    assert not found.relations and not found.findings and LEVEL not in found.notes and len(found.single) == 2
+    assert (
+        not found.relations
+        and not found.findings
+        and LEVEL not in found.notes
+        and len(found.single) == 2
+    )
     (line,) = found.cannot_tell
     assert f"{' and '.join(channels)} say" in line
     lean = float(line.split("up to ")[1].split(" deg")[0])
@@ -49,7 +66,9 @@ def test_of_banked_flight_nothing_is_told(channels: tuple[str, ...]) -> None:
 
 
 def test_what_a_bank_leaves_in_the_relation_of_theta_is_what_the_limit_is_about() -> None:
-    """Pitch attitude by Euler's equation against that of level wings: the fewest degrees of bank that mislead are those that are refused."""
+    """Pitch attitude by Euler's equation against that of level wings: the fewest degrees of bank
+    that mislead are those that are refused.
+    """
     for roll, refused in ((4.0, False), (40.0, True)):
         given = turning(np.radians(roll))
         t, p, r, q = given.time, given["p"].values, given["r"].values, given["q"].values

@@ -20,7 +20,9 @@ LAG = {"sensor-lag:q.time_constant": 0.06}
 
 
 def test_values_are_carried_by_name_from_one_model_to_the_next() -> None:
-    """A smaller model's values begin a larger one's fit, and the other way round; what is new begins as told, or as declared."""
+    """A smaller model's values begin a larger one's fit, and the other way round; what is new
+    begins as told, or as declared.
+    """
     records = [planted([SensorLag("q")], LAG, seed) for seed in (1, 2)]
     problem = problem_of(records)
     small = fit_of(problem, [SensorScale("nz")])
@@ -74,15 +76,25 @@ def test_parameters_of_an_effect_of_one_record_are_local() -> None:
     """Each record has its own drift; a scale is common to both. Both come out as planted."""
     drift = SensorDrift("q", "rad/s", 5e-4)
     effects = (drift, SensorScale("nz"))
-    records = [planted(effects, {"sensor-drift:q.slope": slope, "sensor-scale:nz.scale": 1.2}, seed) for seed, slope in ((1, 0.002), (2, -0.003))]
+    records = [
+        planted(effects, {"sensor-drift:q.slope": slope, "sensor-scale:nz.scale": 1.2}, seed)
+        for seed, slope in ((1, 0.002), (2, -0.003))
+    ]
     fitted = fit_of(problem_of(records), effects)
     assert "sensor-scale:nz.scale" in fitted.fit.layout.shared
     assert fitted.fit.layout.local[-1] == "sensor-drift:q.slope"
-    assert [own["sensor-drift:q.slope"] for own in fitted.values.own] == [pytest.approx(0.002, abs=2e-4), pytest.approx(-0.003, abs=2e-4)]
+    assert [own["sensor-drift:q.slope"] for own in fitted.values.own] == [
+        pytest.approx(0.002, abs=2e-4),
+        pytest.approx(-0.003, abs=2e-4),
+    ]
     assert fitted.values.shared["sensor-scale:nz.scale"] == pytest.approx(1.2, abs=0.02)
     shown = quantities(fitted, drift)["slope"]
     # Of the record in which it stands out most.
-    assert shown.value == fitted.values.own[1]["sensor-drift:q.slope"] and shown.std > 0 and shown.unit == "rad/s/s"
+    assert (
+        shown.value == fitted.values.own[1]["sensor-drift:q.slope"]
+        and shown.std > 0
+        and shown.unit == "rad/s/s"
+    )
 
 
 def test_bad_starts_leave_nothing_fitted() -> None:
@@ -91,7 +103,9 @@ def test_bad_starts_leave_nothing_fitted() -> None:
 
 
 def test_a_bias_that_the_equations_know_of_has_its_prior_and_no_other_has() -> None:
-    """A steady turn is next to a bank angle that is read wrong, with rates that are: without it the fit wanders along that direction."""
+    """A steady turn is next to a bank angle that is read wrong, with rates that are: without it the
+    fit wanders along that direction.
+    """
     model = true_model("lateral").with_biases(["beta", "phi", "ny"])
     layout = lay_out([flown("lateral")], compile_model(model), FitSettings())
     prior = known_beforehand(model, (), layout)

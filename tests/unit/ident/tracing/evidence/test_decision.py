@@ -97,7 +97,9 @@ def test_filtered_noise_is_no_cause() -> None:
 
 
 def test_an_event_is_placed_to_a_sample() -> None:
-    """A zero that jumps: each sample is an optimum of its time, and coarse places miss the right one."""
+    """A zero that jumps: each sample is an optimum of its time, and coarse places miss the right
+    one.
+    """
     values = {"sensor-step:q.at": 4.343, "sensor-step:q.size": 0.02}
     found = decided(searched(offered([planted([effect("sensor-step:q")], values, seed=9)])))
     assert [each.name for each in found.named] == ["sensor-step:q"]
@@ -129,7 +131,9 @@ def test_rough_air_acts_while_the_aircraft_hardly_moves() -> None:
 
 
 def test_white_noise_decides_where_a_discrepancy_is_less_probable() -> None:
-    """Two causes of which one brings little: beside a discrepancy its scatter would leave it out."""
+    """Two causes of which one brings little: beside a discrepancy its scatter would leave it
+    out.
+    """
     names = ("sensor-delay:alpha", "input-deadband")
     values = {"sensor-delay:alpha.delay": 0.08, "input-deadband.half_width": 0.004}
     record = planted([effect(name) for name in names], values, seed=10)

@@ -8,8 +8,12 @@ import pytest
 from ident.tracing.screening.context import update_period
 
 
-def held(period: float, phase: float, noise: float, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times, an output that moves as in a maneuver, and what is measured of it beyond that when it is held."""
+def held(
+    period: float, phase: float, noise: float, seed: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, an output that moves as in a maneuver, and what is measured of it beyond that when it
+    is held.
+    """
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, 25.0, 0.01)
 
@@ -22,7 +26,9 @@ def held(period: float, phase: float, noise: float, seed: int) -> tuple[np.ndarr
 
 @pytest.mark.parametrize("period", [0.04, 0.13074, 0.2137])
 @pytest.mark.parametrize("noise", [0.02, 0.1])
-def test_the_period_of_the_updates_is_found_closely_enough_to_follow_each_update(period: float, noise: float) -> None:
+def test_the_period_of_the_updates_is_found_closely_enough_to_follow_each_update(
+    period: float, noise: float
+) -> None:
     flights = [held(period, 0.013, noise, 1), held(period, 0.031, noise, 2)]
     found = update_period(*[list(each) for each in zip(*flights, strict=True)])
     updates = 25.0 / period

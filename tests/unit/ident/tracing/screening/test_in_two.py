@@ -1,4 +1,6 @@
-"""A screening by two processes finds what one finds, in the same order, and tells what overflowed in either."""
+"""A screening by two processes finds what one finds, in the same order, and tells what overflowed
+in either.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ from sim.effects.library import effects_for
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from tests.tracing_problem import fit_of, planted, problem_of
 
-pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="no fork that is safe beside threads")
+pytestmark = pytest.mark.skipif(
+    not sys.platform.startswith("linux"), reason="no fork that is safe beside threads"
+)
 
 
 @pytest.fixture(autouse=True)
@@ -31,16 +35,21 @@ def screened(monkeypatch: pytest.MonkeyPatch, worth: float) -> list[Finding]:
     late = SensorDelay("q")
     problem = problem_of([planted([late], {f"{late.name}.delay": 0.06})])
     fitted = fit_of(problem, ())
-    candidates = [effect for effect in effects_for(fitted.model.equations) if isinstance(effect, Traceable)]
+    candidates = [
+        effect for effect in effects_for(fitted.model.equations) if isinstance(effect, Traceable)
+    ]
     return screen(fitted, [*candidates[::4], late], search_context(fitted))
 
 
 def test_two_find_what_one_finds(monkeypatch: pytest.MonkeyPatch) -> None:
     alone, both = screened(monkeypatch, np.inf), screened(monkeypatch, 0.0)
-    assert [(one.effect.name, one.gain, one.gains, one.starts, one.parameters) for one in alone] == [
-        (one.effect.name, one.gain, one.gains, one.starts, one.parameters) for one in both
-    ]
-    assert all(np.array_equal(one.contribution, other.contribution) for one, other in zip(alone, both, strict=True))
+    assert [
+        (one.effect.name, one.gain, one.gains, one.starts, one.parameters) for one in alone
+    ] == [(one.effect.name, one.gain, one.gains, one.starts, one.parameters) for one in both]
+    assert all(
+        np.array_equal(one.contribution, other.contribution)
+        for one, other in zip(alone, both, strict=True)
+    )
     assert len(alone) > 5 and alone[0].effect.name in ("sensor-delay:q", "sensor-lag:q")
 
 

@@ -22,7 +22,9 @@ def test_as_scipy_finds_them(heights: list[int]) -> None:
 
 
 def test_the_sharp_peak_before_the_higher_slope() -> None:
-    """A rise of which a bump is part: the bump is low over its surroundings, the peak that stands alone is not."""
+    """A rise of which a bump is part: the bump is low over its surroundings, the peak that stands
+    alone is not.
+    """
     y = np.array([0.0, 4.0, 0.0, 5.0, 6.0, 5.9, 7.0, 8.0])
     places, prominences = prominent_peaks(y)
     assert places.tolist() == [1, 4]

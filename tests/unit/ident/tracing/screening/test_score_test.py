@@ -88,10 +88,14 @@ def found(fitted: FittedModel, *effects: Traceable) -> list[Finding]:
 
 def cosine(a: Finding, b: Finding) -> float:
     """Of what two candidates would add to the projected outputs."""
-    return abs(float(a.contribution @ b.contribution)) / float(np.linalg.norm(a.contribution) * np.linalg.norm(b.contribution))
+    return abs(float(a.contribution @ b.contribution)) / float(
+        np.linalg.norm(a.contribution) * np.linalg.norm(b.contribution)
+    )
 
 
-def root_of(effects: Sequence[Traceable] = (), values: Mapping[str, float] | None = None, seed: int = 1) -> tuple[TraceProblem, FittedModel]:
+def root_of(
+    effects: Sequence[Traceable] = (), values: Mapping[str, float] | None = None, seed: int = 1
+) -> tuple[TraceProblem, FittedModel]:
     problem = problem_of([planted(effects, values, seed)])
     return problem, fit_of(problem)
 
@@ -106,7 +110,9 @@ def root_of(effects: Sequence[Traceable] = (), values: Mapping[str, float] | Non
     ],
     ids=lambda item: getattr(item, "name", ""),
 )
-def test_the_projected_gain_of_a_small_regular_effect_is_that_of_a_refit(effect: Traceable, values: dict[str, float]) -> None:
+def test_the_projected_gain_of_a_small_regular_effect_is_that_of_a_refit(
+    effect: Traceable, values: dict[str, float]
+) -> None:
     problem, root = root_of([effect], values)
     (finding,) = found(root, effect)
     child = fit_of(problem, [effect], root, finding.starts[0])
@@ -116,7 +122,13 @@ def test_the_projected_gain_of_a_small_regular_effect_is_that_of_a_refit(effect:
     # The amplitude begins where the refit ends, but for the noise.
     (name,) = values
     end = child.values.shared.get(name, child.values.own[0].get(name, np.nan))
-    away = values[name] - {item.name: value for item, value in zip(effect.parameters, effect.absent.values(), strict=True)}[effect.parameters[0].name]
+    away = (
+        values[name]
+        - {
+            item.name: value
+            for item, value in zip(effect.parameters, effect.absent.values(), strict=True)
+        }[effect.parameters[0].name]
+    )
     assert finding.starts[0][name] == pytest.approx(end, abs=0.2 * abs(away))
 
 
@@ -136,14 +148,17 @@ def test_what_the_declared_parameters_absorb_gains_nothing() -> None:
     _, root = root_of([SensorScale("q")], {"sensor-scale:q.scale": 1.2})
     assert found(root, SensorScale("q"))[0].gain > 100.0
     findings = found(root, ControlPower())
-    # The signature stands in the fitted model's own space: nothing is left of it but rounding, or only what rounding can explain.
+    # The signature stands in the fitted model's own space: nothing is left of it but rounding, or
+    # only what rounding can explain.
     assert not findings or findings[0].gain < 1e-3
 
 
 def test_an_effect_in_the_set_is_not_proposed_again() -> None:
     problem, root = root_of([SensorScale("q")], {"sensor-scale:q.scale": 1.1})
     child = fit_of(problem, [SensorScale("q")], root)
-    assert [finding.effect.name for finding in found(child, SensorScale("q"), SensorScale("nz"))] == ["sensor-scale:nz"]
+    assert [
+        finding.effect.name for finding in found(child, SensorScale("q"), SensorScale("nz"))
+    ] == ["sensor-scale:nz"]
 
 
 @pytest.mark.parametrize("after", [203, 251, 377])
@@ -154,7 +169,9 @@ def test_a_sharp_step_is_found_to_the_sample(after: int) -> None:
     true = {"sensor-step:q.at": 0.5 * (time[after] + time[after + 1]), "sensor-step:q.size": 0.02}
     problem, root = root_of([step], true)
     (finding,) = found(root, step)
-    assert finding.starts[0]["sensor-step:q.at"] == pytest.approx(true["sensor-step:q.at"], abs=1e-9)
+    assert finding.starts[0]["sensor-step:q.at"] == pytest.approx(
+        true["sensor-step:q.at"], abs=1e-9
+    )
     child = fit_of(problem, [finding.effect], root, finding.starts[0])
     at = child.values.own[0]["sensor-step:q.at"]
     assert np.searchsorted(time, at) == after + 1
@@ -193,17 +210,31 @@ class EveryOnset(UnmeasuredInput):
     starts: tuple[float, ...] = ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({**probe.values, "start": start}, probe.slopes) for probe in super().probes(context) for start in self.starts]
+        return [
+            Probe({**probe.values, "start": start}, probe.slopes)
+            for probe in super().probes(context)
+            for start in self.starts
+        ]
 
 
 def test_a_shifted_onset_equals_its_direct_computation() -> None:
-    """Shifting by whole samples is exact for a model that does not know the time: gain, amplitudes and place agree."""
+    """Shifting by whole samples is exact for a model that does not know the time: gain, amplitudes
+    and place agree.
+    """
     effect = UnmeasuredInput()
-    values = {"unmeasured-input.start": 4.3, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.004, "unmeasured-input.lift": 0.0}
+    values = {
+        "unmeasured-input.start": 4.3,
+        "unmeasured-input.duration": 0.8,
+        "unmeasured-input.moment": 0.004,
+        "unmeasured-input.lift": 0.0,
+    }
     _, root = root_of([effect], values)
     (shifted,) = found(root, effect)
     width = effect.fitted_to(search_context(root)).width
-    places = tuple(0.02 * k + width for k in range(0, len(root.fit.layout.problems[0].record) - 2, max(1, 501 // 60)))
+    places = tuple(
+        0.02 * k + width
+        for k in range(0, len(root.fit.layout.problems[0].record) - 2, max(1, 501 // 60))
+    )
     (direct,) = found(root, EveryOnset(starts=places))
     assert shifted.gain == pytest.approx(direct.gain, rel=1e-6)
     assert dict(shifted.starts[0]) == pytest.approx(dict(direct.starts[0]), rel=1e-5)
@@ -213,24 +244,35 @@ def test_a_shifted_onset_equals_its_direct_computation() -> None:
 
 def test_a_delay_and_a_lag_of_one_sensor_are_collinear_and_two_scales_are_not() -> None:
     _, root = root_of([SensorDelay("q")], {"sensor-delay:q.delay": 0.05})
-    by_name = {f.effect.name: f for f in found(root, SensorDelay("q"), SensorLag("q"), SensorScale("nz"))}
+    by_name = {
+        f.effect.name: f for f in found(root, SensorDelay("q"), SensorLag("q"), SensorScale("nz"))
+    }
     late = cosine(by_name["sensor-delay:q"], by_name["sensor-lag:q"])
     assert 0.97 < late <= 1.0 + 1e-12
-    assert cosine(by_name["sensor-delay:q"], by_name["sensor-delay:q"]) == pytest.approx(1.0, abs=1e-12)
+    assert cosine(by_name["sensor-delay:q"], by_name["sensor-delay:q"]) == pytest.approx(
+        1.0, abs=1e-12
+    )
     assert cosine(by_name["sensor-delay:q"], by_name["sensor-scale:nz"]) < 0.9
 
 
 @pytest.mark.parametrize("gain", [-1.5, 1.5])
 def test_an_effect_that_points_the_unphysical_way_is_dropped(gain: float) -> None:
-    """Bounded to one side of its absence, it is found where the truth lies on that side and dropped where it does not."""
+    """Bounded to one side of its absence, it is found where the truth lies on that side and dropped
+    where it does not.
+    """
     _, root = root_of([MomentOfControlSquared()], {"control-squared.gain": gain})
     assert found(root, MomentOfControlSquared())[0].starts[0]["control-squared.gain"] * gain > 0
-    upward, downward = found(root, MomentOfControlSquared((0.0, 50.0))), found(root, MomentOfControlSquared((-50.0, 0.0)))
+    upward, downward = (
+        found(root, MomentOfControlSquared((0.0, 50.0))),
+        found(root, MomentOfControlSquared((-50.0, 0.0))),
+    )
     assert [len(upward), len(downward)] == ([1, 0] if gain > 0 else [0, 1])
 
 
 def test_an_early_sensor_is_no_late_one() -> None:
-    """Where alpha and nz are late the pitch rate looks early: a delay of q, which could only be longer, is not proposed."""
+    """Where alpha and nz are late the pitch rate looks early: a delay of q, which could only be
+    longer, is not proposed.
+    """
     late = [SensorDelay("alpha"), SensorDelay("nz")]
     _, root = root_of(late, {"sensor-delay:alpha.delay": 0.06, "sensor-delay:nz.delay": 0.06})
     findings = {f.effect.name: f.gain for f in found(root, *late, SensorDelay("q"))}
@@ -240,7 +282,12 @@ def test_an_early_sensor_is_no_late_one() -> None:
 @pytest.mark.parametrize("which", [0, 1])
 def test_an_event_of_one_record_is_found_where_the_other_lacks_it(which: int) -> None:
     effect = UnmeasuredInput()
-    values = {"unmeasured-input.start": 4.3, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.006, "unmeasured-input.lift": 0.0}
+    values = {
+        "unmeasured-input.start": 4.3,
+        "unmeasured-input.duration": 0.8,
+        "unmeasured-input.moment": 0.006,
+        "unmeasured-input.lift": 0.0,
+    }
     records = [planted([effect], values, 1), planted(seed=2)]
     root = fit_of(problem_of(records if which == 0 else records[::-1]))
     (finding,) = found(root, effect)
@@ -252,7 +299,9 @@ def test_an_event_of_one_record_is_found_where_the_other_lacks_it(which: int) ->
 
 
 def test_a_value_that_is_tried_is_a_start_only_where_its_signature_is_there_as_it_stands() -> None:
-    """A probe without slopes is the difference that its values make: less than none of it is another sign, which it cannot have."""
+    """A probe without slopes is the difference that its values make: less than none of it is
+    another sign, which it cannot have.
+    """
     probe = Probe({"delay": 0.05})
     assert start_of(SensorDelay("q"), probe, np.array([0.8])) == {"sensor-delay:q.delay": 0.05}
     assert start_of(SensorDelay("q"), probe, np.array([-0.8])) is None
@@ -260,17 +309,50 @@ def test_a_value_that_is_tried_is_a_start_only_where_its_signature_is_there_as_i
 
 
 def test_places_of_a_mode_begin_with_the_frequency_that_stands_out() -> None:
-    """At the end of the grid a mode hardly oscillates and promises most, as in a record whose pitch rate is late."""
-    over = {4.0: 20.0, 8.0: 30.0, 14.5: 111.0, 18.0: 90.0, 48.0: 116.0, 53.0: 105.0, 115.0: 134.0, 162.0: 130.0, 250.0: 145.0}
-    results = sorted(((gain, {"elastic-mode.frequency": at}, None) for at, gain in over.items()), key=lambda result: -result[0])
-    ordered = [start["elastic-mode.frequency"] for _, start, _ in _resonances_first(ElasticMode(), results)]  # type: ignore[arg-type]
+    """At the end of the grid a mode hardly oscillates and promises most, as in a record whose pitch
+    rate is late.
+    """
+    over = {
+        4.0: 20.0,
+        8.0: 30.0,
+        14.5: 111.0,
+        18.0: 90.0,
+        48.0: 116.0,
+        53.0: 105.0,
+        115.0: 134.0,
+        162.0: 130.0,
+        250.0: 145.0,
+    }
+    results = sorted(
+        ((gain, {"elastic-mode.frequency": at}, None) for at, gain in over.items()),
+        key=lambda result: -result[0],
+    )
+    ordered = [
+        start["elastic-mode.frequency"] for _, start, _ in _resonances_first(ElasticMode(), results)
+    ]  # type: ignore[arg-type]
     assert ordered == [14.5, 48.0, 115.0, 250.0, 162.0, 53.0, 18.0, 8.0, 4.0]
     assert _resonances_first(SensorLag("q"), results) is results  # type: ignore[arg-type, comparison-overlap]
 
 
 def test_a_peak_that_promises_next_to_nothing_is_none() -> None:
-    """A fast mode promises as much as a slow one on its plateau: bumps at its foot stand out by more than the peak on top."""
-    over = {2.2: 39.0, 2.6: 14.0, 3.7: 21.0, 9.5: 15.0, 15.9: 291.0, 17.3: 288.0, 31.0: 282.0, 125.0: 279.0}
-    results = sorted(((gain, {"elastic-mode.frequency": at}, None) for at, gain in over.items()), key=lambda result: -result[0])
-    ordered = [start["elastic-mode.frequency"] for _, start, _ in _resonances_first(ElasticMode(), results)]  # type: ignore[arg-type]
+    """A fast mode promises as much as a slow one on its plateau: bumps at its foot stand out by
+    more than the peak on top.
+    """
+    over = {
+        2.2: 39.0,
+        2.6: 14.0,
+        3.7: 21.0,
+        9.5: 15.0,
+        15.9: 291.0,
+        17.3: 288.0,
+        31.0: 282.0,
+        125.0: 279.0,
+    }
+    results = sorted(
+        ((gain, {"elastic-mode.frequency": at}, None) for at, gain in over.items()),
+        key=lambda result: -result[0],
+    )
+    ordered = [
+        start["elastic-mode.frequency"] for _, start, _ in _resonances_first(ElasticMode(), results)
+    ]  # type: ignore[arg-type]
     assert ordered == [15.9, 17.3, 31.0, 125.0, 2.2, 3.7, 9.5, 2.6]

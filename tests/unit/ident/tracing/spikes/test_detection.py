@@ -10,7 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ident.statistics.noise_levels import robust_sigma
-from ident.tracing.spikes.detection import final_spikes, from_neighbours, input_edges, input_spikes, provisional_mask
+from ident.tracing.spikes.detection import (
+    final_spikes,
+    from_neighbours,
+    input_edges,
+    input_spikes,
+    provisional_mask,
+)
 from sim.record import Channel, Record
 from tests.bases import three_two_one_one
 
@@ -27,17 +33,29 @@ class Planted:
 
 @st.composite
 def spikes(draw: st.DrawFn, least: float, margin: int) -> Planted:
-    """One to six spikes at least ``margin`` samples apart, of ``least`` to 200 sigmas, either sign, the ends of the record included."""
+    """One to six spikes at least ``margin`` samples apart, of ``least`` to 200 sigmas, either sign,
+    the ends of the record included.
+    """
     count = draw(st.integers(1, 6))
     gaps = draw(st.lists(st.integers(margin, N // 8), min_size=count, max_size=count))
     first = draw(st.integers(0, 40))
     at = first + np.concatenate([[0], np.cumsum(gaps[1:])]).astype(int)
-    sizes = draw(st.lists(st.floats(least, 200.0).flatmap(lambda s: st.sampled_from([s, -s])), min_size=count, max_size=count))
-    return Planted(tuple(int(i) for i in at), tuple(SIGMA * s for s in sizes), draw(st.integers(0, 30)))
+    sizes = draw(
+        st.lists(
+            st.floats(least, 200.0).flatmap(lambda s: st.sampled_from([s, -s])),
+            min_size=count,
+            max_size=count,
+        )
+    )
+    return Planted(
+        tuple(int(i) for i in at), tuple(SIGMA * s for s in sizes), draw(st.integers(0, 30))
+    )
 
 
 def noise(seed: int, n: int = N) -> np.ndarray:
-    """Gaussian noise cut at 3.3 sigmas: a large sample of the noise itself would be found too, and rightly."""
+    """Gaussian noise cut at 3.3 sigmas: a large sample of the noise itself would be found too, and
+    rightly.
+    """
     return SIGMA * np.clip(np.random.default_rng(seed).standard_normal(n), -3.3, 3.3)
 
 
@@ -47,13 +65,19 @@ def spoilt(plant: Planted) -> np.ndarray:
     return values
 
 
-def final(values: np.ndarray, valid: np.ndarray | None = None, blocked: np.ndarray | None = None) -> tuple[list[int], list[int], list[float]]:
+def final(
+    values: np.ndarray, valid: np.ndarray | None = None, blocked: np.ndarray | None = None
+) -> tuple[list[int], list[int], list[float]]:
     """Samples set aside, samples claimed and their sizes, of one channel of one record."""
     valid = np.ones(len(values), dtype=bool) if valid is None else valid
     blocked = np.zeros(len(values), dtype=bool) if blocked is None else blocked
     masks, claims = final_spikes([], ["q"], [values[None]], [valid[None]], [blocked])
     claimed = [i for claim in claims for i in claim.samples]
-    return np.flatnonzero(~masks[0][0]).tolist(), claimed, [size for claim in claims for size in claim.sizes]
+    return (
+        np.flatnonzero(~masks[0][0]).tolist(),
+        claimed,
+        [size for claim in claims for size in claim.sizes],
+    )
 
 
 @given(spikes(least=20.0, margin=7))
@@ -111,13 +135,17 @@ def test_a_heavy_tailed_channel_claims_none_and_keeps_all() -> None:
     other = SIGMA * np.clip(rng.standard_normal(1500), -3.3, 3.3)
     other[700] += 0.1
     rows = np.array([heavy, other])
-    masks, claims = final_spikes([], ["alpha", "q"], [rows], [np.ones_like(rows, dtype=bool)], [np.zeros(1500, dtype=bool)])
+    masks, claims = final_spikes(
+        [], ["alpha", "q"], [rows], [np.ones_like(rows, dtype=bool)], [np.zeros(1500, dtype=bool)]
+    )
     assert [claim.channel for claim in claims] == ["q"] and claims[0].samples == (700,)
     assert np.all(masks[0][0])
 
 
 def test_gaussian_noise_has_no_spikes_and_hardly_ever_counts_as_heavy_tailed() -> None:
-    """5.5 sigmas are 4e-8 a sample; heavy at one record in a thousand, so that at most three of 300 keep a planted spike."""
+    """5.5 sigmas are 4e-8 a sample; heavy at one record in a thousand, so that at most three of 300
+    keep a planted spike.
+    """
     rng = np.random.default_rng(11)
     unclaimed = 0
     for _ in range(300):
@@ -140,14 +168,22 @@ def test_near_the_edge_of_an_event_a_sample_is_set_aside_and_not_claimed() -> No
 
 def test_spikes_are_numbered_by_record_and_sigma_is_pooled() -> None:
     quiet, spiky = noise(1), spoilt(Planted((77,), (0.05,), 2))
-    masks, claims = final_spikes([], ["q"], [quiet[None], spiky[None]], [np.ones((1, N), dtype=bool)] * 2, [np.zeros(N, dtype=bool)] * 2)
+    masks, claims = final_spikes(
+        [],
+        ["q"],
+        [quiet[None], spiky[None]],
+        [np.ones((1, N), dtype=bool)] * 2,
+        [np.zeros(N, dtype=bool)] * 2,
+    )
     assert [(claim.record, claim.samples) for claim in claims] == [(1, (77,))]
     assert np.all(masks[0]) and not masks[1][0, 77]
 
 
 def test_a_channel_without_noise_has_no_spikes() -> None:
     assert final(np.zeros(50)) == ([], [], [])
-    assert np.all(provisional_mask(np.zeros((1, 50)), np.ones((1, 50), dtype=bool), np.zeros(50, dtype=bool)))
+    assert np.all(
+        provisional_mask(np.zeros((1, 50)), np.ones((1, 50), dtype=bool), np.zeros(50, dtype=bool))
+    )
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 8])
@@ -156,20 +192,30 @@ def test_a_record_may_be_shorter_than_what_a_spike_is_compared_with(count: int) 
     values[0] = 1.0
     aside, claimed, _ = final(values)
     assert aside == claimed and aside in ([], [0])
-    assert provisional_mask(values[None], np.ones((1, count), dtype=bool), np.zeros(count, dtype=bool)).shape == (1, count)
+    assert provisional_mask(
+        values[None], np.ones((1, count), dtype=bool), np.zeros(count, dtype=bool)
+    ).shape == (1, count)
 
 
 def test_neighbours_of_too_short_a_series_say_nothing() -> None:
     assert not np.any(from_neighbours(np.arange(6.0) ** 3, np.ones(6, dtype=bool)))
 
 
-@given(st.lists(st.integers(0, 60), min_size=1, max_size=5, unique=True), st.floats(0.3, 3.0), st.booleans(), st.sampled_from([0.0, 1e-5]))
+@given(
+    st.lists(st.integers(0, 60), min_size=1, max_size=5, unique=True),
+    st.floats(0.3, 3.0),
+    st.booleans(),
+    st.sampled_from([0.0, 1e-5]),
+)
 @settings(max_examples=60)
-def test_spikes_of_a_held_input_are_found_and_its_steps_are_not(places: list[int], height: float, up: bool, ripple: float) -> None:
+def test_spikes_of_a_held_input_are_found_and_its_steps_are_not(
+    places: list[int], height: float, up: bool, ripple: float
+) -> None:
     time = np.arange(500) / 50.0
     clean = three_two_one_one(time) + ripple * np.random.default_rng(1).standard_normal(500)
     assert input_spikes(clean).size == 0
-    # Six samples apart, and clear of the steps, where no rule could tell a spike from a pulse of one sample.
+    # Six samples apart, and clear of the steps, where no rule could tell a spike from a pulse of
+    # one sample.
     steps = np.flatnonzero(np.abs(np.diff(clean)) > 0.05)
     at = sorted(i for i in (10 + 7 * place for place in places) if np.min(np.abs(steps - i)) > 2)
     values = clean.copy()
@@ -186,7 +232,9 @@ def test_short_pulses_of_a_maneuver_are_no_spikes(length: int, seed: int) -> Non
 
 def test_a_multisine_has_no_spikes() -> None:
     time = np.arange(1000) / 50.0
-    values = sum(0.02 * np.sin(2.0 * np.pi * f * time + f**2) for f in (0.2, 0.5, 0.9, 1.4, 2.3, 3.7))
+    values = sum(
+        0.02 * np.sin(2.0 * np.pi * f * time + f**2) for f in (0.2, 0.5, 0.9, 1.4, 2.3, 3.7)
+    )
     assert input_spikes(np.asarray(values)).size == 0
 
 
@@ -194,19 +242,33 @@ def test_a_multisine_has_no_spikes() -> None:
 def test_input_edges_mark_switches_and_their_neighbours(reach: int) -> None:
     time = np.arange(50) / 50.0
     values = np.where(np.arange(50) >= 20, 0.1, 0.0)
-    record = Record(time, (Channel.of("elevator", "rad", values),), (Channel.of("q", "rad/s", np.zeros(50)),))
-    assert np.flatnonzero(input_edges(record, reach)).tolist() == list(range(20 - reach, 20 + reach + 1))
+    record = Record(
+        time, (Channel.of("elevator", "rad", values),), (Channel.of("q", "rad/s", np.zeros(50)),)
+    )
+    assert np.flatnonzero(input_edges(record, reach)).tolist() == list(
+        range(20 - reach, 20 + reach + 1)
+    )
 
 
 @pytest.mark.parametrize("at", [1, 49])
 def test_input_edges_do_not_reach_round_the_ends_of_a_record(at: int) -> None:
     values = np.where(np.arange(50) >= at, 0.1, 0.0)
-    record = Record(np.arange(50) / 50.0, (Channel.of("elevator", "rad", values),), (Channel.of("q", "rad/s", np.zeros(50)),))
-    assert np.flatnonzero(input_edges(record)).tolist() == [i for i in (at - 1, at, at + 1) if i < 50]
+    record = Record(
+        np.arange(50) / 50.0,
+        (Channel.of("elevator", "rad", values),),
+        (Channel.of("q", "rad/s", np.zeros(50)),),
+    )
+    assert np.flatnonzero(input_edges(record)).tolist() == [
+        i for i in (at - 1, at, at + 1) if i < 50
+    ]
 
 
 def test_an_input_at_rest_has_no_edges() -> None:
-    record = Record(np.arange(5.0), (Channel.of("elevator", "rad", np.full(5, 0.3)),), (Channel.of("q", "rad/s", np.zeros(5)),))
+    record = Record(
+        np.arange(5.0),
+        (Channel.of("elevator", "rad", np.full(5, 0.3)),),
+        (Channel.of("q", "rad/s", np.zeros(5)),),
+    )
     assert not np.any(input_edges(record))
 
 

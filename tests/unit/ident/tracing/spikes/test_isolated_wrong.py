@@ -1,4 +1,6 @@
-"""Wild points of a measured record are found beside a model that lacks something; what a model misses at the edges of an input is none."""
+"""Wild points of a measured record are found beside a model that lacks something; what a model
+misses at the edges of an input is none.
+"""
 
 from __future__ import annotations
 

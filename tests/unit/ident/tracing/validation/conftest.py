@@ -9,7 +9,12 @@ from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from tests.tracing_problem import fit_of, planted, problem_of
 
-PULSE = {"unmeasured-input.start": 4.0, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.006, "unmeasured-input.lift": 0.0}
+PULSE = {
+    "unmeasured-input.start": 4.0,
+    "unmeasured-input.duration": 0.8,
+    "unmeasured-input.moment": 0.006,
+    "unmeasured-input.lift": 0.0,
+}
 LAG = {"sensor-lag:q.time_constant": 0.05}
 
 

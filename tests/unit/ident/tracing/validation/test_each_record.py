@@ -1,4 +1,6 @@
-"""What each record says of an effect: one Gauss-Newton step against fits in which each record has its own parameter."""
+"""What each record says of an effect: one Gauss-Newton step against fits in which each record has
+its own parameter.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ LAG, SCALE = SensorLag("q"), SensorScale("nz")
 
 
 def flown(lag: float, scale: float, seed: int) -> Record:
-    return planted([LAG, SCALE], {"sensor-lag:q.time_constant": lag, "sensor-scale:nz.scale": scale}, seed)
+    return planted(
+        [LAG, SCALE], {"sensor-lag:q.time_constant": lag, "sensor-scale:nz.scale": scale}, seed
+    )
 
 
 def fitted_apart(problem: TraceProblem, fitted: FittedModel, name: str) -> list[Quantity]:
@@ -30,15 +34,25 @@ def fitted_apart(problem: TraceProblem, fitted: FittedModel, name: str) -> list[
     assert apart is not None
     normal, _ = apart.fit.normal_equations()
     sigma = np.sqrt(np.diag(inverse_information(normal, apart.fit.theta)[0]))
-    at = [apart.fit.layout.names.index(f"{name}, record {r + 1}") for r in range(len(problem.records))]
+    at = [
+        apart.fit.layout.names.index(f"{name}, record {r + 1}") for r in range(len(problem.records))
+    ]
     return [Quantity(float(apart.fit.theta[i]), float(sigma[i]), "") for i in at]
 
 
 @pytest.mark.parametrize("effects", [(LAG,), (SCALE, LAG)], ids=["alone", "beside another"])
-def test_values_are_those_of_a_fit_in_which_each_record_has_its_own(effects: tuple[Traceable, ...]) -> None:
+def test_values_are_those_of_a_fit_in_which_each_record_has_its_own(
+    effects: tuple[Traceable, ...],
+) -> None:
     """Records of different lengths; lags of 0.058 s and 0.062 s, some sigmas apart."""
     scale = 1.2 if len(effects) > 1 else 1.0
-    problem = problem_of([flown(0.058, scale, 1), part(flown(0.062, scale, 2), slice(0, 350)), flown(0.058, scale, 3)])
+    problem = problem_of(
+        [
+            flown(0.058, scale, 1),
+            part(flown(0.062, scale, 2), slice(0, 350)),
+            flown(0.058, scale, 3),
+        ]
+    )
     fitted = fit_of(problem, effects)
     found = of_each_record(fitted, LAG)
     expected = fitted_apart(problem, fitted, "sensor-lag:q.time_constant")

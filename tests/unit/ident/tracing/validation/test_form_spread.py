@@ -13,10 +13,14 @@ LATE = SensorDelay("alpha")
 
 
 def test_the_form_of_a_curve_widens_what_hangs_on_it_and_nothing_else() -> None:
-    """A moment that bends more sharply than four shapes follow: the slope at trim moves with the form; a delay has one form only."""
+    """A moment that bends more sharply than four shapes follow: the slope at trim moves with the
+    form; a delay has one form only.
+    """
     bend = replace(MOMENT_NONLINEARITY, low=-0.12, high=0.12)
     values = {f"moment-nonlinearity.{name}": 0.0 for name in bend.absent}
-    sharp = {f"moment-nonlinearity.{name}": 0.0 for name in bend.finer().absent} | {"moment-nonlinearity.shape6": 0.01}
+    sharp = {f"moment-nonlinearity.{name}": 0.0 for name in bend.finer().absent} | {
+        "moment-nonlinearity.shape6": 0.01
+    }
     record = planted([bend.finer()], sharp, 1)
     problem = problem_of([record])
     fitted = fit_of(problem, (bend,), None, values)

@@ -30,7 +30,9 @@ def test_the_training_prior_is_the_schur_complement_of_its_information(fitted: F
     prior = training_prior(fitted)
     np.testing.assert_array_equal(prior.positions, np.arange(n))
     np.testing.assert_array_equal(prior.mean, fitted.fit.theta[:n])
-    np.testing.assert_allclose(prior.information / np.outer(scale, scale), expected, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(
+        prior.information / np.outer(scale, scale), expected, rtol=0, atol=1e-7
+    )
     assert np.linalg.eigvalsh(expected)[0] > 0
 
 
@@ -53,9 +55,16 @@ def test_a_frozen_fit_keeps_shared_parameters_bit_for_bit(fitted: FittedModel) -
 
 
 def test_events_are_looked_for_anew_in_held_out_records(fitted: FittedModel) -> None:
-    """The event of a held-out record is at another time, and of another sign, than those of training."""
+    """The event of a held-out record is at another time, and of another sign, than those of
+    training.
+    """
     there = {**PULSE, "unmeasured-input.start": 7.0, "unmeasured-input.moment": -0.006}
-    out = held_out(fitted, [planted([SensorLag("q"), UnmeasuredInput()], {**LAG, **there}, 9)], None, informed=False)
+    out = held_out(
+        fitted,
+        [planted([SensorLag("q"), UnmeasuredInput()], {**LAG, **there}, 9)],
+        None,
+        informed=False,
+    )
     assert out.frozen is not None and out.informed is None
     own = dict(zip(out.frozen.layout.names, out.frozen.theta, strict=True))
     assert own["unmeasured-input.start"] == pytest.approx(7.0, abs=0.15)
@@ -63,21 +72,38 @@ def test_events_are_looked_for_anew_in_held_out_records(fitted: FittedModel) -> 
 
 
 def test_two_events_are_each_placed_beside_the_other() -> None:
-    """The first of them, placed while the second is unexplained, is placed where that one is, and stays there unless it is asked again."""
+    """The first of them, placed while the second is unexplained, is placed where that one is, and
+    stays there unless it is asked again.
+    """
     gust, push = GustDiscrete(), UnmeasuredInput()
     both = {"gust-discrete.peak": 3.0, "gust-discrete.start": 6.5, "gust-discrete.duration": 0.8}
-    train = {**both, "unmeasured-input.start": 2.0, "unmeasured-input.duration": 1.5, "unmeasured-input.moment": 0.006}
-    fitted = fit_of(problem_of([planted([push, gust], train)], (push, gust)), [push, gust], None, train)
+    train = {
+        **both,
+        "unmeasured-input.start": 2.0,
+        "unmeasured-input.duration": 1.5,
+        "unmeasured-input.moment": 0.006,
+    }
+    fitted = fit_of(
+        problem_of([planted([push, gust], train)], (push, gust)), [push, gust], None, train
+    )
     there = {"gust-discrete.peak": 6.0, "gust-discrete.start": 2.5, "gust-discrete.duration": 0.8}
-    there |= {"unmeasured-input.start": 7.0, "unmeasured-input.duration": 1.5, "unmeasured-input.moment": -0.003}
+    there |= {
+        "unmeasured-input.start": 7.0,
+        "unmeasured-input.duration": 1.5,
+        "unmeasured-input.moment": -0.003,
+    }
     out = held_out(fitted, [planted([push, gust], there, 9)], None, informed=False)
     assert out.frozen is not None and not doubted(HeldOut(None, out.frozen))
     own = dict(zip(out.frozen.layout.names, out.frozen.theta, strict=True))
-    assert own["unmeasured-input.start"] == pytest.approx(7.0, abs=0.15) and own["gust-discrete.start"] == pytest.approx(2.5, abs=0.15)
+    assert own["unmeasured-input.start"] == pytest.approx(7.0, abs=0.15) and own[
+        "gust-discrete.start"
+    ] == pytest.approx(2.5, abs=0.15)
 
 
 def test_wrong_frozen_values_are_doubted(fitted: FittedModel) -> None:
-    validation = [planted([SensorLag("q"), SensorScale("nz")], {**LAG, "sensor-scale:nz.scale": 0.6}, 9)]
+    validation = [
+        planted([SensorLag("q"), SensorScale("nz")], {**LAG, "sensor-scale:nz.scale": 0.6}, 9)
+    ]
     without = fit_of(problem_of([planted(seed=1)]))
     assert doubted(held_out(without, validation, None))
 

@@ -39,20 +39,29 @@ def sets() -> tuple[FittedModel, FittedModel]:
     return root, fit_of(problem, [SensorLag("q")], root)
 
 
-def test_the_gain_is_that_of_the_density_of_free_simulations(sets: tuple[FittedModel, FittedModel]) -> None:
-    """Of noise levels that are estimated where they are applied: N ln sigma of each output and record."""
+def test_the_gain_is_that_of_the_density_of_free_simulations(
+    sets: tuple[FittedModel, FittedModel],
+) -> None:
+    """Of noise levels that are estimated where they are applied: N ln sigma of each output and
+    record.
+    """
     root, best = sets
     held = held_of(root, lagged(2), lagged(3))
     out = predicted_by(best, held)
     (gain,) = predictive_gains(root, best, held, out)
     assert held.declared.frozen is not None and out.frozen is not None
-    sums = [sum(np.sum(residual**2, axis=1) for residual in fit.residuals) for fit in (held.declared.frozen, out.frozen)]
+    sums = [
+        sum(np.sum(residual**2, axis=1) for residual in fit.residuals)
+        for fit in (held.declared.frozen, out.frozen)
+    ]
     count = sum(len(record) for record in held.records)
     assert gain == pytest.approx(0.5 * count * float(np.sum(np.log(sums[0] / sums[1]))), rel=1e-6)
     assert gain > 300.0
 
 
-def test_what_is_not_there_lowers_it_and_what_hardly_moves_hardly_tells(sets: tuple[FittedModel, FittedModel]) -> None:
+def test_what_is_not_there_lowers_it_and_what_hardly_moves_hardly_tells(
+    sets: tuple[FittedModel, FittedModel],
+) -> None:
     root, best = sets
     still = planted([SensorLag("q")], LAG, 5, flight=doublets(size=0.0003))
     found: list[float] = []
@@ -62,7 +71,9 @@ def test_what_is_not_there_lowers_it_and_what_hardly_moves_hardly_tells(sets: tu
     assert found[0] < -100.0 and abs(found[1]) < 5.0
 
 
-def test_nothing_without_such_data_and_minus_infinity_where_the_larger_set_fails(sets: tuple[FittedModel, FittedModel]) -> None:
+def test_nothing_without_such_data_and_minus_infinity_where_the_larger_set_fails(
+    sets: tuple[FittedModel, FittedModel],
+) -> None:
     root, best = sets
     assert predictive_gains(root, best, HeldOutData(), HeldOut(None, None)) == ()
     held = held_of(root, lagged(2))
@@ -70,11 +81,15 @@ def test_nothing_without_such_data_and_minus_infinity_where_the_larger_set_fails
 
 
 def test_with_process_noise_predictions_one_step_ahead_are_compared_record_by_record() -> None:
-    """Turbulence improves no free simulation: it has to predict a step ahead, and what flies in still air it does not."""
+    """Turbulence improves no free simulation: it has to predict a step ahead, and what flies in
+    still air it does not.
+    """
     problem = problem_of([rough_record(np.random.default_rng(1))])
     root = fit_of(problem)
     rough = fit_of(problem, [GustTurbulence()], root)
-    records = tuple(replace(rough_record(np.random.default_rng(seed)), name=f"{seed}.csv") for seed in (2, 3))
+    records = tuple(
+        replace(rough_record(np.random.default_rng(seed)), name=f"{seed}.csv") for seed in (2, 3)
+    )
     held = held_of(root, *records)
     gains = predictive_gains(root, rough, held, predicted_by(rough, held))
     assert len(gains) == 2 and min(gains) > 100.0

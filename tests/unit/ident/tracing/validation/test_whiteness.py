@@ -16,12 +16,23 @@ def uniform_distance(p_values: np.ndarray) -> float:
     return float(np.max(np.maximum(np.arange(1, n + 1) / n - ordered, ordered - np.arange(n) / n)))
 
 
-@pytest.mark.parametrize(("count", "interval", "missing"), [(501, 0.02, 0.0), (400, 0.05, 0.0), (501, 0.02, 0.1)])
-def test_low_frequency_power_has_uniform_p_values_on_white_noise(count: int, interval: float, missing: float) -> None:
+@pytest.mark.parametrize(
+    ("count", "interval", "missing"), [(501, 0.02, 0.0), (400, 0.05, 0.0), (501, 0.02, 0.1)]
+)
+def test_low_frequency_power_has_uniform_p_values_on_white_noise(
+    count: int, interval: float, missing: float
+) -> None:
     rng = np.random.default_rng(count)
     time = interval * np.arange(count)
     runs = 1500
-    p = np.array([low_frequency_power(rng.standard_normal(count), rng.random(count) >= missing, time, "q").p_value for _ in range(runs)])
+    p = np.array(
+        [
+            low_frequency_power(
+                rng.standard_normal(count), rng.random(count) >= missing, time, "q"
+            ).p_value
+            for _ in range(runs)
+        ]
+    )
     # Exceeded once in a thousand such tests: sqrt(-ln(0.0005)/2)/sqrt(n).
     assert uniform_distance(p) < 1.95 / np.sqrt(runs)
 
@@ -37,15 +48,26 @@ def test_low_frequency_power_sees_slow_motion_and_not_fast() -> None:
 
 
 def test_low_frequency_power_says_nothing_where_all_lies_below() -> None:
-    test = low_frequency_power(np.ones(100), np.ones(100, dtype=bool), 0.2 * np.arange(100.0), "altitude")
+    test = low_frequency_power(
+        np.ones(100), np.ones(100, dtype=bool), 0.2 * np.arange(100.0), "altitude"
+    )
     assert test.p_value == 1.0 and np.isfinite(test.statistic)
-    assert low_frequency_power(np.zeros(500), np.ones(500, dtype=bool), 0.02 * np.arange(500), "q").p_value == 1.0
+    assert (
+        low_frequency_power(
+            np.zeros(500), np.ones(500, dtype=bool), 0.02 * np.arange(500), "q"
+        ).p_value
+        == 1.0
+    )
 
 
-def test_whiteness_tests_every_channel_with_enough_samples_of_every_record(fitted: FittedModel) -> None:
+def test_whiteness_tests_every_channel_with_enough_samples_of_every_record(
+    fitted: FittedModel,
+) -> None:
     tests = whiteness(fitted.fit, "fitted")
     assert len(tests) == 2 * 3 * 2
-    assert {test.channel for test in tests} == {f"{name}, fitted record {r}" for name in OUTPUTS for r in (1, 2)}
+    assert {test.channel for test in tests} == {
+        f"{name}, fitted record {r}" for name in OUTPUTS for r in (1, 2)
+    }
     assert min(test.p_value for test in tests) > 1e-4
     short = without_output(planted(), "nz")
     alpha = short["alpha"].values.copy()
@@ -59,8 +81,12 @@ def test_a_fit_is_white_where_no_channel_of_any_record_has_a_smaller_p_value() -
     records = [planted(seed=1), planted(seed=2)]
     sound = fit_of(problem_of(records)).fit
     boxes = [test.p_value for test in whiteness(sound, "fitted") if test.name == "ljung-box"]
-    assert is_white(sound) and is_white(sound, 0.999 * min(boxes)) and not is_white(sound, min(boxes))
-    slow = with_output(records[1], "q", records[1]["q"].values + 0.01 * np.sin(2.0 * records[1].time))
+    assert (
+        is_white(sound) and is_white(sound, 0.999 * min(boxes)) and not is_white(sound, min(boxes))
+    )
+    slow = with_output(
+        records[1], "q", records[1]["q"].values + 0.01 * np.sin(2.0 * records[1].time)
+    )
     assert not is_white(fit_of(problem_of([records[0], slow])).fit)
     few = np.full(len(slow), np.nan)
     few[:: len(slow) // 15] = slow["q"].values[:: len(slow) // 15]

@@ -1,4 +1,6 @@
-"""Where nothing stands, nothing is shown 'after': text, page and figures tell of the declared model alone; the JSON keeps its keys."""
+"""Where nothing stands, nothing is shown 'after': text, page and figures tell of the declared model
+alone; the JSON keeps its keys.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,13 @@ from scenarios.diagnosis.report.pictures.pictured import pictured
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.pages.folder import page_html
 from scenarios.pages.model import signs
-from scenarios.terminal.quantities import derived_line, displayed, is_frequency, value_text, with_sigma
+from scenarios.terminal.quantities import (
+    derived_line,
+    displayed,
+    is_frequency,
+    value_text,
+    with_sigma,
+)
 from tests.diagnoses import tracing_of
 
 OTHERS = [verdict for verdict in Verdict if verdict is not Verdict.UNEXPLAINED]
@@ -47,7 +55,11 @@ def test_where_something_stands_both_are_shown(verdict: Verdict) -> None:
 def test_the_page_has_no_column_after() -> None:
     tracing = tracing_of(Verdict.UNEXPLAINED)
     page = page_html(diagnosis_page(tracing, []))
-    assert ">declared model</button>" in page and ">after</button>" not in page and "<td>after</td>" not in page
+    assert (
+        ">declared model</button>" in page
+        and ">after</button>" not in page
+        and "<td>after</td>" not in page
+    )
     after = tracing.diagnosis.after["Cm_q"]
     assert signs(value_text(after.value, after.std)) not in page
     assert ">after</button>" in page_html(diagnosis_page(tracing_of(Verdict.TRACED), []))
@@ -58,7 +70,9 @@ def test_its_figures_show_the_declared_model_alone() -> None:
     assert all(np.array_equal(item.after, item.before) for item in shown.fitted)
     assert all(np.array_equal(item.after, item.before) for item in shown.predictions)
     figures = dict(figures_of(shown))
-    assert "derivatives" not in figures and "derivatives" in dict(figures_of(pictured(tracing_of(Verdict.PARTIAL))))
+    assert "derivatives" not in figures and "derivatives" in dict(
+        figures_of(pictured(tracing_of(Verdict.PARTIAL)))
+    )
     for stem in ("held_out", "residuals", "spectra"):
         figure = figures[stem]()
         texts = [text.get_text() for panel in figure.axes for text in panel.texts]
@@ -69,18 +83,36 @@ def test_its_figures_show_the_declared_model_alone() -> None:
 
 def test_the_json_keeps_both() -> None:
     content = diagnosis_content(tracing_of(Verdict.UNEXPLAINED), "now")
-    assert set(content["parameters"]["after"]) == set(content["parameters"]["before"]) and content["error"]["after"]["rmse"]
+    assert (
+        set(content["parameters"]["after"]) == set(content["parameters"]["before"])
+        and content["error"]["after"]["rmse"]
+    )
     assert content["parameters"]["after"]["Cm_q"] != content["parameters"]["before"]["Cm_q"]
 
 
 def test_warnings_describe_what_the_declared_model_leaves() -> None:
     tracing = tracing_of(Verdict.UNEXPLAINED)
     silent = replace(tracing.diagnosis, tests_after=())
-    one, other = (diagnosis_content(replace(tracing, diagnosis=d), "now")["warnings"] for d in (tracing.diagnosis, silent))
-    assert one == other and any(line.startswith("with the declared model, left in the") for line in one)
+    one, other = (
+        diagnosis_content(replace(tracing, diagnosis=d), "now")["warnings"]
+        for d in (tracing.diagnosis, silent)
+    )
+    assert one == other and any(
+        line.startswith("with the declared model, left in the") for line in one
+    )
 
 
-@pytest.mark.parametrize("name", ["frequency", "natural_frequency", "omega", "structural-mode.omega", "omega12", "elastic-mode.frequency"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "frequency",
+        "natural_frequency",
+        "omega",
+        "structural-mode.omega",
+        "omega12",
+        "elastic-mode.frequency",
+    ],
+)
 def test_a_frequency_is_told_in_rad_and_hertz_and_never_in_degrees(name: str) -> None:
     q = Quantity(12.0, 0.3, "rad/s")
     assert displayed(q, name) == (12.0, 0.3, "rad/s")
@@ -89,7 +121,10 @@ def test_a_frequency_is_told_in_rad_and_hertz_and_never_in_degrees(name: str) ->
 
 @pytest.mark.parametrize("name", ["bias_q", "offset", "rate_limit", "q"])
 def test_an_angular_rate_is_told_in_degrees(name: str) -> None:
-    assert not is_frequency(name, "rad/s") and displayed(Quantity(0.1, 0.01, "rad/s"), name)[2] == "deg/s"
+    assert (
+        not is_frequency(name, "rad/s")
+        and displayed(Quantity(0.1, 0.01, "rad/s"), name)[2] == "deg/s"
+    )
     assert "Hz" not in with_sigma(Quantity(0.1, 0.01, "rad/s"), name=name)
 
 
@@ -98,6 +133,10 @@ def test_derived_frequencies_come_in_both_units() -> None:
         "natural frequency 4.270 +- 0.050 rad/s (0.68 Hz); delay"
     )
     for verdict in Verdict:
-        rows = [line.split() for line in diagnosis_text(tracing_of(verdict)).splitlines() if line.strip().startswith("natural frequency")]
+        rows = [
+            line.split()
+            for line in diagnosis_text(tracing_of(verdict)).splitlines()
+            if line.strip().startswith("natural frequency")
+        ]
         assert [row[2] for row in rows] == ["rad/s", "Hz"]
         assert float(rows[1][3]) == pytest.approx(float(rows[0][3]) / (2.0 * math.pi), abs=0.01)

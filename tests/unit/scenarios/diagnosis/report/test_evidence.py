@@ -1,4 +1,6 @@
-"""A partial verdict told: the group, how its evidence is spread, run-to-run scatter, what is left."""
+"""A partial verdict told: the group, how its evidence is spread, run-to-run scatter, what is
+left.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,13 @@ import pytest
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Caution, Claim, Concern, Diagnosis, Quantity, Verdict
 from scenarios.diagnosis.report.content import diagnosis_content
-from scenarios.diagnosis.report.evidence import apart_text, by_record_text, evidence_sentences, member_derivatives, warnings_of
+from scenarios.diagnosis.report.evidence import (
+    apart_text,
+    by_record_text,
+    evidence_sentences,
+    member_derivatives,
+    warnings_of,
+)
 from scenarios.diagnosis.report.page import REPLICATION_NOTE, diagnosis_page
 from scenarios.diagnosis.report.tables import SIGMA_NOTE, candidate_row
 from scenarios.diagnosis.report.text import diagnosis_text, headline
@@ -25,7 +33,13 @@ from tests.diagnoses import LATE, each_record, spread_tracing, tracing_of
 
 def coloured(count: int, p_value: float = 1e-30) -> tuple[ResidualTest, ...]:
     return tuple(
-        ResidualTest("ljung-box", f"{name}, fitted record {r + 1}", 900.0, p_value, "not white over 25 lags, lag-1 correlation 0.90")
+        ResidualTest(
+            "ljung-box",
+            f"{name}, fitted record {r + 1}",
+            900.0,
+            p_value,
+            "not white over 25 lags, lag-1 correlation 0.90",
+        )
         for r in range(count)
         for name in ("alpha", "q", "nz")
     )
@@ -36,16 +50,25 @@ SPREAD = "its log evidence is 5.2 times the scatter of that between blocks of a 
 
 def late(values: tuple[float, ...] = LATE, spread: float = 5.2) -> Claim:
     """A late sensor with these values from each record."""
-    return Claim("sensor-lag:q", {"time_constant": Quantity(0.061, 0.002, "s")}, by_record=each_record(values), spread=spread)
+    return Claim(
+        "sensor-lag:q",
+        {"time_constant": Quantity(0.061, 0.002, "s")},
+        by_record=each_record(values),
+        spread=spread,
+    )
 
 
 def test_headline_says_what_where_how_sure_and_what_follows() -> None:
     told = headline(spread_tracing())
     assert told.startswith(
-        "the angle of attack is read 0.061 s late (lag, delay or vane ahead: these records cannot tell); "
+        "the angle of attack is read 0.061 s late (lag, delay or vane ahead: these records cannot "
+        "tell); "
         f"{SPREAD}; from each of 3 records: 0.058, 0.063, 0.060 s"
     )
-    assert told.endswith("Cm_q was -24.1 +- 0.9, is -17.2 +- 0.4 (run-to-run scatter 0.83); what remains is not noise")
+    assert told.endswith(
+        "Cm_q was -24.1 +- 0.9, is -17.2 +- 0.4 (run-to-run scatter 0.83); what remains is not "
+        "noise"
+    )
 
 
 def test_a_claim_beside_noise_has_nothing_to_say_of_blocks_or_records() -> None:
@@ -58,26 +81,43 @@ def test_the_spread_and_the_values_of_each_record_are_told() -> None:
     assert evidence_sentences(late()) == [SPREAD, "from each of 3 records: 0.058, 0.063, 0.060 s"]
     assert evidence_sentences(replace(late(), by_record=())) == [SPREAD]
     # Where the set without it could not be fitted there is no number to tell.
-    assert evidence_sentences(late(spread=math.inf)) == ["from each of 3 records: 0.058, 0.063, 0.060 s"]
+    assert evidence_sentences(late(spread=math.inf)) == [
+        "from each of 3 records: 0.058, 0.063, 0.060 s"
+    ]
 
 
 def test_values_that_differ_between_records_are_said_to() -> None:
-    """0.040 and 0.080, each to 0.004: they lie 5 sigmas on either side of their mean, so that the root of chi-squared is 7.1."""
+    """0.040 and 0.080, each to 0.004: they lie 5 sigmas on either side of their mean, so that the
+    root of chi-squared is 7.1.
+    """
     assert apart_text(late()) == ""
     told = apart_text(late((0.040, 0.080)))
     assert told == "time_constant differs between them by 7.1 of their sigmas"
-    assert evidence_sentences(late((0.040, 0.080)))[1] == f"from each of 2 records: 0.040, 0.080 s, but {told}"
-    vague = tuple({"time_constant": Quantity(value, std, "s")} for value, std in ((0.06, np.inf), (0.5, 0.004)))
+    assert (
+        evidence_sentences(late((0.040, 0.080)))[1]
+        == f"from each of 2 records: 0.040, 0.080 s, but {told}"
+    )
+    vague = tuple(
+        {"time_constant": Quantity(value, std, "s")}
+        for value, std in ((0.06, np.inf), (0.5, 0.004))
+    )
     assert apart_text(replace(late(), by_record=vague)) == ""
     assert apart_text(late((0.060,))) == "" == apart_text(Claim("x", {}))
 
 
 def test_turbulence_is_told_by_what_judged_it_and_not_by_a_free_simulation() -> None:
     tracing = tracing_of(Verdict.PARTIAL)
-    gust = Claim("gust-turbulence", {"sigma": Quantity(2.1, 0.2, "m/s"), "length": Quantity(393.0, 79.0, "m")}, one_step_gains=(1139.6,))
+    gust = Claim(
+        "gust-turbulence",
+        {"sigma": Quantity(2.1, 0.2, "m/s"), "length": Quantity(393.0, 79.0, "m")},
+        one_step_gains=(1139.6,),
+    )
     tracing = replace(tracing, diagnosis=replace(tracing.diagnosis, effects=(gust,)))
     told = headline(tracing)
-    assert "with that, the log likelihood of one-step predictions rises by 1140 on the held-out record" in told
+    assert (
+        "with that, the log likelihood of one-step predictions rises by 1140 on the held-out record"
+        in told
+    )
     assert " error " not in told and "->" not in told
     assert diagnosis_content(tracing, "")["effects"][0]["one_step_gains"] == [1139.6]
 
@@ -85,19 +125,34 @@ def test_turbulence_is_told_by_what_judged_it_and_not_by_a_free_simulation() -> 
 @pytest.mark.parametrize(
     ("name", "others", "words"),
     [
-        ("sensor-delay:q", ("sensor-lag:q",), "the pitch rate is read 0.061 s late (delay or lag: these records cannot tell)"),
-        ("sensor-delay:q", ("sensor-scale:alpha",), "(sensor-delay:q or sensor-scale:alpha: these records cannot tell)"),
+        (
+            "sensor-delay:q",
+            ("sensor-lag:q",),
+            "the pitch rate is read 0.061 s late (delay or lag: these records cannot tell)",
+        ),
+        (
+            "sensor-delay:q",
+            ("sensor-scale:alpha",),
+            "(sensor-delay:q or sensor-scale:alpha: these records cannot tell)",
+        ),
         (
             "input-delay",
             ("actuator-lag",),
-            "what the elevator does reaches the aircraft 0.061 s late (delay or actuator lag: these records cannot tell)",
+            "what the elevator does reaches the aircraft 0.061 s late (delay or actuator lag: "
+            "these records cannot tell)",
         ),
-        ("my-effect", ("elastic-mode#2",), "(my-effect or bending structure: these records cannot tell)"),
+        (
+            "my-effect",
+            ("elastic-mode#2",),
+            "(my-effect or bending structure: these records cannot tell)",
+        ),
         ("sensor-delay:q", (), "the pitch rate is read 0.061 s late"),
     ],
 )
 def test_a_group_is_told_by_its_members(name: str, others: tuple[str, ...], words: str) -> None:
-    assert group_sentence(Claim(name, {"delay": Quantity(0.061, 0.002, "s")}, others), Wording()).endswith(words)
+    assert group_sentence(
+        Claim(name, {"delay": Quantity(0.061, 0.002, "s")}, others), Wording()
+    ).endswith(words)
 
 
 def test_values_of_the_records_stand_with_their_unit_or_name() -> None:
@@ -112,7 +167,9 @@ def test_values_of_the_records_stand_with_their_unit_or_name() -> None:
 def test_header_says_what_a_sigma_holds() -> None:
     plain, inflated = spread_tracing(), spread_tracing()
     inflated = replace(inflated, diagnosis=replace(inflated.diagnosis, inflation={"Cm_q": 1.4}))
-    assert SIGMA_NOTE not in diagnosis_text(plain) and diagnosis_text(inflated).count(SIGMA_NOTE) == 1
+    assert (
+        SIGMA_NOTE not in diagnosis_text(plain) and diagnosis_text(inflated).count(SIGMA_NOTE) == 1
+    )
     content = json.loads(json_text(diagnosis_content(inflated, "")))
     assert content["growth"] == {"Cm_q": 1.4}
 
@@ -120,21 +177,51 @@ def test_header_says_what_a_sigma_holds() -> None:
 def test_terminal_shows_scatter_beside_sigma_and_members() -> None:
     text = diagnosis_text(spread_tracing())
     assert text.isascii()
-    (row,) = [line for line in text.splitlines() if line.split()[:1] == ["Cm_q"] and "sigma" in line]
-    assert row.split()[2:] == ["-24.1", "+-", "0.9", "-17.2", "+-", "0.4", "0.83", "+7.0", "sigma", "*"]
-    (members,) = [line for line in text.splitlines() if line.split()[:1] == ["Cm_q"] and "sigma" not in line]
-    assert members.split()[2:] == ["-17.0", "+-", "0.4", "-18.0", "+-", "0.4", "-19.0", "+-", "0.4*"]
+    (row,) = [
+        line for line in text.splitlines() if line.split()[:1] == ["Cm_q"] and "sigma" in line
+    ]
+    assert row.split()[2:] == [
+        "-24.1",
+        "+-",
+        "0.9",
+        "-17.2",
+        "+-",
+        "0.4",
+        "0.83",
+        "+7.0",
+        "sigma",
+        "*",
+    ]
+    (members,) = [
+        line for line in text.splitlines() if line.split()[:1] == ["Cm_q"] and "sigma" not in line
+    ]
+    assert members.split()[2:] == [
+        "-17.0",
+        "+-",
+        "0.4",
+        "-18.0",
+        "+-",
+        "0.4",
+        "-19.0",
+        "+-",
+        "0.4*",
+    ]
 
 
 def test_a_candidate_has_its_gain_and_the_same_with_its_odds() -> None:
     text = diagnosis_text(spread_tracing())
-    best, scale, vane, speed = spread_tracing().diagnosis.candidates[:1] + spread_tracing().diagnosis.candidates[2:]
+    best, scale, vane, speed = (
+        spread_tracing().diagnosis.candidates[:1] + spread_tracing().diagnosis.candidates[2:]
+    )
     assert candidate_row(best)[:4] == ("1", "sensor-lag:alpha", "420.0", "414.9")
     assert candidate_row(scale)[2:] == ("3.1", "-2.0", "scale 1.010 +- 0.004", "")
     assert candidate_row(vane)[4:] == ("", "linearised; like sensor-lag:alpha")
     assert candidate_row(speed)[2:4] == ("-2.5", "-7.6")
     assert "with odds" in text and "linearised" in text
-    assert candidate_row(replace(scale, within=("vane-offset",)))[1] == "vane-offset + sensor-scale:alpha"
+    assert (
+        candidate_row(replace(scale, within=("vane-offset",)))[1]
+        == "vane-offset + sensor-scale:alpha"
+    )
 
 
 def test_json_has_spread_values_of_each_record_and_scatter() -> None:
@@ -142,17 +229,30 @@ def test_json_has_spread_values_of_each_record_and_scatter() -> None:
     (effect,) = content["effects"]
     assert effect["spread"] == 5.2
     assert list(effect["by_record"]) == ["record_1.csv", "record_2.csv", "record_3.csv"]
-    assert [each["time_constant"] for each in effect["by_record"].values()] == [{"value": value, "std": 0.004, "unit": "s"} for value in LATE]
+    assert [each["time_constant"] for each in effect["by_record"].values()] == [
+        {"value": value, "std": 0.004, "unit": "s"} for value in LATE
+    ]
     assert set(effect["derivatives_under"]) == {effect["name"], *effect["alternatives"]}
-    assert effect["derivatives_under"]["vane-offset"]["Cm_q"] == {"value": -19.0, "std": 0.4, "unit": "1/rad"}
+    assert effect["derivatives_under"]["vane-offset"]["Cm_q"] == {
+        "value": -19.0,
+        "std": 0.4,
+        "unit": "1/rad",
+    }
     assert content["scatter"] == {"Cm_q": 0.83, "CL_q": 2.0}
-    assert {"gain", "weight", "fitted"} < set(content["candidates"][-1]) and content["steps"][0]["log_evidence"] == 100.0
+    assert {"gain", "weight", "fitted"} < set(content["candidates"][-1]) and content["steps"][0][
+        "log_evidence"
+    ] == 100.0
     plain = json.loads(json_text(diagnosis_content(tracing_of(Verdict.TRACED), "")))
-    assert plain["scatter"] == {} and not {"spread", "by_record", "derivatives_under"} & set(plain["effects"][0])
+    assert plain["scatter"] == {} and not {"spread", "by_record", "derivatives_under"} & set(
+        plain["effects"][0]
+    )
 
 
 def test_the_page_has_a_section_on_the_spread_where_what_remains_is_not_noise() -> None:
-    page, plain = (page_html(diagnosis_page(tracing, [])) for tracing in (spread_tracing(), tracing_of(Verdict.TRACED)))
+    page, plain = (
+        page_html(diagnosis_page(tracing, []))
+        for tracing in (spread_tracing(), tracing_of(Verdict.TRACED))
+    )
     told = f"I{SPREAD[1:]}; from each of 3 records: 0.058, 0.063, 0.060 s."
     assert told in page and REPLICATION_NOTE in unescape(page)
     assert "Replication" not in plain
@@ -163,10 +263,20 @@ def test_many_failed_tests_become_one_description_a_channel() -> None:
     assert len(tracing.diagnosis.warnings) == 12
     told = warnings_of(tracing)
     assert told[0] == "12 of 12 tests for whiteness fail in alpha, q, nz"
-    assert [line.partition(":")[0] for line in told[1:]] == ["left in the angle of attack", "left in the pitch rate", "left in the load factor"]
+    assert [line.partition(":")[0] for line in told[1:]] == [
+        "left in the angle of attack",
+        "left in the pitch rate",
+        "left in the load factor",
+    ]
     assert told[1:] and all("Hz" in line and "rms" in line for line in told[1:])
     # Other warnings stay, and so do the tests themselves.
-    other = replace(tracing, diagnosis=replace(tracing.diagnosis, warnings=(Caution(Concern.GUARD, "look here"), *tracing.diagnosis.warnings)))
+    other = replace(
+        tracing,
+        diagnosis=replace(
+            tracing.diagnosis,
+            warnings=(Caution(Concern.GUARD, "look here"), *tracing.diagnosis.warnings),
+        ),
+    )
     assert warnings_of(other) == ["look here", *told]
     assert len(diagnosis_content(tracing, "")["residual_tests"]["after"]) == 12
 
@@ -175,8 +285,14 @@ def test_few_failed_tests_are_told_as_they_are() -> None:
     tests = (*coloured(1)[:2], *coloured(2, 0.4))
     tracing = spread_tracing(tests)
     told = warnings_of(tracing)
-    assert told[:2] == [caution.sentence for caution in tracing.diagnosis.warnings] and len(tracing.diagnosis.warnings) == 2
-    assert [line.partition(":")[0] for line in told[2:]] == ["left in the angle of attack", "left in the pitch rate"]
+    assert (
+        told[:2] == [caution.sentence for caution in tracing.diagnosis.warnings]
+        and len(tracing.diagnosis.warnings) == 2
+    )
+    assert [line.partition(":")[0] for line in told[2:]] == [
+        "left in the angle of attack",
+        "left in the pitch rate",
+    ]
 
 
 def test_where_a_guard_leaves_noise_it_is_told_what_the_declared_model_leaves() -> None:
@@ -184,17 +300,21 @@ def test_where_a_guard_leaves_noise_it_is_told_what_the_declared_model_leaves() 
     told = warnings_of(tracing)
     assert told[0] == tracing.diagnosis.warnings[0].sentence
     assert [line.partition(":")[0] for line in told[1:]] == [
-        f"with the declared model, left in the {name}" for name in ("angle of attack", "pitch rate", "load factor")
+        f"with the declared model, left in the {name}"
+        for name in ("angle of attack", "pitch rate", "load factor")
     ]
     # The hand-made residual is a sine of 6 rad/s.
     assert all("near 0.9" in line or "near 1" in line for line in told[1:])
-    assert warnings_of(tracing_of(Verdict.TRACED)) == [] == warnings_of(tracing_of(Verdict.CONSISTENT))
+    assert (
+        warnings_of(tracing_of(Verdict.TRACED)) == [] == warnings_of(tracing_of(Verdict.CONSISTENT))
+    )
 
 
 def test_members_are_compared_only_where_there_are_some() -> None:
     d: Diagnosis = spread_tracing().diagnosis
     rows = member_derivatives(d.effects[0], d.after)
-    assert rows == [("Cm_q", "1/rad", "-17.0 +- 0.4", "-18.0 +- 0.4", "-19.0 +- 0.4*")]  # two of both sigmas are 1.1
+    # two of both sigmas are 1.1
+    assert rows == [("Cm_q", "1/rad", "-17.0 +- 0.4", "-18.0 +- 0.4", "-19.0 +- 0.4*")]
     alone = Claim("x", {}, derivatives_under={"x": {"Cm_q": Quantity(-17.0, 0.4, "1/rad")}})
     assert member_derivatives(alone, d.after) == [] == member_derivatives(Claim("x", {}), d.after)
 
@@ -204,5 +324,7 @@ def test_residuals_beyond_all_measure_are_still_described() -> None:
     item = tracing.diagnosis.fitted[0]
     after = item.after.copy()
     after[0, 5:9] = np.inf, -np.inf, np.nan, 1e200
-    broken = replace(tracing, diagnosis=replace(tracing.diagnosis, fitted=(replace(item, after=after),)))
+    broken = replace(
+        tracing, diagnosis=replace(tracing.diagnosis, fitted=(replace(item, after=after),))
+    )
     assert not any("nan" in line for line in warnings_of(broken))

@@ -1,4 +1,6 @@
-"""The study folder of a diagnosis: predictions row for row, residuals, evidence, figures, the same bytes again."""
+"""The study folder of a diagnosis: predictions row for row, residuals, evidence, figures, the same
+bytes again.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,12 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Verdict
-from scenarios.diagnosis.report.files import write_diagnosis, write_evidence, write_prediction, write_residuals
+from scenarios.diagnosis.report.files import (
+    write_diagnosis,
+    write_evidence,
+    write_prediction,
+    write_residuals,
+)
 from scenarios.diagnosis.report.pictures.figures import draw_diagnosis
 from scenarios.diagnosis.report.pictures.handover import packed, unpacked
 from scenarios.diagnosis.report.pictures.pictured import pictured
@@ -57,14 +64,32 @@ def test_folder_holds_what_it_lists(folder: Path) -> None:
     assert "held_out_2.png" in names
 
 
-@pytest.mark.parametrize(("vehicle", "channels"), [(None, ("alpha", "q", "nz")), (None, ("alpha", "q")), (LOES, ("nz",)), (BALLISTIC, ("altitude",))])
+@pytest.mark.parametrize(
+    ("vehicle", "channels"),
+    [
+        (None, ("alpha", "q", "nz")),
+        (None, ("alpha", "q")),
+        (LOES, ("nz",)),
+        (BALLISTIC, ("altitude",)),
+    ],
+)
 @pytest.mark.parametrize("verdict", list(Verdict))
-def test_prediction_has_a_row_for_each_row_of_the_record(verdict: Verdict, vehicle, channels: tuple[str, ...], tmp_path: Path) -> None:
-    tracing = tracing_of(verdict, channels=channels) if vehicle is None else tracing_of(verdict, vehicle, channels=channels)
+def test_prediction_has_a_row_for_each_row_of_the_record(
+    verdict: Verdict, vehicle, channels: tuple[str, ...], tmp_path: Path
+) -> None:
+    tracing = (
+        tracing_of(verdict, channels=channels)
+        if vehicle is None
+        else tracing_of(verdict, vehicle, channels=channels)
+    )
     prediction = tracing.diagnosis.predictions[0]
     write_prediction(tmp_path / "p.csv", prediction)
     rows = rows_of(tmp_path / "p.csv")
-    assert list(rows[0]) == ["time", *(f"before_{name}" for name in channels), *(f"after_{name}" for name in channels)]
+    assert list(rows[0]) == [
+        "time",
+        *(f"before_{name}" for name in channels),
+        *(f"after_{name}" for name in channels),
+    ]
     # The record lacks samples at its rows 11, 12 and the last: they are predicted all the same.
     assert not prediction.record[channels[0]].valid.all()
     assert [float(row["time"]) for row in rows] == prediction.record.time.tolist()
@@ -88,7 +113,9 @@ def test_residuals_leave_missing_samples_empty_and_mark_what_was_set_aside(tmp_p
     write_residuals(tmp_path / "r.csv", fitted)
     rows = rows_of(tmp_path / "r.csv")
     assert len(rows) == len(fitted.record)
-    assert rows[10]["before_alpha"] == rows[10]["after_alpha"] == "" and rows[10]["used_alpha"] == "0"
+    assert (
+        rows[10]["before_alpha"] == rows[10]["after_alpha"] == "" and rows[10]["used_alpha"] == "0"
+    )
     assert rows[50]["used_alpha"] == "0" and float(rows[50]["after_alpha"]) == fitted.after[0, 50]
     assert rows[51]["used_alpha"] == "1" and float(rows[51]["after_q"]) == fitted.after[1, 51]
 
@@ -96,7 +123,10 @@ def test_residuals_leave_missing_samples_empty_and_mark_what_was_set_aside(tmp_p
 def test_residuals_of_a_record_that_lacks_a_channel(tmp_path: Path) -> None:
     fitted = tracing_of(Verdict.TRACED).diagnosis.fitted[0]
     write_residuals(tmp_path / "r.csv", replace(fitted, record=fitted.record.only(["q", "nz"])))
-    assert "before_alpha" not in rows_of(tmp_path / "r.csv")[0] and "before_nz" in rows_of(tmp_path / "r.csv")[0]
+    assert (
+        "before_alpha" not in rows_of(tmp_path / "r.csv")[0]
+        and "before_nz" in rows_of(tmp_path / "r.csv")[0]
+    )
 
 
 def test_evidence_has_a_row_for_each_candidate(tmp_path: Path) -> None:
@@ -105,7 +135,10 @@ def test_evidence_has_a_row_for_each_candidate(tmp_path: Path) -> None:
     rows = rows_of(tmp_path / "e.csv")
     assert [row["name"] for row in rows] == [c.name for c in candidates]
     assert [float(row["gain"]) for row in rows] == [c.gain for c in candidates]
-    assert rows[0]["collinear_with"] == "sensor-delay:alpha vane-offset" and rows[1]["within"] == "sensor-lag:alpha"
+    assert (
+        rows[0]["collinear_with"] == "sensor-delay:alpha vane-offset"
+        and rows[1]["within"] == "sensor-lag:alpha"
+    )
 
 
 def test_same_diagnosis_same_bytes_but_for_the_time_stamp(folder: Path, tmp_path: Path) -> None:
@@ -117,7 +150,9 @@ def test_same_diagnosis_same_bytes_but_for_the_time_stamp(folder: Path, tmp_path
             assert a.pop("created") and b.pop("created")
             assert a == b
         elif entry.name == "report.html":
-            first, again = (re.sub(rb"<time.*?</time>", b"", page) for page in (entry.read_bytes(), other))
+            first, again = (
+                re.sub(rb"<time.*?</time>", b"", page) for page in (entry.read_bytes(), other)
+            )
             assert first == again
         else:
             assert entry.read_bytes() == other, entry.name
@@ -126,7 +161,8 @@ def test_same_diagnosis_same_bytes_but_for_the_time_stamp(folder: Path, tmp_path
 def test_page_is_made_again_from_its_folder_to_the_byte(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "report.json").write_bytes((folder / "report.json").read_bytes())
     assert rebuilt(tmp_path).read_bytes() == (folder / "report.html").read_bytes()
-    assert (folder / "report.html").read_bytes().count(b"<svg ") == len(FIGURES) + 1  # one more record is predicted
+    # one more record is predicted
+    assert (folder / "report.html").read_bytes().count(b"<svg ") == len(FIGURES) + 1
 
 
 def test_older_run_is_replaced_and_other_files_are_left(tmp_path: Path) -> None:
@@ -134,7 +170,15 @@ def test_older_run_is_replaced_and_other_files_are_left(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     write_diagnosis(tracing_of(Verdict.CONSISTENT, count=60), tmp_path, figures=())
     names = {entry.name for entry in tmp_path.iterdir()}
-    assert names == {"diagnosis.json", "validate_prediction.csv", "residuals.csv", "evidence.csv", "report.html", "report.json", "notes.txt"}
+    assert names == {
+        "diagnosis.json",
+        "validate_prediction.csv",
+        "residuals.csv",
+        "evidence.csv",
+        "report.html",
+        "report.json",
+        "notes.txt",
+    }
     assert json.loads((tmp_path / "diagnosis.json").read_bytes())["verdict"] == "consistent"
 
 
@@ -159,7 +203,9 @@ def test_second_process_draws_the_same_figures(folder: Path, tmp_path: Path) -> 
     assert not drawer.aside.exists()
 
 
-def test_what_was_drawn_ahead_is_kept_where_it_is_what_comes_out_and_else_drawn_anew(folder: Path, tmp_path: Path) -> None:
+def test_what_was_drawn_ahead_is_kept_where_it_is_what_comes_out_and_else_drawn_anew(
+    folder: Path, tmp_path: Path
+) -> None:
     picture = pictured(tracing_of(Verdict.TRACED, validations=2, count=120))
     other = replace(picture, noise={name: 2.0 * std for name, std in picture.noise.items()})
     for name, ahead, kept in (("one", picture, True), ("other", other, False)):
@@ -184,10 +230,15 @@ def test_figures_are_drawn_here_when_the_process_has_died(tmp_path: Path) -> Non
         pass
     drawer.stop()
     assert set(gathered(tmp_path / "drawn")) == {"evidence", "derivatives"}
-    assert {entry.name for entry in (tmp_path / "drawn").iterdir()} == {"evidence.png", "derivatives.png"}
+    assert {entry.name for entry in (tmp_path / "drawn").iterdir()} == {
+        "evidence.png",
+        "derivatives.png",
+    }
 
 
-def test_figures_are_drawn_here_when_there_is_no_room_to_tell_the_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_figures_are_drawn_here_when_there_is_no_room_to_tell_the_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     picture = replace(pictured(tracing_of(Verdict.CONSISTENT, count=60)), predictions=(), fitted=())
 
     def full(**_: object) -> None:
@@ -206,7 +257,10 @@ def test_figures_are_drawn_here_when_there_is_no_room_to_tell_the_process(tmp_pa
 def test_the_process_has_ended_where_the_body_fails(tmp_path: Path) -> None:
     with figure_process(True) as drawer:
         assert drawer is not None
-        with pytest.raises(ValueError, match="broken"), drawing(pictured(tracing_of(Verdict.CONSISTENT, count=60)), tmp_path, drawer):
+        with (
+            pytest.raises(ValueError, match="broken"),
+            drawing(pictured(tracing_of(Verdict.CONSISTENT, count=60)), tmp_path, drawer),
+        ):
             raise ValueError("broken")
         assert drawer.process.returncode is not None
     assert not drawer.aside.exists()
@@ -214,16 +268,28 @@ def test_the_process_has_ended_where_the_body_fails(tmp_path: Path) -> None:
 
 def test_the_process_leaves_nothing_where_the_first_one_is_killed(tmp_path: Path) -> None:
     (tmp_path / "aside").mkdir()
-    command = [sys.executable, "-m", "scenarios.diagnosis.report.pictures.process", str(tmp_path / "aside")]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}) as process:
+    command = [
+        sys.executable,
+        "-m",
+        "scenarios.diagnosis.report.pictures.process",
+        str(tmp_path / "aside"),
+    ]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    ) as process:
         drawer = Drawer(process, tmp_path / "aside")
-        drawer.draw_ahead(replace(pictured(tracing_of(Verdict.CONSISTENT, count=60)), predictions=(), fitted=()), USUAL)
+        drawer.draw_ahead(
+            replace(pictured(tracing_of(Verdict.CONSISTENT, count=60)), predictions=(), fitted=()),
+            USUAL,
+        )
         assert len(list(drawer.aside.iterdir())) == 2 and process.stdin is not None
         process.stdin.close()
     assert process.returncode == 0 and not drawer.aside.exists()
 
 
-def test_figures_are_drawn_where_nothing_forks_and_where_the_fork_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_figures_are_drawn_where_nothing_forks_and_where_the_fork_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     picture = replace(pictured(tracing_of(Verdict.CONSISTENT, count=60)), predictions=(), fitted=())
     gone = subprocess.Popen([sys.executable, "-c", "raise SystemExit(1)"])
     monkeypatch.setattr(os, "fork", lambda: gone.pid)
@@ -234,7 +300,10 @@ def test_figures_are_drawn_where_nothing_forks_and_where_the_fork_fails(tmp_path
         (tmp_path / str(fork)).mkdir()
         draw_diagnosis(picture, tmp_path / str(fork))
         assert set(gathered(tmp_path / str(fork))) == {"evidence", "derivatives"}
-        assert {entry.name for entry in (tmp_path / str(fork)).iterdir()} == {"evidence.png", "derivatives.png"}
+        assert {entry.name for entry in (tmp_path / str(fork)).iterdir()} == {
+            "evidence.png",
+            "derivatives.png",
+        }
     gone.returncode = 1  # it was waited for
 
 
@@ -242,20 +311,44 @@ def test_handover_to_the_process_loses_nothing(tmp_path: Path) -> None:
     picture = pictured(tracing_of(Verdict.PARTIAL, LOES, count=60))
     again, folder, formats = unpacked(packed(picture, tmp_path, ("svg",)))
     assert (folder, formats) == (tmp_path, ("svg",))
-    assert again.before == picture.before and again.after == picture.after and again.noise == picture.noise
-    assert [(c.name, c.gain, c.within) for c in again.candidates] == [(c.name, c.gain, c.within) for c in picture.candidates]
+    assert (
+        again.before == picture.before
+        and again.after == picture.after
+        and again.noise == picture.noise
+    )
+    assert [(c.name, c.gain, c.within) for c in again.candidates] == [
+        (c.name, c.gain, c.within) for c in picture.candidates
+    ]
     for a, b in zip(again.fitted, picture.fitted, strict=True):
-        assert np.array_equal(a.before, b.before) and np.array_equal(a.used, b.used) and a.channels == b.channels
-        assert np.array_equal(a.record.output_array()[0], b.record.output_array()[0]) and a.record.name == b.record.name
+        assert (
+            np.array_equal(a.before, b.before)
+            and np.array_equal(a.used, b.used)
+            and a.channels == b.channels
+        )
+        assert (
+            np.array_equal(a.record.output_array()[0], b.record.output_array()[0])
+            and a.record.name == b.record.name
+        )
 
 
 def test_replication_is_drawn_where_there_is_some_and_the_handover_keeps_it(tmp_path: Path) -> None:
     picture = pictured(spread_tracing())
     (shown,) = picture.replicated
-    assert shown.name == "sensor-lag:alpha" and shown.records == ("record_1.csv", "record_2.csv", "record_3.csv")
+    assert shown.name == "sensor-lag:alpha" and shown.records == (
+        "record_1.csv",
+        "record_2.csv",
+        "record_3.csv",
+    )
     assert [each["time_constant"].value for each in shown.by_record] == [0.058, 0.063, 0.060]
     (again,) = unpacked(packed(picture, tmp_path))[0].replicated
-    assert (again.name, again.records, again.by_record, again.together) == (shown.name, shown.records, shown.by_record, shown.together)
-    draw_diagnosis(replace(picture, predictions=(), fitted=(), candidates=(), before={}), tmp_path, ())
+    assert (again.name, again.records, again.by_record, again.together) == (
+        shown.name,
+        shown.records,
+        shown.by_record,
+        shown.together,
+    )
+    draw_diagnosis(
+        replace(picture, predictions=(), fitted=(), candidates=(), before={}), tmp_path, ()
+    )
     assert set(gathered(tmp_path)) == {"replication"} and not list(tmp_path.iterdir())
     assert pictured(tracing_of(Verdict.PARTIAL)).replicated == ()

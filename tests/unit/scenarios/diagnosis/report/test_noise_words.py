@@ -1,4 +1,6 @@
-"""'Noise floor' is said of white residuals only; else the estimated sensor noise and the residual stand apart, and bands show the former."""
+"""'Noise floor' is said of white residuals only; else the estimated sensor noise and the residual
+stand apart, and bands show the former.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,12 @@ def test_the_json_has_both_and_under_unexplained_the_residual_of_the_declared_mo
     assert error["noise_floor"]["q"] == NOISE["q"] and error["residual"]["q"] == 2.0 * NOISE["q"]
     tracing = coloured(Verdict.UNEXPLAINED)
     said = diagnosis_content(tracing, "now")["error"]["residual"]["q"]
-    parts = [item.before[item.channels.index("q")][item.used[item.channels.index("q")] & item.record["q"].valid] for item in tracing.diagnosis.fitted]
+    parts = [
+        item.before[item.channels.index("q")][
+            item.used[item.channels.index("q")] & item.record["q"].valid
+        ]
+        for item in tracing.diagnosis.fitted
+    ]
     assert said == pytest.approx(float(np.sqrt(np.mean(np.concatenate(parts) ** 2))), rel=1e-12)
 
 
@@ -64,10 +71,26 @@ def test_the_floor_is_the_fits_level_where_white_and_the_sensors_where_coloured(
     rng, count = np.random.default_rng(3), 1000
     time, noise = np.arange(count) * 0.02, rng.standard_normal((2, count))
     left = noise + np.array([[0.0], [3.0]]) * np.sin(2.0 * np.pi * 0.2 * time)
-    record = Record(time, (), tuple(Channel.of(name, "rad", np.zeros(count)) for name in ("alpha", "theta")), name="r")
-    fitted = (FittedRecord(record, ("alpha", "theta"), left, left, np.ones((2, count), dtype=bool)),)
+    record = Record(
+        time,
+        (),
+        tuple(Channel.of(name, "rad", np.zeros(count)) for name in ("alpha", "theta")),
+        name="r",
+    )
+    fitted = (
+        FittedRecord(record, ("alpha", "theta"), left, left, np.ones((2, count), dtype=bool)),
+    )
     levels = {"alpha": 1.0, "theta": float(left[1].std())}
-    tests = [ResidualTest("ljung-box", "alpha", 20.0, 0.5, "white"), ResidualTest("ljung-box", "theta, record 1", 900.0, 0.0, "not white")]
+    tests = [
+        ResidualTest("ljung-box", "alpha", 20.0, 0.5, "white"),
+        ResidualTest("ljung-box", "theta, record 1", 900.0, 0.0, "not white"),
+    ]
     floors = noise_floors(fitted, tests, levels)
-    assert floors["alpha"] == 1.0 and floors["theta"] == pytest.approx(1.0, abs=0.1) and levels["theta"] > 2.0
-    assert noise_floors(fitted, tests, {"theta": 0.5}) == {"theta": 0.5}, "no noise is larger than the residual"
+    assert (
+        floors["alpha"] == 1.0
+        and floors["theta"] == pytest.approx(1.0, abs=0.1)
+        and levels["theta"] > 2.0
+    )
+    assert noise_floors(fitted, tests, {"theta": 0.5}) == {"theta": 0.5}, (
+        "no noise is larger than the residual"
+    )

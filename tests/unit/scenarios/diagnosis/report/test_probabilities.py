@@ -41,9 +41,18 @@ def test_the_name_comes_first_then_the_likeliest_without_what_rounds_to_nothing(
     [
         (FOUND, "Probability that this is its name: 93 %; sensor-delay:q 5 %, vane-offset 2 %"),
         ({LAG: 1.0}, "Probability that this is its name: above 99 %"),
-        ({LAG: 0.9931, DELAY: 0.0069}, "Probability that this is its name: 99 %; sensor-delay:q 1 %"),
-        ({LAG: 0.9946, DELAY: 0.0054}, "Probability that this is its name: 99 %; sensor-delay:q 1 %"),
-        ({LAG: 0.001, DELAY: 0.989, "a": 0.01}, "Probability that this is its name: below 1 %; sensor-delay:q 99 %, a 1 %"),
+        (
+            {LAG: 0.9931, DELAY: 0.0069},
+            "Probability that this is its name: 99 %; sensor-delay:q 1 %",
+        ),
+        (
+            {LAG: 0.9946, DELAY: 0.0054},
+            "Probability that this is its name: 99 %; sensor-delay:q 1 %",
+        ),
+        (
+            {LAG: 0.001, DELAY: 0.989, "a": 0.01},
+            "Probability that this is its name: below 1 %; sensor-delay:q 99 %, a 1 %",
+        ),
         ({}, ""),
         ({LAG: math.nan, DELAY: math.nan}, ""),
     ],
@@ -57,13 +66,20 @@ def told(probability: Mapping[str, float]) -> Tracing:
     tracing = tracing_of(Verdict.TRACED)
     first, *rest = tracing.diagnosis.effects
     named = {first.name if name == LAG else name: p for name, p in probability.items()}
-    return replace(tracing, diagnosis=replace(tracing.diagnosis, effects=(replace(first, probability=named), *rest)))
+    return replace(
+        tracing,
+        diagnosis=replace(tracing.diagnosis, effects=(replace(first, probability=named), *rest)),
+    )
 
 
 def test_the_file_has_the_numbers_and_nothing_where_nothing_was_weighed() -> None:
     tracing = told({**FOUND, "odd": math.nan})
     effects = json.loads(json_text(diagnosis_content(tracing, "")))["effects"]
-    assert effects[0]["probability"] == {tracing.diagnosis.effects[0].name: 0.928, DELAY: 0.049, "vane-offset": 0.019}
+    assert effects[0]["probability"] == {
+        tracing.diagnosis.effects[0].name: 0.928,
+        DELAY: 0.049,
+        "vane-offset": 0.019,
+    }
     assert "probability" not in diagnosis_content(told({}), "")["effects"][0]
 
 
@@ -74,5 +90,9 @@ def test_text_and_page_say_it_below_the_claim() -> None:
     name = tracing.diagnosis.effects[0].name
     at = next(i for i, line in enumerate(lines) if line.startswith(f"{name}:"))
     assert f"    {words}" in lines[at + 1 : at + 3]
-    assert [line for line in lines if words not in line] == diagnosis_text(plain).splitlines(), "and nothing else changes"
-    assert f"<p>{words}.</p>" in page_html(diagnosis_page(tracing, [])) and "Probability" not in page_html(diagnosis_page(plain, []))
+    assert [line for line in lines if words not in line] == diagnosis_text(plain).splitlines(), (
+        "and nothing else changes"
+    )
+    assert f"<p>{words}.</p>" in page_html(
+        diagnosis_page(tracing, [])
+    ) and "Probability" not in page_html(diagnosis_page(plain, []))

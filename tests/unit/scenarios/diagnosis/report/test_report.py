@@ -35,7 +35,11 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
-        self.sources += [value or "" for name, value in attrs if name in ("src", "href", "action", "data", "srcset")]
+        self.sources += [
+            value or ""
+            for name, value in attrs
+            if name in ("src", "href", "action", "data", "srcset")
+        ]
         if tag not in VOID:
             self.open.append(tag)
 
@@ -50,7 +54,9 @@ class Page(HTMLParser):
 def page_of(verdict: Verdict, stems: Sequence[str] = (), **changes: object) -> tuple[str, Page]:
     tracing = replace(tracing_of(verdict), **changes)  # type: ignore[arg-type]
     drawn = captioned({stem: f'<svg aria-label="{stem}"></svg>' for stem in stems})
-    text = page_html(diagnosis_page(tracing, [caution.sentence for caution in tracing.diagnosis.warnings], drawn))
+    text = page_html(
+        diagnosis_page(tracing, [caution.sentence for caution in tracing.diagnosis.warnings], drawn)
+    )
     return text, Page(text)
 
 
@@ -58,7 +64,9 @@ def page_of(verdict: Verdict, stems: Sequence[str] = (), **changes: object) -> t
 def test_page_is_whole_and_says_what_was_found(verdict: Verdict) -> None:
     text, page = page_of(verdict)
     words = " ".join(page.text.split())
-    assert text.startswith("<!DOCTYPE html>") and 'name="viewport"' in text and "@media print" in text
+    assert (
+        text.startswith("<!DOCTYPE html>") and 'name="viewport"' in text and "@media print" in text
+    )
     assert verdict.value in words and verdict.sentence in words
     for claim in tracing_of(verdict).diagnosis.effects:
         assert claim.name in words
@@ -69,10 +77,16 @@ def test_page_is_whole_and_says_what_was_found(verdict: Verdict) -> None:
 
 def test_page_needs_nothing_from_outside_and_shows_its_own_figures_once() -> None:
     text, page = page_of(Verdict.PARTIAL, ["residuals", "held_out", "held_out_2", "unrelated"])
-    assert [text.count(f'aria-label="{stem}"') for stem in ("residuals", "held_out", "held_out_2", "unrelated")] == [1, 1, 1, 0]
+    assert [
+        text.count(f'aria-label="{stem}"')
+        for stem in ("residuals", "held_out", "held_out_2", "unrelated")
+    ] == [1, 1, 1, 0]
     assert all(source.startswith("#") for source in page.sources)
     assert not re.search(r"https?://|@import|url\(", text)
-    assert not {"link", "iframe", "object", "img"} & set(page.tags) and page.tags.count("script") == SCRIPTS
+    assert (
+        not {"link", "iframe", "object", "img"} & set(page.tags)
+        and page.tags.count("script") == SCRIPTS
+    )
 
 
 def test_names_from_files_are_text_and_no_markup() -> None:
@@ -84,21 +98,38 @@ def test_names_from_files_are_text_and_no_markup() -> None:
 
 
 def test_page_of_a_partial_verdict_shows_how_the_evidence_is_spread_and_what_was_weighed() -> None:
-    tracing = replace(spread_tracing(), kinematics=Kinematics((), None, "no record measures <alpha> and q together"))
+    tracing = replace(
+        spread_tracing(),
+        kinematics=Kinematics((), None, "no record measures <alpha> and q together"),
+    )
     text = page_html(diagnosis_page(tracing, [], captioned({"replication": "<svg></svg>"})))
     page = Page(text)
     words = " ".join(page.text.split())
-    spread = "Its log evidence is 5.2 times the scatter of that between blocks of a second; from each of 3 records: 0.058, 0.063, 0.060 s."
+    spread = (
+        "Its log evidence is 5.2 times the scatter of that between blocks of a second; from each "
+        "of 3 records: 0.058, 0.063, 0.060 s."
+    )
     assert f"Replication sensor-lag:alpha: {spread}" in words
     assert "run-to-run" in words and "0.83" in words and "Under each member of the group" in words
     assert "with odds" in words and "linearised" in words
     assert "Kinematics alone No record measures <alpha> and q together." in words
     # The figure stands in its section, once.
-    places = [text.index(mark) for mark in ('<h2 id="replication-title', 'id="figure-replication"', '<h2 id="simulation-error')]
+    places = [
+        text.index(mark)
+        for mark in (
+            '<h2 id="replication-title',
+            'id="figure-replication"',
+            '<h2 id="simulation-error',
+        )
+    ]
     assert text.count("<svg") == 1 and places == sorted(places)
     assert "+-" not in words
 
 
 def test_page_of_another_verdict_has_no_word_of_replication() -> None:
     _, page = page_of(Verdict.TRACED)
-    assert "Replication" not in page.text and "run-to-run" not in page.text and "Kinematics" not in page.text
+    assert (
+        "Replication" not in page.text
+        and "run-to-run" not in page.text
+        and "Kinematics" not in page.text
+    )

@@ -7,9 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenarios.trials.jsbsim.declaration import HAND, SLOTS, JsbsimFlight, ahead_of_play, by_hand, commands, named, spoiled
+from scenarios.trials.jsbsim.declaration import (
+    HAND,
+    SLOTS,
+    JsbsimFlight,
+    ahead_of_play,
+    by_hand,
+    commands,
+    named,
+    spoiled,
+)
 
-FLIGHT = JsbsimFlight("f", "f", "", "c172x", 1500.0, 54.0, "lateral", "3-2-1-1", 1.0, 20.0, 50.0, 1.0, {})
+FLIGHT = JsbsimFlight(
+    "f", "f", "", "c172x", 1500.0, 54.0, "lateral", "3-2-1-1", 1.0, 20.0, 50.0, 1.0, {}
+)
 TIME = np.arange(4001) / 400.0
 
 
@@ -24,7 +35,10 @@ def played(drive: np.ndarray, half: float, start: float) -> np.ndarray:
 
 @pytest.mark.parametrize("half", [0.002, 0.01])
 def test_a_drive_ahead_of_play_moves_the_surface_as_it_moved(half: float) -> None:
-    surface = 0.01 + by_hand(0.05 * ((TIME > 2) & (TIME < 4)) - 0.03 * ((TIME > 4) & (TIME < 5)) + 0.02 * (TIME > 8), TIME)
+    surface = 0.01 + by_hand(
+        0.05 * ((TIME > 2) & (TIME < 4)) - 0.03 * ((TIME > 4) & (TIME < 5)) + 0.02 * (TIME > 8),
+        TIME,
+    )
     drive = ahead_of_play(surface, half)
     np.testing.assert_allclose(played(drive, half, surface[0]), surface, atol=1e-12)
     assert np.max(np.abs(drive - surface)) == pytest.approx(half)
@@ -43,15 +57,36 @@ def test_late_channels_and_late_surfaces() -> None:
 
 def test_vanes_ahead_feel_the_turning() -> None:
     ones = np.ones_like(TIME)
-    signals = {"time": TIME, "alpha": 0.1 * ones, "beta": 0.0 * ones, "q": 0.2 * ones, "r": 0.2 * ones, "airspeed": 50.0 * ones}
+    signals = {
+        "time": TIME,
+        "alpha": 0.1 * ones,
+        "beta": 0.0 * ones,
+        "q": 0.2 * ones,
+        "r": 0.2 * ones,
+        "airspeed": 50.0 * ones,
+    }
     shown = spoiled(signals, replace(FLIGHT, vane_ahead=5.0))
-    assert shown["alpha"][0] == pytest.approx(0.1 - 0.02) and shown["beta"][0] == pytest.approx(0.02)
+    assert shown["alpha"][0] == pytest.approx(0.1 - 0.02) and shown["beta"][0] == pytest.approx(
+        0.02
+    )
     assert spoiled(signals, FLIGHT)["alpha"] is signals["alpha"]
 
 
 def test_what_was_put_in_has_the_names_of_the_library() -> None:
-    flight = replace(FLIGHT, late={"rudder": 0.05, "p": 0.1}, backlash={"aileron": 0.01}, vane_ahead=3.0, rough_air=3)
-    assert list(named(flight)) == ["input-delay:rudder", "sensor-delay:p", "input-backlash:aileron", "vane-offset", "gust-turbulence"]
+    flight = replace(
+        FLIGHT,
+        late={"rudder": 0.05, "p": 0.1},
+        backlash={"aileron": 0.01},
+        vane_ahead=3.0,
+        rough_air=3,
+    )
+    assert list(named(flight)) == [
+        "input-delay:rudder",
+        "sensor-delay:p",
+        "input-backlash:aileron",
+        "vane-offset",
+        "gust-turbulence",
+    ]
     assert named(FLIGHT) == {}
 
 

@@ -15,7 +15,9 @@ CONDITION = Condition("A320", 6000.0, 200.0, 0.0025)
 
 def astray(phi: float, theta: float) -> bool:
     """Whether a flight is refused that reaches these angles (deg) once."""
-    signals = {name: np.radians([0.0, value, 0.0]) for name, value in (("phi", phi), ("theta", theta))}
+    signals = {
+        name: np.radians([0.0, value, 0.0]) for name, value in (("phi", phi), ("theta", theta))
+    }
     try:
         _refuse_astray(CONDITION, signals)
     except DeclarationError as error:
@@ -35,7 +37,9 @@ def test_a_flight_goes_astray_beyond_75_degrees_of_bank_and_60_of_pitch(sign: fl
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_a_flight_whose_numbers_end_goes_astray(bad: float) -> None:
     with pytest.raises(DeclarationError, match="goes astray"):
-        _refuse_astray(CONDITION, {"phi": np.zeros(3), "theta": np.zeros(3), "q": np.array([0.0, bad, 0.0])})
+        _refuse_astray(
+            CONDITION, {"phi": np.zeros(3), "theta": np.zeros(3), "q": np.array([0.0, bad, 0.0])}
+        )
 
 
 def test_units_are_those_of_the_international_foot_and_pound() -> None:
@@ -45,5 +49,9 @@ def test_units_are_those_of_the_international_foot_and_pound() -> None:
     assert pytest.approx(pound_force / 0.3048, rel=1e-12) == SLUG
     assert pytest.approx(pound_force * 0.3048, rel=1e-12) == INERTIA
     factor = {name: scale for name, (_, scale) in READ.items()}
-    assert factor["moment_m"] == pytest.approx(pound_force * 0.3048) and factor["force_z"] == pytest.approx(pound_force)
-    assert factor["air_density"] * 0.0023769 == pytest.approx(1.225, rel=1e-4), "sea level, standard atmosphere"
+    assert factor["moment_m"] == pytest.approx(pound_force * 0.3048) and factor[
+        "force_z"
+    ] == pytest.approx(pound_force)
+    assert factor["air_density"] * 0.0023769 == pytest.approx(1.225, rel=1e-4), (
+        "sea level, standard atmosphere"
+    )

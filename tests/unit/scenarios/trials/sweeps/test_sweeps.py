@@ -38,13 +38,17 @@ def typed(*words: str | Path) -> int:
 
 
 def test_the_flight_is_the_roll_axis_integrated_finely() -> None:
-    """Roll rate from the recorded command in steps of a hundredth of a frame, the command late by the delay."""
+    """Roll rate from the recorded command in steps of a hundredth of a frame, the command late by
+    the delay.
+    """
     quiet = replace(scenario("uav-sweep", *SHORT), gyro=0.0, rough_air=0.0)
     loop = quiet.loop
     assert loop is not None
     record = fly_sweep(quiet, np.random.default_rng(1))
     command, p = record["command"].values[:400], record["p"].values[:400]
-    np.testing.assert_allclose(record["command"].values, record["sweep"].values - record["returned"].values, atol=1e-12)
+    np.testing.assert_allclose(
+        record["command"].values, record["sweep"].values - record["returned"].values, atol=1e-12
+    )
     fine, step = 100, 1.0 / loop.rate / 100
     late = round(loop.delay / step)
     held = np.concatenate([np.zeros(late), np.repeat(command, fine)])
@@ -56,7 +60,9 @@ def test_the_flight_is_the_roll_axis_integrated_finely() -> None:
             found.append(rate)
     np.testing.assert_allclose(p, found, atol=1e-9)
     angle = np.cumsum(p) / loop.rate
-    np.testing.assert_allclose(record["returned"].values[:400], loop.proportional * p + loop.integral * angle, atol=1e-9)
+    np.testing.assert_allclose(
+        record["returned"].values[:400], loop.proportional * p + loop.integral * angle, atol=1e-9
+    )
 
 
 def test_true_margins_are_those_of_the_true_response() -> None:
@@ -89,9 +95,13 @@ def test_a_study_finds_the_truth_and_the_same_seed_the_same_numbers() -> None:
     one = scenario()
     study = run_sweep(one, 3)
     errors = {row.name: row.sigmas for row in study.rows}
-    assert {"gain", "inv_T_roll", "delay", "gain_increase", "phase_margin", "delay_margin"} <= set(errors)
+    assert {"gain", "inv_T_roll", "delay", "gain_increase", "phase_margin", "delay_margin"} <= set(
+        errors
+    )
     assert all(error is not None and abs(error) < 4.0 for error in errors.values()), errors
-    assert len(study.records) == 3 and not np.array_equal(study.records[0]["p"].values, study.records[1]["p"].values)
+    assert len(study.records) == 3 and not np.array_equal(
+        study.records[0]["p"].values, study.records[1]["p"].values
+    )
     again = run_sweep(one, 3)
     assert [row.estimate for row in again.rows] == [row.estimate for row in study.rows]
     text = as_text(lambda out: print_sweep(study, out))
@@ -116,12 +126,17 @@ def test_intervals_of_the_scenarios_hold(name: str) -> None:
     assert 0.9 <= np.mean(inside) <= 0.995
 
 
-def test_from_the_command_line_and_python(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_from_the_command_line_and_python(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     changes = [word for change in SHORT for word in ("--set", change)]
     assert typed("run", "uav-sweep", *changes, "--out", tmp_path / "study") == 0
     assert "phase_margin" in capsys.readouterr().out
     written = json.loads((tmp_path / "study" / "comparison.json").read_text())
-    assert written["schema"] == "flightid/comparison/1" and written["parameters"]["gain"]["true"] == 95.0
+    assert (
+        written["schema"] == "flightid/comparison/1"
+        and written["parameters"]["gain"]["true"] == 95.0
+    )
     assert {path.name for path in (tmp_path / "study").iterdir()} >= {
         "comparison.json",
         "truth.json",
@@ -133,20 +148,42 @@ def test_from_the_command_line_and_python(tmp_path: Path, capsys: pytest.Capture
     }
     assert "Stability margins" in (tmp_path / "study" / "report.html").read_text()
     study = fid.run("uav-sweep", set=list(SHORT))
-    assert study.kind == "sweep" and study["gain"].value == written["parameters"]["gain"]["estimate"]
-    assert study.true["inv_T_roll"] == 9.0 and "sigmas" in study.to_dataframe() and "Against" in study.summary()
+    assert (
+        study.kind == "sweep" and study["gain"].value == written["parameters"]["gain"]["estimate"]
+    )
+    assert (
+        study.true["inv_T_roll"] == 9.0
+        and "sigmas" in study.to_dataframe()
+        and "Against" in study.summary()
+    )
     assert len(study.records) == 1
     with pytest.raises(fid.InputError, match="no matrices"):
         study.to_state_space()
     assert typed("simulate", "uav-sweep", *changes, "--out", tmp_path / "flight.csv") == 0
-    words = ("--input", "command", "--output", "returned", "--reference", "sweep", "--margins", "minus", "--band", "0.4", "12")
+    words = (
+        "--input",
+        "command",
+        "--output",
+        "returned",
+        "--reference",
+        "sweep",
+        "--margins",
+        "minus",
+        "--band",
+        "0.4",
+        "12",
+    )
     capsys.readouterr()
     assert typed("response", tmp_path / "flight.csv", *words) == 0
     assert "gain increase" in capsys.readouterr().out
 
 
 def test_content_is_strict() -> None:
-    text = json.dumps(sweep_comparison(run_sweep(scenario("x29-margins", "sweep.flights=1"), 1)), allow_nan=False, default=str)
+    text = json.dumps(
+        sweep_comparison(run_sweep(scenario("x29-margins", "sweep.flights=1"), 1)),
+        allow_nan=False,
+        default=str,
+    )
     assert "null" not in text
 
 
@@ -171,8 +208,12 @@ def test_every_sweep_of_the_catalogue_is_read_and_has_its_truth() -> None:
         (["form=pich"], "there is no form"),
     ],
 )
-def test_faults_are_one_line(capsys: pytest.CaptureFixture[str], changes: list[str], said: str) -> None:
-    assert typed("run", "uav-sweep", *(word for change in changes for word in ("--set", change))) == 2
+def test_faults_are_one_line(
+    capsys: pytest.CaptureFixture[str], changes: list[str], said: str
+) -> None:
+    assert (
+        typed("run", "uav-sweep", *(word for change in changes for word in ("--set", change))) == 2
+    )
     shown = capsys.readouterr()
     assert shown.out == "" and shown.err.count("\n") == 1 and said in shown.err
 

@@ -1,4 +1,6 @@
-"""Effects that add loads, against both aircraft written a second time and integrated to the last digits."""
+"""Effects that add loads, against both aircraft written a second time and integrated to the last
+digits.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +29,23 @@ from sim.effects.library import catch_all_terms_for, find_effect
 from sim.maths import combine, natural_shapes
 from sim.vehicles.loes import Loes
 from sim.vehicles.short_period import ShortPeriod
-from tests.bases import LOES_CONSTANTS, LOES_VALUES, RIGID_VALUES, Flight, fly_model, loes_flight, loes_model, rigid_flight, rigid_model
+from tests.bases import (
+    LOES_CONSTANTS,
+    LOES_VALUES,
+    RIGID_VALUES,
+    Flight,
+    fly_model,
+    loes_flight,
+    loes_model,
+    rigid_flight,
+    rigid_model,
+)
 from tests.oracles.short_period_extras import fly_loes, fly_rigid
 
-RIGID, LOES = replace(rigid_flight(4.0), max_step=0.0025), replace(loes_flight(4.0), max_step=0.0025)
+RIGID, LOES = (
+    replace(rigid_flight(4.0), max_step=0.0025),
+    replace(loes_flight(4.0), max_step=0.0025),
+)
 
 
 def rigid(effect: Effect, values: Mapping[str, float], flight: Flight = RIGID) -> np.ndarray:
@@ -49,12 +64,19 @@ def close(got: np.ndarray, expected: np.ndarray, share: float = 1e-6) -> None:
 
 
 def curve(low: float, high: float, sizes: list[float]) -> CubicSpline:
-    """The same curve from its ordinates, by SciPy; its straight continuation is left to the range being wide enough."""
+    """The same curve from its ordinates, by SciPy; its straight continuation is left to the range
+    being wide enough.
+    """
     knots = np.linspace(low, high, 11 if len(sizes) > 5 else 6)
-    return CubicSpline(knots, combine(natural_shapes(low, high, len(sizes) > 5), knots, sizes), bc_type="natural")
+    return CubicSpline(
+        knots, combine(natural_shapes(low, high, len(sizes) > 5), knots, sizes), bc_type="natural"
+    )
 
 
-@pytest.mark.parametrize("sizes", [[0.02, -0.01, 0.004, 0.003], [0.02, -0.01, 0.004, 0.003, 0.003, -0.002, 0.002, 0.001, -0.001]])
+@pytest.mark.parametrize(
+    "sizes",
+    [[0.02, -0.01, 0.004, 0.003], [0.02, -0.01, 0.004, 0.003, 0.003, -0.002, 0.002, 0.001, -0.001]],
+)
 def test_nonlinear_moment_and_lift(sizes: list[float]) -> None:
     given = {f"shape{i + 1}": size for i, size in enumerate(sizes)}
     f = curve(-0.3, 0.25, sizes)
@@ -65,9 +87,21 @@ def test_nonlinear_moment_and_lift(sizes: list[float]) -> None:
     close(rigid(replace(LIFT_NONLINEARITY, low=-0.3, high=0.25, fine=fine), given), expected)
     g = curve(-0.05, 0.06, sizes)
     expected, _ = fly_loes(LOES.time, LOES.u[0], lambda t, a, q, u, z: (0.0, float(g(a)), ()))
-    close(loes(replace(find_effect("moment-nonlinearity", Loes()), low=-0.05, high=0.06, fine=fine), given), expected)  # type: ignore[type-var]
+    close(
+        loes(
+            replace(find_effect("moment-nonlinearity", Loes()), low=-0.05, high=0.06, fine=fine),
+            given,
+        ),
+        expected,
+    )  # type: ignore[type-var]
     expected, _ = fly_loes(LOES.time, LOES.u[0], lambda t, a, q, u, z: (float(g(a)), 0.0, ()))
-    close(loes(replace(find_effect("lift-nonlinearity", Loes()), low=-0.05, high=0.06, fine=fine), given), expected)  # type: ignore[type-var]
+    close(
+        loes(
+            replace(find_effect("lift-nonlinearity", Loes()), low=-0.05, high=0.06, fine=fine),
+            given,
+        ),
+        expected,
+    )  # type: ignore[type-var]
 
 
 @pytest.mark.parametrize("share", [1.0, 0.0, 0.4])
@@ -76,35 +110,60 @@ def test_nonlinear_control_bends_moment_and_lift_alike(share: float) -> None:
     given = {f"shape{i + 1}": size for i, size in enumerate(sizes)} | {"lift_share": share}
     f = curve(-0.12, 0.15, sizes)
     v = RIGID_VALUES
-    expected, _ = fly_rigid(RIGID.time, RIGID.u[0], lambda t, a, q, u, z: (share * v["CL_de"] * float(f(u)), v["Cm_de"] * float(f(u)), ()))
+    expected, _ = fly_rigid(
+        RIGID.time,
+        RIGID.u[0],
+        lambda t, a, q, u, z: (share * v["CL_de"] * float(f(u)), v["Cm_de"] * float(f(u)), ()),
+    )
     close(rigid(ControlNonlinearity(-0.12, 0.15), given), expected)
 
 
 def test_a_control_that_works_more_to_one_side() -> None:
     v, e, share = RIGID_VALUES, 0.3, 0.6
-    expected, _ = fly_rigid(RIGID.time, RIGID.u[0], lambda t, a, q, u, z: (share * v["CL_de"] * e * abs(u), v["Cm_de"] * e * abs(u), ()))
+    expected, _ = fly_rigid(
+        RIGID.time,
+        RIGID.u[0],
+        lambda t, a, q, u, z: (share * v["CL_de"] * e * abs(u), v["Cm_de"] * e * abs(u), ()),
+    )
     got = rigid(ControlUnevenness(width=1e-9), {"unevenness": e, "lift_share": share})
     close(got, expected)
     # Up and down are two aircraft with two derivatives.
     up = replace(RIGID, u=np.abs(RIGID.u))
-    one_sided = rigid_model().with_values({"Cm_de": 1.3 * v["Cm_de"], "CL_de": (1.0 + e * share) * v["CL_de"]})
-    close(rigid(ControlUnevenness(width=1e-9), {"unevenness": e, "lift_share": share}, up), np.array(fly_model(one_sided, up)))
+    one_sided = rigid_model().with_values(
+        {"Cm_de": 1.3 * v["Cm_de"], "CL_de": (1.0 + e * share) * v["CL_de"]}
+    )
+    close(
+        rigid(ControlUnevenness(width=1e-9), {"unevenness": e, "lift_share": share}, up),
+        np.array(fly_model(one_sided, up)),
+    )
     rounded = rigid(ControlUnevenness(), {"unevenness": e, "lift_share": share})
     close(rounded, got, 0.02)
     w = LOES_VALUES
-    expected, _ = fly_loes(LOES.time, LOES.u[0], lambda t, a, q, u, z: (w["L_delta"] * e * abs(u), w["M_delta"] * e * abs(u), ()))
+    expected, _ = fly_loes(
+        LOES.time,
+        LOES.u[0],
+        lambda t, a, q, u, z: (w["L_delta"] * e * abs(u), w["M_delta"] * e * abs(u), ()),
+    )
     close(loes(replace(find_effect_named("delta"), width=1e-9), {"unevenness": e}), expected, 1e-4)
 
 
 def test_a_control_that_loses_power_to_both_sides() -> None:
     v, share = RIGID_VALUES, 0.6
     f = lambda u: -0.3 * u**3 / 0.12**2  # noqa: E731
-    expected, _ = fly_rigid(RIGID.time, RIGID.u[0], lambda t, a, q, u, z: (share * v["CL_de"] * f(u), v["Cm_de"] * f(u), ()))
+    expected, _ = fly_rigid(
+        RIGID.time,
+        RIGID.u[0],
+        lambda t, a, q, u, z: (share * v["CL_de"] * f(u), v["Cm_de"] * f(u), ()),
+    )
     close(rigid(ControlWeakening(widest=0.12), {"loss": 0.3, "lift_share": share}), expected)
 
 
 def find_effect_named(control: str) -> ControlUnevenness:
-    return next(effect for effect in VARIANTS if isinstance(effect, ControlUnevenness) and effect.control == control)
+    return next(
+        effect
+        for effect in VARIANTS
+        if isinstance(effect, ControlUnevenness) and effect.control == control
+    )
 
 
 @pytest.mark.parametrize("time", [2.0, 2.013])
@@ -112,8 +171,14 @@ def test_derivatives_that_jump_with_an_edge_of_no_width(time: float) -> None:
     changes = {"Cm_alpha": 0.4, "Cm_q": 9.0, "Cm_de": 0.3, "CL_alpha": -0.4}
     chord, V = RIGID_VALUES["chord"], RIGID_VALUES["airspeed"]
 
-    def extra(t: float, a: float, q: float, u: float, z: np.ndarray) -> tuple[float, float, tuple[()]]:
-        return (-0.4 * a, 0.4 * a + 9.0 * q * chord / (2.0 * V) + 0.3 * u, ()) if t > time else (0.0, 0.0, ())
+    def extra(
+        t: float, a: float, q: float, u: float, z: np.ndarray
+    ) -> tuple[float, float, tuple[()]]:
+        return (
+            (-0.4 * a, 0.4 * a + 9.0 * q * chord / (2.0 * V) + 0.3 * u, ())
+            if t > time
+            else (0.0, 0.0, ())
+        )
 
     expected, _ = fly_rigid(RIGID.time, RIGID.u[0], extra, cuts=[time])
     got = rigid(DerivativeJump(), {"time": time, **changes})
@@ -127,29 +192,52 @@ def test_lift_and_moment_that_nobody_recorded(start: float, duration: float) -> 
     lift, moment = 0.03, -0.02
     acts = lambda t: start < t < start + duration  # noqa: E731
     cuts = [start, start + duration]
-    expected, _ = fly_rigid(RIGID.time, RIGID.u[0], lambda t, a, q, u, z: (lift * acts(t), moment * acts(t), ()), cuts=cuts)
-    got = rigid(UnmeasuredInput(), {"start": start, "duration": duration, "lift": lift, "moment": moment})
+    expected, _ = fly_rigid(
+        RIGID.time,
+        RIGID.u[0],
+        lambda t, a, q, u, z: (lift * acts(t), moment * acts(t), ()),
+        cuts=cuts,
+    )
+    got = rigid(
+        UnmeasuredInput(), {"start": start, "duration": duration, "lift": lift, "moment": moment}
+    )
     away = np.min(np.abs(RIGID.time[:, None] - cuts), axis=1) > 0.01
     close(got[:, away], expected[:, away], 2e-4)
-    expected, _ = fly_loes(LOES.time, LOES.u[0], lambda t, a, q, u, z: (lift * acts(t), moment * acts(t), ()), cuts=cuts)
-    got = loes(find_effect("unmeasured-input", Loes()), {"start": start, "duration": duration, "lift": lift, "moment": moment})
+    expected, _ = fly_loes(
+        LOES.time,
+        LOES.u[0],
+        lambda t, a, q, u, z: (lift * acts(t), moment * acts(t), ()),
+        cuts=cuts,
+    )
+    got = loes(
+        find_effect("unmeasured-input", Loes()),
+        {"start": start, "duration": duration, "lift": lift, "moment": moment},
+    )
     close(got[:, away], expected[:, away], 2e-4)
 
 
 def test_a_pulse_beyond_the_records_end_is_a_step() -> None:
     values = {"start": 1.41, "lift": 0.03, "moment": -0.02}
-    np.testing.assert_array_equal(rigid(UnmeasuredInput(lasting=True), values), rigid(UnmeasuredInput(), {**values, "duration": 50.0}))
+    np.testing.assert_array_equal(
+        rigid(UnmeasuredInput(lasting=True), values),
+        rigid(UnmeasuredInput(), {**values, "duration": 50.0}),
+    )
 
 
 def test_airspeed_that_grows_from_the_begin() -> None:
     flight = replace(RIGID, time=RIGID.time + 7.0)
-    mass, wing, density, V = (RIGID_VALUES[name] for name in ("mass", "wing_area", "air_density", "airspeed"))
+    mass, wing, density, V = (
+        RIGID_VALUES[name] for name in ("mass", "wing_area", "air_density", "airspeed")
+    )
     speed = lambda t: V + 6.0 * (t - 7.0)  # noqa: E731
     expected, _ = fly_rigid(flight.time, flight.u[0], speed=speed)
     close(rigid(SpeedVariation(7.0, weight=False), {"rate": 6.0}, flight), expected)
 
-    # What carries the weight: the coefficient of the trim, less what the weight itself takes at that pressure.
-    def carried(t: float, a: float, q: float, u: float, z: np.ndarray) -> tuple[float, float, tuple[()]]:
+    # What carries the weight: the coefficient of the trim, less what the weight itself takes at
+    # that pressure.
+    def carried(
+        t: float, a: float, q: float, u: float, z: np.ndarray
+    ) -> tuple[float, float, tuple[()]]:
         return 2.0 * mass * 9.80665 / (density * wing) * (V**-2 - speed(t) ** -2), 0.0, ()
 
     expected, _ = fly_rigid(flight.time, flight.u[0], carried, speed=speed)
@@ -159,7 +247,10 @@ def test_airspeed_that_grows_from_the_begin() -> None:
 
 def test_airspeed_that_grows_on_the_low_order_equivalent_loads_it_as_the_rigid_one() -> None:
     still = replace(LOES, u=0.0 * LOES.u)
-    with_weight, without = loes(SpeedVariation(), {"rate": 3.0}, still), loes(SpeedVariation(weight=False), {"rate": 3.0}, still)
+    with_weight, without = (
+        loes(SpeedVariation(), {"rate": 3.0}, still),
+        loes(SpeedVariation(weight=False), {"rate": 3.0}, still),
+    )
     assert not without.any()
     V, g = LOES_CONSTANTS["airspeed"], LOES_CONSTANTS["gravity"]
     speed = V + 3.0 * still.time
@@ -183,11 +274,24 @@ def test_a_gust_that_passes_and_one_that_stays(lasting: bool) -> None:
             return peak
         return peak * float(np.sin(np.pi * share)) ** 2 if share < 1.0 else 0.0
 
-    expected, _ = fly_rigid(RIGID.time, RIGID.u[0], gust=w, cuts=[start, start + 0.5 * duration, start + duration])
-    close(rigid(GustDiscrete(lasting), {"peak": peak, "start": start, "duration": duration}), expected, 1e-5)
+    expected, _ = fly_rigid(
+        RIGID.time, RIGID.u[0], gust=w, cuts=[start, start + 0.5 * duration, start + duration]
+    )
+    close(
+        rigid(GustDiscrete(lasting), {"peak": peak, "start": start, "duration": duration}),
+        expected,
+        1e-5,
+    )
 
 
-BENDING = {"frequency": 17.0, "damping": 0.04, "lift": 0.2, "moment": -0.3, "angle_gain": 0.7, "gyro": 0.03}
+BENDING = {
+    "frequency": 17.0,
+    "damping": 0.04,
+    "lift": 0.2,
+    "moment": -0.3,
+    "angle_gain": 0.7,
+    "gyro": 0.03,
+}
 FURTHER = {"lift_rate": 0.05, "moment_rate": -0.11, "pitch_gain": 0.05, "accelerometer": 2e-3}
 
 
@@ -198,16 +302,33 @@ def test_an_elastic_mode_with_all_its_couplings(fine: bool, number: int) -> None
     w = c["frequency"]
 
     def acceleration(a: float, q: float, u: float, eta: float, rate: float) -> float:
-        return -2.0 * c["damping"] * w * rate + w**2 * (u + c["angle_gain"] * a + c["pitch_gain"] * q - eta)
+        return -2.0 * c["damping"] * w * rate + w**2 * (
+            u + c["angle_gain"] * a + c["pitch_gain"] * q - eta
+        )
 
-    def extra(t: float, a: float, q: float, u: float, z: np.ndarray) -> tuple[float, float, list[float]]:
+    def extra(
+        t: float, a: float, q: float, u: float, z: np.ndarray
+    ) -> tuple[float, float, list[float]]:
         eta, rate = z
-        return c["lift"] * eta + c["lift_rate"] * rate / w, c["moment"] * eta + c["moment_rate"] * rate / w, [rate, acceleration(a, q, u, eta, rate)]
+        return (
+            c["lift"] * eta + c["lift_rate"] * rate / w,
+            c["moment"] * eta + c["moment_rate"] * rate / w,
+            [rate, acceleration(a, q, u, eta, rate)],
+        )
 
     expected, inside = fly_rigid(RIGID.time, RIGID.u[0], extra, further=2)
     eta, rate = inside.T
-    bent = [acceleration(*row) for row in zip(expected[0], expected[1], RIGID.u[0], eta, rate, strict=True)]
-    readings = np.array([expected[0], expected[1] + c["gyro"] * rate, expected[2] + c["accelerometer"] * np.array(bent)])
+    bent = [
+        acceleration(*row)
+        for row in zip(expected[0], expected[1], RIGID.u[0], eta, rate, strict=True)
+    ]
+    readings = np.array(
+        [
+            expected[0],
+            expected[1] + c["gyro"] * rate,
+            expected[2] + c["accelerometer"] * np.array(bent),
+        ]
+    )
     close(rigid(ElasticMode(number, fine), values), readings, 2e-6)
 
 
@@ -217,11 +338,24 @@ def test_two_elastic_modes_and_one_on_the_equivalent_system() -> None:
     second = {f"elastic-mode#2.{local}": 0.0 for local in ("lift", "moment", "gyro")}
     alone = fly_model(rigid_model().with_effects(ElasticMode()), RIGID)
     np.testing.assert_array_equal(fly_model(model.with_values(second), RIGID), alone)
-    values = {"frequency": 26.0, "damping": 0.03, "lift": 0.003, "moment": -0.06, "angle_gain": -11.0, "gyro": 0.002}
+    values = {
+        "frequency": 26.0,
+        "damping": 0.03,
+        "lift": 0.003,
+        "moment": -0.06,
+        "angle_gain": -11.0,
+        "gyro": 0.002,
+    }
 
-    def extra(t: float, a: float, q: float, u: float, z: np.ndarray) -> tuple[float, float, list[float]]:
+    def extra(
+        t: float, a: float, q: float, u: float, z: np.ndarray
+    ) -> tuple[float, float, list[float]]:
         eta, rate = z
-        return 0.003 * eta, -0.06 * eta, [rate, 26.0**2 * (u - 11.0 * a - eta) - 2.0 * 0.03 * 26.0 * rate]
+        return (
+            0.003 * eta,
+            -0.06 * eta,
+            [rate, 26.0**2 * (u - 11.0 * a - eta) - 2.0 * 0.03 * 26.0 * rate],
+        )
 
     expected, inside = fly_loes(LOES.time, LOES.u[0], extra, further=2)
     expected[1] += 0.002 * inside[:, 1]
@@ -236,45 +370,87 @@ def test_guards_are_the_terms_that_they_name() -> None:
         "alpha-q": lambda a, q, u: a * q * chord / (2.0 * V),
     }
     found = {guard.name: guard for guard in catch_all_terms_for(ShortPeriod())}
-    others = ("lagged-loads", "periodic-loads", "damping-curve", "drifting-derivatives", "hysteresis", "vane-behind")
+    others = (
+        "lagged-loads",
+        "periodic-loads",
+        "damping-curve",
+        "drifting-derivatives",
+        "hysteresis",
+        "vane-behind",
+    )
     assert set(found) == {f"guard:{name}" for name in (*products, *others)}
     for name, product in products.items():
 
-        def extra(t: float, a: float, q: float, u: float, z: np.ndarray, product: Any = product) -> tuple[float, float, tuple[()]]:
+        def extra(
+            t: float, a: float, q: float, u: float, z: np.ndarray, product: Any = product
+        ) -> tuple[float, float, tuple[()]]:
             return 2.0 * product(a, q, u), -3.0 * product(a, q, u), ()
 
         expected, _ = fly_rigid(RIGID.time, RIGID.u[0], extra)
         close(rigid(found[f"guard:{name}"], {"lift": 2.0, "moment": -3.0}), expected)
-    expected, _ = fly_rigid(RIGID.time, RIGID.u[0], lambda t, a, q, u, z: (0.5 * (a - z[0]), 0.3 * (a - z[0]), [(a - z[0]) / 0.4]), further=1)
+    expected, _ = fly_rigid(
+        RIGID.time,
+        RIGID.u[0],
+        lambda t, a, q, u, z: (0.5 * (a - z[0]), 0.3 * (a - z[0]), [(a - z[0]) / 0.4]),
+        further=1,
+    )
     close(rigid(found["guard:lagged-loads"], {"lag": 0.4, "lift": 0.5, "moment": 0.3}), expected)
     remembers = lambda t, a, q, u, z: (0.02 * z[0], 0.01 * z[0], [(q - abs(q) * z[0]) / 0.05])  # noqa: E731
     expected, _ = fly_rigid(RIGID.time, RIGID.u[0], remembers, further=1)
     close(rigid(found["guard:hysteresis"], {"width": 0.05, "lift": 0.02, "moment": 0.01}), expected)
 
-    def swinging(t: float, a: float, q: float, u: float, z: np.ndarray) -> tuple[float, float, tuple[()]]:
-        return 0.02 * np.cos(5.0 * t) - 0.01 * np.sin(5.0 * t), 0.004 * np.cos(5.0 * t) + 0.003 * np.sin(5.0 * t), ()
+    def swinging(
+        t: float, a: float, q: float, u: float, z: np.ndarray
+    ) -> tuple[float, float, tuple[()]]:
+        return (
+            0.02 * np.cos(5.0 * t) - 0.01 * np.sin(5.0 * t),
+            0.004 * np.cos(5.0 * t) + 0.003 * np.sin(5.0 * t),
+            (),
+        )
 
-    def curved(t: float, a: float, q: float, u: float, z: np.ndarray) -> tuple[float, float, tuple[()]]:
+    def curved(
+        t: float, a: float, q: float, u: float, z: np.ndarray
+    ) -> tuple[float, float, tuple[()]]:
         r = q * chord / (2.0 * V)
         return 300.0 * r * abs(r), -800.0 * r * abs(r), ()
 
     expected, _ = fly_rigid(RIGID.time, RIGID.u[0], curved)
     close(rigid(found["guard:damping-curve"], {"lift": 300.0, "moment": -800.0}), expected)
 
-    def drifting(t: float, a: float, q: float, u: float, z: np.ndarray) -> tuple[float, float, tuple[()]]:
+    def drifting(
+        t: float, a: float, q: float, u: float, z: np.ndarray
+    ) -> tuple[float, float, tuple[()]]:
         return 0.05 * t * a, t * (0.02 * a - 0.03 * u), ()
 
     expected, _ = fly_rigid(RIGID.time, RIGID.u[0], drifting)
-    close(rigid(found["guard:drifting-derivatives"], {"stability": 0.02, "control": -0.03, "slope": 0.05}), expected)
+    close(
+        rigid(
+            found["guard:drifting-derivatives"],
+            {"stability": 0.02, "control": -0.03, "slope": 0.05},
+        ),
+        expected,
+    )
     expected, _ = fly_rigid(RIGID.time, RIGID.u[0], swinging)
-    sizes = {"frequency": 5.0, "lift_cos": 0.02, "lift_sin": -0.01, "moment_cos": 0.004, "moment_sin": 0.003}
+    sizes = {
+        "frequency": 5.0,
+        "lift_cos": 0.02,
+        "lift_sin": -0.01,
+        "moment_cos": 0.004,
+        "moment_sin": 0.003,
+    }
     close(rigid(found["guard:periodic-loads"], sizes), expected)
 
 
 def test_a_mode_is_driven_by_the_angle_about_as_the_aircraft_is_turned_by_it() -> None:
-    """Beforehand, to three times the ratio of the fitted moments; where these are not known, to anything."""
-    fitted = ElasticMode().fitted_to(SearchContext(0.0, 9.0, 0.02, values={"Cm_alpha": -0.9, "Cm_de": -1.2}))
+    """Beforehand, to three times the ratio of the fitted moments; where these are not known, to
+    anything.
+    """
+    fitted = ElasticMode().fitted_to(
+        SearchContext(0.0, 9.0, 0.02, values={"Cm_alpha": -0.9, "Cm_de": -1.2})
+    )
     known = {item.name: item for item in fitted.parameters}["angle_gain"]
     assert known.value == 0.0 and known.prior_std == pytest.approx(2.25)
-    unknown = ElasticMode().fitted_to(SearchContext(0.0, 9.0, 0.02, values={"Cm_alpha": 0.0, "Cm_de": -1.2}))
+    unknown = ElasticMode().fitted_to(
+        SearchContext(0.0, 9.0, 0.02, values={"Cm_alpha": 0.0, "Cm_de": -1.2})
+    )
     assert {item.name: item for item in unknown.parameters}["angle_gain"].prior_std == math.inf

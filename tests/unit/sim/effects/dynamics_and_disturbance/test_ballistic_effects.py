@@ -28,26 +28,52 @@ def with_effect(effect: Effect, values: Mapping[str, float]) -> np.ndarray:
     return fly_model(ballistic_model().with_effects(effect).with_values(given), FLIGHT)[0]
 
 
-def fallen(drag: Callable[[float, float, float], float], cuts: tuple[float, ...] = ()) -> np.ndarray:
-    """Altitudes of the body written a second time; ``drag(t, altitude, speed)`` multiplies its drag, restarted at the cuts."""
+def fallen(
+    drag: Callable[[float, float, float], float], cuts: tuple[float, ...] = ()
+) -> np.ndarray:
+    """Altitudes of the body written a second time; ``drag(t, altitude, speed)`` multiplies its
+    drag, restarted at the cuts.
+    """
     v = BALLISTIC_VALUES
 
     def rates(t: float, x: np.ndarray) -> list[float]:
         rho = v["air_density_reference"] * np.exp(-x[0] / v["density_scale_height"])
-        return [x[1], -0.5 * rho * x[1] * abs(x[1]) * drag(t, x[0], abs(x[1])) / v["beta"] - v["gravity"]]
+        return [
+            x[1],
+            -0.5 * rho * x[1] * abs(x[1]) * drag(t, x[0], abs(x[1])) / v["beta"] - v["gravity"],
+        ]
 
     out, x, ends = [], np.array([60960.0, -1828.8]), [0.0, *cuts, 30.0]
     for a, b in pairwise(ends):
         inside = FLIGHT.time[(FLIGHT.time >= a) & ((FLIGHT.time < b) | (b == 30.0))]
-        run = solve_ivp(rates, (a, b), x, method="DOP853", rtol=1e-11, atol=1e-9, t_eval=[*inside, *([b] if b not in inside else [])], max_step=0.1)
+        run = solve_ivp(
+            rates,
+            (a, b),
+            x,
+            method="DOP853",
+            rtol=1e-11,
+            atol=1e-9,
+            t_eval=[*inside, *([b] if b not in inside else [])],
+            max_step=0.1,
+        )
         out += run.y[0, : len(inside)].tolist()
         x = run.y[:, -1]
     return np.array(out)
 
 
 def test_another_scale_height_is_that_scale_height() -> None:
-    expected = fly_model(ballistic_model({**BALLISTIC_VALUES, "density_scale_height": 1.2 * BALLISTIC_VALUES["density_scale_height"]}), FLIGHT)[0]
-    np.testing.assert_allclose(with_effect(DensityScaleHeight(), {"change": 0.2}), expected, rtol=0.0, atol=1e-6)
+    expected = fly_model(
+        ballistic_model(
+            {
+                **BALLISTIC_VALUES,
+                "density_scale_height": 1.2 * BALLISTIC_VALUES["density_scale_height"],
+            }
+        ),
+        FLIGHT,
+    )[0]
+    np.testing.assert_allclose(
+        with_effect(DensityScaleHeight(), {"change": 0.2}), expected, rtol=0.0, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize(("time", "factor"), [(21.0, 0.6), (24.337, 1.7)])
@@ -87,7 +113,10 @@ def test_its_shapes_follow_a_drag_rise_of_another_form(centre: float, width: flo
     for fine in (False, True):
         shapes = DragMach(0.6, 5.0, fine).shapes
         z = np.arcsinh((mach - 1.1) / 0.25)
-        columns = np.array([combine(shapes, z, row.tolist()) for row in np.eye(shapes.count)] + [np.ones_like(mach)]).T
+        columns = np.array(
+            [combine(shapes, z, row.tolist()) for row in np.eye(shapes.count)]
+            + [np.ones_like(mach)]
+        ).T
         left.append(np.sqrt(np.mean((rise - columns @ np.linalg.lstsq(columns, rise)[0]) ** 2)))
     assert left[0] < 0.012 and left[1] < 0.003
 
@@ -97,14 +126,27 @@ def test_drag_over_mach_takes_its_range_from_the_speeds_flown() -> None:
     assert effect.fitted_to(SearchContext(0.0, 10.0, 0.1)) == effect
     fitted = effect.fitted_to(SearchContext(0.0, 10.0, 0.1, flown={"velocity": (-1800.0, -170.0)}))
     assert isinstance(fitted, DragMach) and not fitted.fine
-    assert fitted.low == pytest.approx(170.0 / 340.29, rel=1e-4) and fitted.high == pytest.approx(1800.0 / 295.07, rel=1e-4)
-    high_up = effect.fitted_to(SearchContext(0.0, 10.0, 0.1, flown={"velocity": (-1800.0, -1000.0), "altitude": (20000.0, 40000.0)}))
-    assert isinstance(high_up, DragMach) and high_up.low == pytest.approx(1000.0 / 295.07, rel=1e-4), "slowest where it is lowest, still high"
+    assert fitted.low == pytest.approx(170.0 / 340.29, rel=1e-4) and fitted.high == pytest.approx(
+        1800.0 / 295.07, rel=1e-4
+    )
+    high_up = effect.fitted_to(
+        SearchContext(
+            0.0, 10.0, 0.1, flown={"velocity": (-1800.0, -1000.0), "altitude": (20000.0, 40000.0)}
+        )
+    )
+    assert isinstance(high_up, DragMach) and high_up.low == pytest.approx(
+        1000.0 / 295.07, rel=1e-4
+    ), "slowest where it is lowest, still high"
     both_ways = effect.fitted_to(SearchContext(0.0, 10.0, 0.1, flown={"velocity": (-300.0, 100.0)}))
     assert isinstance(both_ways, DragMach) and both_ways.low == 0.0
 
 
 def test_drag_that_drifts_is_a_guard_only() -> None:
     (guard,) = catch_all_terms_for(Ballistic())
-    np.testing.assert_allclose(with_effect(guard, {"rate": 0.04}), fallen(lambda t, h, v: np.exp(0.04 * t)), rtol=0.0, atol=1e-3)
+    np.testing.assert_allclose(
+        with_effect(guard, {"rate": 0.04}),
+        fallen(lambda t, h, v: np.exp(0.04 * t)),
+        rtol=0.0,
+        atol=1e-3,
+    )
     assert find_effect("drag-mach", Ballistic()) == DragMach()

@@ -31,13 +31,20 @@ def test_shape_is_one_minus_cosine_within_and_zero_without() -> None:
 
 
 def test_adds_to_the_loads_and_the_vane_but_not_to_the_state() -> None:
-    # At its peak the gust acts on rates and readings as an equal alpha would, and alpha itself is unmoved.
+    # At its peak the gust acts on rates and readings as an equal alpha would, and alpha itself is
+    # unmoved.
     system = compile_model(rigid_model().with_effects(GustDiscrete()))
     names = system.parameters.names
     given = {"gust-discrete.peak": 4.0, "gust-discrete.start": 2.0, "gust-discrete.duration": 1.0}
     p = [given.get(name, float(system.parameters[name].value)) for name in names]
     angle = 4.0 / RIGID_VALUES["airspeed"]
-    assert system.f(2.5, [0.0, 0.0], [0.0], p) == pytest.approx(system.f(0.0, [angle, 0.0], [0.0], p))
-    assert system.h(2.5, [0.0, 0.0], [0.0], p) == pytest.approx(system.h(0.0, [angle, 0.0], [0.0], p))
+    assert system.f(2.5, [0.0, 0.0], [0.0], p) == pytest.approx(
+        system.f(0.0, [angle, 0.0], [0.0], p)
+    )
+    assert system.h(2.5, [0.0, 0.0], [0.0], p) == pytest.approx(
+        system.h(0.0, [angle, 0.0], [0.0], p)
+    )
     alpha, q, nz = system.h(2.5, [0.0, 0.0], [0.0], p)
-    assert alpha == pytest.approx(angle) and q == 0.0 and nz > 0.0, "an upward gust is an added alpha and lift"
+    assert alpha == pytest.approx(angle) and q == 0.0 and nz > 0.0, (
+        "an upward gust is an added alpha and lift"
+    )

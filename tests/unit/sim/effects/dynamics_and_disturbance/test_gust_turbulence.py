@@ -23,7 +23,9 @@ def system_in_turbulence() -> System:
 
 
 def gust_filter() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Matrices of the gust's states and the vertical speed as their combination, from the compiled system."""
+    """Matrices of the gust's states and the vertical speed as their combination, from the compiled
+    system.
+    """
     system = system_in_turbulence()
     p = [float(value) for value in system.parameters.values()]
     A = complex_step_jacobian(lambda x: system.f(0.0, x, [0.0], p), [0.0] * 4)
@@ -39,7 +41,13 @@ def test_spectrum_is_that_of_the_specification() -> None:
         transfer = C @ np.linalg.solve(1j * omega * np.eye(2) - A, np.eye(2))
         # One-sided over the spatial frequency: twice the two-sided density over two pi, times V.
         got = float(np.real(transfer @ Q @ transfer.conj())) / np.pi * V
-        expected = SIGMA**2 * LENGTH / np.pi * (1.0 + 3.0 * (LENGTH * spatial) ** 2) / (1.0 + (LENGTH * spatial) ** 2) ** 2
+        expected = (
+            SIGMA**2
+            * LENGTH
+            / np.pi
+            * (1.0 + 3.0 * (LENGTH * spatial) ** 2)
+            / (1.0 + (LENGTH * spatial) ** 2) ** 2
+        )
         assert got == pytest.approx(expected, rel=1e-12)
 
 
@@ -48,7 +56,9 @@ def test_its_integral_is_the_variance() -> None:
     covariance = solve_continuous_lyapunov(A, -Q)
     assert C @ covariance @ C == pytest.approx(SIGMA**2, rel=1e-12)
     # Of the states in air that has been rough for long; the length does not enter.
-    np.testing.assert_allclose(SIGMA**2 * np.array([[0.5, 0.25], [0.25, 0.25]]), covariance, rtol=1e-12)
+    np.testing.assert_allclose(
+        SIGMA**2 * np.array([[0.5, 0.25], [0.25, 0.25]]), covariance, rtol=1e-12
+    )
 
 
 def test_gust_acts_on_loads_and_vane_of_both_aircraft() -> None:
@@ -58,10 +68,13 @@ def test_gust_acts_on_loads_and_vane_of_both_aircraft() -> None:
         p = system.parameters.values().tolist()
         n = len(model.equations.states)
         angle = w / float(model.parameters["airspeed"].value)
-        # Both states at w are a steady gust of w, as an equal alpha to loads and vane, and alpha itself is unmoved.
+        # Both states at w are a steady gust of w, as an equal alpha to loads and vane, and alpha
+        # itself is unmoved.
         gusty, tilted = [0.0] * n + [w, w], [angle] + [0.0] * (n + 1)
         assert system.h(0.0, gusty, [0.0], p) == pytest.approx(system.h(0.0, tilted, [0.0], p))
-        assert system.f(0.0, gusty, [0.0], p)[:n] == pytest.approx(system.f(0.0, tilted, [0.0], p)[:n])
+        assert system.f(0.0, gusty, [0.0], p)[:n] == pytest.approx(
+            system.f(0.0, tilted, [0.0], p)[:n]
+        )
 
 
 def test_a_forced_flight_has_gusts_of_that_size() -> None:

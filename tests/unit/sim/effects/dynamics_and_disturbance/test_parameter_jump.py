@@ -1,4 +1,6 @@
-"""Parameters of a user's own model that change at one time: groups, sizes, and the flight against SciPy's integrator."""
+"""Parameters of a user's own model that change at one time: groups, sizes, and the flight against
+SciPy's integrator.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,10 @@ def test_what_acts_through_one_port_is_one_group(tmp_path: Path) -> None:
         "derivative-jump:r_rate": ("N_r", "N_beta", "N_dr"),
         "derivative-jump:beta_rate": ("Y",),
     }
-    assert {*jumps(effects_for(own_rigid(RIGID_VALUES).equations))} == {"derivative-jump:alpha_rate", "derivative-jump:q_rate"}
+    assert {*jumps(effects_for(own_rigid(RIGID_VALUES).equations))} == {
+        "derivative-jump:alpha_rate",
+        "derivative-jump:q_rate",
+    }
     assert not jumps(effects_for(ShortPeriod()))
 
 
@@ -44,7 +49,9 @@ def test_sizes_follow_the_declared_values() -> None:
     jump = ParameterJump((("k", "N/m"), ("c", "N s/m")))
     assert not jump.traits.plausible, "of an unknown size any is believed"
     known = jump.fitted_to(SearchContext(0.0, 9.0, 0.05, values={"k": -40.0, "c": 1.0}))
-    assert known.sizes == (USUAL * 40.0, USUAL) and known.traits.plausible["k"] == pytest.approx((-LARGEST * 40.0, LARGEST * 40.0))
+    assert known.sizes == (USUAL * 40.0, USUAL) and known.traits.plausible["k"] == pytest.approx(
+        (-LARGEST * 40.0, LARGEST * 40.0)
+    )
     assert not jump.fitted_to(SearchContext(0.0, 9.0, 0.05, values={"k": -40.0, "c": 0.0})).sizes
 
 
@@ -52,11 +59,18 @@ def test_a_spring_that_slackens_flies_as_another_simulator_says(tmp_path: Path) 
     """Before the time as declared, after it with the change, in rate and reading alike."""
     model = read_user_model(model_file(tmp_path, SPRING)).model
     record = spring(lambda x: 50.0, 1, extra=lambda t, x, f: 15.0 * x[0] * (t > 8.0))
-    jump = jumps(effects_for(model.equations))["derivative-jump"].fitted_to(SearchContext(0.0, 20.0, 1e-4))
+    jump = jumps(effects_for(model.equations))["derivative-jump"].fitted_to(
+        SearchContext(0.0, 20.0, 1e-4)
+    )
     flight = Flight(record.time, np.array([channel.values for channel in record.inputs]))
     plain = np.array(fly_model(model, flight))
     flown = np.array(
-        fly_model(model.with_effects(jump).with_values({f"{jump.name}.time": 8.0, f"{jump.name}.k": -15.0, f"{jump.name}.c": 0.0}), flight)
+        fly_model(
+            model.with_effects(jump).with_values(
+                {f"{jump.name}.time": 8.0, f"{jump.name}.k": -15.0, f"{jump.name}.c": 0.0}
+            ),
+            flight,
+        )
     )
     measured = np.array([channel.values for channel in record.outputs])
     for row, std in zip(flown - measured, (0.003, 0.05), strict=True):

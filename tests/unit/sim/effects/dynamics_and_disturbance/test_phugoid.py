@@ -1,4 +1,6 @@
-"""The phugoid against equations written in forces and moments, its forms with a recorded attitude or airspeed, and its frequency."""
+"""The phugoid against equations written in forces and moments, its forms with a recorded attitude
+or airspeed, and its frequency.
+"""
 
 from __future__ import annotations
 
@@ -24,18 +26,31 @@ VALUES = {"attitude": 0.12, "speed_damping": 0.02, "induced_drag": 4.0, "trim_mo
 
 
 def in_forces(flight: Flight, values: dict[str, float]) -> np.ndarray:
-    """alpha, q, nz, speed and attitude ``(5, N)`` from lift, weight and moments in newtons, held inputs, no port and no coefficient shared."""
+    """alpha, q, nz, speed and attitude ``(5, N)`` from lift, weight and moments in newtons, held
+    inputs, no port and no coefficient shared.
+    """
     v = RIGID_VALUES
-    m, S, c, Iy, rho, V0 = (v[name] for name in ("mass", "wing_area", "chord", "pitch_inertia", "air_density", "airspeed"))
+    m, S, c, Iy, rho, V0 = (
+        v[name]
+        for name in ("mass", "wing_area", "chord", "pitch_inertia", "air_density", "airspeed")
+    )
 
     def lift_and_moment(x: np.ndarray, e: float) -> tuple[float, float]:
         alpha, q, u = x[:3]
         V = V0 + u
         pressure, trim = 0.5 * rho * V * V, 0.5 * rho * V0 * V0
         rate = q * c / (2.0 * V)
-        lift = pressure * S * (v["CL_alpha"] * alpha + v["CL_q"] * rate + v["CL_de"] * e) + m * G * pressure / trim
+        lift = (
+            pressure * S * (v["CL_alpha"] * alpha + v["CL_q"] * rate + v["CL_de"] * e)
+            + m * G * pressure / trim
+        )
         engines = -values["trim_moment"] * trim * S * c
-        air = pressure * S * c * (v["Cm_alpha"] * alpha + v["Cm_q"] * rate + v["Cm_de"] * e + values["trim_moment"])
+        air = (
+            pressure
+            * S
+            * c
+            * (v["Cm_alpha"] * alpha + v["Cm_q"] * rate + v["Cm_de"] * e + values["trim_moment"])
+        )
         return lift, air + engines
 
     def rates(t: float, x: np.ndarray, e: float) -> Any:
@@ -46,7 +61,9 @@ def in_forces(flight: Flight, values: dict[str, float]) -> np.ndarray:
         return q - (lift - m * G) / (m * (V0 + u)), moment / Iy, -G * path - drag, q
 
     x, out = np.array([0.0, 0.0, 0.0, values["attitude"]]), []
-    for k, (a, b) in enumerate(zip(flight.time, np.append(flight.time[1:], flight.time[-1] + 0.02), strict=True)):
+    for k, (a, b) in enumerate(
+        zip(flight.time, np.append(flight.time[1:], flight.time[-1] + 0.02), strict=True)
+    ):
         e = float(flight.u[0][k])
         out.append([x[0], x[1], (lift_and_moment(x, e)[0] - m * G) / (m * G), x[2], x[3]])
         x = solve_ivp(rates, (a, b), x, args=(e,), method="DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
@@ -54,7 +71,11 @@ def in_forces(flight: Flight, values: dict[str, float]) -> np.ndarray:
 
 
 def model_with(effect: Phugoid, **values: float) -> Any:
-    return rigid_model().with_effects(effect).with_values({f"phugoid.{name}": value for name, value in values.items()})
+    return (
+        rigid_model()
+        .with_effects(effect)
+        .with_values({f"phugoid.{name}": value for name, value in values.items()})
+    )
 
 
 def recording(signal: Signal) -> Model:
@@ -92,14 +113,28 @@ def test_recorded_states_take_the_place_of_its_own() -> None:
 
 
 def test_a_recorded_airspeed_leaves_the_trim_moment_to_find() -> None:
-    effect = Phugoid().fitted_to(SearchContext(0.0, 8.0, 0.02, input_peak={"airspeed_change": 4.0, "lift": 0.1}))
-    assert effect.states == () and [item.name for item in effect.parameters] == ["trim_moment"] and effect.absent == {"trim_moment": 0.0}
-    wider = recording(next(port for port in rigid_model().equations.ports if port.name == "airspeed_change"))
+    effect = Phugoid().fitted_to(
+        SearchContext(0.0, 8.0, 0.02, input_peak={"airspeed_change": 4.0, "lift": 0.1})
+    )
+    assert (
+        effect.states == ()
+        and [item.name for item in effect.parameters] == ["trim_moment"]
+        and effect.absent == {"trim_moment": 0.0}
+    )
+    wider = recording(
+        next(port for port in rigid_model().equations.ports if port.name == "airspeed_change")
+    )
     system = compile_model(wider.with_effects(effect).with_values({"phugoid.trim_moment": 0.03}))
     names, p = system.state_names, system.parameters.values().tolist()
     V0, u = RIGID_VALUES["airspeed"], 6.0
     without = compile_model(wider)
-    expected = dict(zip(names, without.f(0.0, [0.0, 0.0], [0.0, u], without.parameters.values().tolist()), strict=True))
+    expected = dict(
+        zip(
+            names,
+            without.f(0.0, [0.0, 0.0], [0.0, u], without.parameters.values().tolist()),
+            strict=True,
+        )
+    )
     got = dict(zip(names, system.f(0.0, [0.0, 0.0], [0.0, u], p), strict=True))
     v = RIGID_VALUES
     moment = 0.5 * v["air_density"] * ((V0 + u) ** 2 - V0**2) * v["wing_area"] * v["chord"] * 0.03
@@ -111,14 +146,21 @@ def test_a_steady_deceleration_is_an_attitude() -> None:
     flight = replace(rigid_flight(6.0, 50.0), u=np.zeros((1, 300)), max_step=0.02)
     held = dict.fromkeys(("speed_damping", "induced_drag", "trim_moment"), 0.0)
     climbing = fly_model(model_with(Phugoid(), attitude=0.02, **held), flight)
-    slowing = fly_model(rigid_model().with_effects(SpeedVariation()).with_values({"speed-variation.rate": -0.02 * G}), flight)
+    slowing = fly_model(
+        rigid_model()
+        .with_effects(SpeedVariation())
+        .with_values({"speed-variation.rate": -0.02 * G}),
+        flight,
+    )
     size = np.max(np.abs(slowing[2]))
     # Until the path itself bends, which takes the time of the phugoid.
     np.testing.assert_allclose(climbing[2][:50], slowing[2][:50], rtol=0.0, atol=0.02 * size)
 
 
 def test_long_run_frequency_is_lanchesters() -> None:
-    system = compile_model(model_with(Phugoid(), speed_damping=0.0, induced_drag=0.0, trim_moment=0.0, attitude=0.0))
+    system = compile_model(
+        model_with(Phugoid(), speed_damping=0.0, induced_drag=0.0, trim_moment=0.0, attitude=0.0)
+    )
     p = system.parameters.values().tolist()
     F = complex_step_jacobian(lambda x: system.f(0.0, x, [0.0], p), [0.0] * 4)
     slowest = min((root for root in np.linalg.eigvals(F) if root.imag > 1e-9), key=abs)

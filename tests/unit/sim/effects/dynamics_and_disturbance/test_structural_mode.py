@@ -1,4 +1,6 @@
-"""Structural modes against the aircraft written a second time, and against the roots that its table gives."""
+"""Structural modes against the aircraft written a second time, and against the roots that its table
+gives.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +17,23 @@ from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.errors import ModelError
 from sim.maths import complex_step_jacobian
 from tests.bases import fly_model, rigid_flight, rigid_model
-from tests.oracles.flexible_aircraft import FOOT, SPEED, flexible_aircraft, parameters_in_si, respond
+from tests.oracles.flexible_aircraft import (
+    FOOT,
+    SPEED,
+    flexible_aircraft,
+    parameters_in_si,
+    respond,
+)
 
-# Modes kept: pair of roots added and short period, rad/s, of AC1; short period of AC2 (half the frequencies).
-ADDED = {0: -0.631 + 1.863j, 1: -0.473 + 12.39j, 2: -1.272 + 16.71j, 3: -0.558 + 21.24j, 4: -0.529 + 22.11j}
+# Modes kept: pair of roots added and short period, rad/s, of AC1; short period of AC2 (half the
+# frequencies).
+ADDED = {
+    0: -0.631 + 1.863j,
+    1: -0.473 + 12.39j,
+    2: -1.272 + 16.71j,
+    3: -0.558 + 21.24j,
+    4: -0.529 + 22.11j,
+}
 AC1_SHORT_PERIOD = -0.562 + 1.654j
 AC2_SHORT_PERIOD = {1: -0.420 + 1.192j, 2: -0.400 + 1.037j, 3: -0.384 + 0.944j, 4: -0.384 + 0.944j}
 
@@ -32,7 +47,9 @@ def flexible_model(modes: int, frequency_factor: float = 1.0) -> Model:
 def roots(system: System) -> np.ndarray:
     """Roots with positive imaginary part, slowest first."""
     p = [float(value) for value in system.parameters.values()]
-    jacobian = complex_step_jacobian(lambda x: system.f(0.0, x, [0.0], p), [0.0] * len(system.states))
+    jacobian = complex_step_jacobian(
+        lambda x: system.f(0.0, x, [0.0], p), [0.0] * len(system.states)
+    )
     values = np.linalg.eigvals(jacobian)
     return np.array(sorted(values[values.imag > 0], key=abs))
 
@@ -45,14 +62,18 @@ def nearest(values: np.ndarray, wanted: complex) -> complex:
 def test_roots_of_the_stiffer_aircraft_are_those_of_its_table(modes: int) -> None:
     found = roots(compile_model(flexible_model(modes)))
     root = nearest(found, ADDED[modes])
-    assert abs(root.real - ADDED[modes].real) <= 0.0006 and abs(root.imag - ADDED[modes].imag) <= 0.006
+    assert (
+        abs(root.real - ADDED[modes].real) <= 0.0006 and abs(root.imag - ADDED[modes].imag) <= 0.006
+    )
     if modes == 4:
         assert abs(found[0] - AC1_SHORT_PERIOD) <= 0.0009
 
 
 @pytest.mark.parametrize("modes", sorted(AC2_SHORT_PERIOD))
 def test_roots_of_the_softer_aircraft_are_those_of_its_table(modes: int) -> None:
-    assert abs(roots(compile_model(flexible_model(modes, 0.5)))[0] - AC2_SHORT_PERIOD[modes]) <= 0.0009
+    assert (
+        abs(roots(compile_model(flexible_model(modes, 0.5)))[0] - AC2_SHORT_PERIOD[modes]) <= 0.0009
+    )
 
 
 @pytest.mark.parametrize(("modes", "factor"), [(0, 1.0), (1, 1.0), (4, 1.0), (4, 0.5)])
@@ -73,11 +94,19 @@ def test_a_gust_bends_the_structure_as_in_the_second_writing() -> None:
     flight = dataclasses.replace(rigid_flight(), max_step=0.0025)
     peak, start, duration = 4.0, 1.23, 0.77
     model = flexible_model(2).with_effects(GustDiscrete())
-    model = model.with_values({"gust-discrete.peak": peak, "gust-discrete.start": start, "gust-discrete.duration": duration})
+    model = model.with_values(
+        {
+            "gust-discrete.peak": peak,
+            "gust-discrete.start": start,
+            "gust-discrete.duration": duration,
+        }
+    )
 
     def angle(t: float) -> float:
         inside = start < t < start + duration
-        return peak * np.sin(np.pi * (t - start) / duration) ** 2 / (SPEED * FOOT) if inside else 0.0
+        return (
+            peak * np.sin(np.pi * (t - start) / duration) ** 2 / (SPEED * FOOT) if inside else 0.0
+        )
 
     expected = respond(flexible_aircraft(2), flight.time, flight.u[0], angle)
     for got, wanted in zip(fly_model(model, flight), expected, strict=True):
@@ -88,7 +117,18 @@ def test_full_names_carry_the_number_of_the_mode() -> None:
     mode = StructuralMode(2, (1, 2))
     names = [full_name(mode, item.name) for item in mode.parameters]
     assert names == [
-        *("omega2", "zeta2", "generalized_mass2", "CL_eta2", "CL_etadot2", "Cm_eta2", "Cm_etadot2", "Ceta2_alpha", "Ceta2_q", "Ceta2_de"),
+        *(
+            "omega2",
+            "zeta2",
+            "generalized_mass2",
+            "CL_eta2",
+            "CL_etadot2",
+            "Cm_eta2",
+            "Cm_etadot2",
+            "Ceta2_alpha",
+            "Ceta2_q",
+            "Ceta2_de",
+        ),
         *("Ceta2_eta1", "Ceta2_etadot1", "Ceta2_eta2", "Ceta2_etadot2"),
     ]
     assert not mode.parameters[2].free and mode.parameters[2].unit == "kg m2"
@@ -97,7 +137,9 @@ def test_full_names_carry_the_number_of_the_mode() -> None:
 def test_a_mode_that_was_taken_out_couples_no_longer() -> None:
     flight = rigid_flight(3.0)
     truncated = flexible_model(2).without("elastic-mode:2")
-    for got, wanted in zip(fly_model(truncated, flight), fly_model(flexible_model(1), flight), strict=True):
+    for got, wanted in zip(
+        fly_model(truncated, flight), fly_model(flexible_model(1), flight), strict=True
+    ):
         np.testing.assert_array_equal(got, wanted)
 
 

@@ -15,10 +15,18 @@ RIGID = SimpleNamespace(**RIGID_VALUES)
 LOES = SimpleNamespace(**LOES_CONSTANTS)
 
 
-@pytest.mark.parametrize(("change", "before", "denser"), [(12.0, 0.0, 0.0), (-25.0, 0.0, 0.0), (-9.0, 15.0, 0.07)])
-def test_on_the_rigid_aircraft_it_is_what_the_wings_carry_beyond_what_they_carried(change: float, before: float, denser: float) -> None:
+@pytest.mark.parametrize(
+    ("change", "before", "denser"), [(12.0, 0.0, 0.0), (-25.0, 0.0, 0.0), (-9.0, 15.0, 0.07)]
+)
+def test_on_the_rigid_aircraft_it_is_what_the_wings_carry_beyond_what_they_carried(
+    change: float, before: float, denser: float
+) -> None:
     weight = RIGID.mass * G0
-    density, slow, fast = RIGID.air_density + denser, RIGID.airspeed + before, RIGID.airspeed + before + change
+    density, slow, fast = (
+        RIGID.air_density + denser,
+        RIGID.airspeed + before,
+        RIGID.airspeed + before + change,
+    )
     CL_slow = weight / (0.5 * density * slow**2 * RIGID.wing_area)
     # Carried at the old coefficient: more than the weight by the ratio of the pressures.
     surplus = 0.5 * density * fast**2 * RIGID.wing_area * CL_slow - weight
@@ -38,9 +46,15 @@ def test_on_the_low_order_equivalent_it_turns_the_path_and_loads_the_aircraft() 
 
 
 @pytest.mark.parametrize("vehicle", [RIGID, LOES])
-def test_without_a_change_it_is_nothing_and_it_takes_arrays_and_complex_steps(vehicle: SimpleNamespace) -> None:
+def test_without_a_change_it_is_nothing_and_it_takes_arrays_and_complex_steps(
+    vehicle: SimpleNamespace,
+) -> None:
     assert weight_lift(0.0, vehicle) == 0.0 and weight_lift(0.0, vehicle, 13.0) == 0.0
     changes = np.array([-5.0, 0.0, 5.0])
-    np.testing.assert_array_equal(weight_lift(changes, vehicle), [weight_lift(change, vehicle) for change in changes.tolist()])
+    np.testing.assert_array_equal(
+        weight_lift(changes, vehicle), [weight_lift(change, vehicle) for change in changes.tolist()]
+    )
     slope = weight_lift(complex(4.0, 1e-20), vehicle).imag / 1e-20
-    assert slope == pytest.approx((weight_lift(4.001, vehicle) - weight_lift(3.999, vehicle)) / 0.002, rel=1e-6)
+    assert slope == pytest.approx(
+        (weight_lift(4.001, vehicle) - weight_lift(3.999, vehicle)) / 0.002, rel=1e-6
+    )

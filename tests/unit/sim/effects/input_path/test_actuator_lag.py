@@ -21,7 +21,9 @@ def act(edges: np.ndarray, u: np.ndarray, time_constant: object) -> np.ndarray:
     return np.asarray(LAG.act(edges, u, SimpleNamespace(time_constant=time_constant)))
 
 
-def brute_force(edges: np.ndarray, u: np.ndarray, time_constant: float, parts: int = 200) -> np.ndarray:
+def brute_force(
+    edges: np.ndarray, u: np.ndarray, time_constant: float, parts: int = 200
+) -> np.ndarray:
     """Mean over each cell by midpoint sums of many implicit midpoint steps."""
     y, means = u[0], []
     for value, width in zip(u, np.diff(edges), strict=True):
@@ -39,7 +41,9 @@ def test_is_the_mean_of_the_response_on_uneven_cells(seed: int, time_constant: f
     generator = np.random.default_rng(seed)
     edges = np.concatenate([[2.0], 2.0 + np.cumsum(generator.uniform(2e-4, 1e-3, 12))])
     u = generator.standard_normal(12)
-    np.testing.assert_allclose(act(edges, u, time_constant), brute_force(edges, u, time_constant), rtol=0.0, atol=5e-6)
+    np.testing.assert_allclose(
+        act(edges, u, time_constant), brute_force(edges, u, time_constant), rtol=0.0, atol=5e-6
+    )
 
 
 def test_a_step_is_answered_by_the_exponential() -> None:
@@ -68,17 +72,31 @@ def test_derivative_is_that_towards_longer_lags(time_constant: float) -> None:
     u = np.sin(7.0 * t)
     exact = act(edges, u, complex(time_constant, COMPLEX_STEP)).imag / COMPLEX_STEP
     step = 1e-7
-    np.testing.assert_allclose(exact, (act(edges, u, time_constant + step) - act(edges, u, time_constant)) / step, atol=1e-4 * np.max(np.abs(exact)))
+    np.testing.assert_allclose(
+        exact,
+        (act(edges, u, time_constant + step) - act(edges, u, time_constant)) / step,
+        atol=1e-4 * np.max(np.abs(exact)),
+    )
 
 
 def test_batches_are_one_by_one() -> None:
-    many, lags_tried = np.random.default_rng(2).standard_normal((60, 4)), np.array([0.0, 0.004, 0.3])
+    many, lags_tried = (
+        np.random.default_rng(2).standard_normal((60, 4)),
+        np.array([0.0, 0.004, 0.3]),
+    )
     edges = np.arange(61) * 0.001
     full = act(edges, many, lags_tried[:, None])
     assert full.shape == (60, 3, 4)
     for i, lag in enumerate(lags_tried):
-        np.testing.assert_allclose(full[:, i, 1], act(edges, many[:, 1], lag), rtol=1e-13, atol=1e-14)
-        np.testing.assert_allclose(act(edges, many[:, 0], lags_tried)[:, i], act(edges, many[:, 0], lag), rtol=1e-13, atol=1e-14)
+        np.testing.assert_allclose(
+            full[:, i, 1], act(edges, many[:, 1], lag), rtol=1e-13, atol=1e-14
+        )
+        np.testing.assert_allclose(
+            act(edges, many[:, 0], lags_tried)[:, i],
+            act(edges, many[:, 0], lag),
+            rtol=1e-13,
+            atol=1e-14,
+        )
 
 
 def test_state_form_is_the_lag_and_vanishes_with_it() -> None:

@@ -21,7 +21,9 @@ def act(edges: np.ndarray, u: np.ndarray, rate: object) -> np.ndarray:
 
 
 def brute_force(edges: np.ndarray, u: np.ndarray, rate: float, parts: int = 400) -> np.ndarray:
-    """Mean over each cell of a march that moves by the rate times the step, or onto the command, whichever is less."""
+    """Mean over each cell of a march that moves by the rate times the step, or onto the command,
+    whichever is less.
+    """
     y, means = u[0], []
     for value, width in zip(u, np.diff(edges), strict=True):
         most, total = rate * width / parts, 0.0
@@ -38,13 +40,19 @@ def test_is_the_mean_of_the_march_on_uneven_cells(seed: int, rate: float) -> Non
     generator = np.random.default_rng(seed)
     edges = np.concatenate([[2.0], 2.0 + np.cumsum(generator.uniform(2e-4, 1e-3, 20))])
     u = np.repeat(0.01 * generator.standard_normal(8), [1, 2, 5, 1, 3, 1, 4, 3])
-    np.testing.assert_allclose(act(edges, u, rate), brute_force(edges, u, rate), rtol=0.0, atol=1e-5 * rate / 50.0 + 1e-9)
+    np.testing.assert_allclose(
+        act(edges, u, rate), brute_force(edges, u, rate), rtol=0.0, atol=1e-5 * rate / 50.0 + 1e-9
+    )
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.001, 0.02])
-def test_is_the_mean_of_the_march_where_it_is_behind_for_hundreds_of_cells_and_where_it_turns_round_in_most(noise: float) -> None:
+def test_is_the_mean_of_the_march_where_it_is_behind_for_hundreds_of_cells_and_where_it_turns_round_in_most(  # noqa: E501
+    noise: float,
+) -> None:
     edges, rate = np.arange(801) * 0.005, 0.3
-    u = 0.4 * np.sin(3.0 * np.minimum(edges[:-1], 1.2)) + noise * np.random.default_rng(2).standard_normal(800)
+    u = 0.4 * np.sin(3.0 * np.minimum(edges[:-1], 1.2)) + noise * np.random.default_rng(
+        2
+    ).standard_normal(800)
     expected = brute_force(edges, u, rate)
     turns = np.flatnonzero(np.diff(np.sign(u - expected)))
     assert np.diff(turns).max() > 100 and (noise < 0.02 or len(turns) > 50)
@@ -76,9 +84,15 @@ def test_unlimited_is_the_identity_bit_for_bit(seed: int) -> None:
 
 def test_a_limit_above_all_rates_is_hardly_felt() -> None:
     u = np.random.default_rng(3).standard_normal(30)
-    # The surface arrives after d/rate, within the cell: the mean is short by d^2/(2 rate) over the cell's length.
+    # The surface arrives after d/rate, within the cell: the mean is short by d^2/(2 rate) over the
+    # cell's length.
     d = np.diff(u, prepend=u[0])
-    np.testing.assert_allclose(act(np.arange(31) * 0.001, u, 1e8), u - d * np.abs(d) / (2.0 * 1e8 * 0.001), rtol=0.0, atol=1e-14)
+    np.testing.assert_allclose(
+        act(np.arange(31) * 0.001, u, 1e8),
+        u - d * np.abs(d) / (2.0 * 1e8 * 0.001),
+        rtol=0.0,
+        atol=1e-14,
+    )
 
 
 @pytest.mark.parametrize("rate", [0.37, 5.1, 400.0])
@@ -87,7 +101,9 @@ def test_derivative_by_the_rate(rate: float) -> None:
     u = np.repeat(0.1 * np.random.default_rng(4).standard_normal(20), 10)
     exact = act(edges, u, complex(rate, COMPLEX_STEP)).imag / COMPLEX_STEP
     step = 1e-6 * rate
-    np.testing.assert_allclose(exact, (act(edges, u, rate + step) - act(edges, u, rate - step)) / (2.0 * step), atol=1e-8)
+    np.testing.assert_allclose(
+        exact, (act(edges, u, rate + step) - act(edges, u, rate - step)) / (2.0 * step), atol=1e-8
+    )
 
 
 def test_a_derivative_of_the_input_passes_through() -> None:
@@ -95,15 +111,22 @@ def test_a_derivative_of_the_input_passes_through() -> None:
     u, direction = 0.1 * np.sin(40.0 * edges[:-1]), np.cos(3.0 * edges[:-1])
     exact = act(edges, u + 1j * COMPLEX_STEP * direction, 2.5).imag / COMPLEX_STEP
     step = 1e-8
-    expected = (act(edges, u + step * direction, 2.5) - act(edges, u - step * direction, 2.5)) / (2.0 * step)
+    expected = (act(edges, u + step * direction, 2.5) - act(edges, u - step * direction, 2.5)) / (
+        2.0 * step
+    )
     np.testing.assert_allclose(exact, expected, atol=1e-6)
 
 
 def test_batches_are_one_by_one() -> None:
-    many, tried = np.random.default_rng(6).standard_normal((50, 3)), np.array([0.5, 20.0, UNLIMITED])
+    many, tried = (
+        np.random.default_rng(6).standard_normal((50, 3)),
+        np.array([0.5, 20.0, UNLIMITED]),
+    )
     edges = np.arange(51) * 0.001
     full = act(edges, many, tried[:, None])
     assert full.shape == (50, 3, 3)
     for i, rate in enumerate(tried):
         np.testing.assert_array_equal(full[:, i, 2], act(edges, many[:, 2], rate))
-        np.testing.assert_array_equal(act(edges, many[:, 0], tried)[:, i], act(edges, many[:, 0], rate))
+        np.testing.assert_array_equal(
+            act(edges, many[:, 0], tried)[:, i], act(edges, many[:, 0], rate)
+        )

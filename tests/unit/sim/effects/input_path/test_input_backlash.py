@@ -13,7 +13,9 @@ from hypothesis.extra.numpy import arrays
 from sim.effects.input_path.input_backlash import InputBacklash
 from sim.maths import COMPLEX_STEP
 
-inputs = arrays(float, st.integers(1, 40), elements=st.sampled_from([-0.3, -0.1, 0.0, 0.0, 0.05, 0.1, 0.2, 0.4]))
+inputs = arrays(
+    float, st.integers(1, 40), elements=st.sampled_from([-0.3, -0.1, 0.0, 0.0, 0.05, 0.1, 0.2, 0.4])
+)
 widths = st.floats(0.0, 0.5)
 
 
@@ -27,7 +29,9 @@ def plain(u: np.ndarray, width: float) -> np.ndarray:
 
 
 def played(u: np.ndarray, width: object) -> np.ndarray:
-    return np.asarray(InputBacklash().act(np.arange(len(u) + 1) * 0.001, u, SimpleNamespace(half_width=width)))
+    return np.asarray(
+        InputBacklash().act(np.arange(len(u) + 1) * 0.001, u, SimpleNamespace(half_width=width))
+    )
 
 
 @given(inputs, widths)
@@ -64,14 +68,22 @@ def test_a_derivative_of_the_input_passes_through() -> None:
     for direction in (np.cos(t), np.ones_like(t)):
         exact = played(np.sin(5.0 * t) + 1j * COMPLEX_STEP * direction, 0.3).imag / COMPLEX_STEP
         shift = 1e-6
-        expected = (plain(np.sin(5.0 * t) + shift * direction, 0.3) - plain(np.sin(5.0 * t) - shift * direction, 0.3)) / (2.0 * shift)
+        expected = (
+            plain(np.sin(5.0 * t) + shift * direction, 0.3)
+            - plain(np.sin(5.0 * t) - shift * direction, 0.3)
+        ) / (2.0 * shift)
         np.testing.assert_allclose(exact, expected, atol=1e-6)
 
 
 def test_batches_are_one_by_one() -> None:
-    many, widths_tried = np.random.default_rng(6).standard_normal((50, 3)), np.array([0.0, 0.5, 2.0])
+    many, widths_tried = (
+        np.random.default_rng(6).standard_normal((50, 3)),
+        np.array([0.0, 0.5, 2.0]),
+    )
     full = played(many, widths_tried[:, None])
     assert full.shape == (50, 3, 3)
     for i, width in enumerate(widths_tried):
         np.testing.assert_array_equal(full[:, i, 2], played(many[:, 2], width))
-        np.testing.assert_array_equal(played(many[:, 0], widths_tried)[:, i], played(many[:, 0], width))
+        np.testing.assert_array_equal(
+            played(many[:, 0], widths_tried)[:, i], played(many[:, 0], width)
+        )

@@ -1,4 +1,6 @@
-"""The whole input path before a vehicle, against a march of command, actuator and aircraft in steps of 50 microseconds."""
+"""The whole input path before a vehicle, against a march of command, actuator and aircraft in steps
+of 50 microseconds.
+"""
 
 from __future__ import annotations
 
@@ -34,12 +36,21 @@ SIZES = {
 
 
 def full_path() -> Model:
-    effects = (ActuatorSaturation(), ActuatorRateLimit(), ActuatorLag(), InputBacklash(), InputDeadband(), InputDelay())
+    effects = (
+        ActuatorSaturation(),
+        ActuatorRateLimit(),
+        ActuatorLag(),
+        InputBacklash(),
+        InputDeadband(),
+        InputDelay(),
+    )
     return rigid_model().with_effects(*effects).with_values(SIZES)
 
 
 def marched(command_at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """alpha and q at the samples: delay, dead band, backlash, lag, rate limit, saturation in this order, then the aircraft."""
+    """alpha and q at the samples: delay, dead band, backlash, lag, rate limit, saturation in this
+    order, then the aircraft.
+    """
     late, dead, play, tau, rate, limit = SIZES.values()
     pressure = 0.5 * V["air_density"] * V["airspeed"] ** 2 * V["wing_area"]
     hat = V["chord"] / (2.0 * V["airspeed"])
@@ -48,7 +59,9 @@ def marched(command_at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     alpha = q = 0.0
     out = [(alpha, q)]
     for i in range(round(TIME[-1] / STEP)):
-        u = command_at[max(0, int(np.searchsorted(TIME, (i + 0.5) * STEP - late, side="right")) - 1)]
+        u = command_at[
+            max(0, int(np.searchsorted(TIME, (i + 0.5) * STEP - late, side="right")) - 1)
+        ]
         u = u - min(max(u, -dead), dead)
         free = max(min(free, u + play), u - play)
         before = limited
@@ -79,8 +92,8 @@ def test_all_six_in_a_row_are_the_march() -> None:
 
 @pytest.mark.parametrize("name", list(SIZES))
 def test_outputs_are_smooth_in_every_size(name: str) -> None:
-    # Over a change as small as a fit's last steps the derivative tells the difference: no stairs from cells. (At a rate of 0.9 a pulse
-    # only just arrives, a true kink.)
+    # Over a change as small as a fit's last steps the derivative tells the difference: no stairs
+    # from cells. (At a rate of 0.9 a pulse only just arrives, a true kink.)
     system = compile_model(full_path())
     index = system.parameters.index(name)
     p = list(system.parameters.values())
@@ -92,7 +105,9 @@ def test_outputs_are_smooth_in_every_size(name: str) -> None:
         for sign in (1.0, -1.0):
             p[index] = share * SIZES[name] + sign * step
             sides.append(fly(system, FLIGHT, p)[1])
-        np.testing.assert_allclose((sides[0] - sides[1]) / (2.0 * step), slope, rtol=0.0, atol=0.03 * np.max(np.abs(slope)))
+        np.testing.assert_allclose(
+            (sides[0] - sides[1]) / (2.0 * step), slope, rtol=0.0, atol=0.03 * np.max(np.abs(slope))
+        )
 
 
 def test_a_finer_grid_gives_the_same() -> None:
@@ -102,8 +117,13 @@ def test_a_finer_grid_gives_the_same() -> None:
 
 
 def test_the_derivative_by_the_delay_tells_the_difference_over_several_cells() -> None:
-    # With the delay ahead of the rate limit, cells that hold part of a jump would make stairs of it: a slope of zero between them.
-    system = compile_model(rigid_model().with_effects(InputDelay(), ActuatorRateLimit()).with_values({"actuator-rate-limit.rate": 0.96}))
+    # With the delay ahead of the rate limit, cells that hold part of a jump would make stairs of
+    # it: a slope of zero between them.
+    system = compile_model(
+        rigid_model()
+        .with_effects(InputDelay(), ActuatorRateLimit())
+        .with_values({"actuator-rate-limit.rate": 0.96})
+    )
     index, p = system.parameters.index("input-delay.delay"), list(system.parameters.values())
     for delay in (0.0483, 0.051, 0.0537):
         p[index] = complex(delay, COMPLEX_STEP)
@@ -112,4 +132,6 @@ def test_the_derivative_by_the_delay_tells_the_difference_over_several_cells() -
         for shift in (0.003, -0.003):
             p[index] = delay + shift
             sides.append(fly(system, FLIGHT, p)[1])
-        np.testing.assert_allclose((sides[0] - sides[1]) / 0.006, slope, rtol=0.0, atol=0.01 * np.max(np.abs(slope)))
+        np.testing.assert_allclose(
+            (sides[0] - sides[1]) / 0.006, slope, rtol=0.0, atol=0.01 * np.max(np.abs(slope))
+        )

@@ -24,7 +24,8 @@ def test_a_step_moves_forward_by_exactly_the_delay_and_the_last_value_holds() ->
     u = (edges[:-1] >= 0.4995).astype(float)
     out = act(edges, u, 0.0604)
     np.testing.assert_allclose(out[:439], 0.0, atol=1e-12)
-    assert out[439] == pytest.approx(0.4, abs=1e-9)  # the step falls 0.6 of the way through this cell
+    # the step falls 0.6 of the way through this cell
+    assert out[439] == pytest.approx(0.4, abs=1e-9)
     np.testing.assert_allclose(out[440:], 1.0, atol=1e-12)
     np.testing.assert_array_equal(act(edges, np.arange(1000.0), 5.0), np.full(1000, 999.0))
 
@@ -38,7 +39,9 @@ def test_it_undoes_a_delay_where_the_record_knows_the_input() -> None:
     back = act(edges, late, 0.02)
     known = edges[1:] < edges[-1] - 0.02
     away = np.abs(back - held)[known]
-    assert np.median(away) < 1e-12 and away.max() <= np.abs(np.diff(held)).max(), "only cells with a jump in them are smeared"
+    assert np.median(away) < 1e-12 and away.max() <= np.abs(np.diff(held)).max(), (
+        "only cells with a jump in them are smeared"
+    )
 
 
 @pytest.mark.parametrize("none", [0.0, 0j, np.zeros(3)])
@@ -54,15 +57,25 @@ def test_derivative_is_that_towards_longer_delays(delay: float) -> None:
     edges = np.arange(41) * 0.001
     u = np.random.default_rng(2).standard_normal(40)
     exact = act(edges, u, complex(delay, COMPLEX_STEP)).imag / COMPLEX_STEP
-    np.testing.assert_allclose(exact, (act(edges, u, delay + 1e-7) - act(edges, u, delay)) / 1e-7, atol=1e-3)
+    np.testing.assert_allclose(
+        exact, (act(edges, u, delay + 1e-7) - act(edges, u, delay)) / 1e-7, atol=1e-3
+    )
 
 
 def test_the_aircraft_answers_ahead_of_the_record() -> None:
     flight = rigid_flight(6.0)
     shift = 3  # samples, 60 ms
-    recorded = Flight(flight.time, np.concatenate([np.zeros((1, shift)), flight.u[:, :-shift]], axis=1))
-    model = rigid_model().with_effects(InputRecordedLate()).with_values({"input-recorded-late.delay": shift / 50.0})
-    for got, expected in zip(fly_model(model, recorded), fly_model(rigid_model(), flight), strict=True):
+    recorded = Flight(
+        flight.time, np.concatenate([np.zeros((1, shift)), flight.u[:, :-shift]], axis=1)
+    )
+    model = (
+        rigid_model()
+        .with_effects(InputRecordedLate())
+        .with_values({"input-recorded-late.delay": shift / 50.0})
+    )
+    for got, expected in zip(
+        fly_model(model, recorded), fly_model(rigid_model(), flight), strict=True
+    ):
         np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-9 * np.max(np.abs(expected)))
 
 
@@ -70,5 +83,7 @@ def test_no_filter_takes_it_even_held_and_the_refusal_names_it() -> None:
     model = rigid_model().with_effects(InputRecordedLate())
     held = model.with_parameters(model.parameters.hold(["input-recorded-late.delay"]))
     for refused in (model, held):
-        with pytest.raises(ModelError, match=r"input-recorded-late needs the input's future.*on line"):
+        with pytest.raises(
+            ModelError, match=r"input-recorded-late needs the input's future.*on line"
+        ):
             compile_model(refused, online=True)

@@ -47,29 +47,47 @@ def test_slopes_by_the_width_and_the_limit() -> None:
     np.testing.assert_allclose(slope, [1.0, 0.0, 0.0, 0.0, -1.0])
     slope = ActuatorSaturation().act(EDGES, u, SimpleNamespace(limit=step)).imag / COMPLEX_STEP
     np.testing.assert_allclose(slope, [-1.0, 0.0, 0.0, 0.0, 1.0])
-    at_absence = InputDeadband().act(EDGES, u, SimpleNamespace(half_width=complex(0.0, COMPLEX_STEP))).imag / COMPLEX_STEP
+    at_absence = (
+        InputDeadband().act(EDGES, u, SimpleNamespace(half_width=complex(0.0, COMPLEX_STEP))).imag
+        / COMPLEX_STEP
+    )
     np.testing.assert_allclose(at_absence, [1.0, 1.0, 0.0, -1.0, -1.0])
 
 
-@pytest.mark.parametrize(("effect", "name"), [(InputDeadband(), "half_width"), (ActuatorSaturation(), "limit")])
-def test_batches_and_scalars_are_one_by_one(effect: InputDeadband | ActuatorSaturation, name: str) -> None:
+@pytest.mark.parametrize(
+    ("effect", "name"), [(InputDeadband(), "half_width"), (ActuatorSaturation(), "limit")]
+)
+def test_batches_and_scalars_are_one_by_one(
+    effect: InputDeadband | ActuatorSaturation, name: str
+) -> None:
     many, sizes_tried = np.random.default_rng(1).standard_normal((5, 3)), np.array([0.0, 0.4, 2.0])
     full = effect.act(EDGES, many, SimpleNamespace(**{name: sizes_tried[:, None]}))
     assert full.shape == (5, 3, 3)
     for i, size in enumerate(sizes_tried):
         p = SimpleNamespace(**{name: size})
         np.testing.assert_array_equal(full[:, i], effect.act(EDGES, many, p))
-        np.testing.assert_array_equal(full[:, i, 1], [effect.pass_on(value, (), p) for value in many[:, 1]])
+        np.testing.assert_array_equal(
+            full[:, i, 1], [effect.pass_on(value, (), p) for value in many[:, 1]]
+        )
         assert effect.rates(0.3, (), p) == () and effect.online_states == ()
 
 
 @pytest.mark.parametrize(
     ("kind", "share"),
-    [(ActuatorRateLimit, 3.0), (ActuatorSaturation, 0.5), (InputBacklash, 0.05), (InputDeadband, 0.1)],
+    [
+        (ActuatorRateLimit, 3.0),
+        (ActuatorSaturation, 0.5),
+        (InputBacklash, 0.05),
+        (InputDeadband, 0.1),
+    ],
 )
 @pytest.mark.parametrize("peak", [0.02, 1.0, 4e5])
-def test_where_a_unit_does_not_say_what_is_large_the_records_peak_does(kind: type, share: float, peak: float) -> None:
-    """As an effect on a surface begins at a share of a large deflection, one on a valve or a price begins at that share of its peak."""
+def test_where_a_unit_does_not_say_what_is_large_the_records_peak_does(
+    kind: type, share: float, peak: float
+) -> None:
+    """As an effect on a surface begins at a share of a large deflection, one on a valve or a price
+    begins at that share of its peak.
+    """
     context = SearchContext(0.0, 9.0, 0.02, input_peak={"valve": peak, "elevator": 9.0})
     unknown = kind("valve", "m3/s", share * large_input("m3/s"), sized=False).fitted_to(context)
     assert unknown.typical == pytest.approx(share * peak)

@@ -17,11 +17,15 @@ DELAY = SensorDelay("nz")
 seeds = st.integers(0, 1000)
 
 
-def act(steps: np.ndarray, begin: np.ndarray, end: np.ndarray, delay: object) -> tuple[np.ndarray, np.ndarray]:
+def act(
+    steps: np.ndarray, begin: np.ndarray, end: np.ndarray, delay: object
+) -> tuple[np.ndarray, np.ndarray]:
     return DELAY.act(steps, begin, end, SimpleNamespace(delay=delay))
 
 
-def jumping(seed: int, shape: tuple[int, ...] = (), jumps: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def jumping(
+    seed: int, shape: tuple[int, ...] = (), jumps: bool = True
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Uneven sub-steps longer than the aperture, values at both of their ends."""
     generator = np.random.default_rng(seed)
     steps, begin = generator.uniform(0.002, 0.01, 50), generator.standard_normal((51, *shape))
@@ -97,8 +101,14 @@ def test_batches_are_one_by_one() -> None:
     tried = np.array([0.0, 0.001, 0.05, 1.0])
     for i, delay in enumerate(tried):
         alone = act(steps, begin[:, i], end[:, i], delay)
-        for got, many, one in zip(alone, act(steps, begin, end, tried), act(steps, begin, end, delay), strict=True):
+        for got, many, one in zip(
+            alone, act(steps, begin, end, tried), act(steps, begin, end, delay), strict=True
+        ):
             np.testing.assert_array_equal(many[:, i], got)
             np.testing.assert_array_equal(one[:, i], got)
-        for got, many in zip(act(steps, begin[:, 0], end[:, 0], delay), act(steps, begin[:, 0], end[:, 0], tried), strict=True):
+        for got, many in zip(
+            act(steps, begin[:, 0], end[:, 0], delay),
+            act(steps, begin[:, 0], end[:, 0], tried),
+            strict=True,
+        ):
             np.testing.assert_array_equal(many[:, i], got)

@@ -56,7 +56,11 @@ def test_an_oscillation_shows_the_gain_and_phase_of_a_lag_to_second_order() -> N
 
 def jumping(seed: int, shape: tuple[int, ...] = ()) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     generator = np.random.default_rng(seed)
-    return generator.uniform(0.002, 0.01, 50), generator.standard_normal((51, *shape)), generator.standard_normal((50, *shape))
+    return (
+        generator.uniform(0.002, 0.01, 50),
+        generator.standard_normal((51, *shape)),
+        generator.standard_normal((50, *shape)),
+    )
 
 
 @pytest.mark.parametrize("zero", [0.0, 0j, np.zeros(3)])
@@ -86,10 +90,19 @@ def test_batches_are_one_by_one() -> None:
     lags = np.array([0.0, 0.001, 0.05, 1.0])
     for i, lag in enumerate(lags):
         alone = LAG.act(steps, begin[:, i], end[:, i], P(lag))
-        for got, many, one in zip(alone, LAG.act(steps, begin, end, P(lags)), LAG.act(steps, begin, end, P(lag)), strict=True):
+        for got, many, one in zip(
+            alone,
+            LAG.act(steps, begin, end, P(lags)),
+            LAG.act(steps, begin, end, P(lag)),
+            strict=True,
+        ):
             np.testing.assert_allclose(many[:, i], got, rtol=1e-13, atol=1e-14)
             np.testing.assert_allclose(one[:, i], got, rtol=1e-13, atol=1e-14)
-        for got, many in zip(LAG.act(steps, begin[:, 0], end[:, 0], P(lag)), LAG.act(steps, begin[:, 0], end[:, 0], P(lags)), strict=True):
+        for got, many in zip(
+            LAG.act(steps, begin[:, 0], end[:, 0], P(lag)),
+            LAG.act(steps, begin[:, 0], end[:, 0], P(lags)),
+            strict=True,
+        ):
             np.testing.assert_allclose(many[:, i], got, rtol=1e-13, atol=1e-14)
 
 

@@ -1,4 +1,6 @@
-"""Spikes: as many samples as declared, each by the declared size, and in the input not felt by the vehicle."""
+"""Spikes: as many samples as declared, each by the declared size, and in the input not felt by the
+vehicle.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +22,19 @@ HELD = {"duration": 6.0, "width": 0.02}
 
 
 def values(name: str, size: float) -> dict[str, float]:
-    return {f"sensor-spikes:{name}.{local}": value for local, value in {**HELD, "size": size}.items()}
+    return {
+        f"sensor-spikes:{name}.{local}": value for local, value in {**HELD, "size": size}.items()
+    }
 
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(1, 9), st.integers(0, 1000))
 def test_as_many_isolated_samples_as_declared_are_off_by_the_size(count: int, seed: int) -> None:
-    model = rigid_model().with_effects(SensorSpikes("q", "rad/s", 0.05, Bursts(count, seed))).with_values(values("q", 0.4))
+    model = (
+        rigid_model()
+        .with_effects(SensorSpikes("q", "rad/s", 0.05, Bursts(count, seed)))
+        .with_values(values("q", 0.4))
+    )
     off = fly_model(model, FLIGHT)[1] - fly_model(rigid_model(), FLIGHT)[1]
     hit = np.flatnonzero(np.abs(off) > 1e-9)
     assert len(hit) == count and np.all(np.diff(hit) > 5)
@@ -35,7 +43,11 @@ def test_as_many_isolated_samples_as_declared_are_off_by_the_size(count: int, se
 
 def test_seeds_differ_and_repeat() -> None:
     def at(seed: int) -> np.ndarray:
-        model = rigid_model().with_effects(SensorSpikes("alpha", "rad", 0.05, Bursts(8, seed))).with_values(values("alpha", 0.4))
+        model = (
+            rigid_model()
+            .with_effects(SensorSpikes("alpha", "rad", 0.05, Bursts(8, seed)))
+            .with_values(values("alpha", 0.4))
+        )
         return fly_model(model, FLIGHT)[0]
 
     np.testing.assert_array_equal(at(1), at(1))
@@ -44,7 +56,11 @@ def test_seeds_differ_and_repeat() -> None:
 
 def test_a_lag_of_the_sensor_does_not_spread_them() -> None:
     lagged = rigid_model().with_effects(SensorLag("q"))
-    spiky = rigid_model().with_effects(SensorSpikes("q", "rad/s", 0.05), SensorLag("q")).with_values(values("q", 0.4))
+    spiky = (
+        rigid_model()
+        .with_effects(SensorSpikes("q", "rad/s", 0.05), SensorLag("q"))
+        .with_values(values("q", 0.4))
+    )
     off = np.abs(fly_model(spiky, FLIGHT)[1] - fly_model(lagged, FLIGHT)[1])
     assert np.count_nonzero(off > 1e-9) == 6
 
@@ -60,7 +76,9 @@ def test_the_vehicle_does_not_feel_a_spike_of_the_recorded_input() -> None:
     recorded = replace(FLIGHT, u=FLIGHT.u + error)
     for got, expected in zip(fly_model(model, recorded), clean, strict=True):
         np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-9)
-    assert np.max(np.abs(fly_model(rigid_model(), recorded)[2] - clean[2])) > 0.1, "without the effect they are felt"
+    assert np.max(np.abs(fly_model(rigid_model(), recorded)[2] - clean[2])) > 0.1, (
+        "without the effect they are felt"
+    )
 
 
 def test_the_stick_has_its_own() -> None:
