@@ -119,8 +119,8 @@ def _legends(figure: Figure, renderer: object) -> list[str]:
         out += [
             "the legend covers a panel"
             for panel in panels
-            if covered.overlaps(panel.get_window_extent(renderer))
-        ]  # type: ignore[arg-type]
+            if covered.overlaps(panel.get_window_extent(renderer))  # type: ignore[arg-type]
+        ]
     for one, other in combinations(panels, 2):
         if one.get_window_extent(renderer).overlaps(other.get_window_extent(renderer)):  # type: ignore[arg-type]
             out.append("two panels lie over each other")
@@ -150,8 +150,10 @@ def _labels(figure: Figure) -> list[str]:
             (panel.yaxis, panel.get_ylabel(), row[0].get_ylabel()),
         ):
             numbers = [
-                tick.label1.get_text() for tick in axis._update_ticks() if tick.label1.get_visible()
-            ]  # type: ignore[union-attr]
+                tick.label1.get_text()
+                for tick in axis._update_ticks()  # type: ignore[union-attr]
+                if tick.label1.get_visible()
+            ]
             if not any(re.fullmatch(r"[−-]?[\d.]+(e[−-]?\d+)?", text) for text in numbers):
                 continue
             told = " ".join((own, shared, above))

@@ -64,11 +64,11 @@ def _each(channel: str) -> Mapping[str, Kind]:
             draw,
             models=ALL,
             channels=needed,
-            spoils=partial(act, channel),
+            spoils=partial(act, channel),  # type: ignore[operator, arg-type]
             accepted=accepted,
             words=said,
             apart=apart,
-        )  # type: ignore
+        )
 
     return {
         f"held:{channel}": kind(_held, columns.held, (f"sensor-hold:{channel}", *late)),

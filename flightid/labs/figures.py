@@ -100,9 +100,9 @@ def figure_residual(
     return finish(sheet, head=0.25)
 
 
-def _draw_power(
+def _draw_power(  # type: ignore[no-untyped-def]
     panel, time: np.ndarray, values: np.ndarray, noise: float, marks: Sequence[float]
-) -> None:  # type: ignore[no-untyped-def]
+) -> None:
     from scenarios.plots.tracing import spectrum
 
     hertz, power = spectrum(values, float(time[1] - time[0]), len(values))

@@ -153,8 +153,12 @@ def of_all_controls(form: type[Form], **pseudo_control: float) -> tuple[Form, ..
         for c in LATERAL_CONTROLS
     )
     stick = form(
-        control="delta", moment_by="M_delta", lift_by="L_delta", share_free=False, **pseudo_control
-    )  # type: ignore[arg-type]
+        control="delta",
+        moment_by="M_delta",
+        lift_by="L_delta",
+        share_free=False,
+        **pseudo_control,  # type: ignore[arg-type]
+    )
     return (form(), stick, *lateral, form(label="elevator", speed="reference_airspeed"))
 
 

@@ -49,9 +49,9 @@ def are_forms_of_one(one: Effect, other: Effect) -> bool:
         )
     differing = [
         field.name
-        for field in fields(one)
+        for field in fields(one)  # type: ignore[arg-type]
         if getattr(one, field.name) != getattr(other, field.name)
-    ]  # type: ignore[arg-type]
+    ]
     return type(one) is type(other) and len(differing) == 1 and differing[0] in FORMS
 
 

@@ -313,9 +313,9 @@ def test_a_changed_number_of_the_second_copy_is_not_in_the_text(
         if cell != "0" and f"{column} {kind} {name}" not in MISREAD:
             other = [
                 *cells[:at],
-                str(Decimal(cell) + Decimal(1).scaleb(Decimal(cell).as_tuple().exponent)),
+                str(Decimal(cell) + Decimal(1).scaleb(Decimal(cell).as_tuple().exponent)),  # type: ignore[arg-type]
                 *cells[at + 1 :],
-            ]  # type: ignore[arg-type]
+            ]
             assert unread({**ROWS, column: {**ROWS[column], kind: " ".join(other)}}, text) == [
                 f"{column} {kind}"
             ], cell

@@ -299,17 +299,17 @@ WRONG: list[tuple[Callable[[], object], str]] = [
     (lambda: fid.identify([], "rigid"), "records: no record is given"),
     (lambda: fid.identify("r.csv", "rigid", 3), "vehicle: a int is no vehicle"),  # type: ignore[arg-type]
     (
-        lambda: fid.identify({"time": [0.0, 1.0]}, "rigid", {}, channels=3),
+        lambda: fid.identify({"time": [0.0, 1.0]}, "rigid", {}, channels=3),  # type: ignore[arg-type]
         "channels: a int is no channel map",
-    ),  # type: ignore[arg-type]
+    ),
     (
-        lambda: fid.identify({"time": [0.0, 1.0]}, "rigid", {}, start="12"),
+        lambda: fid.identify({"time": [0.0, 1.0]}, "rigid", {}, start="12"),  # type: ignore[arg-type]
         "start, stop: '12' is no time",
-    ),  # type: ignore[arg-type]
+    ),
     (
-        lambda: fid.diagnose({"time": [0.0, 1.0]}, "rigid", {}, effects=3),
+        lambda: fid.diagnose({"time": [0.0, 1.0]}, "rigid", {}, effects=3),  # type: ignore[arg-type]
         "effects: a int is no list of effects",
-    ),  # type: ignore[arg-type]
+    ),
 ]
 
 

@@ -122,8 +122,10 @@ def test_every_command_is_on_its_page_with_every_option() -> None:
 
     page = commands_page()
     commands = {
-        name: command for name, command in get_command(app).commands.items() if not command.hidden
-    }  # type: ignore[attr-defined]
+        name: command
+        for name, command in get_command(app).commands.items()  # type: ignore[attr-defined]
+        if not command.hidden
+    }
     for name, command in commands.items():
         part = page.split(f"\n## flightid {name}\n")[1].split("\n## ")[0]
         for item in command.params:

@@ -191,8 +191,8 @@ def test_effects_that_no_record_tells_apart_are_told_by_no_maneuver() -> None:
     both = contest(
         plan,
         acting("vane-offset", arm=5.0),
-        find_effect("accelerometer-offset:nz", plain().equations),
-    )  # type: ignore[arg-type]
+        find_effect("accelerometer-offset:nz", plain().equations),  # type: ignore[arg-type]
+    )
     assert both.shown > 0.99 and both.left < 1e-3 and both.chance < 0.01
 
 

@@ -117,9 +117,9 @@ def test_loads_in_two_stages_follow_a_ramp_late_by_both_times() -> None:
         s = SimpleNamespace(alpha_air=slope * i * h, fast_angle=x[0], slow_angle=x[1])
         x = [old + h * rate for old, rate in zip(x, term.derivatives(s, None, p), strict=True)]  # type: ignore[attr-defined]
     late = slope * (0.6 * 0.2 + 0.4 * 1.0)
-    found = term.increments(
+    found = term.increments(  # type: ignore[attr-defined]
         SimpleNamespace(alpha_air=slope * 20.0, fast_angle=x[0], slow_angle=x[1]), None, p
-    )  # type: ignore[attr-defined]
+    )
     assert found["lift"] == pytest.approx(late, rel=1e-3) and found["moment"] == pytest.approx(
         -0.3 * late, rel=1e-3
     )
@@ -131,9 +131,9 @@ def test_what_a_vane_reads() -> None:
         ("own:control-upwash", {"elevator": 9.0, "delta": 0.1}, {"gain": 0.2}, 0.07),
         ("own:cubic-vane", {}, {"cubic": 40.0}, 0.05 + 40.0 * 0.05**3),
     ):
-        found = TERMS[name].read(
+        found = TERMS[name].read(  # type: ignore[attr-defined]
             SimpleNamespace(**signals), {"alpha": 0.05}, None, values(name, **more)
-        )  # type: ignore[attr-defined]
+        )
         assert found == {"alpha": pytest.approx(told)}
 
 

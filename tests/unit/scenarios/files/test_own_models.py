@@ -46,9 +46,9 @@ def test_without_a_vehicle_file_the_model_has_its_own_numbers(tmp_path: Path) ->
         and vehicle.identity.name == "my_model.py"
         and vehicle.own_file == vehicle.identity
     )
-    assert vehicle.own is not None and vehicle.own.equations.explanation.startswith(
+    assert vehicle.own is not None and vehicle.own.equations.explanation.startswith(  # type: ignore[attr-defined]
         "Roll of an aircraft"
-    )  # type: ignore[attr-defined]
+    )
 
 
 def test_a_vehicle_file_gives_some_of_them_in_any_unit(tmp_path: Path) -> None:

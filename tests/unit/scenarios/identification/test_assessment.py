@@ -41,9 +41,9 @@ def test_a_bound_that_acts_is_held_and_said(method: str) -> None:
     found = identify(case.record, vehicle, method)
     held = identify(
         case.record,
-        replace(laid_down(case, fixed=("L_p",)), own=vehicle.own.with_values({"L_p": -2.2})),
+        replace(laid_down(case, fixed=("L_p",)), own=vehicle.own.with_values({"L_p": -2.2})),  # type: ignore[union-attr]
         method,
-    )  # type: ignore[union-attr]
+    )
     assert found.estimate.outcome is Outcome.AT_BOUND and any(
         "at its bound" in caution for caution in found.cautions
     )

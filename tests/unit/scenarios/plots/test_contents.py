@@ -157,8 +157,8 @@ def test_autocorrelation_counts_only_pairs_of_samples(rigid: Study) -> None:
     vertices = np.asarray(area.get_paths()[0].vertices)
     assert {round(float(y), 9) for x, y in vertices if y > 0} == {round(b, 9) for b in band}
     assert f"{np.count_nonzero(np.abs(r) > np.array(band))} of 12 lags outside" in texts(
-        panel.figure
-    )  # type: ignore[arg-type]
+        panel.figure  # type: ignore[arg-type]
+    )
 
 
 def test_parameters_over_time_with_truth_published_and_prior(rigid: Study) -> None:

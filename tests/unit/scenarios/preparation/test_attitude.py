@@ -103,7 +103,7 @@ def test_a_recorded_airspeed_goes_before_it() -> None:
     equations = model.equations
     speedy = replace(
         model,
-        equations=replace(equations, inputs=(*equations.inputs, Signal("airspeed_change", "m/s"))),
-    )  # type: ignore[type-var]
+        equations=replace(equations, inputs=(*equations.inputs, Signal("airspeed_change", "m/s"))),  # type: ignore[type-var]
+    )
     same, (record,), said = with_attitude(speedy, [with_theta(rising())])
     assert same is speedy and said == "" and "theta" not in record.output_names

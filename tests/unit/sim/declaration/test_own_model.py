@@ -141,8 +141,8 @@ def test_what_cannot_be_formed_is_no_number_and_no_crash() -> None:
 def test_an_error_in_a_later_call_names_file_and_line() -> None:
     def rates(s: Any, p: Any) -> dict[str, Any]:
         return (
-            {"p": p.L_p * s.p + p.L_da * s.aileron, "phi": s.p} if np.ndim(s.p) < 2 else undefined
-        )  # type: ignore[name-defined]
+            {"p": p.L_p * s.p + p.L_da * s.aileron, "phi": s.p} if np.ndim(s.p) < 2 else undefined  # type: ignore[name-defined]
+        )
 
     system, high = compile_model(roll(rates=rates)), np.zeros((2, 2))
     with pytest.raises(
@@ -229,6 +229,6 @@ def test_biases_that_no_record_tells_are_left_out(
 
 def test_a_model_says_which_outputs_have_biases() -> None:
     assert (
-        roll(biases=["phi"]).equations.biased_outputs == ("phi",)
-        and roll(biases=()).equations.biased_outputs == ()
-    )  # type: ignore[attr-defined]
+        roll(biases=["phi"]).equations.biased_outputs == ("phi",)  # type: ignore[attr-defined]
+        and roll(biases=()).equations.biased_outputs == ()  # type: ignore[attr-defined]
+    )

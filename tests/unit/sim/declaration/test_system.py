@@ -324,8 +324,9 @@ def test_jacobians_of_f_and_h_are_central_differences(x: list[float], u: float, 
     n, m = len(x), len(p)
     for function in (system.f, system.h):
         jacobian = complex_step_jacobian(
-            lambda z, function=function: function(t, z[:n], [u], z[n:]), [*x, *p]
-        )  # type: ignore[misc]
+            lambda z, function=function: function(t, z[:n], [u], z[n:]),  # type: ignore[misc]
+            [*x, *p],
+        )
         assert np.all(np.isfinite(jacobian))
         for j, value in enumerate([*x, *p]):
             size = 1e-5 * max(1.0, abs(value))

@@ -328,8 +328,9 @@ def test_places_of_a_mode_begin_with_the_frequency_that_stands_out() -> None:
         key=lambda result: -result[0],
     )
     ordered = [
-        start["elastic-mode.frequency"] for _, start, _ in _resonances_first(ElasticMode(), results)
-    ]  # type: ignore[arg-type]
+        start["elastic-mode.frequency"]
+        for _, start, _ in _resonances_first(ElasticMode(), results)  # type: ignore[arg-type]
+    ]
     assert ordered == [14.5, 48.0, 115.0, 250.0, 162.0, 53.0, 18.0, 8.0, 4.0]
     assert _resonances_first(SensorLag("q"), results) is results  # type: ignore[arg-type, comparison-overlap]
 
@@ -353,6 +354,7 @@ def test_a_peak_that_promises_next_to_nothing_is_none() -> None:
         key=lambda result: -result[0],
     )
     ordered = [
-        start["elastic-mode.frequency"] for _, start, _ in _resonances_first(ElasticMode(), results)
-    ]  # type: ignore[arg-type]
+        start["elastic-mode.frequency"]
+        for _, start, _ in _resonances_first(ElasticMode(), results)  # type: ignore[arg-type]
+    ]
     assert ordered == [15.9, 17.3, 31.0, 125.0, 2.2, 3.7, 9.5, 2.6]

@@ -89,19 +89,19 @@ def test_nonlinear_moment_and_lift(sizes: list[float]) -> None:
     expected, _ = fly_loes(LOES.time, LOES.u[0], lambda t, a, q, u, z: (0.0, float(g(a)), ()))
     close(
         loes(
-            replace(find_effect("moment-nonlinearity", Loes()), low=-0.05, high=0.06, fine=fine),
+            replace(find_effect("moment-nonlinearity", Loes()), low=-0.05, high=0.06, fine=fine),  # type: ignore[type-var]
             given,
         ),
         expected,
-    )  # type: ignore[type-var]
+    )
     expected, _ = fly_loes(LOES.time, LOES.u[0], lambda t, a, q, u, z: (float(g(a)), 0.0, ()))
     close(
         loes(
-            replace(find_effect("lift-nonlinearity", Loes()), low=-0.05, high=0.06, fine=fine),
+            replace(find_effect("lift-nonlinearity", Loes()), low=-0.05, high=0.06, fine=fine),  # type: ignore[type-var]
             given,
         ),
         expected,
-    )  # type: ignore[type-var]
+    )
 
 
 @pytest.mark.parametrize("share", [1.0, 0.0, 0.4])
