@@ -64,7 +64,7 @@ def _each(channel: str) -> Mapping[str, Kind]:
             draw,
             models=ALL,
             channels=needed,
-            spoils=partial(act, channel),  # type: ignore[operator, arg-type]
+            spoils=partial(act, channel),  # type: ignore
             accepted=accepted,
             words=said,
             apart=apart,

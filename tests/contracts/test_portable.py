@@ -52,8 +52,7 @@ ASKING = {
     "exam/independent/command.py",  # hasattr
     "ident/background_task.py",  # can_fork
     "scenarios/plots/drawing.py",  # can_fork
-    "scenarios/tasks/processes.py",  # sys.platform
-    "scenarios/tasks/processes.py",  # hasattr
+    "scenarios/tasks/processes.py",  # sys.platform, hasattr
     "scenarios/tasks/work.py",  # ImportError
     "scenarios/diagnosis/report/pictures/process.py",  # hasattr
     "scenarios/files/writing.py",  # hasattr

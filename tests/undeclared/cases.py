@@ -164,9 +164,11 @@ def half_sine(
     peak: float, start: float, duration: float
 ) -> Callable[[np.random.Generator], Hidden]:
     """A gust with a kink at both ends, which the library's does not have."""
-    inside = lambda t: (
-        peak * math.sin(math.pi * (t - start) / duration) if start < t < start + duration else 0.0
-    )
+
+    def inside(t: float) -> float:
+        within = start < t < start + duration
+        return peak * math.sin(math.pi * (t - start) / duration) if within else 0.0
+
     return lambda rng: Hidden(gust=inside)
 
 

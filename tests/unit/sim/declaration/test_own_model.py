@@ -140,9 +140,8 @@ def test_what_cannot_be_formed_is_no_number_and_no_crash() -> None:
 
 def test_an_error_in_a_later_call_names_file_and_line() -> None:
     def rates(s: Any, p: Any) -> dict[str, Any]:
-        return (
-            {"p": p.L_p * s.p + p.L_da * s.aileron, "phi": s.p} if np.ndim(s.p) < 2 else undefined  # type: ignore[name-defined]
-        )
+        found = {"p": p.L_p * s.p + p.L_da * s.aileron, "phi": s.p}
+        return found if np.ndim(s.p) < 2 else undefined  # type: ignore[name-defined]  # noqa: F821
 
     system, high = compile_model(roll(rates=rates)), np.zeros((2, 2))
     with pytest.raises(
