@@ -21,7 +21,15 @@ from ident.tracing.diagnosis import (
     Trained,
     Verdict,
 )
-from ident.tracing.evidence.decision import CERTAIN, NOISE, Decision, Named, decided, searched
+from ident.tracing.evidence.decision import (
+    CERTAIN,
+    NOISE,
+    Decision,
+    Named,
+    decided,
+    searched,
+    without_event_beside_cause,
+)
 from ident.tracing.evidence.priors import FEWEST, ODDS
 from ident.tracing.result import Before, Outcome, reported
 from ident.tracing.settings import TraceSettings
@@ -182,15 +190,18 @@ def _judged(
     spikes: Sequence[Claim],
 ) -> Judgement:
     """The decision with its residual tests, claims and cautions."""
-    best, verdict = found.best, found.verdict
+    best = found.best
     tests = residual_tests(best, out)
+    left = not_noise(tests.all, NOISE)
+    if left:
+        found = without_event_beside_cause(found)
+    verdict = found.verdict
     gains = predictive_gains(found.less, best, held, out) if found.named else ()
     guards = problem.guards
     claims = [_claim(best, each, gains, guards, claimed=True) for each in found.named]
     claims += [_claim(best, each, (), guards, claimed=False) for each in found.hints]
     claims = [claim for claim in claims if claim.name not in problem.guards]
     cautions = _of_guards(problem, found)
-    left = not_noise(tests.all, NOISE)
     if found.named and left:
         verdict = Verdict.PARTIAL
     cautions += left

@@ -118,30 +118,41 @@ def searched(problem: TraceProblem) -> Search:
 def decided(search: Search, discrepancy: Traceable | None = None) -> Decision:
     """The decision (``_decided``) less names that stand for a cause outside the library.
 
-    Rough air acts whether or not the aircraft is maneuvered. An event may begin anywhere, and
-    beside another cause it imitates much that has another law: where two loads or gusts are found,
-    or one beside another cause and a residual that is no noise, one cause that no effect has is
-    likelier.
+    Rough air acts whether or not the aircraft is maneuvered. An event may begin anywhere, and two
+    of them imitate much that has another law: one cause that no effect has is likelier.
     """
     found = _decided(search, discrepancy)
     effects = {each.name: each for each in found.best.effects}
-    events = {
-        name
-        for name, each in effects.items()
-        if each.traits.onset and each.station is not Station.SENSOR_PATH
-    }
     names = {each.name for each in found.named}
     doubted = {
         name: ROUGH_AIR
         for name in names
         if isinstance(effects[name], NoiseEffect) and not _acts_when_quiet(found, name)
     }
-    if len(events & names) > 1:
+    if len(_events(found)) > 1:
         return _without_names(found, dict.fromkeys(names, TWO_EVENTS))
-    causes = {name for name in names if not effects[name].traits.background}
-    if len(causes) > 1 and events & causes and not is_noise(found.best):
-        doubted |= dict.fromkeys(events & causes, BESIDE_EVENT)
     return _without_names(found, doubted)
+
+
+def without_event_beside_cause(found: Decision) -> Decision:
+    """A decision whose set leaves no noise, less a load or gust in passing beside another cause.
+
+    It may begin anywhere, and takes in what the other cause has left.
+    """
+    effects = {each.name: each for each in found.best.effects}
+    causes = [each for each in found.named if not effects[each.name].traits.background]
+    events = _events(found) if len(causes) > 1 else set()
+    return _without_names(found, dict.fromkeys(events, BESIDE_EVENT))
+
+
+def _events(found: Decision) -> set[str]:
+    """Names, among those of a decision, of loads and gusts in passing."""
+    effects = {each.name: each for each in found.best.effects}
+    return {
+        each.name
+        for each in found.named
+        if effects[each.name].traits.onset and effects[each.name].station is not Station.SENSOR_PATH
+    }
 
 
 def _without_names(found: Decision, reasons: Mapping[str, str]) -> Decision:
