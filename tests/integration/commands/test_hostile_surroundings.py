@@ -152,12 +152,11 @@ def test_a_signal_that_ends_leaves_nothing_temporary(
         "import signal, sys, time, pathlib\n"
         # tests that are started in the background inherit that it is ignored
         f"signal.signal({int(number)}, signal.SIG_DFL)\n"
-        "from scenarios.files import folders\n"
-        "from scenarios.studies import files\n"
+        "from scenarios.studies import folder\n"
         "def slow(*arguments, **named):\n"
         "    pathlib.Path('begun').touch()\n"
         "    time.sleep(60)\n"
-        "files.write_record = slow\n"
+        "folder.write_record = slow\n"
         "from scenarios.cli import main\n"
         "main(sys.argv[1:])\n"
     )
