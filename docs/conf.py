@@ -62,6 +62,7 @@ contents = {
         "results",
         "limits",
         "platforms",
+        "architecture",
         "decisions/README",
         "made/labs/README",
         "made/changelog",
