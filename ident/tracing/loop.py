@@ -28,10 +28,10 @@ from ident.tracing.evidence.decision import (
     Named,
     decided,
     searched,
-    without_event_beside_cause,
+    strongest_cause,
 )
 from ident.tracing.evidence.priors import FEWEST, ODDS
-from ident.tracing.result import Before, Outcome, reported
+from ident.tracing.result import After, Before, reported
 from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import measured_masks, spike_claims
 from ident.tracing.validation.between_records import RecordScatter, scatter_between_records
@@ -114,7 +114,7 @@ def diagnose(
     told = reported(
         problem,
         Before(root, residual_tests(root, HeldOut(None, None)).all, before),
-        Outcome(judgement, after),
+        After(judgement, after),
         held,
         validation,
         watch.seconds,
@@ -147,7 +147,7 @@ def if_nothing_is_found(
     root, scatter = declared.root, RecordScatter()
     tests = residual_tests(root, HeldOut(None, None))
     judgement = Judgement(Verdict.CONSISTENT, root, held.declared, declared.spikes, tests, ())
-    before, after = Before(root, tests.all, scatter), Outcome(judgement, scatter)
+    before, after = Before(root, tests.all, scatter), After(judgement, scatter)
     return reported(declared.problem, before, after, held, validation, {})
 
 
@@ -194,7 +194,7 @@ def _judged(
     tests = residual_tests(best, out)
     left = not_noise(tests.all, NOISE)
     if left:
-        found = without_event_beside_cause(found)
+        found = strongest_cause(found)
     verdict = found.verdict
     gains = predictive_gains(found.less, best, held, out) if found.named else ()
     guards = problem.guards

@@ -82,7 +82,7 @@ class Before:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class After:
     """What was judged in the end, and by how much records differ under it."""
 
     judgement: Judgement
@@ -101,7 +101,7 @@ def _tests_of_floor(before: Before, judgement: Judgement) -> tuple[ResidualTest,
 def reported(
     problem: TraceProblem,
     before: Before,
-    after: Outcome,
+    after: After,
     held: HeldOutData,
     validation: Sequence[Record],
     seconds: Mapping[str, float],

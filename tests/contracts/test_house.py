@@ -90,7 +90,7 @@ LONG_FILES: frozenset[str] = frozenset(
 OF_DATA = {"scenarios/catalog"}
 # Class names that still occur twice in a room; the list shrinks, and nothing is added to it.
 TWICE: dict[str, frozenset[str]] = {
-    "ident": frozenset({"Outcome", "Weighed"}),
+    "ident": frozenset(),
     "scenarios": frozenset({"Table"}),
 }
 # Folders in which one topic has one file by rule: effects, formats of files.

@@ -12,7 +12,7 @@ from ident.process_noise.filter_error import noise_levels
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Candidate, Step, Verdict
-from ident.tracing.evidence.evidence import Key, Weighed
+from ident.tracing.evidence.evidence import Key, WeighedSet
 from ident.tracing.evidence.search import ALIKE, SWAPS, Search, together
 from ident.tracing.evidence.steady_search import (
     CLEAR,
@@ -33,7 +33,7 @@ SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no conseque
 SUPPORTED = 3.0  # z of an effect beside a discrepancy of no consequence
 RIVAL = 2.0  # z of Vuong's test below which two effects are not told apart
 TWO_EVENTS = "two loads or gusts in passing are likelier one cause that the library lacks"
-BESIDE_EVENT = "a load or gust in passing beside another cause leaves a residual that is no noise"
+BESIDE_CAUSE = "beside a stronger cause it leaves a residual that is no noise"
 ROUGH_AIR = "its evidence comes from the maneuvers: rough air acts between them as well"
 BESIDE_GUARD = "it is found beside a term that no effect of the library has"
 
@@ -134,15 +134,35 @@ def decided(search: Search, discrepancy: Traceable | None = None) -> Decision:
     return _without_names(found, doubted)
 
 
-def without_event_beside_cause(found: Decision) -> Decision:
-    """A decision whose set leaves no noise, less a load or gust in passing beside another cause.
+def strongest_cause(found: Decision) -> Decision:
+    """A decision whose set leaves no noise, less all causes but the one that brings most.
 
-    It may begin anywhere, and takes in what the other cause has left.
+    Something that no set explains is there as well, and what comes beside the first cause mostly
+    takes in that. Causes whose evidence was found spread over the records beside a discrepancy
+    stay.
     """
     effects = {each.name: each for each in found.best.effects}
-    causes = [each for each in found.named if not effects[each.name].traits.background]
-    events = _events(found) if len(causes) > 1 else set()
-    return _without_names(found, dict.fromkeys(events, BESIDE_EVENT))
+    causes = [
+        each.name
+        for each in found.named
+        if each.spread is None and not effects[each.name].traits.background
+    ]
+    if len(causes) < 2:
+        return found
+    search, best = _fitted(found)
+    brought = {}
+    for name in causes:
+        less = search.visited.get(best.names - {name}) or search.without(best, name)
+        brought[name] = math.inf if less is None else best.weight - less.weight
+    first = max(causes, key=lambda name: brought[name])
+    return _without_names(found, dict.fromkeys(set(causes) - {first}, BESIDE_CAUSE))
+
+
+def _fitted(found: Decision) -> tuple[Search, WeighedSet]:
+    """The search of a decision's set, and the set in it."""
+    names = frozenset(found.best.names)
+    search = next(each for each in reversed(found.searches) if names in each.visited)
+    return search, search.visited[names]
 
 
 def _events(found: Decision) -> set[str]:
@@ -173,10 +193,8 @@ def _without_names(found: Decision, reasons: Mapping[str, str]) -> Decision:
 
 def _acts_when_quiet(found: Decision, name: str) -> bool:
     """Whether the evidence for rough air is also there while the aircraft hardly moves."""
-    names = frozenset(found.best.names)
-    search = next(each for each in reversed(found.searches) if names in each.visited)
-    best = search.visited[names]
-    less = search.visited.get(names - {name}) or search.without(best, name)
+    search, best = _fitted(found)
+    less = search.visited.get(best.names - {name}) or search.without(best, name)
     if less is None:
         return True
     declared, interval = found.searches[0].declared, search.context.interval
@@ -235,7 +253,7 @@ def _with_general_forms(search: Search) -> Decision | None:
     return replace(_by_sets(general, best), searches=(search, general))
 
 
-def _is_cause(effect: Traceable, found: Weighed, interval: float) -> bool:
+def _is_cause(effect: Traceable, found: WeighedSet, interval: float) -> bool:
     """Whether an effect is more than how inputs are to be read between samples."""
     local = effect.traits.within_interval
     if not local:
@@ -248,7 +266,7 @@ def _total(named: Named) -> float:
     return named.probability + sum(named.alternatives.values())
 
 
-def _by_sets(search: Search, best: Weighed) -> Decision:
+def _by_sets(search: Search, best: WeighedSet) -> Decision:
     """Under white noise: what is certain, unless more leaves noise; else the best, by groups."""
     sets = probabilities(search)
     inclusion = inclusion_of(sets)
@@ -277,7 +295,7 @@ def _by_sets(search: Search, best: Weighed) -> Decision:
     return Decision(verdict, best.fitted, search.root.fitted, told, hints, (search,))
 
 
-def _less_slight(search: Search, best: Weighed) -> Weighed:
+def _less_slight(search: Search, best: WeighedSet) -> WeighedSet:
     """The set without members that bring little and not all along, where the residual is no noise.
 
     White noise then counts more samples than there are, and little evidence is none.
@@ -297,7 +315,7 @@ def _less_slight(search: Search, best: Weighed) -> Weighed:
     return best
 
 
-def _less_guards(search: Search, best: Weighed) -> Weighed:
+def _less_guards(search: Search, best: WeighedSet) -> WeighedSet:
     """The set without its guards, where it leaves noise that is hardly larger.
 
     A guard says that a cause outside the library acts; one that does so little changes nothing.
@@ -317,7 +335,7 @@ def _less_guards(search: Search, best: Weighed) -> Weighed:
 
 
 def _alike(
-    search: Search, best: Weighed, effect: Traceable, sets: Mapping[Key, float]
+    search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Key, float]
 ) -> dict[str, float]:
     """Effects that the records do not tell from a member, with their probabilities."""
     rest = best.names - {effect.name}
@@ -338,7 +356,7 @@ def _alike(
     return {name: share for name, share in found.items() if share > least or name in equal}
 
 
-def _undecided(search: Search, best: Weighed) -> Decision:
+def _undecided(search: Search, best: WeighedSet) -> Decision:
     inclusion = inclusion_of(probabilities(search))
     why = "with all that was found the residual is not noise"
     hints = tuple(Named(name, inclusion[name], {}, reason=why) for name in sorted(best.names))
@@ -346,7 +364,7 @@ def _undecided(search: Search, best: Weighed) -> Decision:
     return Decision(Verdict.UNEXPLAINED, best.fitted, root, (), hints, (search,))
 
 
-def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decision:
+def _beside_discrepancy(white: Search, search: Search, best: WeighedSet) -> Decision:
     """Beside a discrepancy: what is spread over the records, with the rivals of each."""
     guards, root = search.problem.guards, search.root.fitted
     searches = (white, search)
@@ -367,7 +385,7 @@ def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decisio
     return Decision(verdict, best.fitted, root, tuple(named), (), searches)
 
 
-def _all_spread(search: Search, best: Weighed) -> tuple[Weighed, dict[str, float]]:
+def _all_spread(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str, float]]:
     """A set less the members whose evidence is not spread over the records, and z of the others."""
     while True:
         without = {name: search.without(best, name) for name in sorted(search.added(best))}
@@ -385,8 +403,8 @@ def _all_spread(search: Search, best: Weighed) -> tuple[Weighed, dict[str, float
 def _beside_small_discrepancy(
     white: Search,
     search: Search,
-    best: Weighed,
-    supported: tuple[Weighed, dict[str, float]],
+    best: WeighedSet,
+    supported: tuple[WeighedSet, dict[str, float]],
     *,
     exact: bool,
 ) -> Decision | None:
@@ -427,7 +445,7 @@ def _beside_small_discrepancy(
     return Decision(verdict, plain.fitted, white.root.fitted, told, hints, (white, search))
 
 
-def _supported(search: Search, best: Weighed) -> tuple[Weighed, dict[str, float]]:
+def _supported(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str, float]]:
     """What is left of a set beside a discrepancy when members without support are left out.
 
     An effect is kept where it raises the posterior probability, and where the evidence for it is
@@ -460,7 +478,7 @@ def _supported(search: Search, best: Weighed) -> tuple[Weighed, dict[str, float]
     return found, nearly
 
 
-def _with_swaps(white: Search, search: Search, beside: Weighed) -> None:
+def _with_swaps(white: Search, search: Search, beside: WeighedSet) -> None:
     """Sets with an effect that looks alike in the place of a member, fitted beside the discrepancy.
 
     Each begins with the values that it has in the likeliest set of the white search.
@@ -488,8 +506,8 @@ def _with_swaps(white: Search, search: Search, beside: Weighed) -> None:
 
 
 def _likeliest_swap(
-    white: Search, search: Search, beside: Weighed, plain: Weighed
-) -> tuple[Weighed, Weighed]:
+    white: Search, search: Search, beside: WeighedSet, plain: WeighedSet
+) -> tuple[WeighedSet, WeighedSet]:
     """The likeliest set with one member replaced by another effect, if any is likelier.
 
     ``beside`` : the set with the discrepancy. ``plain`` : the same under white noise.
@@ -524,7 +542,7 @@ def _look_alike(search: Search, effect: Traceable) -> list[str]:
 
 
 def _weighed_name(
-    search: Search, plain: Weighed, effect: Traceable, sets: Mapping[Key, float], *, exact: bool
+    search: Search, plain: WeighedSet, effect: Traceable, sets: Mapping[Key, float], *, exact: bool
 ) -> Named:
     """A member of a set with the odds of what could take its place."""
     alike = _alike(search, plain, effect, sets)
@@ -542,8 +560,8 @@ def _weighed_name(
 
 
 def _slight(
-    white: Search, search: Search, found: Weighed, leave: Collection[str]
-) -> Weighed | None:
+    white: Search, search: Search, found: WeighedSet, leave: Collection[str]
+) -> WeighedSet | None:
     """A set less some of its effects, under white noise; None where the discrepancy matters."""
     effects = [each for each in found.fitted.effects if each.name not in leave]
     beside = search.fit(effects, found.fitted)
@@ -554,7 +572,7 @@ def _slight(
     return white.kept(fitted)
 
 
-def _rivals(search: Search, best: Weighed, name: str) -> dict[str, float]:
+def _rivals(search: Search, best: WeighedSet, name: str) -> dict[str, float]:
     """Effects that Vuong's test does not tell from one, with their odds by its normal law."""
     from scipy.special import ndtr
 

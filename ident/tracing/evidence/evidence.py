@@ -17,7 +17,7 @@ _LEAST = 1e-10  # of an eigenvalue of the scaled precision: rounding
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed:
+class WeighedSet:
     """A fitted set of effects with its evidence.
 
     Attributes

@@ -27,7 +27,7 @@ from ident.tracing.candidate_model.fitted_model import (
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.candidate_model.quantities import quantities
 from ident.tracing.diagnosis import Candidate, Step
-from ident.tracing.evidence.evidence import Key, Weighed, evidence_of
+from ident.tracing.evidence.evidence import Key, WeighedSet, evidence_of
 from ident.tracing.evidence.priors import family_sizes, log_odds, set_prior
 from ident.tracing.evidence.scan import Lead, Shown, leads_of, prepared, shown_by
 from ident.tracing.evidence.set_search import LinearSet, weighed_sets
@@ -79,7 +79,7 @@ class Search:
     candidates: Sequence[Traceable]
     base: tuple[Traceable, ...] = ()
     title: str = "white noise"
-    visited: dict[Key, Weighed] = field(default_factory=dict)
+    visited: dict[Key, WeighedSet] = field(default_factory=dict)
     expanded: set[Key] = field(default_factory=set)
     refined: set[Key] = field(default_factory=set)
     alike: dict[Key, float] = field(default_factory=dict)
@@ -101,7 +101,7 @@ class Search:
         self.families = family_sizes(self.candidates)
 
     @cached_property
-    def root(self) -> Weighed:
+    def root(self) -> WeighedSet:
         """The base alone; the declared model where there is none or it cannot be fitted."""
         if not self.base:
             return self.kept(self.declared)
@@ -113,7 +113,7 @@ class Search:
         """Names of what stands in every set."""
         return frozenset(effect.name for effect in self.base)
 
-    def added(self, one: Weighed) -> Key:
+    def added(self, one: WeighedSet) -> Key:
         """Names of the effects of a set beyond the base."""
         return one.names - self.base_names
 
@@ -123,13 +123,13 @@ class Search:
         return self.fits > self.problem.settings.budget
 
     # ---------------------------------------------------------------- fits
-    def kept(self, fitted: FittedModel) -> Weighed:
+    def kept(self, fitted: FittedModel) -> WeighedSet:
         """Weigh a fit and keep it, the better of two optima where the set was met before."""
         self.fits += 1
         evidence, offset, covariance = evidence_of(fitted, self.context)
         named = [effect for effect in fitted.effects if effect not in self.base]
         weight = evidence + log_odds(named, self.families)
-        found = Weighed(fitted, evidence, weight, offset, covariance)
+        found = WeighedSet(fitted, evidence, weight, offset, covariance)
         old = self.visited.get(found.names)
         if old is None or found.weight > old.weight:
             self.visited[found.names] = found
@@ -151,7 +151,7 @@ class Search:
         start = Start(Values({**shared, **values.shared}, own, values.states), {}, levels)
         return fit_set(self.problem.data, tuple(effects), self.problem.roughly, start)
 
-    def child(self, parent: Weighed, proposed: LinearSet) -> Weighed | None:
+    def child(self, parent: WeighedSet, proposed: LinearSet) -> WeighedSet | None:
         """The parent's set with the leads of a proposed one.
 
         Where the step of the linear world leads astray, the fit begins nearer to absence.
@@ -172,7 +172,7 @@ class Search:
                 break
         return None if best is None else self.kept(best)
 
-    def without(self, parent: Weighed, name: str) -> Weighed | None:
+    def without(self, parent: WeighedSet, name: str) -> WeighedSet | None:
         """The set without one of its effects, fitted from where the others stand."""
         effects = tuple(effect for effect in parent.fitted.effects if effect.name != name)
         fitted = self.fit(effects, parent.fitted)
@@ -228,7 +228,7 @@ class Search:
 
     def _in_finer_forms(self) -> None:
         """The leading set of each size in finer forms of its effects, where that is likelier."""
-        leading: dict[int, tuple[Key, Weighed]] = {}
+        leading: dict[int, tuple[Key, WeighedSet]] = {}
         for key, one in self.visited.items():
             best = leading.get(len(key))
             if not key & self.problem.guards and (best is None or one.weight > best[1].weight):
@@ -237,7 +237,7 @@ class Search:
             while (finer := self._finer(one)) is not None and finer.weight > one.weight:
                 one = finer
 
-    def _finer(self, one: Weighed) -> Weighed | None:
+    def _finer(self, one: WeighedSet) -> WeighedSet | None:
         """A set with the finer forms of its effects; None where there are none."""
         fitted = one.fitted
         forms = [each.finer() if isinstance(each, Refinable) else each for each in fitted.effects]
@@ -292,17 +292,17 @@ class Search:
             if one.names not in self.expanded and not self.spent:
                 self.expand(one, most=2)
 
-    def best(self) -> Weighed:
+    def best(self) -> WeighedSet:
         """The set of largest posterior probability."""
         return max(self.visited.values(), key=lambda one: one.weight)
 
-    def expand(self, parent: Weighed, most: int = LEADERS, deepest: int | None = None) -> None:
+    def expand(self, parent: WeighedSet, most: int = LEADERS, deepest: int | None = None) -> None:
         """Scan at a set, weigh sets of leads there (up to ``deepest``), fit the leaders."""
         self.expanded.add(parent.names)
         beside = " + ".join(sorted(self.added(parent))) or "the declared model"
         doing, share = f"{self.title}: what is missing beside {beside}", self.fits / 100.0
         self.problem.progress(doing, min(0.1 + 0.7 * share, 0.85))
-        made: list[Weighed] = []
+        made: list[WeighedSet] = []
         causes = [
             each
             for each in parent.fitted.effects
@@ -325,7 +325,7 @@ class Search:
             made += self._with_process_noise(parent)
         self._tell(parent, beside, made)
 
-    def _tell(self, parent: Weighed, beside: str, made: Sequence[Weighed]) -> None:
+    def _tell(self, parent: WeighedSet, beside: str, made: Sequence[WeighedSet]) -> None:
         """Keep for the report what was tried at a set."""
         number = len(self.steps) + 1
         within = tuple(sorted(parent.names))
@@ -360,7 +360,7 @@ class Search:
         return tuple(sorted(other for key in pairs for other in key - {name}))
 
     def _proposed(
-        self, parent: Weighed, deeper: int, most: int, wanted: Collection[str] = ()
+        self, parent: WeighedSet, deeper: int, most: int, wanted: Collection[str] = ()
     ) -> list[LinearSet]:
         """The weightiest single leads, and larger sets that promise more than any smaller one.
 
@@ -408,7 +408,7 @@ class Search:
             bar = max([bar, *(each.weight for each in chosen)])
         return chosen
 
-    def _with_process_noise(self, parent: Weighed) -> list[Weighed]:
+    def _with_process_noise(self, parent: WeighedSet) -> list[WeighedSet]:
         made = []
         for effect in self.candidates:
             if not isinstance(effect, NoiseEffect) or parent.names | {effect.name} in self.visited:
@@ -419,7 +419,7 @@ class Search:
         return made
 
     # ---------------------------------------------------------------- events
-    def _placed_better(self, one: Weighed) -> Weighed:
+    def _placed_better(self, one: WeighedSet) -> WeighedSet:
         """Events of a set looked for earlier and later: their times have local optima."""
         for effect in [each for each in one.fitted.effects if each.traits.onset]:
             records = len(one.fitted.values.own) if belongs_to_record(effect) else 1
@@ -427,7 +427,7 @@ class Search:
                 one = self._event_moved(one, effect, r)
         return one
 
-    def _event_moved(self, one: Weighed, effect: Traceable, r: int) -> Weighed:
+    def _event_moved(self, one: WeighedSet, effect: Traceable, r: int) -> WeighedSet:
         """An event of record ``r`` begun at other times, with wide edges first."""
         name = full_name(effect, effect.traits.onset)
         forms = [effect.blunted(width) for width in EDGES] if isinstance(effect, Edged) else []

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
-from ident.tracing.evidence.evidence import Weighed
+from ident.tracing.evidence.evidence import WeighedSet
 from ident.tracing.evidence.priors import UNLIMITED, set_prior
 from ident.tracing.evidence.search import Search
 from sim.declaration.effect import NoiseEffect, full_name
@@ -51,7 +51,7 @@ def log_densities(fitted: FittedModel) -> list[np.ndarray]:
     return [each + rest for each in out]
 
 
-def vuong(more: Weighed, less: Weighed, interval: float) -> float:
+def vuong(more: WeighedSet, less: WeighedSet, interval: float) -> float:
     """Difference of log evidence over the scatter of its parts in blocks of time.
 
     Parameters
@@ -132,7 +132,7 @@ def _over_scatter(gain: float, changes: np.ndarray) -> float:
     return float(gain / max(scatter, math.sqrt(2.0 * abs(gain)), 1e-12))
 
 
-def surely_needed(one: Weighed, name: str, context: SearchContext, bar: float) -> bool:
+def surely_needed(one: WeighedSet, name: str, context: SearchContext, bar: float) -> bool:
     """Whether leaving an effect out would cost so much that no fit is needed to say so.
 
     One Gauss-Newton step from the fit puts the effect at its absence, all else at its optimum
@@ -183,7 +183,7 @@ def surely_needed(one: Weighed, name: str, context: SearchContext, bar: float) -
     return gain > CLEAR and z > bar
 
 
-def spread_search(search: Search) -> Weighed:
+def spread_search(search: Search) -> WeighedSet:
     """The set reached by additions of which each is spread over the records.
 
     After each addition those before it are left out, one at a time, and stay out where they are
@@ -218,7 +218,7 @@ def spread_search(search: Search) -> Weighed:
     return leader
 
 
-def _adds_noise(more: Weighed, less: Weighed) -> bool:
+def _adds_noise(more: WeighedSet, less: WeighedSet) -> bool:
     """Whether what one set has more than another is process noise."""
     fresh = [each for each in more.fitted.effects if each.name not in less.names]
     return any(isinstance(each, NoiseEffect) for each in fresh)

@@ -30,7 +30,7 @@ class Whitened:
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed:
+class WeighedPlaces:
     """A signature of ``k`` columns at some places, in samples: whitened ``flat (places k, D)``,
     ``gains (places,)``, ``amplitudes (places, k)``.
 
@@ -43,11 +43,11 @@ class Weighed:
     amplitudes: np.ndarray
     each: tuple[tuple[slice, np.ndarray], ...]
 
-    def at(self, place: int) -> Weighed:
+    def at(self, place: int) -> WeighedPlaces:
         """The same of one place alone, which no longer holds what the others need."""
         k, here = self.amplitudes.shape[1], slice(place, place + 1)
         flat = self.flat if len(self.places) == 1 else self.flat[place * k : (place + 1) * k].copy()
-        return Weighed(
+        return WeighedPlaces(
             self.places[here],
             flat,
             self.gains[here],
@@ -83,7 +83,7 @@ def places_of(fitted: FittedModel, probe: Probe, onset: str) -> list[int]:
     return list(range(0, longest - 2, max(1, longest // thresholds.PLACES)))
 
 
-def closer_places(weighed: Weighed) -> list[int]:
+def closer_places(weighed: WeighedPlaces) -> list[int]:
     """Every sample between the neighbours of the best place."""
     places = weighed.places
     at = int(np.argmax(weighed.gains))
@@ -96,7 +96,7 @@ def weigh(
     white: Whitened,
     spans: Sequence[slice],
     places: Sequence[int],
-) -> Weighed:
+) -> WeighedPlaces:
     """A signature at each of some places, acting on each of ``spans`` by itself; one whose square
     leaves the range of numbers counts as none.
     """
@@ -110,7 +110,7 @@ def _weighed(
     white: Whitened,
     spans: Sequence[slice],
     places: Sequence[int],
-) -> Weighed:
+) -> WeighedPlaces:
     total, N = float(white.e @ white.e), float(fitted.fit.counts.sum())
     flat = _placed(fitted, parts, white, places)
     beyond = ~(np.einsum("ij,ij->i", flat, flat) < LARGEST**2)
@@ -124,7 +124,7 @@ def _weighed(
         amplitudes = np.where((gain > gains)[:, None], a, amplitudes)
         gains = gains + gain
         each.append((rows, a))
-    return Weighed(tuple(places), flat, gains, amplitudes, tuple(each))
+    return WeighedPlaces(tuple(places), flat, gains, amplitudes, tuple(each))
 
 
 def _placed(
@@ -181,7 +181,7 @@ def _explained(
     return share, coefficients * scale
 
 
-def added_by(white: Whitened, weighed: Weighed) -> np.ndarray:
+def added_by(white: Whitened, weighed: WeighedPlaces) -> np.ndarray:
     """What a signature that is weighed at one place adds to the projected outputs, ``(D,)``."""
     out = np.zeros(len(white.e))
     for rows, amplitudes in weighed.each:

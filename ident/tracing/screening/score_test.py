@@ -21,7 +21,7 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, compiled_with
 from ident.tracing.screening.alternative_outputs import BaseMotion, alternative_outputs, base_motion
 from ident.tracing.screening.places import (
-    Weighed,
+    WeighedPlaces,
     Whitened,
     added_by,
     closer_places,
@@ -37,7 +37,7 @@ from sim.declaration.model import System
 from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
 from sim.errors import ModelError
 
-Start = tuple[float, Mapping[str, float], Weighed]
+Start = tuple[float, Mapping[str, float], WeighedPlaces]
 
 
 @dataclass(frozen=True, eq=False)
