@@ -52,9 +52,9 @@ sys.exit(main(sys.argv[1:]))
 ESTIMATOR = """
 import time, pathlib, sys
 from scenarios.cli import main
-from scenarios.studies.runs import work
+from scenarios.studies import campaign
 
-plain, begun = work.EstimatorRuns.run, []
+plain, begun = campaign.EstimatorRuns.run, []
 
 def run(self, tasks):
     begun.append(tasks)
@@ -64,7 +64,7 @@ def run(self, tasks):
         time.sleep(60)
     return plain(self, tasks)
 
-work.EstimatorRuns.run, work.EstimatorRuns.block = run, 1
+campaign.EstimatorRuns.run, campaign.EstimatorRuns.block = run, 1
 main(sys.argv[1:])
 """
 

@@ -177,9 +177,9 @@ def test_a_survey_of_no_usable_flight_says_so(flightid: CommandLine, tmp_path: P
 NEVER_ENDING = """
 import pathlib, sys, time
 from scenarios.cli import main
-from scenarios.survey import one_flight
+from scenarios.survey import flights
 
-plain = one_flight.diagnosed
+plain = flights.diagnosed
 
 def diagnosed(flight, folder, figures):
     if flight.name == "c":
@@ -187,7 +187,7 @@ def diagnosed(flight, folder, figures):
         time.sleep(60)
     return plain(flight, folder, figures)
 
-one_flight.diagnosed = diagnosed
+flights.diagnosed = diagnosed
 main(sys.argv[1:])
 """
 

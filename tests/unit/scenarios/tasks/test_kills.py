@@ -31,12 +31,12 @@ WORK, ASKED = Toy(pause=0.04), TaskRequest(200, 11, jobs=2)
 SCRIPT = """
 import sys
 from pathlib import Path
-from scenarios.tasks import shards
+from scenarios.tasks import work
 from tests.unit.scenarios.tasks.test_kills import ASKED, WORK
 from scenarios.tasks.study import run_study
 import dataclasses
-shards.EVERY = 0.1
-shards.MANY = 4
+work.EVERY = 0.1
+work.MANY = 4
 print("begun", flush=True)
 folder = Path(sys.argv[1])
 run_study(WORK, dataclasses.replace(ASKED, folder=folder, resume=(folder / "manifest.json").exists()))
