@@ -152,7 +152,7 @@ def strongest_cause(found: Decision) -> Decision:
     search, best = _fitted(found)
     brought = {}
     for name in causes:
-        less = search.visited.get(best.names - {name}) or search.without(best, name)
+        less = search.less(best, name)
         brought[name] = math.inf if less is None else best.weight - less.weight
     first = max(causes, key=lambda name: brought[name])
     return _without_names(found, dict.fromkeys(set(causes) - {first}, BESIDE_CAUSE))
@@ -194,7 +194,7 @@ def _without_names(found: Decision, reasons: Mapping[str, str]) -> Decision:
 def _acts_when_quiet(found: Decision, name: str) -> bool:
     """Whether the evidence for rough air is also there while the aircraft hardly moves."""
     search, best = _fitted(found)
-    less = search.visited.get(best.names - {name}) or search.without(best, name)
+    less = search.less(best, name)
     if less is None:
         return True
     declared, interval = found.searches[0].declared, search.context.interval
@@ -303,7 +303,7 @@ def _less_slight(search: Search, best: WeighedSet) -> WeighedSet:
     while not is_noise(best.fitted) and len(search.added(best)) > 1:
         slight = []
         for name in sorted(search.added(best)):
-            less = search.visited.get(best.names - {name}) or search.without(best, name)
+            less = search.less(best, name)
             if less is None or best.weight - less.weight >= CLEAR:
                 continue
             z = vuong(best, less, search.context.interval)

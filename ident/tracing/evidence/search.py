@@ -178,6 +178,10 @@ class Search:
         fitted = self.fit(effects, parent.fitted)
         return None if fitted is None else self.kept(fitted)
 
+    def less(self, parent: WeighedSet, name: str) -> WeighedSet | None:
+        """The set without one of its effects, as it was fitted before or else fitted now."""
+        return self.visited.get(parent.names - {name}) or self.without(parent, name)
+
     # ---------------------------------------------------------------- rounds
     def run(self) -> Search:
         """Rounds until the best set has been scanned and nothing outdoes it.
