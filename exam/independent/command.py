@@ -93,6 +93,9 @@ def _parser() -> ArgumentParser:
         help="folder for flights and answers; with --score for the answers alone",
     )
     parser.add_argument("--jobs", type=int, default=1, help="diagnoses at a time")
+    parser.add_argument(
+        "--draw", type=int, default=0, help="other aircraft and sizes for the same causes"
+    )
     parser.add_argument("--only", help="numbers of flights, with commas")
     parser.add_argument("--fly-only", action="store_true", help="write the folders and stop")
     parser.add_argument(
@@ -116,7 +119,7 @@ def _existing(asked: Namespace) -> list[Path]:
 
 def _flown(asked: Namespace) -> list[Path]:
     """Fly one half of one simulator's flights into the folder."""
-    fly: Callable[[int, Path], None]
+    fly: Callable[[int, Path, int], None]
     if asked.simulator == "jsbsim":
         from exam.independent import jsbsim_flights
 
@@ -129,7 +132,7 @@ def _flown(asked: Namespace) -> list[Path]:
     for number in range(2 if asked.set == "tuning" else 1, count + 1, 2):
         if _wanted(asked, number):
             folders.append((asked.out / f"{number:03d}").resolve())
-            fly(number, folders[-1])
+            fly(number, folders[-1], asked.draw)
     return folders
 
 

@@ -88,11 +88,14 @@ def _ready(number: int, second: bool) -> Rehearsed:
     return rehearsed(aircraft, aircraft.conditions[second])
 
 
-def fly_flight(number: int, folder: Path) -> None:
-    """Fly number 1 to `COUNT` and write its folder; the same number gives the same bytes."""
-    rng = np.random.default_rng([SEED, 1, number])
+def fly_flight(number: int, folder: Path, draw: int = 0) -> None:
+    """Fly number 1 to `COUNT` and write its folder; the same number and draw give the same bytes.
+
+    Another draw has the same causes in the same order, by other aircraft and with other sizes.
+    """
+    rng = np.random.default_rng([SEED, 1, number, *([draw] if draw else [])])
     # Three aircraft apart in the two halves, so that each cause meets two aircraft.
-    which = (5 * ((number - 1) // 2) + 3 * (number % 2)) % len(FLEET)
+    which = (5 * ((number - 1) // 2) + 3 * (number % 2) + 7 * draw) % len(FLEET)
     aircraft, second = FLEET[which], bool(rng.random() < 0.5)
     condition, ready = aircraft.conditions[second], _ready(which, second)
     vehicle = ready.vehicle
@@ -107,7 +110,7 @@ def fly_flight(number: int, folder: Path) -> None:
     size, bend = _size(ready, how)
     flights = [
         fly(
-            aircraft, condition, maneuver, size, _air(condition, number, part) if rough else None
+            aircraft, condition, maneuver, size, _air(condition, number + 1000 * draw, part) if rough else None
         ).flight
         for part, maneuver in enumerate(ready.maneuvers)
     ]

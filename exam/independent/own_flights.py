@@ -273,12 +273,15 @@ SPECS: tuple[Spec, ...] = tuple(
 COUNT = 2 * len(SPECS)
 
 
-def fly_flight(number: int, folder: Path) -> None:
-    """Fly number 1 to `COUNT` and write its folder; the same number gives the same bytes."""
-    model, draws = SPECS[(number - 1) // 2]
-    rng = np.random.default_rng([SEED, 2, number])
-    setting, bend = drawn_setting(number, model, rng)
-    acts = [draw(setting, rng) for draw in draws]
+def fly_flight(number: int, folder: Path, draw: int = 0) -> None:
+    """Fly number 1 to `COUNT` and write its folder; the same number and draw give the same bytes.
+
+    Another draw has the same causes in the same order, by other airplanes and with other sizes.
+    """
+    model, causes = SPECS[(number - 1) // 2]
+    rng = np.random.default_rng([SEED, 2, number, *([draw] if draw else [])])
+    setting, bend = drawn_setting(number + 2 * draw, model, rng)
+    acts = [make(setting, rng) for make in causes]
     names = (
         OUTPUTS[model]
         if model != "rigid" or rng.random() < 0.7

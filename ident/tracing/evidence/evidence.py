@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.evidence.noise_colour import ColouredNoise
 from ident.tracing.evidence.priors import half_normal_factor, log_mass, set_prior
 from sim.declaration.proposal import SearchContext
 
@@ -94,8 +95,9 @@ def _of_data(fitted: FittedModel) -> tuple[np.ndarray, np.ndarray, float]:
     What the fit itself knew beforehand is taken out: the priors here count it once.
     """
     fit = fitted.fit
-    normal, gradient = (each.copy() for each in fit.normal_equations())
-    likelihood = fit.log_likelihood
+    noise = ColouredNoise(fit)
+    normal, gradient = noise.normal_equations()
+    likelihood = noise.log_likelihood
     known = fit.layout.prior
     if known is not None:
         away = fit.theta[known.positions] - known.mean

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
+from ident.tracing.evidence.noise_colour import ColouredNoise
 from ident.tracing.evidence.priors import SetPrior, prior_of
 from ident.tracing.screening.score_test import _motions, _signatures
 from ident.tracing.thresholds import PLACES
@@ -87,13 +88,13 @@ def prepared(fitted: FittedModel, prior: SetPrior) -> Prepared:
     """Whiten a set that is fitted under white noise, or with process noise."""
     fit, layout = fitted.fit, fitted.fit.layout
     n = len(fit.theta)
+    noise = ColouredNoise(fit)
     residuals, sensitivities, rows, at = [], [], [], 0
     for r, problem in enumerate(layout.problems):
         size = problem.valid.size
-        weight = np.where(problem.valid, 1.0 / np.sqrt(fit.variance)[:, None], 0.0)
-        residuals.append((fit.residuals[r] * weight).ravel())
+        residuals.append(noise.residual(r).ravel())
         block = np.zeros((size, n))
-        block[:, layout.columns(r)] = (fit.jacobians[r] * weight[:, :, None]).reshape(size, -1)
+        block[:, layout.columns(r)] = noise.sensitivities(r).reshape(size, -1)
         sensitivities.append(block)
         rows.append(slice(at, at + size))
         at += size
@@ -107,8 +108,8 @@ def prepared(fitted: FittedModel, prior: SetPrior) -> Prepared:
 
     def whiten(r: int, columns: np.ndarray) -> np.ndarray:
         valid = layout.problems[r].valid[:, :, None]
-        made = fit.whiten(r, np.where(valid, columns, 0.0))
-        return np.asarray(np.where(valid, made, 0.0).reshape(-1, columns.shape[2]))
+        made = np.where(valid, fit.whiten(r, np.where(valid, columns, 0.0)), 0.0)
+        return noise.whitened(r, made).reshape(-1, columns.shape[2])
 
     return Prepared(root, e - A @ offset, tuple(rows), whiten)
 

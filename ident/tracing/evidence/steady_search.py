@@ -22,6 +22,7 @@ import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.evidence.evidence import WeighedSet
+from ident.tracing.evidence.noise_colour import ColouredNoise
 from ident.tracing.evidence.priors import UNLIMITED, set_prior
 from ident.tracing.evidence.search import Search
 from sim.declaration.effect import NoiseEffect, full_name
@@ -40,14 +41,14 @@ def is_steady(effect: Traceable) -> bool:
 
 def log_densities(fitted: FittedModel) -> list[np.ndarray]:
     """Log density of each sample given those before it, all outputs together, ``(N,)`` a record."""
-    fit = fitted.fit
-    out, total = [], 0.0
-    for problem, residual in zip(fit.layout.problems, fit.residuals, strict=True):
-        squared = np.where(problem.valid, residual**2 / fit.variance[:, None], 0.0)
-        out.append(-0.5 * np.sum(squared, axis=0))
-        total += float(out[-1].sum())
+    noise = ColouredNoise(fitted.fit)
+    out = [
+        -0.5 * np.sum(noise.in_time(r) ** 2, axis=0)
+        for r in range(len(fitted.fit.layout.problems))
+    ]
+    total = sum(float(each.sum()) for each in out)
     # The rest (log determinants) is spread evenly: a filter settles within seconds.
-    rest = (fit.log_likelihood - total) / sum(len(each) for each in out)
+    rest = (noise.log_likelihood - total) / sum(len(each) for each in out)
     return [each + rest for each in out]
 
 

@@ -1,0 +1,117 @@
+"""Noise whose level below a few hertz is estimated there, and not taken from the whole band.
+
+Filters and least bits of a recorder colour the noise of its channels: it has more power where the
+aircraft moves than above. Under white noise evidence is then counted too often. Here the noise of
+each output has two levels, one below and one above a frequency, by the periodogram of what a fit
+leaves [1]_. Of white noise the two are alike.
+
+References
+----------
+.. [1] P. Whittle, "Estimation and information in stationary time series", Arkiv foer Matematik 2,
+   1953.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.fft import dct, idct
+
+from ident.tracing.thresholds import LOW_FREQUENCY
+from ident.whole_record.gauss_newton import Fit
+
+FEWEST = 16  # coefficients of a band whose level is estimated
+
+
+@dataclass(frozen=True, eq=False)
+class ColouredNoise:
+    """Levels of the noise of a fit's residuals in two bands.
+
+    Attributes
+    ----------
+    fit : whose residuals, in standard deviations of the fit, are looked at.
+    """
+
+    fit: Fit
+
+    @cached_property
+    def _low(self) -> tuple[np.ndarray, ...]:
+        """``(N,)`` of each record: which coefficients of the cosine transform are low."""
+        found = []
+        for problem in self.fit.layout.problems:
+            time, n = problem.record.time, problem.valid.shape[1]
+            interval = (time[-1] - time[0]) / max(len(time) - 1, 1)
+            found.append(np.arange(n) / (2.0 * n * interval) < LOW_FREQUENCY)
+        return tuple(found)
+
+    def _standard(self, r: int, values: np.ndarray) -> np.ndarray:
+        """Values ``(m, N)`` or ``(m, N, c)`` of a record in standard deviations of the fit."""
+        valid = self.fit.layout.problems[r].valid
+        weight = np.where(valid, 1.0 / np.sqrt(self.fit.variance)[:, None], 0.0)
+        return values * (weight if values.ndim == 2 else weight[:, :, None])
+
+    @cached_property
+    def _bands(self) -> tuple[np.ndarray, np.ndarray]:
+        """Counts and mean squares ``(m, 2)`` of the low and the high band."""
+        m = len(self.fit.variance)
+        counts, squares = np.zeros((m, 2)), np.zeros((m, 2))
+        for r, (problem, low) in enumerate(zip(self.fit.layout.problems, self._low, strict=True)):
+            e = dct(self._standard(r, self.fit.residuals[r]), axis=1, norm="ortho")
+            share = problem.valid.mean(axis=1)
+            for band, inside in enumerate((low, ~low)):
+                counts[:, band] += share * np.count_nonzero(inside)
+                squares[:, band] += np.sum(e[:, inside] ** 2, axis=1)
+        enough = np.all(counts >= FEWEST, axis=1)[:, None] & (squares > 0.0)
+        means = np.where(enough, squares / np.maximum(counts, 1.0), 1.0)
+        return counts, means
+
+    @property
+    def log_likelihood(self) -> float:
+        """Of the data, with two levels of noise for each output."""
+        counts, means = self._bands
+        return self.fit.log_likelihood - 0.5 * float(np.sum(counts * np.log(means)))
+
+    def whitened(self, r: int, values: np.ndarray) -> np.ndarray:
+        """Cosine transform of values ``(m, N, ...)`` of a record in standard deviations of the fit,
+        over the level of each band."""
+        scale = self._scales(r)
+        out = dct(values, axis=1, norm="ortho")
+        return np.asarray(out * (scale if out.ndim == 2 else scale[:, :, None]))
+
+    def _scales(self, r: int) -> np.ndarray:
+        means = self._bands[1]
+        low = self._low[r]
+        return np.where(low[None, :], means[:, :1], means[:, 1:]) ** -0.5
+
+    def residual(self, r: int) -> np.ndarray:
+        """Whitened residual ``(m, N)`` of a record over the frequencies."""
+        return self.whitened(r, self._standard(r, self.fit.residuals[r]))
+
+    def sensitivities(self, r: int) -> np.ndarray:
+        """Whitened sensitivities ``(m, N, c)`` of a record over the frequencies."""
+        return self.whitened(r, self._standard(r, self.fit.jacobians[r]))
+
+    def in_time(self, r: int) -> np.ndarray:
+        """Whitened residual ``(m, N)`` of a record over the samples."""
+        return np.asarray(idct(self.residual(r), axis=1, norm="ortho"))
+
+    def normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
+        """Information ``(n, n)`` and gradient ``(n,)`` of the log likelihood at the fit."""
+        normal, gradient = (each.copy() for each in self.fit.normal_equations())
+        for r in range(len(self.fit.layout.problems)):
+            at = np.arange(len(gradient))[self.fit.layout.columns(r)]
+            for sign, e, A in (
+                (1.0, self.residual(r), self.sensitivities(r)),
+                (
+                    -1.0,
+                    self._standard(r, self.fit.residuals[r]),
+                    self._standard(r, self.fit.jacobians[r]),
+                ),
+            ):
+                flat = A.reshape(-1, A.shape[2])
+                normal[np.ix_(at, at)] += sign * (flat.T @ flat)
+                gradient[at] += sign * (flat.T @ e.ravel())
+        return normal, gradient
