@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,14 +13,13 @@ from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Candidate, Step, Verdict
 from ident.tracing.evidence.evidence import Key, WeighedSet
-from ident.tracing.evidence.search import ALIKE, SWAPS, Search, together
+from ident.tracing.evidence.search import ALIKE, Search
 from ident.tracing.evidence.steady_search import (
     CLEAR,
     SPREAD,
     is_steady,
     quiet_vuong,
     spread_search,
-    surely_needed,
     vuong,
 )
 from ident.tracing.validation.whiteness import whiteness
@@ -214,23 +213,16 @@ def _decided(search: Search, discrepancy: Traceable | None) -> Decision:
     quiet = is_noise(best.fitted)
     if quiet and not search.added(best):
         return _by_sets(search, best)
-    if discrepancy is None:
+    if quiet or discrepancy is None:
         tried = not quiet or bool(problem.guards & best.names)
         general = _with_general_forms(search) if tried else None
         return general or (_by_sets(search, best) if quiet else _undecided(search, best))
     base = (discrepancy, *best.fitted.background)
-    near = Search(problem, search.candidates, base, title="a model discrepancy")
-    supported = _supported(near, best)
-    if best.weight >= near.best().weight:
-        general = _with_general_forms(search) if problem.guards & best.names else None
-        return general or _by_sets(search, best)
-    small = _beside_small_discrepancy(search, near, best, supported, exact=quiet)
-    if small is not None:
-        return small
-    if quiet:
-        return _by_sets(search, best)
     acting = [each for each in problem.candidates if is_steady(each)]
     steady = Search(problem, acting, base, title="a model discrepancy")
+    if best.weight >= steady.root.weight:
+        general = _with_general_forms(search) if problem.guards & best.names else None
+        return general or _by_sets(search, best)
     beside = _beside_discrepancy(search, steady, spread_search(steady))
     forms = {each.name for each in problem.candidates if each.traits.general}
     if beside.named and not forms & {each.name for each in beside.named}:
@@ -398,178 +390,6 @@ def _all_spread(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str,
         if less is None or spread[least] >= SPREAD:
             return best, spread
         best = less
-
-
-def _beside_small_discrepancy(
-    white: Search,
-    search: Search,
-    best: WeighedSet,
-    supported: tuple[WeighedSet, dict[str, float]],
-    *,
-    exact: bool,
-) -> Decision | None:
-    """The decision where the discrepancy beside the best set is of no consequence.
-
-    Filters in the instrumentation and small curves of the aircraft colour a residual, and a search
-    under white noise adds effects for that: those are left out again. None where the discrepancy
-    is larger. ``supported`` : of ``_supported``. ``exact`` : whether the best set leaves noise, as
-    probabilities suppose.
-    """
-    found, nearly = supported
-    guards = white.problem.guards & found.names
-    plain = _slight(white, search, found, guards)
-    if plain is None and guards:
-        plain = _slight(white, search, found, ())
-    if plain is None:
-        return None
-    beside = search.visited.get(plain.names | {search.base[0].name}, found)
-    _with_swaps(white, search, beside)
-    beside, plain = _likeliest_swap(white, search, beside, plain)
-    sets = probabilities(search)
-    named = [
-        _weighed_name(search, beside, effect, sets, exact=exact)
-        for effect in plain.fitted.effects
-        if effect.name not in search.base_names and _is_cause(effect, plain, white.context.interval)
-    ]
-    verdict = Verdict.CONSISTENT if not named else Verdict.TRACED
-    if white.problem.guards & plain.names or min(map(_total, named), default=1.0) < CERTAIN:
-        verdict = Verdict.UNEXPLAINED
-    elif named and min(each.probability for each in named) < CERTAIN:
-        verdict = Verdict.AMBIGUOUS
-    if nearly and not named:
-        verdict = Verdict.UNEXPLAINED
-        why = "its evidence beside a model discrepancy is {:.1f} of its scatter, required is {:.1f}"
-        named = [Named(name, 1.0, {}, z, why.format(z, SUPPORTED)) for name, z in nearly.items()]
-        plain = best
-    told, hints = (tuple(named), ()) if verdict is not Verdict.UNEXPLAINED else ((), tuple(named))
-    return Decision(verdict, plain.fitted, white.root.fitted, told, hints, (white, search))
-
-
-def _supported(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str, float]]:
-    """What is left of a set beside a discrepancy when members without support are left out.
-
-    An effect is kept where it raises the posterior probability, and where the evidence for it is
-    spread over the records; that of an event that ends cannot be, and has to be large. Also, by
-    name, z of those that raise the probability and nearly have the spread.
-    """
-    wanted = [each for each in best.fitted.effects if each.name not in search.base_names]
-    begun = search.fit((*search.base, *wanted), best.fitted) if wanted else None
-    found = search.root if begun is None else search.kept(begun)
-    lasting = {each.name for each in wanted if not each.traits.lasts}
-    nearly: dict[str, float] = {}
-    while search.added(found):
-        lacking = []
-        for name in sorted(search.added(found)):
-            if surely_needed(found, name, search.context, SUPPORTED):
-                continue
-            less = search.without(found, name)
-            if less is None:
-                continue
-            z = vuong(found, less, search.context.interval)
-            gain = found.weight - less.weight
-            if gain < 0.0 or (z < SUPPORTED if name in lasting else gain < CLEAR):
-                lacking.append((z, less, name))
-        if not lacking:
-            break
-        z, less, name = min(lacking, key=lambda each: each[0])
-        if less.weight < found.weight and z > RIVAL:
-            nearly[name] = z
-        found = less
-    return found, nearly
-
-
-def _with_swaps(white: Search, search: Search, beside: WeighedSet) -> None:
-    """Sets with an effect that looks alike in the place of a member, fitted beside the discrepancy.
-
-    Each begins with the values that it has in the likeliest set of the white search.
-    """
-    search.alike |= white.alike
-    for effect in [each for each in beside.fitted.effects if each.name not in search.base_names]:
-        rest = tuple(each for each in beside.fitted.effects if each is not effect)
-        for name in _look_alike(white, effect):
-            homes = [one for key, one in white.visited.items() if name in key]
-            home = max(homes, key=lambda one: one.weight, default=None)
-            if home is None or name in beside.names:
-                continue
-            (other,) = [each for each in home.fitted.effects if each.name == name]
-            if not all(together(other, each) for each in rest):
-                continue
-            full = {full_name(other, item.name) for item in other.parameters}
-            values = home.fitted.values
-            added = [
-                {key: value for key, value in {**values.shared, **own}.items() if key in full}
-                for own in values.own
-            ]
-            fitted = search.fit((*rest, other), beside.fitted, added)
-            if fitted is not None:
-                search.kept(fitted)
-
-
-def _likeliest_swap(
-    white: Search, search: Search, beside: WeighedSet, plain: WeighedSet
-) -> tuple[WeighedSet, WeighedSet]:
-    """The likeliest set with one member replaced by another effect, if any is likelier.
-
-    ``beside`` : the set with the discrepancy. ``plain`` : the same under white noise.
-    """
-    swapped = [
-        one
-        for key, one in search.visited.items()
-        if len(key) == len(beside.names) and len(key & beside.names) == len(key) - 1
-    ]
-    best = max(swapped, key=lambda one: one.weight, default=beside)
-    if best.weight <= beside.weight:
-        return beside, plain
-    names = best.names - {search.base[0].name}
-    home = white.visited.get(names)
-    if home is None:
-        effects = [each for each in best.fitted.effects if each.name in names]
-        fitted = white.fit(effects, plain.fitted, values=best.fitted.values)
-        home = None if fitted is None else white.kept(fitted)
-    return (beside, plain) if home is None else (best, home)
-
-
-def _look_alike(search: Search, effect: Traceable) -> list[str]:
-    """Names of effects that look like one, the most alike first."""
-    cosines = {
-        name: cosine
-        for key, cosine in search.alike.items()
-        if effect.name in key and cosine > ALIKE
-        for name in key - {effect.name}
-    }
-    cosines |= dict.fromkeys((*effect.traits.equivalents, *effect.traits.twins), 1.0)
-    return sorted(cosines, key=lambda name: -cosines[name])[:SWAPS]
-
-
-def _weighed_name(
-    search: Search, plain: WeighedSet, effect: Traceable, sets: Mapping[Key, float], *, exact: bool
-) -> Named:
-    """A member of a set with the odds of what could take its place."""
-    alike = _alike(search, plain, effect, sets)
-    mine = sum(share for key, share in sets.items() if plain.names <= key)
-    odds = {name: share / max(mine, 1e-300) for name, share in alike.items()}
-    if not exact:
-        odds |= {
-            name: max(value, odds.get(name, 0.0))
-            for name, value in _rivals(search, plain, effect.name).items()
-        }
-    probability = 1.0 / (1.0 + sum(odds.values()))
-    return Named(
-        effect.name, probability, {name: each * probability for name, each in odds.items()}
-    )
-
-
-def _slight(
-    white: Search, search: Search, found: WeighedSet, leave: Collection[str]
-) -> WeighedSet | None:
-    """A set less some of its effects, under white noise; None where the discrepancy matters."""
-    effects = [each for each in found.fitted.effects if each.name not in leave]
-    beside = search.fit(effects, found.fitted)
-    base = search.base[0].name
-    fitted = white.fit([each for each in effects if each.name != base], white.best().fitted)
-    if beside is None or fitted is None or _error_over_noise(fitted, beside) > SLIGHT:
-        return None
-    return white.kept(fitted)
 
 
 def _rivals(search: Search, best: WeighedSet, name: str) -> dict[str, float]:
