@@ -220,9 +220,6 @@ def _decided(search: Search, discrepancy: Traceable | None) -> Decision:
     base = (discrepancy, *best.fitted.background)
     acting = [each for each in problem.candidates if is_steady(each)]
     steady = Search(problem, acting, base, title="a model discrepancy")
-    if best.weight >= steady.root.weight:
-        general = _with_general_forms(search) if problem.guards & best.names else None
-        return general or _by_sets(search, best)
     beside = _beside_discrepancy(search, steady, spread_search(steady))
     forms = {each.name for each in problem.candidates if each.traits.general}
     if beside.named and not forms & {each.name for each in beside.named}:
@@ -268,7 +265,8 @@ def _by_sets(search: Search, best: WeighedSet) -> Decision:
         if inclusion[effect.name] + sum(_alike(search, best, effect, sets).values()) >= CERTAIN
     )
     enough = search.visited.get(certain)
-    if enough is not None and (is_noise(enough.fitted) or not is_noise(best.fitted)):
+    # What is not certain is left out, unless something that is not known certainly acts.
+    if enough is not None and sets[certain] > 1.0 - CERTAIN:
         best = enough
     whole, best = best, _less_guards(search, _less_slight(search, best))
     named = [
@@ -288,13 +286,14 @@ def _by_sets(search: Search, best: WeighedSet) -> Decision:
 
 
 def _less_slight(search: Search, best: WeighedSet) -> WeighedSet:
-    """The set without members that bring little and not all along, where the residual is no noise.
+    """The set without members, beside others, that bring little and not all along.
 
-    White noise then counts more samples than there are, and little evidence is none.
+    The equations of any model are a little wrong, and probabilities suppose that they are not.
     """
-    while not is_noise(best.fitted) and len(search.added(best)) > 1:
+    usual = {each.name for each in best.fitted.effects if each.traits.background}
+    while len(causes := search.added(best) - usual) > 1:
         slight = []
-        for name in sorted(search.added(best)):
+        for name in sorted(causes):
             less = search.less(best, name)
             if less is None or best.weight - less.weight >= CLEAR:
                 continue
@@ -330,20 +329,20 @@ def _alike(
     search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Key, float]
 ) -> dict[str, float]:
     """Effects that the records do not tell from a member, with their probabilities."""
-    rest = best.names - {effect.name}
     found: dict[str, float] = {}
     equal: set[str] = set()
+    traits = effect.traits
     for key, share in sets.items():
-        new = key - rest
-        if effect.name in key or len(new) != 1 or not rest <= key:
+        if effect.name in key:
             continue
-        (name,) = new
-        alike = search.alike.get(frozenset((name, effect.name)), 0.0) > ALIKE
-        if alike or name in (*effect.traits.equivalents, *effect.traits.twins, *effect.aliases):
-            found[name] = found.get(name, 0.0) + share
+        for name in key - best.names:
+            alike = search.alike.get(frozenset((name, effect.name)), 0.0) > ALIKE
+            if alike or name in (*traits.equivalents, *traits.twins, *effect.aliases):
+                found[name] = found.get(name, 0.0) + share
+        new = key - best.names
         apart = abs(search.visited[key].fitted.fit.cost - best.fitted.fit.cost)
-        if name in effect.traits.equivalents and apart < RIVAL:
-            equal.add(name)  # to the data: priors alone tell the two apart
+        if len(key) == len(best.names) and len(new) == 1 and apart < RIVAL:
+            equal |= new & set(traits.equivalents)  # to the data: priors alone tell the two apart
     least = 0.05 * (1.0 - CERTAIN)
     return {name: share for name, share in found.items() if share > least or name in equal}
 

@@ -77,8 +77,11 @@ class ColouredNoise:
         """Cosine transform of values ``(m, N, ...)`` of a record in standard deviations of the fit,
         over the level of each band."""
         scale = self._scales(r)
-        out = dct(values, axis=1, norm="ortho")
-        return np.asarray(out * (scale if out.ndim == 2 else scale[:, :, None]))
+        if values.ndim == 2:
+            return np.asarray(scale * dct(values, axis=1, norm="ortho"))
+        # Along the last axis the transform is five times as fast.
+        out = dct(np.ascontiguousarray(np.moveaxis(values, 1, 2)), axis=2, norm="ortho")
+        return np.moveaxis(out * scale[:, None, :], 2, 1)
 
     def _scales(self, r: int) -> np.ndarray:
         means = self._bands[1]
