@@ -320,6 +320,8 @@ class Search:
                 if parent.names | proposed.names not in self.visited
                 and (child := self.child(parent, proposed)) is not None
             ]
+            if deeper > 1:
+                made += self._united(parent, made)
             if made:
                 # Which set leads hangs on where its events are.
                 made.append(self._placed_better(max(made, key=lambda one: one.weight)))
@@ -328,6 +330,30 @@ class Search:
         if offered and most == LEADERS:
             made += self._with_process_noise(parent)
         self._tell(parent, beside, made)
+
+    def _united(self, parent: WeighedSet, made: Sequence[WeighedSet]) -> list[WeighedSet]:
+        """Pairs of the single effects that brought most, fitted from where each stands.
+
+        The linear world misjudges how much an effect brings that grows large in a fit.
+        """
+        singles = [one for one in made if len(one.names - parent.names) == 1]
+        leaders = sorted(singles, key=lambda one: -one.weight)[:SINGLES]
+        found = []
+        for i, one in enumerate(leaders):
+            for other in leaders[i + 1 :]:
+                (added,) = [each for each in other.fitted.effects if each.name not in parent.names]
+                fits = all(together(added, each) for each in one.fitted.effects)
+                alike = self.alike.get(one.names ^ other.names, 0.0) > ALIKE
+                if not fits or alike or one.names | other.names in self.visited:
+                    continue
+                fitted = self.fit(
+                    (*one.fitted.effects, added),
+                    one.fitted,
+                    values_of(other.fitted, added),
+                )
+                if fitted is not None:
+                    found.append(self.kept(fitted))
+        return found
 
     def _tell(self, parent: WeighedSet, beside: str, made: Sequence[WeighedSet]) -> None:
         """Keep for the report what was tried at a set."""
@@ -460,6 +486,16 @@ class Search:
             own[r] = {**own[r], name: own[r][name] + shift}
             values = replace(values, own=tuple(own))
         return self.fit(effects, fitted, values=values)
+
+
+def values_of(fitted: FittedModel, effect: Traceable) -> list[dict[str, float]]:
+    """Values of an effect's parameters in a fitted set, by full name, one mapping a record."""
+    names = {full_name(effect, item.name) for item in effect.parameters}
+    shared = {key: value for key, value in fitted.values.shared.items() if key in names}
+    return [
+        {**shared, **{key: value for key, value in own.items() if key in names}}
+        for own in fitted.values.own
+    ]
 
 
 def _starts(
