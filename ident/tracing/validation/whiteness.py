@@ -45,7 +45,7 @@ def flat_spectrum(
 
     Filters of a recorder colour noise above; what a model lacks shows where the aircraft moves.
     """
-    from scipy.stats import kstwobign
+    from scipy.stats import ks_1samp, uniform
 
     series = np.zeros(len(residual))
     series[valid] = levelled(residual[valid])
@@ -58,13 +58,15 @@ def flat_spectrum(
     k = len(found)
     if k < 8 or not found.sum() > 0.0:
         return ResidualTest("cumulative-periodogram", channel, 0.0, 1.0, "too short to tell")
+    # Of white noise the shares are those of k - 1 ordered uniform numbers.
     share = np.cumsum(found)[:-1] / found.sum()
-    most = int(np.argmax(np.abs(share - np.arange(1, k) / k)))
-    distance = float(abs(share[most] - (most + 1) / k))
-    p_value = float(kstwobign.sf(distance * np.sqrt(k - 1)))
+    test = ks_1samp(share, uniform.cdf)
+    most = int(np.argmin(np.abs(share - test.statistic_location)))
     at = (most + 1) / (n * interval)
     sentence = (
         f"{100.0 * share[most]:.0f} % of the power below 4 Hz lies below {at:.2g} Hz, "
         f"of white noise {100.0 * (most + 1) / k:.0f} %"
     )
-    return ResidualTest("cumulative-periodogram", channel, distance, p_value, sentence)
+    return ResidualTest(
+        "cumulative-periodogram", channel, float(test.statistic), float(test.pvalue), sentence
+    )

@@ -51,7 +51,7 @@ def test_a_caution_of_a_failed_test_carries_the_test_and_its_number() -> None:
 def test_residual_tests_are_of_the_fitted_records_and_of_those_held_out() -> None:
     root, other = fit_of(problem_of([planted(seed=1)])), planted(seed=2)
     tests = residual_tests(root, held_out(root, [other], None))
-    assert len(tests.fitted) == len(tests.others) == 6 and tests.all == (
+    assert len(tests.fitted) == len(tests.others) == 3 and tests.all == (
         *tests.fitted,
         *tests.others,
     )
