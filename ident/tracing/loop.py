@@ -199,7 +199,7 @@ def _judged(
     gains = predictive_gains(found.less, best, held, out) if found.named else ()
     guards = problem.guards
     claims = [_claim(best, each, gains, guards, claimed=True) for each in found.named]
-    claims += [_claim(best, each, (), guards, claimed=False) for each in found.hints]
+    claims += [_claim(each.within or best, each, (), guards, claimed=False) for each in found.hints]
     claims = [claim for claim in claims if claim.name not in problem.guards]
     cautions = _of_guards(problem, found)
     if found.named and left:

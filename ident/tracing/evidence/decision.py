@@ -29,11 +29,12 @@ from sim.declaration.proposal import Traceable
 CERTAIN = 0.95  # probability of what is claimed
 NOISE = 1e-4  # p-value of a residual test below which a residual is no noise
 SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
-SUPPORTED = 3.0  # z of an effect beside a discrepancy of no consequence
+SUPPORTED = 3.0  # z of an effect that brings little beside another
 RIVAL = 2.0  # z of Vuong's test below which two effects are not told apart
 TWO_EVENTS = "two loads or gusts in passing are likelier one cause that the library lacks"
 BESIDE_CAUSE = "beside a stronger cause it leaves a residual that is no noise"
 ROUGH_AIR = "its evidence comes from the maneuvers: rough air acts between them as well"
+LITTLE = "it brings little beside another cause, {:.1f} of its scatter; {:.1f} are required"
 BESIDE_GUARD = "it is found beside a term that no effect of the library has"
 
 
@@ -42,7 +43,8 @@ class Named:
     """An effect of the decision, with its probability and that of each that could take its place.
 
     ``spread`` : z of Vuong's test, beside a discrepancy; None under white noise.
-    ``reason`` : of a hint, why it is not named.
+    ``reason`` : of a hint, why it is not named. ``within`` : the fitted set that has it, where
+    that is not the one that the verdict rests on.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Named:
     alternatives: Mapping[str, float]
     spread: float | None = None
     reason: str = ""
+    within: FittedModel | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +271,8 @@ def _by_sets(search: Search, best: WeighedSet) -> Decision:
     # What is not certain is left out, unless something that is not known certainly acts.
     if enough is not None and sets[certain] > 1.0 - CERTAIN:
         best = enough
-    whole, best = best, _less_guards(search, _less_slight(search, best))
+    whole, (best, slight) = best, _less_slight(search, best)
+    best = _less_guards(search, best)
     named = [
         Named(effect.name, inclusion[effect.name], _alike(search, whole, effect, sets))
         for effect in best.fitted.effects
@@ -281,15 +285,28 @@ def _by_sets(search: Search, best: WeighedSet) -> Decision:
     else:
         alone = min(each.probability for each in named) >= CERTAIN
         verdict = Verdict.TRACED if alone else Verdict.AMBIGUOUS
-    told, hints = (tuple(named), ()) if verdict is not Verdict.UNEXPLAINED else ((), tuple(named))
-    return Decision(verdict, best.fitted, search.root.fitted, told, hints, (search,))
+    claims, hints = (tuple(named), ()) if verdict is not Verdict.UNEXPLAINED else ((), tuple(named))
+    if not search.problem.guards & set(slight):
+        hints += tuple(
+            Named(
+                name,
+                inclusion[name],
+                {},
+                reason=LITTLE.format(z, SUPPORTED),
+                within=whole.fitted,
+            )
+            for name, z in slight.items()
+        )
+    return Decision(verdict, best.fitted, search.root.fitted, claims, hints, (search,))
 
 
-def _less_slight(search: Search, best: WeighedSet) -> WeighedSet:
+def _less_slight(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str, float]]:
     """The set without members, beside others, that bring little and not all along.
 
     The equations of any model are a little wrong, and probabilities suppose that they are not.
+    Also z of those that are left out, by name.
     """
+    left_out: dict[str, float] = {}
     usual = {each.name for each in best.fitted.effects if each.traits.background}
     while len(causes := search.added(best) - usual) > 1:
         slight = []
@@ -302,8 +319,9 @@ def _less_slight(search: Search, best: WeighedSet) -> WeighedSet:
                 slight.append((z, name, less))
         if not slight:
             break
-        best = min(slight, key=lambda each: each[0])[2]
-    return best
+        z, name, best = min(slight, key=lambda each: each[0])
+        left_out[name] = z
+    return best, left_out
 
 
 def _less_guards(search: Search, best: WeighedSet) -> WeighedSet:

@@ -43,8 +43,7 @@ def log_densities(fitted: FittedModel) -> list[np.ndarray]:
     """Log density of each sample given those before it, all outputs together, ``(N,)`` a record."""
     noise = ColouredNoise(fitted.fit)
     out = [
-        -0.5 * np.sum(noise.in_time(r) ** 2, axis=0)
-        for r in range(len(fitted.fit.layout.problems))
+        -0.5 * np.sum(noise.in_time(r) ** 2, axis=0) for r in range(len(fitted.fit.layout.problems))
     ]
     total = sum(float(each.sum()) for each in out)
     # The rest (log determinants) is spread evenly: a filter settles within seconds.
