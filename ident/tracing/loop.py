@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem, untold
 from ident.tracing.candidate_model.quantities import quantities, records_of
@@ -23,7 +24,6 @@ from ident.tracing.diagnosis import (
 )
 from ident.tracing.evidence.decision import (
     CERTAIN,
-    NOISE,
     Decision,
     Named,
     decided,
@@ -60,6 +60,7 @@ def diagnose(
     outlook: Callable[[Diagnosis], None] | None = None,
     *,
     discrepancy: Traceable | None = None,
+    kinematics: Callable[[], Collection[str]] | None = None,
 ) -> Diagnosis:
     """Trace what a model lacks.
 
@@ -72,6 +73,8 @@ def diagnose(
     outlook : told before the search what there is to report if nothing is found, where the declared
         model leaves white noise.
     discrepancy : what stands for the errors of the model's forces where no set leaves noise.
+    kinematics : names of the effects that the relations between the sensors alone name; asked where
+        the declared model is not the most probable.
 
     Raises
     ------
@@ -93,7 +96,7 @@ def diagnose(
     if outlook is not None and is_white(declared.root.fit):
         outlook(if_nothing_is_found(declared, held, validation))
     problem, root = declared.problem, declared.root
-    search = searched(problem)
+    search = searched(problem, discrepancy)
     watch.stage("search")
     masks, spikes = spike_claims(problem, search.best().fitted)
     if any(not np.array_equal(a, b) for a, b in zip(masks, problem.masks, strict=True)):
@@ -101,6 +104,11 @@ def diagnose(
         root = problem.fit((), root) or root
         search = search.again(problem)
     watch.stage("spikes")
+    named = frozenset(kinematics()) if kinematics is not None and search.best().names else ()
+    if named:
+        search = search.with_kinematics(named)
+        problem = search.problem
+    watch.stage("kinematics")
     found = decided(search, discrepancy)
     watch.stage("discrepancy")
     progress("judging on data that were not fitted", 0.9)
@@ -192,7 +200,7 @@ def _judged(
     """The decision with its residual tests, claims and cautions."""
     best = found.best
     tests = residual_tests(best, out)
-    left = not_noise(tests.all, NOISE)
+    left = not_noise(tests.all, thresholds.NOISE)
     if left:
         found = strongest_cause(found)
     verdict = found.verdict

@@ -7,6 +7,7 @@ caller may set in ``settings.py``.
 from __future__ import annotations
 
 # Is a residual noise?
+NOISE = 1e-4  # p-value of a residual test below which a residual is no noise
 COLOURED = 1e-3  # p-value of Ljung-Box below which a residual is looked at once more
 FEWEST_SAMPLES = 20  # with fewer the test has four lags at most, and little power
 LOW_FREQUENCY = 4.0  # Hz: short periods and first elastic modes of piloted aircraft lie below

@@ -95,8 +95,18 @@ def diagnose_files(
             progress,
         )
         return run(
-            *given, None if outlook is None else lambda likely: outlook(study.told(posed, likely))
+            *given,
+            None if outlook is None else lambda likely: outlook(study.told(posed, likely)),
+            kinematics=lambda: _named_by_kinematics(checked(posed)),
         )
+
+    # The check costs as much as some candidates: it is made where the declared model is not enough.
+    checks: list[Kinematics | None] = []
+
+    def checked(posed: Posed) -> Kinematics | None:
+        if not checks:
+            checks.append(_kinematics(opened, posed, request.plan))
+        return checks[0]
 
     diagnosis = looped(posed)
     part = moves_between_samples(diagnosis, candidates, posed.records)
@@ -109,12 +119,7 @@ def diagnose_files(
                 posed, diagnosis = replace(linear, notes=read_again(linear.notes)), again
             elif not part:
                 posed = replace(posed, notes=(*posed.notes, *left_open(again, diagnosis)))
-    # Only a verdict that needs evidence is worth a check, which costs as much as some candidates.
-    kinematics = (
-        _kinematics(opened, posed, request.plan)
-        if diagnosis.verdict is not Verdict.CONSISTENT
-        else None
-    )
+    kinematics = checked(posed) if diagnosis.verdict is not Verdict.CONSISTENT else None
     return study.told(posed, diagnosis, kinematics, _decides(diagnosis, request, opened, posed))
 
 
@@ -232,6 +237,13 @@ def _loop(model: Model) -> Trace:
     from sim.effects.model_discrepancy import discrepancy_for
 
     return partial(diagnose, discrepancy=discrepancy_for(effects_for(model.equations)))
+
+
+def _named_by_kinematics(kinematics: Kinematics | None) -> frozenset[str]:
+    """Names of the effects that the kinematics alone name."""
+    from scenarios.diagnosis.kinematics import named_by
+
+    return named_by(kinematics)
 
 
 def _kinematics(opened: Opened, posed: Posed, plan: Plan) -> Kinematics | None:

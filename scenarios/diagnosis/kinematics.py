@@ -73,6 +73,14 @@ def agreements(kinematics: Kinematics, claims: Sequence[Claim]) -> list[Agreemen
     ]
 
 
+def named_by(kinematics: Kinematics | None) -> frozenset[str]:
+    """Names of the effects that the kinematics alone name, each with those of its group."""
+    if kinematics is None or kinematics.result is None:
+        return frozenset()
+    found = [each for each in kinematics.result.findings if each.stands and each.kind != BIAS]
+    return frozenset(name for each in found for name in (each.name, *each.group))
+
+
 def unnamed(kinematics: Kinematics, claims: Sequence[Claim]) -> list[SensorFinding]:
     """Faults that stand in the kinematics and belong to the group of no claim and are no twin of
     one, one of each group.

@@ -39,7 +39,8 @@ class TraceProblem:
 
     ``masks`` ``(m, N)`` a record, True where a sample counts. ``candidates`` : effects and guards.
     ``predicted`` : records that will be predicted; only the ranges they fly through are used.
-    ``least_noise`` : by output, smallest measurement noise. ``progress`` is told what is done, and
+    ``least_noise`` : by output, smallest measurement noise. ``kinematic`` : names of effects that
+    the relations between the sensors alone name. ``progress`` is told what is done, and
     which share of the work that is.
     """
 
@@ -52,6 +53,7 @@ class TraceProblem:
     predicted: Sequence[Record] = ()
     progress: Callable[[str, float], None] = untold
     least_noise: Mapping[str, float] = field(default_factory=dict)
+    kinematic: frozenset[str] = frozenset()
     _ended: list[_Ended] = field(default_factory=list, init=False, repr=False)
 
     @property

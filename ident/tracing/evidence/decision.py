@@ -22,12 +22,11 @@ from ident.tracing.evidence.steady_search import (
     spread_search,
     vuong,
 )
-from ident.tracing.validation.whiteness import whiteness
+from ident.tracing.validation.whiteness import is_noise
 from sim.declaration.effect import NoiseEffect, Station, full_name
 from sim.declaration.proposal import Traceable
 
 CERTAIN = 0.95  # probability of what is claimed
-NOISE = 1e-4  # p-value of a residual test below which a residual is no noise
 SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
 SUPPORTED = 3.0  # z of an effect that brings little beside another
 RIVAL = 2.0  # z of Vuong's test below which two effects are not told apart
@@ -106,15 +105,13 @@ def inclusion_of(sets: Mapping[Key, float]) -> dict[str, float]:
     return found
 
 
-def is_noise(fitted: FittedModel) -> bool:
-    """Whether no residual test of the fitted records says otherwise."""
-    return all(test.p_value > NOISE for test in whiteness(fitted.fit, "fitted"))
+def searched(problem: TraceProblem, discrepancy: Traceable | None = None) -> Search:
+    """The search without a discrepancy among effects that have a cause of their own.
 
-
-def searched(problem: TraceProblem) -> Search:
-    """The search under white noise among effects that have a cause of their own."""
+    ``discrepancy`` : ends the search where it is by far likelier than what is found.
+    """
     causes = [each for each in problem.candidates if not each.traits.general]
-    return Search(problem, causes, title="white noise").run()
+    return Search(problem, causes, title="white noise", discrepancy=discrepancy).run()
 
 
 def decided(search: Search, discrepancy: Traceable | None = None) -> Decision:
@@ -213,7 +210,7 @@ def _decided(search: Search, discrepancy: Traceable | None) -> Decision:
     search : under white noise (``searched``). discrepancy : None decides under white noise alone.
     """
     problem, best = search.problem, search.best()
-    quiet = is_noise(best.fitted)
+    quiet = is_noise(best.fitted.fit)
     if quiet and not search.added(best):
         return _by_sets(search, best)
     if quiet or discrepancy is None:
@@ -240,7 +237,7 @@ def _with_general_forms(search: Search) -> Decision | None:
     best = general.best()
     # A guard may be the same as a form: it gives way only where that is clearly likelier.
     guarded = search.best().names & problem.guards
-    if not is_noise(best.fitted) or (guarded and best.weight < search.best().weight + CLEAR):
+    if not is_noise(best.fitted.fit) or (guarded and best.weight < search.best().weight + CLEAR):
         return None
     return replace(_by_sets(general, best), searches=(search, general))
 
@@ -303,14 +300,15 @@ def _by_sets(search: Search, best: WeighedSet) -> Decision:
 def _less_slight(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str, float]]:
     """The set without members, beside others, that bring little and not all along.
 
-    The equations of any model are a little wrong, and probabilities suppose that they are not.
+    The equations of any model are a little wrong, and probabilities suppose that they are not. What
+    the relations between the sensors name as well rests on no equation of forces, and stays.
     Also z of those that are left out, by name.
     """
     left_out: dict[str, float] = {}
     usual = {each.name for each in best.fitted.effects if each.traits.background}
     while len(causes := search.added(best) - usual) > 1:
         slight = []
-        for name in sorted(causes):
+        for name in sorted(causes - search.problem.kinematic):
             less = search.less(best, name)
             if less is None or best.weight - less.weight >= CLEAR:
                 continue
@@ -338,7 +336,7 @@ def _less_guards(search: Search, best: WeighedSet) -> WeighedSet:
         effects = [each for each in best.fitted.effects if each.name in names]
         fitted = search.fit(effects, best.fitted)
         plain = None if fitted is None else search.kept(fitted)
-    if plain is None or not is_noise(plain.fitted):
+    if plain is None or not is_noise(plain.fitted.fit):
         return best
     return plain if _error_over_noise(plain.fitted, best.fitted) <= SLIGHT else best
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ ODDS = 0.03  # of one family of effects against its absence: one cause in thirty
 FEWEST = 5  # members that a family's odds are shared by at least: a lone member is not likelier
 OUTSIDE = 0.1  # odds of a guard over those of an effect: the form of no known cause
 BACKGROUND_ODDS = 0.5  # of motion that any record may have
+KINEMATIC_ODDS = 0.5  # of an effect that the relations between the sensors alone name
 UNLIMITED = 1e5  # the value of a limit that is absent is larger than this
 _LIMIT_TIMES = 3.0  # factor: one sigma of a limit about where it was found
 _SHAPES_WIDER = 3.0  # a curve's shapes against their declared sizes
@@ -65,17 +66,22 @@ def family_sizes(candidates: Iterable[Traceable]) -> Mapping[str, int]:
     return Counter(family(name) for name in {candidate.name for candidate in candidates})
 
 
-def log_odds(effects: Iterable[Traceable], families: Mapping[str, int]) -> float:
+def log_odds(
+    effects: Iterable[Traceable], families: Mapping[str, int], kinematic: Collection[str] = ()
+) -> float:
     """Logarithm of the prior odds of a set of effects against the empty set.
 
     Parameters
     ----------
     effects : the set. families : number of members of each family (``family_sizes``).
+    kinematic : names of effects that the relations between the sensors alone name.
     """
     total = 0.0
     for effect in effects:
         if effect.traits.background:
             total += math.log(BACKGROUND_ODDS)
+        elif effect.name in kinematic:
+            total += math.log(KINEMATIC_ODDS)
         else:
             shared = max(FEWEST, families.get(family(effect.name), 1))
             total += math.log(ODDS * (OUTSIDE if effect.traits.guard else 1.0) / shared)

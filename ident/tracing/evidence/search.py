@@ -32,7 +32,7 @@ from ident.tracing.evidence.priors import family_sizes, log_odds, set_prior
 from ident.tracing.evidence.scan import Lead, Shown, leads_of, prepared, shown_by
 from ident.tracing.evidence.set_search import LinearSet, weighed_sets
 from ident.tracing.screening.context import search_context
-from ident.tracing.validation.whiteness import is_white
+from ident.tracing.validation.whiteness import is_noise, is_white
 from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Edged, Refinable, SearchContext, Traceable
 from sim.errors import ModelError
@@ -62,7 +62,8 @@ class Search:
     ----------
     problem : records and declared model. candidates : effects and guards that may be added.
     base : what stands in every set and is never named, such as a model discrepancy.
-    title : the noise, in words.
+    title : the noise, in words. discrepancy : of the loads; the rounds end where it alone is by far
+    likelier than what they find.
     visited : the fitted sets by the names of their effects, ``base`` included.
     expanded : sets at which all candidates were scanned. refined : sets tried in
     finer forms, by their parameters.
@@ -79,6 +80,7 @@ class Search:
     candidates: Sequence[Traceable]
     base: tuple[Traceable, ...] = ()
     title: str = "white noise"
+    discrepancy: Traceable | None = None
     visited: dict[Key, WeighedSet] = field(default_factory=dict)
     expanded: set[Key] = field(default_factory=set)
     refined: set[Key] = field(default_factory=set)
@@ -128,7 +130,7 @@ class Search:
         self.fits += 1
         evidence, offset, covariance = evidence_of(fitted, self.context)
         named = [effect for effect in fitted.effects if effect not in self.base]
-        weight = evidence + log_odds(named, self.families)
+        weight = evidence + log_odds(named, self.families, self.problem.kinematic)
         found = WeighedSet(fitted, evidence, weight, offset, covariance)
         old = self.visited.get(found.names)
         if old is None or found.weight > old.weight:
@@ -195,6 +197,8 @@ class Search:
                 break
             self.expand(best)
             self._in_finer_forms()
+            if self._outdone(self.best().weight - best.weight):
+                return self
         for _ in range(2):
             top = self.best()
             members = sorted(self.added(top))
@@ -214,12 +218,21 @@ class Search:
         self._with_equivalents()
         return self
 
+    def _outdone(self, raised: float) -> bool:
+        """Whether a discrepancy alone is likelier than the best set by more than the last round
+        raised that."""
+        best = self.best()
+        if self.discrepancy is None or is_noise(best.fitted.fit):
+            return False
+        rival = Search(self.problem, (), (self.discrepancy, *best.fitted.background)).root
+        return rival.weight - best.weight > raised
+
     def again(self, problem: TraceProblem) -> Search:
         """The same search where other samples count.
 
         Its leading sets are fitted anew, and candidates are scanned at the best of them.
         """
-        other = Search(problem, self.candidates, self.base, title=self.title)
+        other = Search(problem, self.candidates, self.base, self.title, self.discrepancy)
         other.alike, other.steps, other.tried = dict(self.alike), [*self.steps], [*self.tried]
         found = [other.root]
         leading = sorted(self.visited.values(), key=lambda one: -one.weight)[: 2 * LEADERS]
@@ -229,6 +242,16 @@ class Search:
                 found.append(other.kept(fitted))
         other.expanded = self.expanded & {one.names for one in found} - {other.best().names}
         return other.run()
+
+    def with_kinematics(self, names: frozenset[str]) -> Search:
+        """The search with effects that the relations between the sensors alone name: the odds of
+        its sets are changed, and it goes on where another set is now the most probable."""
+        self.problem = replace(self.problem, kinematic=names)
+        for key, one in self.visited.items():
+            named = [effect for effect in one.fitted.effects if effect not in self.base]
+            weight = one.evidence + log_odds(named, self.families, names)
+            self.visited[key] = replace(one, weight=weight)
+        return self if self.best().names in self.expanded else self.run()
 
     def _in_finer_forms(self) -> None:
         """The leading set of each size in finer forms of its effects, where that is likelier."""
@@ -407,7 +430,7 @@ class Search:
         sets, overlap = weighed_sets(
             ready,
             leads,
-            lambda lead: log_odds([lead.effect], self.families),
+            lambda lead: log_odds([lead.effect], self.families, self.problem.kinematic),
             lambda a, b: together(a.effect, b.effect),
             deeper,
         )

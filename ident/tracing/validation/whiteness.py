@@ -26,6 +26,11 @@ def whiteness(fit: Fit, label: str) -> list[ResidualTest]:
     return tests
 
 
+def is_noise(fit: Fit) -> bool:
+    """Whether no residual test of the fitted records says otherwise."""
+    return all(test.p_value > thresholds.NOISE for test in whiteness(fit, "fitted"))
+
+
 def is_white(fit: Fit, least: float = thresholds.COLOURED) -> bool:
     """Whether no channel of any record shows correlation: no p-value of Ljung-Box below
     ``least``.

@@ -7,9 +7,10 @@ import pytest
 
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Verdict
-from ident.tracing.evidence.decision import decided, is_noise, searched
+from ident.tracing.evidence.decision import decided, searched
 from ident.tracing.evidence.steady_search import quiet_vuong
 from ident.tracing.loop import diagnose
+from ident.tracing.validation.whiteness import is_noise
 from sim.declaration.proposal import Traceable
 from sim.effects.library import effects_for
 from sim.effects.model_discrepancy import discrepancy_for
@@ -147,7 +148,7 @@ def test_a_group_that_acts_is_ambiguous_though_no_member_is_certain() -> None:
     """A short boom: a vane and a late alpha look alike, and residual tests see neither."""
     problem = offered([planted([effect(ARM)], {"vane-offset.arm": SHORT}, seed=2)])
     search = searched(problem)
-    assert is_noise(search.root.fitted)
+    assert is_noise(search.root.fitted.fit)
     assert search.best().weight - search.root.weight > 3.0
     found = decided(search)
     (named,) = found.named
