@@ -60,7 +60,7 @@ def diagnose(
     outlook: Callable[[Diagnosis], None] | None = None,
     *,
     discrepancy: Traceable | None = None,
-    kinematics: Callable[[], Collection[str]] | None = None,
+    kinematics: Callable[[], Sequence[tuple[str, ...]]] | None = None,
 ) -> Diagnosis:
     """Trace what a model lacks.
 
@@ -73,8 +73,9 @@ def diagnose(
     outlook : told before the search what there is to report if nothing is found, where the declared
         model leaves white noise.
     discrepancy : what stands for the errors of the model's forces where no set leaves noise.
-    kinematics : names of the effects that the relations between the sensors alone name; asked where
-        the declared model is not the most probable.
+    kinematics : effects that the relations between the sensors alone name, of each the names that
+        these do not tell apart, the likeliest first; asked where the declared model is not the most
+        probable.
 
     Raises
     ------
@@ -104,9 +105,9 @@ def diagnose(
         root = problem.fit((), root) or root
         search = search.again(problem)
     watch.stage("spikes")
-    named = frozenset(kinematics()) if kinematics is not None and search.best().names else ()
-    if named:
-        search = search.with_kinematics(named)
+    groups = kinematics() if kinematics is not None and search.best().names else ()
+    if groups:
+        search = search.with_kinematics(groups)
         problem = search.problem
     watch.stage("kinematics")
     found = decided(search, discrepancy)

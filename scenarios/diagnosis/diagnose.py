@@ -239,7 +239,7 @@ def _loop(model: Model) -> Trace:
     return partial(diagnose, discrepancy=discrepancy_for(effects_for(model.equations)))
 
 
-def _named_by_kinematics(kinematics: Kinematics | None) -> frozenset[str]:
+def _named_by_kinematics(kinematics: Kinematics | None) -> list[tuple[str, ...]]:
     """Names of the effects that the kinematics alone name."""
     from scenarios.diagnosis.kinematics import named_by
 

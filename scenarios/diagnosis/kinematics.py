@@ -73,12 +73,17 @@ def agreements(kinematics: Kinematics, claims: Sequence[Claim]) -> list[Agreemen
     ]
 
 
-def named_by(kinematics: Kinematics | None) -> frozenset[str]:
+def named_by(kinematics: Kinematics | None) -> list[tuple[str, ...]]:
     """Names of the effects that the kinematics alone name, each with those of its group."""
     if kinematics is None or kinematics.result is None:
-        return frozenset()
+        return []
     found = [each for each in kinematics.result.findings if each.stands and each.kind != BIAS]
-    return frozenset(name for each in found for name in (each.name, *each.group))
+    groups: dict[frozenset[str], tuple[str, ...]] = {}
+    for each in found:
+        names = {each.name, *each.group}
+        likely = sorted(names, key=lambda name: (-each.probabilities.get(name, 0.0), name))
+        groups.setdefault(frozenset(names), tuple(likely))
+    return list(groups.values())
 
 
 def unnamed(kinematics: Kinematics, claims: Sequence[Claim]) -> list[SensorFinding]:

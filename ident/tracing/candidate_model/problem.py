@@ -39,8 +39,9 @@ class TraceProblem:
 
     ``masks`` ``(m, N)`` a record, True where a sample counts. ``candidates`` : effects and guards.
     ``predicted`` : records that will be predicted; only the ranges they fly through are used.
-    ``least_noise`` : by output, smallest measurement noise. ``kinematic`` : names of effects that
-    the relations between the sensors alone name. ``progress`` is told what is done, and
+    ``least_noise`` : by output, smallest measurement noise. ``kinematic`` : effects that the
+    relations between the sensors alone name: of each the names that these do not tell apart, the
+    likeliest first. ``progress`` is told what is done, and
     which share of the work that is.
     """
 
@@ -53,13 +54,18 @@ class TraceProblem:
     predicted: Sequence[Record] = ()
     progress: Callable[[str, float], None] = untold
     least_noise: Mapping[str, float] = field(default_factory=dict)
-    kinematic: frozenset[str] = frozenset()
+    kinematic: tuple[tuple[str, ...], ...] = ()
     _ended: list[_Ended] = field(default_factory=list, init=False, repr=False)
 
     @property
     def guards(self) -> frozenset[str]:
         """Names of the candidates that compete and can never be claimed."""
         return frozenset(candidate.name for candidate in self.candidates if candidate.traits.guard)
+
+    @property
+    def named_by_kinematics(self) -> frozenset[str]:
+        """All names that the relations between the sensors alone name."""
+        return frozenset(name for group in self.kinematic for name in group)
 
     @property
     def data(self) -> FitData:

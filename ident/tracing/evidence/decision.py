@@ -16,9 +16,9 @@ from ident.tracing.evidence.evidence import Key, WeighedSet
 from ident.tracing.evidence.search import ALIKE, Search
 from ident.tracing.evidence.steady_search import (
     CLEAR,
-    SPREAD,
     is_steady,
     quiet_vuong,
+    spread_asked,
     spread_search,
     vuong,
 )
@@ -308,7 +308,7 @@ def _less_slight(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str
     usual = {each.name for each in best.fitted.effects if each.traits.background}
     while len(causes := search.added(best) - usual) > 1:
         slight = []
-        for name in sorted(causes - search.problem.kinematic):
+        for name in sorted(causes - search.problem.named_by_kinematics):
             less = search.less(best, name)
             if less is None or best.weight - less.weight >= CLEAR:
                 continue
@@ -400,9 +400,10 @@ def _all_spread(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str,
             name: math.inf if less is None else vuong(best, less, search.context.interval)
             for name, less in without.items()
         }
-        least = min(spread, key=lambda name: spread[name], default="")
+        # What lacks most of what it needs goes first.
+        least = min(spread, key=lambda name: spread[name] - spread_asked(search, name), default="")
         less = without.get(least)
-        if less is None or spread[least] >= SPREAD:
+        if less is None or spread[least] >= spread_asked(search, least):
             return best, spread
         best = less
 

@@ -130,7 +130,7 @@ class Search:
         self.fits += 1
         evidence, offset, covariance = evidence_of(fitted, self.context)
         named = [effect for effect in fitted.effects if effect not in self.base]
-        weight = evidence + log_odds(named, self.families, self.problem.kinematic)
+        weight = evidence + log_odds(named, self.families, self.problem.named_by_kinematics)
         found = WeighedSet(fitted, evidence, weight, offset, covariance)
         old = self.visited.get(found.names)
         if old is None or found.weight > old.weight:
@@ -243,15 +243,45 @@ class Search:
         other.expanded = self.expanded & {one.names for one in found} - {other.best().names}
         return other.run()
 
-    def with_kinematics(self, names: frozenset[str]) -> Search:
-        """The search with effects that the relations between the sensors alone name: the odds of
-        its sets are changed, and it goes on where another set is now the most probable."""
-        self.problem = replace(self.problem, kinematic=names)
+    def with_kinematics(self, groups: Sequence[tuple[str, ...]]) -> Search:
+        """The search with effects that the relations between the sensors alone name.
+
+        The odds of its sets are changed, and it goes on where another set is now the most probable.
+        """
+        self.problem = replace(self.problem, kinematic=tuple(groups))
         for key, one in self.visited.items():
             named = [effect for effect in one.fitted.effects if effect not in self.base]
-            weight = one.evidence + log_odds(named, self.families, names)
+            weight = one.evidence + log_odds(named, self.families, self.problem.named_by_kinematics)
             self.visited[key] = replace(one, weight=weight)
+        self.seeded()
         return self if self.best().names in self.expanded else self.run()
+
+    def seeded(self) -> WeighedSet | None:
+        """The likeliest set of all effects that kinematics name, one of each group.
+
+        The first of each group is tried, and another in the place of each; None where kinematics
+        name no candidate.
+        """
+        offered = {each.name: each for each in self.candidates}
+        chosen: list[Traceable] = []
+        others: dict[str, list[Traceable]] = {}
+        for group in self.problem.kinematic:
+            mine = [offered[name] for name in group if name in offered]
+            if mine and all(together(mine[0], each) for each in chosen):
+                chosen.append(mine[0])
+                others[mine[0].name] = mine[1:]
+        fitted = self.fit((*self.base, *chosen), self.root.fitted) if chosen else None
+        if fitted is None:
+            return None
+        best = self.kept(fitted)
+        for one in chosen:
+            rest = [each for each in chosen if each is not one]
+            for other in others[one.name]:
+                if all(together(other, each) for each in rest):
+                    swapped = self.fit((*self.base, *rest, other), fitted)
+                    if swapped is not None:
+                        best = max(best, self.kept(swapped), key=lambda one: one.weight)
+        return best
 
     def _in_finer_forms(self) -> None:
         """The leading set of each size in finer forms of its effects, where that is likelier."""
@@ -430,7 +460,7 @@ class Search:
         sets, overlap = weighed_sets(
             ready,
             leads,
-            lambda lead: log_odds([lead.effect], self.families, self.problem.kinematic),
+            lambda lead: log_odds([lead.effect], self.families, self.problem.named_by_kinematics),
             lambda a, b: together(a.effect, b.effect),
             deeper,
         )
@@ -455,8 +485,9 @@ class Search:
                     best.setdefault(each.names, each)
             chosen += list(best.values())[: most if size == 1 else most // 2]
             if size == 1:
-                # Motion that any record may have is always tried: drifts and steps imitate it.
-                usual = [each for each in best.values() if each.leads[0].effect.traits.background]
+                # Motion that any record may have is always tried: drifts and steps imitate it, and
+                # it grows in a fit.
+                usual = [one for one in singles.values() if one.leads[0].effect.traits.background]
                 chosen += [each for each in usual if each not in chosen]
             bar = max([bar, *(each.weight for each in chosen)])
         return chosen

@@ -30,6 +30,7 @@ from sim.declaration.proposal import SearchContext, Traceable
 
 BLOCK = 1.0  # s, of a block of Vuong's test
 SPREAD = 3.5  # z of an effect that may be named beside a discrepancy
+NAMED_TWICE = 2.0  # z where the relations between the sensors name it as well
 DEEPEST = 4  # effects beside a discrepancy, at most
 CLEAR = 30.0  # log likelihood, beyond what a prior can take
 
@@ -183,6 +184,11 @@ def surely_needed(one: WeighedSet, name: str, context: SearchContext, bar: float
     return gain > CLEAR and z > bar
 
 
+def spread_asked(search: Search, name: str) -> float:
+    """z that an effect needs beside a discrepancy."""
+    return NAMED_TWICE if name in search.problem.named_by_kinematics else SPREAD
+
+
 def spread_search(search: Search) -> WeighedSet:
     """The set reached by additions of which each is spread over the records.
 
@@ -190,6 +196,9 @@ def spread_search(search: Search) -> WeighedSet:
     no longer needed.
     """
     leader, interval = search.root, search.context.interval
+    named = search.seeded()
+    if named is not None:
+        leader = _needed(search, named)
     for _ in range(DEEPEST):
         if leader.names not in search.expanded:
             search.expand(leader, deepest=1)
@@ -206,15 +215,22 @@ def spread_search(search: Search) -> WeighedSet:
         # Rough air takes in what has a cause: it is added where no cause can be.
         causes = [one for one in good if not _adds_noise(one, leader)]
         leader = max(causes or good, key=lambda one: one.weight)
-        members = sorted(search.added(leader))
-        for name in members if len(members) > 1 else ():
-            if surely_needed(leader, name, search.context, SPREAD):
-                continue
-            less = search.without(leader, name)
-            if less is None:
-                continue
-            if less.weight > leader.weight or vuong(leader, less, interval) < SPREAD:
-                leader = less
+        leader = _needed(search, leader) if len(search.added(leader)) > 1 else leader
+    return leader
+
+
+def _needed(search: Search, leader: WeighedSet) -> WeighedSet:
+    """A set less the members whose evidence is not spread over the records, one at a time."""
+    for name in sorted(search.added(leader)):
+        bar = spread_asked(search, name)
+        if surely_needed(leader, name, search.context, bar):
+            continue
+        less = search.without(leader, name)
+        if less is None:
+            continue
+        z = vuong(leader, less, search.context.interval)
+        if less.weight > leader.weight or z < bar:
+            leader = less
     return leader
 
 
