@@ -30,6 +30,8 @@ class Trace(Protocol):
         settings: TraceSettings,
         progress: Callable[[str, float], None],
         outlook: Callable[[Diagnosis], None] | None,
+        *,
+        kinematics: Callable[[], Sequence[tuple[str, ...]]] | None,
     ) -> Diagnosis: ...
 
 

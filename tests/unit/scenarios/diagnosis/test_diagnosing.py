@@ -44,6 +44,7 @@ class Loop:
         settings,
         progress,
         outlook,
+        kinematics=None,
     ) -> Diagnosis:
         self.given = {
             "records": records,

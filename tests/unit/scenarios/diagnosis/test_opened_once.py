@@ -57,6 +57,7 @@ class Overwriting:
         settings,
         progress,
         outlook,
+        kinematics=None,
     ) -> Diagnosis:
         for file in self.files:
             file.write_text("nothing of use\n")
