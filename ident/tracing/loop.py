@@ -28,7 +28,6 @@ from ident.tracing.evidence.decision import (
     Named,
     decided,
     searched,
-    strongest_cause,
 )
 from ident.tracing.evidence.priors import FEWEST, ODDS
 from ident.tracing.result import After, Before, reported
@@ -110,12 +109,14 @@ def diagnose(
         search = search.with_kinematics(groups)
         problem = search.problem
     watch.stage("kinematics")
-    found = decided(search, discrepancy)
+    found, out = _held_against(problem, decided(search, discrepancy), held)
     watch.stage("discrepancy")
     progress("judging on data that were not fitted", 0.9)
-    best = problem.fit(found.best.effects, found.best) or found.best
-    found = replace(found, best=best)
-    out = predicted_by(best, held)
+    if found.named and not found.searches[-1].base and _not_noise(found, out):
+        # No set is true: only what is needed beside a discrepancy is named.
+        again = decided(search, discrepancy, noise=False)
+        found, out = _held_against(problem, again, held)
+    best = found.best
     kept = _still_needed(declared.spikes, problem, records, best)
     judgement = _judged(problem, found, out, held, (*kept, *spikes))
     before, after = _scatter(problem, root, judgement, held)
@@ -191,6 +192,19 @@ def _without(told: Diagnosis, discrepancy: Traceable | None) -> Trained | None:
     return replace(trained, effects=kept)
 
 
+def _held_against(
+    problem: TraceProblem, found: Decision, held: HeldOutData
+) -> tuple[Decision, HeldOut]:
+    """A decision with its set fitted to the end, and what that predicts of data not fitted."""
+    best = problem.fit(found.best.effects, found.best) or found.best
+    return replace(found, best=best), predicted_by(best, held)
+
+
+def _not_noise(found: Decision, out: HeldOut) -> list[Caution]:
+    """What a decision leaves that is no noise, on the fitted records and on others."""
+    return not_noise(residual_tests(found.best, out).all, thresholds.NOISE)
+
+
 def _judged(
     problem: TraceProblem,
     found: Decision,
@@ -202,8 +216,6 @@ def _judged(
     best = found.best
     tests = residual_tests(best, out)
     left = not_noise(tests.all, thresholds.NOISE)
-    if left:
-        found = strongest_cause(found)
     verdict = found.verdict
     gains = predictive_gains(found.less, best, held, out) if found.named else ()
     guards = problem.guards

@@ -31,7 +31,6 @@ SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no conseque
 SUPPORTED = 3.0  # z of an effect that brings little beside another
 RIVAL = 2.0  # z of Vuong's test below which two effects are not told apart
 TWO_EVENTS = "two loads or gusts in passing are likelier one cause that the library lacks"
-BESIDE_CAUSE = "beside a stronger cause it leaves a residual that is no noise"
 ROUGH_AIR = "its evidence comes from the maneuvers: rough air acts between them as well"
 LITTLE = "it brings little beside another cause, {:.1f} of its scatter; {:.1f} are required"
 BESIDE_GUARD = "it is found beside a term that no effect of the library has"
@@ -114,13 +113,20 @@ def searched(problem: TraceProblem, discrepancy: Traceable | None = None) -> Sea
     return Search(problem, causes, title="white noise", discrepancy=discrepancy).run()
 
 
-def decided(search: Search, discrepancy: Traceable | None = None) -> Decision:
+def decided(
+    search: Search, discrepancy: Traceable | None = None, *, noise: bool = True
+) -> Decision:
     """The decision (``_decided``) less names that stand for a cause outside the library.
 
     Rough air acts whether or not the aircraft is maneuvered. An event may begin anywhere, and two
     of them imitate much that has another law: one cause that no effect has is likelier.
+
+    Parameters
+    ----------
+    search : without a discrepancy (``searched``). discrepancy : None decides without one.
+    noise : False where what the best set leaves of data that were not fitted is known not to be.
     """
-    found = _decided(search, discrepancy)
+    found = _decided(search, discrepancy, noise)
     effects = {each.name: each for each in found.best.effects}
     names = {each.name for each in found.named}
     doubted = {
@@ -131,30 +137,6 @@ def decided(search: Search, discrepancy: Traceable | None = None) -> Decision:
     if len(_events(found)) > 1:
         return _without_names(found, dict.fromkeys(names, TWO_EVENTS))
     return _without_names(found, doubted)
-
-
-def strongest_cause(found: Decision) -> Decision:
-    """A decision whose set leaves no noise, less all causes but the one that brings most.
-
-    Something that no set explains is there as well, and what comes beside the first cause mostly
-    takes in that. Causes whose evidence was found spread over the records beside a discrepancy
-    stay.
-    """
-    effects = {each.name: each for each in found.best.effects}
-    causes = [
-        each.name
-        for each in found.named
-        if each.spread is None and not effects[each.name].traits.background
-    ]
-    if len(causes) < 2:
-        return found
-    search, best = _fitted(found)
-    brought = {}
-    for name in causes:
-        less = search.less(best, name)
-        brought[name] = math.inf if less is None else best.weight - less.weight
-    first = max(causes, key=lambda name: brought[name])
-    return _without_names(found, dict.fromkeys(set(causes) - {first}, BESIDE_CAUSE))
 
 
 def _fitted(found: Decision) -> tuple[Search, WeighedSet]:
@@ -200,17 +182,17 @@ def _acts_when_quiet(found: Decision, name: str) -> bool:
     return quiet_vuong(best.fitted, less.fitted, declared, interval) >= RIVAL
 
 
-def _decided(search: Search, discrepancy: Traceable | None) -> Decision:
+def _decided(search: Search, discrepancy: Traceable | None, noise: bool) -> Decision:
     """Decide, with further searches beside a discrepancy where no set of effects leaves noise.
 
     General forms have no cause of their own: they are tried where nothing with one is named.
 
     Parameters
     ----------
-    search : under white noise (``searched``). discrepancy : None decides under white noise alone.
+    search, discrepancy, noise : see ``decided``.
     """
     problem, best = search.problem, search.best()
-    quiet = is_noise(best.fitted.fit)
+    quiet = noise and is_noise(best.fitted.fit)
     if quiet and not search.added(best):
         return _by_sets(search, best)
     if quiet or discrepancy is None:
