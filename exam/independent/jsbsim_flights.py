@@ -110,7 +110,11 @@ def fly_flight(number: int, folder: Path, draw: int = 0) -> None:
     size, bend = _size(ready, how)
     flights = [
         fly(
-            aircraft, condition, maneuver, size, _air(condition, number + 1000 * draw, part) if rough else None
+            aircraft,
+            condition,
+            maneuver,
+            size,
+            _air(condition, number + 1000 * draw, part) if rough else None,
         ).flight
         for part, maneuver in enumerate(ready.maneuvers)
     ]

@@ -10,6 +10,7 @@ from ident.tracing.evidence.evidence import evidence_of
 from ident.tracing.evidence.noise_colour import ColouredNoise
 from ident.tracing.screening.context import search_context
 from ident.whole_record.gauss_newton import Fit
+from sim.declaration.proposal import Traceable
 from sim.effects.library import effects_for
 from sim.record import Record
 from tests.diagnoses import NOISE
@@ -74,9 +75,8 @@ def test_normal_equations_are_those_of_whitened_sensitivities() -> None:
 
 def test_filtered_noise_does_not_make_evidence_for_an_absent_effect() -> None:
     """Under white noise the log evidence of an absent effect scatters by more."""
-    (drift,) = [
-        each for each in effects_for(declared().equations) if each.name == "sensor-drift:q"
-    ]
+    (drift,) = [each for each in effects_for(declared().equations) if each.name == "sensor-drift:q"]
+    assert isinstance(drift, Traceable)
     gained, white = [], []
     for seed in range(12):
         problem = problem_of([filtered_noise(planted(seed=seed), seed)], [drift])
