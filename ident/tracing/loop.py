@@ -30,6 +30,7 @@ from ident.tracing.evidence.decision import (
     searched,
 )
 from ident.tracing.evidence.priors import FEWEST, ODDS
+from ident.tracing.evidence.search import Search
 from ident.tracing.result import After, Before, reported
 from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import measured_masks, spike_claims
@@ -86,8 +87,7 @@ def diagnose(
         for signal in model.equations.outputs
         if any(signal.name in record.output_names for record in records)
     ]
-    masks = measured_masks(records, outputs)
-    offered = (*candidates, *guards)
+    masks, offered = measured_masks(records, outputs), (*candidates, *guards)
     settings = settings or TraceSettings()
     problem = TraceProblem(records, masks, model, offered, outputs, settings, validation, progress)
     declared = fit_declared(problem)
@@ -107,16 +107,10 @@ def diagnose(
     groups = kinematics() if kinematics is not None and search.best().names else ()
     if groups:
         search = search.with_kinematics(groups)
-        problem = search.problem
     watch.stage("kinematics")
-    found, out = _held_against(problem, decided(search, discrepancy), held)
+    found, out = _decided(search, discrepancy, held)
     watch.stage("discrepancy")
-    progress("judging on data that were not fitted", 0.9)
-    if found.named and not found.searches[-1].base and _not_noise(found, out):
-        # No set is true: only what is needed beside a discrepancy is named.
-        again = decided(search, discrepancy, noise=False)
-        found, out = _held_against(problem, again, held)
-    best = found.best
+    problem, best = search.problem, found.best
     kept = _still_needed(declared.spikes, problem, records, best)
     judgement = _judged(problem, found, out, held, (*kept, *spikes))
     before, after = _scatter(problem, root, judgement, held)
@@ -192,17 +186,22 @@ def _without(told: Diagnosis, discrepancy: Traceable | None) -> Trained | None:
     return replace(trained, effects=kept)
 
 
-def _held_against(
-    problem: TraceProblem, found: Decision, held: HeldOutData
+def _decided(
+    search: Search, discrepancy: Traceable | None, held: HeldOutData
 ) -> tuple[Decision, HeldOut]:
-    """A decision with its set fitted to the end, and what that predicts of data not fitted."""
-    best = problem.fit(found.best.effects, found.best) or found.best
-    return replace(found, best=best), predicted_by(best, held)
+    """The decision, its set fitted to the end, and what that predicts of data not fitted."""
 
+    def held_against(found: Decision) -> tuple[Decision, HeldOut]:
+        best = search.problem.fit(found.best.effects, found.best) or found.best
+        return replace(found, best=best), predicted_by(best, held)
 
-def _not_noise(found: Decision, out: HeldOut) -> list[Caution]:
-    """What a decision leaves that is no noise, on the fitted records and on others."""
-    return not_noise(residual_tests(found.best, out).all, thresholds.NOISE)
+    found, out = held_against(decided(search, discrepancy))
+    search.problem.progress("judging on data that were not fitted", 0.9)
+    left = not_noise(residual_tests(found.best, out).all, thresholds.NOISE)
+    if found.named and not found.searches[-1].base and left:
+        # No set is true: only what is needed beside a discrepancy is named.
+        return held_against(decided(search, discrepancy, noise=False))
+    return found, out
 
 
 def _judged(

@@ -198,7 +198,7 @@ def _decided(search: Search, discrepancy: Traceable | None, noise: bool) -> Deci
     if quiet or discrepancy is None:
         tried = not quiet or bool(problem.guards & best.names)
         general = _with_general_forms(search) if tried else None
-        return general or (_by_sets(search, best) if quiet else _undecided(search, best))
+        return general or (_by_sets(search, best) if quiet else _undecided(search, best, noise))
     base = (discrepancy, *best.fitted.background)
     acting = [each for each in problem.candidates if is_steady(each)]
     steady = Search(problem, acting, base, title="a model discrepancy")
@@ -345,9 +345,11 @@ def _alike(
     return {name: share for name, share in found.items() if share > least or name in equal}
 
 
-def _undecided(search: Search, best: WeighedSet) -> Decision:
+def _undecided(search: Search, best: WeighedSet, fitted: bool) -> Decision:
+    """No name: what the best set leaves, of ``fitted`` records or of others, is not noise."""
     inclusion = inclusion_of(probabilities(search))
-    why = "with all that was found the residual is not noise"
+    where = "" if fitted else " of data that were not fitted"
+    why = f"with all that was found the residual{where} is not noise"
     hints = tuple(Named(name, inclusion[name], {}, reason=why) for name in sorted(best.names))
     root = search.root.fitted
     return Decision(Verdict.UNEXPLAINED, best.fitted, root, (), hints, (search,))

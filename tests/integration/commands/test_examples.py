@@ -31,7 +31,12 @@ RECORD = ("--model", "rigid", "--vehicle", "flight_vehicle.toml")
 
 
 def one_candidate(
-    records: Any, model: Any, candidates: Sequence[Any], guards: Any, *others: Any
+    records: Any,
+    model: Any,
+    candidates: Sequence[Any],
+    guards: Any,
+    *others: Any,
+    kinematics: Any = None,
 ) -> Any:
     """The loop with what is hidden as its only candidate: the commands are tried here, not the
     search.

@@ -91,7 +91,7 @@ def test_effects_that_worsen_held_out_data_are_not_claimed() -> None:
     assert d.verdict is Verdict.UNEXPLAINED
     (hint,) = d.effects
     assert not hint.claimed and hint.probability == {} and "not fitted" in hint.reasons[0]
-    assert Concern.NO_IMPROVEMENT in [caution.concern for caution in d.warnings]
+    assert Concern.NOT_NOISE in [caution.concern for caution in d.warnings]
 
 
 def test_a_search_that_ends_at_its_means_says_so_and_a_set_is_no_larger_than_was_asked_for() -> (
