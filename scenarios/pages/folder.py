@@ -113,11 +113,6 @@ def page_html(page: Page) -> str:
     return escaped(text)
 
 
-def warm_up() -> None:
-    """Load what a page is made with, while something else is waited for."""
-    _template()
-
-
 def _named(sections: tuple[Section, ...]) -> Iterator[tuple[Section, str]]:
     """Sections with names that differ."""
     used: set[str] = {"content", "reproduce", "told", "theme"}
@@ -204,8 +199,11 @@ def _resource(name: str) -> str:
 
 SCHEMA = "flightid/report/1"
 _MOST = 1_000_000  # of digits and rows that a page may ask for
-_TAG = "svg|g|defs|clipPath|rect|path|text|tspan"
-_ATTRIBUTE = r'\s(?!on|href|style|src)[a-zA-Z][a-zA-Z-]*="(?:url\(#[\w-]+\)|(?!url)[^"<>]*)"'
+_TAG = "svg|g|defs|clipPath|rect|path|text|tspan|use"
+_ATTRIBUTE = (
+    r'\s(?:href="#[\w-]+"|'
+    r'(?!on|href|style|src)[a-zA-Z][a-zA-Z-]*="(?:url\(#[\w-]+\)|(?!url)[^"<>]*)")'
+)
 _ELEMENT = re.compile(
     rf"/(?:{_TAG})>[^>]*$|(?:{_TAG})(?:{_ATTRIBUTE})*\s*/?>[^>]*$", re.DOTALL | re.ASCII
 )

@@ -3,128 +3,20 @@
 from __future__ import annotations
 
 import io
-import os
 import re
-import signal
-import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from functools import partial
+from collections.abc import Callable, Iterable, Mapping
 from html import escape
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
+from matplotlib.path import Path as Outline
 
-from ident.background_task import can_fork, fork
-from scenarios.plots.formats import (
-    FRAGMENT,
-    PDF,
-    PNG,
-    SVG,
-    USUAL,
-    Drawn,
-    Formats,
-    caption_of,
-    gathered,
-)
-from scenarios.plots.svg_renderer import PageRenderer
-
-# ---- Figures shared out between this process and a fork of it
-
-_BYTES = 2  # of a number in the pipe, which a system reads as a whole
-_MOST = 65536 // _BYTES  # numbers that a pipe holds
-
-
-def shared_out(works: Sequence[Callable[[], None]]) -> None:
-    """Do every work once, of which each leaves its result in files. With the longest first the two
-    end at about the same time.
-
-    Alone where there may be no fork, or where the system has no room for one. What a fork that
-    failed had taken is done again here. A work that raises, and an interrupt, end this after the
-    fork has ended its own: nobody writes from here on.
-    """
-    if not 2 <= len(works) <= _MOST or not _may_fork():
-        for work in works:
-            work()
-        return
-    waiting = _queue(len(works))
-    own: set[int] = set()
-    failed = 0
-    try:
-        helper = _helper(works, waiting)
-        try:
-            for number in _taken(waiting):
-                own.add(number)
-                works[number]()
-        finally:
-            failed = _ended(helper, waiting) if helper is not None else 0
-    finally:
-        os.close(waiting)
-    if failed:
-        for number in sorted(set(range(len(works))) - own):
-            works[number]()
-
-
-def _queue(count: int) -> int:
-    """The end to read of a pipe that holds the numbers below ``count``."""
-    waiting, filling = os.pipe()
-    os.write(filling, b"".join(number.to_bytes(_BYTES, "little") for number in range(count)))
-    os.close(filling)
-    return waiting
-
-
-def _taken(waiting: int) -> Iterator[int]:
-    """Numbers as this process takes them, until none is left."""
-    while number := os.read(waiting, _BYTES):
-        yield int.from_bytes(number, "little")
-
-
-def _helper(works: Sequence[Callable[[], None]], waiting: int) -> int | None:
-    """The id of a fork that takes works too and then ends; None where the system has no room for
-    another process.
-    """
-    # an interrupt in between would let the fork go on as if it were this process
-    with _undisturbed():
-        try:
-            helper = fork()
-        except OSError:
-            return None
-        if helper == 0:
-            failed = 1
-            try:
-                for number in _taken(waiting):
-                    works[number]()
-                failed = 0
-            finally:
-                os._exit(failed)
-        return helper
-
-
-def _ended(helper: int, waiting: int) -> int:
-    """Leave the fork nothing to take, wait until it has ended, and tell whether it failed."""
-    with _undisturbed():
-        for _ in _taken(waiting):
-            pass
-        return os.waitpid(helper, 0)[1]
-
-
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Ctrl-C waits until the body is left."""
-    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, former)
-
-
-def _may_fork() -> bool:
-    """Whether a fork is safe: the system allows it, and this thread is the only one."""
-    return can_fork() and threading.active_count() == 1
-
+from scenarios.plots.formats import PDF, PNG, SVG, USUAL, Drawn, Formats, caption_of
 
 # ---- Figures as bytes
 
@@ -133,11 +25,6 @@ Named = tuple[str, Callable[[], Figure]]  # the stem of a figure's file, and wha
 # Letters as outlines in SVG, so that it looks alike everywhere; as TrueType in PDF, so that its
 # text can be searched.
 _VECTOR: dict[Any, Any] = {"svg.hashsalt": "flightid", "svg.fonttype": "path", "pdf.fonttype": 42}
-_REFERENCE = re.compile(r'(\bid="|url\(#|href="#)')
-# What only a file needs: its description, and a rule of style that would hold for the whole page.
-_OF_FILE = re.compile(
-    r"<metadata>.*?</metadata>\s*|<defs>\s*<style.*?</style>\s*</defs>\s*", re.DOTALL
-)
 
 
 def save_figures(figures: Iterable[Named], folder: Path, formats: Formats = USUAL) -> list[Path]:
@@ -190,21 +77,6 @@ def figure_pdf(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def svg_text(figure: Figure, name: str = "figure", description: str = "") -> str:
-    """The figure as an ``<svg>`` element to stand within a page; ``description`` is what a screen
-    reader says.
-
-    All its identifiers begin with ``name``: several figures of one page must have different ones.
-    """
-    text = figure_svg(figure).decode("utf-8")
-    head, rest = _OF_FILE.sub("", text[text.index("<svg") :]).strip().split(">", 1)
-    look = 'style="stroke-linejoin: round; stroke-linecap: butt"'
-    named = _REFERENCE.sub(rf"\g<1>{name}-", rest)
-    return (
-        f'{head} {look} role="img" aria-label="{escape(description or name, quote=True)}">{named}'
-    )
-
-
 _WRITERS: Mapping[str, Callable[[Figure], bytes]] = {
     PNG: figure_png,
     SVG: figure_svg,
@@ -212,68 +84,153 @@ _WRITERS: Mapping[str, Callable[[Figure], bytes]] = {
 }
 
 
-# ---- A figure as an <svg> element of a page, with what a reader who cannot see it is told
+# ---- A figure as an <svg> element of a page, with a description for screen readers
 
 POINTS = 72.0
 SCALE = 1.75  # pixels a point, where there is room
 # points: a wider figure is moved sideways on a small screen rather than made too small to read
 FULL = 400.0
+LONG = 128  # vertices from which the outline of an area is simplified
+TOLERANCE = 0.25  # points by which a simplified line may be off, a quarter of its width
+DOT = 2  # cells in the diameter of a dot: of several dots in one cell a single one is drawn
+
+# Letters stay text, in the font of the page.
+_PAGE: dict[Any, Any] = _VECTOR | {
+    "svg.fonttype": "none",
+    "path.simplify_threshold": TOLERANCE,
+}
+_OF_FILE = re.compile(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", re.DOTALL)
+_STYLE = re.compile(r' style="([^"]*)"')
+_PATH = re.compile(r' d="([^"]*)"')
+_FRACTION = re.compile(r"-?\d+\.\d+")
+_IDENTIFIER = re.compile(r'( id="|url\(#|xlink:href="#)')
+_MARK = re.compile(r'<path id="(\w+)" d="([^"]*)"[^>]*/>')
+_USES = re.compile(r'(?:<use xlink:href="#(\w+)"[^>]*/>\s*)(?:<use xlink:href="#\1"[^>]*/>\s*)*')
+_PLACE = re.compile(r' x="([^"]*)" y="([^"]*)"(?: style="([^"]*)")?')
+_FONT = re.compile(
+    r"(?P<font_style>italic|oblique)? ?(?P<font_weight>bold|[1-9]00)? ?(?P<font_size>[\d.]+)px"
+)
+_DROPPED = ("font-family", "font-variant", "font-stretch")
 
 
 def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> tuple[Drawn, ...]:
-    """Draw each figure once: into ``folder`` in every format, and for the page; on two cores where
-    that may be.
-    """
-    named = list(figures)
-    leave_for_page(named, folder, formats)
-    left = gathered(folder)
-    return tuple(Drawn(stem, left[stem], caption_of(stem)) for stem, _ in named)
-
-
-def leave_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> None:
-    """The same, each element in a file of its own, for whoever makes the page to gather
-    (``named.gathered``).
-    """
-    shared_out([partial(_leave, stem, make, folder, formats) for stem, make in figures])
-
-
-def _leave(stem: str, make: Callable[[], Figure], folder: Path, formats: Formats) -> None:
-    figure = make()
-    save_figure(figure, folder, stem, formats)
-    (folder / f"{stem}{FRAGMENT}").write_text(
-        page_svg(figure, stem), encoding="utf-8", errors="backslashreplace", newline="\n"
-    )
+    """Draw each figure once: into ``folder`` in every format, and for the page."""
+    out = []
+    for stem, make in figures:
+        figure = make()
+        save_figure(figure, folder, stem, formats)
+        out.append(Drawn(stem, page_svg(figure, stem), caption_of(stem)))
+    return tuple(out)
 
 
 def page_svg(figure: Figure, stem: str) -> str:
-    """The figure as an element that is as wide as its place and has no colours but those of the
-    figure; the same for the same figure.
+    """The figure as an ``<svg>`` element of a page, as wide as its place; the same bytes for the
+    same figure.
 
-    ``stem`` begins its identifiers: figures of one page have different ones.
+    Matplotlib's SVG with its styles as attributes, which the policy of a page allows and its
+    rules for a dark ground replace, and with shorter numbers. ``stem`` begins the identifiers:
+    figures of one page have different ones.
     """
-    width, height = figure.get_size_inches() * POINTS
-    dpi = figure.dpi
-    renderer = PageRenderer(width, height, f"figure-{stem}")
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    buffer = io.BytesIO()
     figure.patch.set_visible(False)
     try:
-        figure.dpi = POINTS
-        figure.draw(renderer)
+        with rc_context(_PAGE):
+            FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
     finally:
-        figure.dpi = dpi
         figure.patch.set_visible(True)
-    boxes = "".join(
-        f'<clipPath id="{name}"><rect x="{x:g}" y="{y:g}" width="{w:g}" height="{h:g}"/></clipPath>'
-        for (x, y, w, h), name in renderer.clips.items()
-    )
-    described = escape(description(figure), quote=True)
-    size = (
-        f'viewBox="0 0 {width:g} {height:g}" width="{SCALE * width:.0f}" '
-        f'height="{SCALE * height:.0f}"'
-    )
-    kinds = [*(["full"] if width > FULL else []), *(["mapped"] if renderer.mapped else [])]
+    text = buffer.getvalue().decode("utf-8")
+    body = _OF_FILE.sub("", text[text.index(">", text.index("<svg")) + 1 :])
+    body = _with_dots(re.sub(r"<g id=\"[^\"]*\"", "<g", body))
+    body = _PATH.sub(_path_data, _STYLE.sub(_attributes, body))
+    body = re.sub(r' transform="rotate\(-0 [^"]*\)"|<defs>\s*</defs>', "", body)
+    body = _FRACTION.sub(lambda found: _decimal(float(found[0])), body)
+    body = _IDENTIFIER.sub(rf"\g<1>figure-{stem}-", body).replace("xlink:href", "href")
+    body = re.sub(r">\s+<", "><", body).strip()
+    width, height = figure.get_size_inches() * POINTS
+    mapped = bool(figure.findobj(QuadMesh))  # colours that stand for numbers stay as they are
+    kinds = [*(["full"] if width > FULL else []), *(["mapped"] if mapped else [])]
     wide = f' class="{" ".join(kinds)}"' if kinds else ""
-    head = f'<svg {size}{wide} role="img" aria-label="{described}">'
-    return f"{head}{f'<defs>{boxes}</defs>' if boxes else ''}{''.join(renderer.parts)}</svg>"
+    return (
+        f'<svg viewBox="0 0 {width:g} {height:g}" width="{SCALE * width:.0f}" '
+        f'height="{SCALE * height:.0f}"{wide} role="img" '
+        f'aria-label="{escape(description(figure), quote=True)}">{body}'
+    )
+
+
+def _decimal(value: float) -> str:
+    """With two decimals at most."""
+    return f"{value:.2f}".rstrip("0").rstrip(".")
+
+
+def _declarations(style: str) -> dict[str, str]:
+    pairs = (part.partition(":") for part in style.split(";") if part.strip())
+    return {name.strip(): value.strip() for name, _, value in pairs}
+
+
+def _attributes(found: re.Match[str]) -> str:
+    """A style as attributes; the font is that of the page."""
+    known = _declarations(found[1])
+    if font := _FONT.search(known.pop("font", "")):  # of matplotlib before 3.11
+        known |= {key: value for key, value in font.groupdict().items() if value}
+    known = {key.replace("_", "-"): value for key, value in known.items()}
+    return "".join(
+        f' {name}="{value.removesuffix("px")}"'
+        for name, value in known.items()
+        if name not in _DROPPED
+    )
+
+
+def _path_data(found: re.Match[str]) -> str:
+    """Path data with one decimal; a long outline without curves simplified as lines are."""
+    data = found[1]
+    if data.count("L") >= LONG and data.count("M") == 1 and data.rstrip().endswith("z"):
+        numbers = np.array(re.findall(r"-?[\d.]+", data), dtype=float).reshape(-1, 2)
+        line = Outline(numbers)
+        line.should_simplify, line.simplify_threshold = True, TOLERANCE
+        clean = line.cleaned(simplify=True)
+        points = clean.vertices[clean.codes != Outline.STOP].tolist()
+        data = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points) + "z"
+    else:
+        data = _FRACTION.sub(lambda number: f"{float(number[0]):.1f}", data)
+    return ' d="' + re.sub(r"\s*([A-Za-z])\s*", r"\1", data).strip() + '"'
+
+
+def _with_dots(body: str) -> str:
+    """Discs of one line as one path of strokes without length; other marks as they are."""
+    shapes = {name: size for name, data in _MARK.findall(body) if (size := _diameter(data))}
+
+    def dots(found: re.Match[str]) -> str:
+        marks = _PLACE.findall(found[0])
+        look = _declarations(marks[0][2])
+        fill, edge = look.get("fill", "#000000"), look.get("stroke")
+        one = all(style == marks[0][2] for _, _, style in marks)
+        if found[1] not in shapes or not one or fill == "none" or edge not in (None, fill):
+            return found[0]
+        width = shapes[found[1]] + (float(look.get("stroke-width", 1.0)) if edge else 0.0)
+        places = np.array([(x, y) for x, y, _ in marks], dtype=float)
+        _, first = np.unique(np.round(places * (DOT / width)), axis=0, return_index=True)
+        data = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in places[np.sort(first)].tolist())
+        shine = look.get("fill-opacity") or look.get("opacity")
+        clear = f"; stroke-opacity: {shine}" if shine else ""
+        return (
+            f'<path d="{data}" style="fill: none; stroke: {fill}; stroke-width: {width:.3g}; '
+            f'stroke-linecap: round{clear}"/>'
+        )
+
+    body = _USES.sub(dots, body)
+    used = set(re.findall(r'xlink:href="#(\w+)"', body))
+    return _MARK.sub(lambda found: found[0] if found[1] in used else "", body)
+
+
+def _diameter(data: str) -> float:
+    """The diameter of a mark that is a disc, zero of any other."""
+    if data.count("C") != 8:
+        return 0.0
+    points = np.array(re.findall(r"-?[\d.]+", data), dtype=float).reshape(-1, 2)
+    width, height = np.ptp(points, axis=0).tolist()
+    return float(width) if abs(width - height) < 1e-3 * width else 0.0
 
 
 def description(figure: Figure) -> str:

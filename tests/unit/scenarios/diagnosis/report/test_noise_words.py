@@ -14,8 +14,8 @@ from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import FittedRecord, Verdict
 from ident.tracing.residual_structure import noise_floors
 from scenarios.diagnosis.report.content import diagnosis_content
+from scenarios.diagnosis.report.figures import pictured
 from scenarios.diagnosis.report.page import diagnosis_page
-from scenarios.diagnosis.report.pictures.pictured import pictured
 from scenarios.diagnosis.report.tables import error_headings, error_rows
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.tracing import Tracing
