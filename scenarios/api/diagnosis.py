@@ -41,9 +41,9 @@ from scenarios.plots.formats import formats_wanted
 from scenarios.survey import survey as surveying
 from scenarios.survey.files import write_survey
 from scenarios.survey.report import (
-    derivative_rows,
+    derivatives_table,
     drifts,
-    effect_rows,
+    effects_table,
     outlying,
     survey_text,
     verdict_of,
@@ -415,8 +415,8 @@ class Survey:
         word, rest = verdict_of(self.details)
         return tables.page(
             f"{word}: {rest}",
-            tables.table(*effect_rows(self.details), left=3),
-            tables.table(*derivative_rows(self.details), left=2),
+            tables.of_document(effects_table(self.details)),
+            tables.of_document(derivatives_table(self.details)),
         )
 
 

@@ -29,6 +29,8 @@ from scenarios.pages.model import (
     Reproduction,
     Section,
     Table,
+    as_sentence,
+    capital,
     signs,
 )
 from scenarios.plots.formats import Drawn
@@ -134,6 +136,8 @@ def _template() -> Template:
     )
     environment.filters |= {
         "signs": signs,
+        "capital": capital,
+        "sentence": as_sentence,
         "kind": _kind,
         "rows": _rows,
         "numeric": _numeric,
@@ -340,6 +344,7 @@ def _cell(cell: Cell) -> Any:
         "digits": cell.digits,
         "signed": cell.signed or None,
         "shown": cell.shown or None,
+        "shown_sigma": cell.shown_sigma or None,
     }
     return out | {key: value for key, value in further.items() if value is not None}
 
@@ -356,6 +361,7 @@ def _cell_of(content: Any) -> Cell:
         None if content.get("digits") is None else _count(content["digits"]),
         _flag(content.get("signed", False)),
         _text(content.get("shown", "")),
+        _text(content.get("shown_sigma", "")),
     )
 
 

@@ -190,7 +190,7 @@ def _path_data(found: re.Match[str]) -> str:
         line = Outline(numbers)
         line.should_simplify, line.simplify_threshold = True, TOLERANCE
         clean = line.cleaned(simplify=True)
-        points = clean.vertices[clean.codes != Outline.STOP].tolist()
+        points = np.asarray(clean.vertices)[np.asarray(clean.codes) != Outline.STOP].tolist()
         data = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points) + "z"
     else:
         data = _FRACTION.sub(lambda number: f"{float(number[0]):.1f}", data)

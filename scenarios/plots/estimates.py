@@ -286,7 +286,8 @@ def figure_correlation(
             ((left + n * cell + 0.25) / width, bottom / height, 0.14 / width, n * cell / height)
         ),
     )
-    bar.solids.set_rasterized(False)  # no image in an SVG, which pages do not load
+    if bar.solids is not None:  # else an image in an SVG, which pages do not load
+        bar.solids.set_rasterized(False)
     bar.set_ticks([-1.0, -0.5, 0.0, 0.5, 1.0])
     bar.set_label("correlation (–)", fontsize=LABEL_SIZE)
     bar.ax.tick_params(labelsize=TICK_SIZE)

@@ -33,8 +33,8 @@ from scenarios.pages.model import (
     reproduction,
     section,
 )
-from scenarios.pages.tables import SIGMAS
 from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.report.terminal import SIGMAS
 from scenarios.side_by_side.comparison import SideBySide, StudyColumn, StudyResponses, Value
 from scenarios.side_by_side.comparison import StudyColumn as Study
 from scenarios.terminal.quantities import console, determined, number_text, shown_in, unit_cell
