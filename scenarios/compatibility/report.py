@@ -27,6 +27,7 @@ from scenarios.pages.model import (
     BY_ROW,
     MISSING,
     PURE,
+    SIGMAS,
     Block,
     Bullets,
     Cell,
@@ -46,7 +47,7 @@ from scenarios.pages.tables import fixed_table, levels_of_noise
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.formats import USUAL, Drawn, Formats
 from scenarios.preparation.recording import record_content, record_lines, record_table
-from scenarios.report.terminal import SIGMAS, show_blocks
+from scenarios.report.terminal import show_blocks
 from scenarios.terminal.quantities import console, number_text, shown_in, spaced
 from scenarios.terminal.summary import BELOW, Summary, print_summary
 from scenarios.terminal.tables import print_paragraph

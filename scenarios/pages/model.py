@@ -21,6 +21,7 @@ from sim.errors import ModelError
 # ---- What stands in a cell of a page
 
 PURE = "1"  # the unit of counts, shares and ratios
+SIGMAS = "σ"  # the unit of an error in its own standard deviations
 UNDETERMINED = "not determined"
 _BELOW = re.compile(r"(?:[A-Za-z0-9][A-Za-z0-9._+-]*/)*[A-Za-z0-9][A-Za-z0-9._+-]*")
 

@@ -13,6 +13,7 @@ from scenarios.pages.model import (
     BY_ROW,
     MISSING,
     PURE,
+    SIGMAS,
     Cell,
     Column,
     Number,
@@ -22,7 +23,6 @@ from scenarios.pages.model import (
     known,
     table,
 )
-from scenarios.report.terminal import SIGMAS
 from scenarios.terminal.quantities import displayed, shown_in, spaced
 
 # ---- The tables that pages of several kinds share

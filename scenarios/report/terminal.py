@@ -10,6 +10,7 @@ from scenarios.pages.model import (
     BY_ROW,
     MISSING,
     PURE,
+    SIGMAS,
     Block,
     Bullets,
     Cell,
@@ -23,7 +24,6 @@ from scenarios.terminal.tables import WIDTH, TableColumn, print_paragraph, print
 
 SIGMA = "+- sigma"
 UNIT = "unit"
-SIGMAS = "σ"  # the unit of an error in its own standard deviations
 
 
 def show_blocks(out: Console, blocks: Sequence[Block], *, apart: bool = False) -> None:

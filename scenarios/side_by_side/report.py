@@ -19,6 +19,7 @@ from scenarios.files.writing import study_folder, write_json
 from scenarios.pages.folder import figures, write_page
 from scenarios.pages.model import (
     BY_ROW,
+    SIGMAS,
     Block,
     Bullets,
     Cell,
@@ -34,7 +35,6 @@ from scenarios.pages.model import (
     section,
 )
 from scenarios.plots.formats import USUAL, Drawn, Formats
-from scenarios.report.terminal import SIGMAS
 from scenarios.side_by_side.comparison import SideBySide, StudyColumn, StudyResponses, Value
 from scenarios.side_by_side.comparison import StudyColumn as Study
 from scenarios.terminal.quantities import console, determined, number_text, shown_in, unit_cell

@@ -10,6 +10,7 @@ from rich.text import Text
 
 from scenarios.pages.model import (
     PURE,
+    SIGMAS,
     Block,
     Cell,
     Column,
@@ -20,7 +21,7 @@ from scenarios.pages.model import (
     table,
 )
 from scenarios.pages.tables import estimates_table
-from scenarios.report.terminal import SIGMAS, show_blocks, show_table
+from scenarios.report.terminal import show_blocks, show_table
 from scenarios.studies.comparison import (
     HEADING,
     choice_lines,

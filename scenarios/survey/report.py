@@ -16,6 +16,7 @@ from scenarios.pages.model import (
     BY_ROW,
     MISSING,
     PURE,
+    SIGMAS,
     Cell,
     Column,
     Link,
@@ -24,7 +25,7 @@ from scenarios.pages.model import (
     formatted,
     table,
 )
-from scenarios.report.terminal import SIGMAS, table_as_lines
+from scenarios.report.terminal import table_as_lines
 from scenarios.survey.flights import FOLDER
 from scenarios.survey.growing import GROWING_SCHEMA
 from scenarios.survey.recurring import EQUAL, FALSE_DISCOVERY_RATE, LIBRARY, Derivative, Recurring

@@ -17,6 +17,7 @@ from scenarios.pages.model import (
     BY_ROW,
     MISSING,
     PURE,
+    SIGMAS,
     Block,
     Cell,
     Column,
@@ -27,7 +28,7 @@ from scenarios.pages.model import (
     known,
     table,
 )
-from scenarios.report.terminal import SIGMAS, show_blocks
+from scenarios.report.terminal import show_blocks
 from scenarios.studies.comparison import bank_line, choice_lines
 from scenarios.studies.text import print_choices
 from scenarios.terminal.quantities import console, is_frequency, number_text, test_line

@@ -14,6 +14,7 @@ from scenarios.pages.model import (
     BY_ROW,
     MISSING,
     PURE,
+    SIGMAS,
     Cell,
     Column,
     Number,
@@ -22,7 +23,6 @@ from scenarios.pages.model import (
     formatted,
     table,
 )
-from scenarios.report.terminal import SIGMAS
 from scenarios.terminal.quantities import is_frequency, shown_in, with_sigma
 
 MOVED = 2.0  # sigmas

@@ -22,6 +22,7 @@ from scenarios.files.writing import study_folder, write_json, write_record
 from scenarios.pages.model import (
     BY_ROW,
     MISSING,
+    SIGMAS,
     Cell,
     Column,
     Number,
@@ -38,7 +39,7 @@ from scenarios.pages.model import (
     table,
 )
 from scenarios.plots.formats import USUAL, Formats
-from scenarios.report.terminal import SIGMAS, table_as_lines
+from scenarios.report.terminal import table_as_lines
 from scenarios.terminal.quantities import quantity_text, shown_in
 from scenarios.terminal.summary import BELOW, Summary, summary_lines
 from scenarios.terminal.tables import WIDTH, wrapped

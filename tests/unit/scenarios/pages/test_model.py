@@ -13,6 +13,8 @@ from scenarios.pages.folder import page_content, page_html, page_of
 from scenarios.pages.model import (
     BY_ROW,
     MISSING,
+    SIGMAS,
+    Block,
     Column,
     Number,
     Page,
@@ -25,7 +27,7 @@ from scenarios.pages.model import (
     signs,
     table,
 )
-from scenarios.report.terminal import SIGMAS, show_blocks
+from scenarios.report.terminal import show_blocks
 from scenarios.terminal.quantities import as_text
 from sim.errors import ModelError
 from tests.pages import PAGE
@@ -101,7 +103,7 @@ def test_signs_leave_names_alone() -> None:
     )
 
 
-DOCUMENT = [
+DOCUMENT: list[Block] = [
     table(
         "estimate",
         (Column("parameter"), ["L", "M", "N"]),
