@@ -28,15 +28,15 @@ from exam.repeated import Flights, Flown, LoopFlights, fly_all
 from scenarios.files.declarations import named_after
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
-from scenarios.pages.folder import write_page
-from scenarios.pages.model import PURE, Cell, Column, Page, as_sentence, capital, now, section
-from scenarios.pages.tables import rows_table
-from scenarios.plots.formats import USUAL, Formats
+from scenarios.report.document import PURE, Cell, Column, Page, as_sentence, capital, now, section
+from scenarios.report.figure_formats import USUAL, Formats
+from scenarios.report.folder import write_page
+from scenarios.report.progress import progress_bar
+from scenarios.report.shared_tables import rows_table
+from scenarios.report.summary import details_in, written_to
 from scenarios.report.terminal import cell_text, heading_text, table_as_lines
+from scenarios.report.text_tables import terminal_width
 from scenarios.tasks.study import Execution, Tell, stopped
-from scenarios.terminal.progress import progress_bar
-from scenarios.terminal.summary import details_in, written_to
-from scenarios.terminal.tables import terminal_width
 
 ROOT = 1  # of the seeds, where none is asked for and no scenario has one
 GAIN = 25.0  # expected gain of the log likelihood of a weak effect: nearly all are found from here

@@ -18,8 +18,8 @@ from exam.random_cases.flying import simulated
 from exam.random_cases.vehicles import NOISE
 from exam.scoring import share_of_flights, share_within_flights
 from scenarios.diagnosis.diagnose import diagnose_files
-from scenarios.pages.model import Cell, Number, counted, formatted
 from scenarios.preparation.plan import Request
+from scenarios.report.document import Cell, Number, counted, formatted
 from scenarios.studies.campaign_statistics import cramer_rao
 from scenarios.trials.planted.declaration import TraceFlight, true_vehicle
 from scenarios.trials.planted.flights import flown_plan, fly_trace, write_flown

@@ -23,8 +23,8 @@ from ident.statistics.intervals import clopper_pearson
 from ident.tracing.diagnosis import Diagnosis
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.files.writing import write_record
-from scenarios.pages.model import Cell, counted, formatted
 from scenarios.preparation.plan import Request
+from scenarios.report.document import Cell, counted, formatted
 from sim.declaration.effect import full_name
 from sim.declaration.model import Model, Noise
 from sim.effects.library import find_effect

@@ -26,8 +26,10 @@ from scenarios.files.measured.record_file import RecordFile, opened, with_names
 from scenarios.files.records import read_record, refuse_rate
 from scenarios.files.sources import InputFile, versions
 from scenarios.files.writing import study_folder, write_json, write_text
-from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import (
+from scenarios.preparation.maneuver_file import FILE, Part, Parts
+from scenarios.preparation.measured_inputs import with_load_factors
+from scenarios.preparation.plan import Plan
+from scenarios.report.document import (
     MISSING,
     PURE,
     Bullets,
@@ -44,14 +46,12 @@ from scenarios.pages.model import (
     section,
     table,
 )
-from scenarios.plots.formats import USUAL, Drawn, Formats
-from scenarios.preparation.maneuver_file import FILE, Part, Parts
-from scenarios.preparation.measured_inputs import with_load_factors
-from scenarios.preparation.plan import Plan
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures, write_page
+from scenarios.report.quantities import console, shown_in, spaced
+from scenarios.report.summary import BELOW, Summary, print_summary
 from scenarios.report.terminal import show_table
-from scenarios.terminal.quantities import console, shown_in, spaced
-from scenarios.terminal.summary import BELOW, Summary, print_summary
-from scenarios.terminal.tables import print_paragraph
+from scenarios.report.text_tables import print_paragraph
 from sim.record import Record
 
 # ---- A record file searched for maneuvers

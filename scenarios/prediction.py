@@ -32,8 +32,12 @@ from scenarios.identification.assessment import (
 )
 from scenarios.identification.conditions import PATH, with_weight
 from scenarios.kept import DIAGNOSE, KeptFile, KeptModel, read_kept
-from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import (
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
+from scenarios.preparation.declared_model import model_of_file
+from scenarios.preparation.plan import ATTITUDE, Plan
+from scenarios.preparation.plausibility import refuse_unpredictable
+from scenarios.preparation.reading import Decided, Prepared, prepare, put_together
+from scenarios.report.document import (
     Bullets,
     Cell,
     Column,
@@ -44,15 +48,11 @@ from scenarios.pages.model import (
     reproduction,
     section,
 )
-from scenarios.pages.tables import FITS, NO_FIT, fit_cells, rows_table
-from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
-from scenarios.plots.formats import USUAL, Drawn, Formats
-from scenarios.preparation.declared_model import model_of_file
-from scenarios.preparation.plan import ATTITUDE, Plan
-from scenarios.preparation.plausibility import refuse_unpredictable
-from scenarios.preparation.reading import Decided, Prepared, prepare, put_together
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures, write_page
+from scenarios.report.shared_tables import FITS, NO_FIT, fit_cells, rows_table
 from scenarios.report.terminal import table_as_lines
-from scenarios.terminal.tables import WIDTH, wrapped
+from scenarios.report.text_tables import WIDTH, wrapped
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable

@@ -16,12 +16,12 @@ from exam.scores.tables import SHARED, share_cells
 from exam.scores.text import scores_blocks
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
-from scenarios.pages.folder import write_page
-from scenarios.pages.model import Cell, Column, Page
-from scenarios.pages.tables import rows_table
-from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.report.document import Cell, Column, Page
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import write_page
+from scenarios.report.shared_tables import rows_table
 from scenarios.report.terminal import table_as_lines
-from scenarios.terminal.tables import WIDTH
+from scenarios.report.text_tables import WIDTH
 from scenarios.trials.planted.declaration import TraceScenario
 
 VERDICTS = (Column("verdict"), replace(SHARED[0], heading="flights"), *SHARED[1:])

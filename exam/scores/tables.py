@@ -11,7 +11,7 @@ from exam.scores.probabilities import brier, reliability_of
 from exam.scores.rates import Scores, right_share, standings
 from exam.scores.scored_flight import ScoredFlight, Standing
 from exam.scoring import Share
-from scenarios.pages.model import MISSING, PURE, Cell, Column, Number, counted, formatted
+from scenarios.report.document import MISSING, PURE, Cell, Column, Number, counted, formatted
 
 RATES = (
     Column("hidden"),

@@ -18,9 +18,9 @@ from exam.scores.tables import (
     rate_rows,
     said_rows,
 )
-from scenarios.pages.tables import rows_table
+from scenarios.report.shared_tables import rows_table
 from scenarios.report.terminal import table_as_lines
-from scenarios.terminal.tables import WIDTH, wrapped
+from scenarios.report.text_tables import WIDTH, wrapped
 
 RIGHT = (
     "rates of each verdict; right: what is hidden is named, or among the names of an ambiguous "

@@ -17,13 +17,13 @@ from exam.surrogates.declaration import Surrogate
 from scenarios.diagnosis.report.content import bounded
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
-from scenarios.pages.folder import write_page
-from scenarios.pages.model import PURE, Cell, Column, Number, Page, counted
-from scenarios.pages.tables import rows_table
-from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.report.document import PURE, Cell, Column, Number, Page, counted
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import write_page
+from scenarios.report.shared_tables import rows_table
+from scenarios.report.summary import BELOW, Summary, summary_lines
 from scenarios.report.terminal import cell_text, table_as_lines
-from scenarios.terminal.summary import BELOW, Summary, summary_lines
-from scenarios.terminal.tables import WIDTH
+from scenarios.report.text_tables import WIDTH
 
 SHARES = (Column("share"), *SHARED)
 EFFECTS = (

@@ -25,9 +25,9 @@ from exam.surrogates.campaign_text import (
 from exam.surrogates.declaration import Surrogate
 from exam.surrogates.study import SurrogateStudy
 from exam.surrogates.text import against_nominal, flown_lines, hidden_text, score_text
-from scenarios.pages.model import Bullets, Page, as_sentence, capital, now, section
-from scenarios.pages.tables import rows_table
-from scenarios.plots.formats import Drawn
+from scenarios.report.document import Bullets, Page, as_sentence, capital, now, section
+from scenarios.report.figure_formats import Drawn
+from scenarios.report.shared_tables import rows_table
 
 
 def scored_page(study: SurrogateStudy, page: Page) -> Page:

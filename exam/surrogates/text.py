@@ -14,7 +14,7 @@ from exam.surrogates.study import Moved, SurrogateStudy
 from ident.tracing.diagnosis import Quantity
 from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands
 from scenarios.diagnosis.report.text import details_text, diagnosis_summary
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
     Cell,
     Column,
@@ -23,10 +23,10 @@ from scenarios.pages.model import (
     formatted,
     table,
 )
+from scenarios.report.quantities import quantity_text
+from scenarios.report.summary import BELOW, Summary, summary_lines
 from scenarios.report.terminal import table_as_lines
-from scenarios.terminal.quantities import quantity_text
-from scenarios.terminal.summary import BELOW, Summary, summary_lines
-from scenarios.terminal.tables import WIDTH
+from scenarios.report.text_tables import WIDTH
 
 
 def surrogate_text(study: SurrogateStudy, width: int = WIDTH, details: str = BELOW) -> str:

@@ -37,7 +37,7 @@ from scenarios.api.shown import (
 from scenarios.api.vehicle import Vehicle
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.plots.formats import formats_wanted
+from scenarios.report.figure_formats import formats_wanted
 from scenarios.survey import survey as surveying
 from scenarios.survey.files import write_survey
 from scenarios.survey.report import (
@@ -387,7 +387,7 @@ class Survey:
 
     def to_dict(self) -> dict[str, Any]:
         """Content of ``survey.json``."""
-        from scenarios.pages.model import now
+        from scenarios.report.document import now
         from scenarios.survey.report import survey_content
 
         return survey_content(self.details, now())

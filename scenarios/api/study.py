@@ -39,7 +39,7 @@ from scenarios.maneuver_design.report import (
     verdict_of,
 )
 from scenarios.maneuver_design.setting import TYPICAL, DesignRequest
-from scenarios.plots.formats import formats_wanted
+from scenarios.report.figure_formats import formats_wanted
 from scenarios.studies import campaign as campaigns
 from scenarios.studies.campaign import Rebuilt
 from scenarios.studies.campaign_causes import Judgement, judge
@@ -428,8 +428,8 @@ class Campaign:
 
     def summary(self) -> str:
         """What the command prints."""
+        from scenarios.report.quantities import as_text
         from scenarios.studies.campaign_report import print_campaign
-        from scenarios.terminal.quantities import as_text
 
         return as_text(lambda out: print_campaign(self.details, out, KEPT, self._judgement))
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from scenarios.pages import model as document
+from scenarios.report import document
 from scenarios.report.terminal import printed_columns
-from scenarios.terminal.tables import columns_of, table_lines, wrapped
+from scenarios.report.text_tables import columns_of, table_lines, wrapped
 from sim.errors import FlightidError
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenarios.plots.formats import Formats
-from scenarios.terminal.progress import progress_bar
+from scenarios.report.figure_formats import Formats
+from scenarios.report.progress import progress_bar
 
 if TYPE_CHECKING:
     from scenarios.preparation.plan import Request
@@ -28,8 +28,8 @@ def diagnose_records(
             tell("writing the study", 0.97)
             write_diagnosis(tracing, out, figures=figures)
     from scenarios.diagnosis.report.text import diagnosis_text
-    from scenarios.terminal.summary import details_in, written_to
-    from scenarios.terminal.tables import terminal_width
+    from scenarios.report.summary import details_in, written_to
+    from scenarios.report.text_tables import terminal_width
 
     print(diagnosis_text(tracing, terminal_width(), details_in(out)))
     stages = ", ".join(

@@ -22,8 +22,9 @@ from ident.compatibility.trials import (
 from scenarios.compatibility.check import CompatibilityCheck, equivalent_constant, noise_levels
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
-from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import (
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
+from scenarios.preparation.recording import record_content, record_lines, record_table
+from scenarios.report.document import (
     BY_ROW,
     MISSING,
     PURE,
@@ -43,14 +44,13 @@ from scenarios.pages.model import (
     section,
     table,
 )
-from scenarios.pages.tables import fixed_table, levels_of_noise
-from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
-from scenarios.plots.formats import USUAL, Drawn, Formats
-from scenarios.preparation.recording import record_content, record_lines, record_table
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures, write_page
+from scenarios.report.quantities import console, number_text, shown_in, spaced
+from scenarios.report.shared_tables import fixed_table, levels_of_noise
+from scenarios.report.summary import BELOW, Summary, print_summary
 from scenarios.report.terminal import show_blocks
-from scenarios.terminal.quantities import console, number_text, shown_in, spaced
-from scenarios.terminal.summary import BELOW, Summary, print_summary
-from scenarios.terminal.tables import print_paragraph
+from scenarios.report.text_tables import print_paragraph
 
 if TYPE_CHECKING:
     from scenarios.plots.drawing import Named

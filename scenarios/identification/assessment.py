@@ -26,10 +26,10 @@ from ident.whole_record.output_error import put_together as of_pieces
 from scenarios.files.declarations import closest
 from scenarios.files.user_models import side_at
 from scenarios.files.vehicles import VehicleFile
-from scenarios.pages.model import BY_ROW, SIGMAS, Column, Table, estimate, formatted, table
 from scenarios.preparation.declared_model import BETTER
 from scenarios.preparation.reading import Parted, parts_of, put_together
 from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck, Seen
+from scenarios.report.document import BY_ROW, SIGMAS, Column, Table, estimate, formatted, table
 from scenarios.studies.rows import Row
 from sim.declaration.model import Model, System
 from sim.errors import DeclarationError

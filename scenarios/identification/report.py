@@ -27,8 +27,9 @@ from scenarios.identification.conditions import METHOD as FREQUENCY
 from scenarios.identification.conditions import PATH
 from scenarios.identification.methods import uses_attitude
 from scenarios.kept import IDENTIFY, KeptModel, KeptReading
-from scenarios.pages.folder import figures
-from scenarios.pages.model import (
+from scenarios.preparation.plan import LIFT, SPEED, Plan
+from scenarios.preparation.recording import record_lines, record_table
+from scenarios.report.document import (
     BY_ROW,
     Block,
     Bullets,
@@ -46,7 +47,19 @@ from scenarios.pages.model import (
     summary_sentences,
     table,
 )
-from scenarios.pages.tables import (
+from scenarios.report.figure_formats import Drawn
+from scenarios.report.folder import figures
+from scenarios.report.quantities import (
+    console,
+    derived_line,
+    determined,
+    displayed,
+    number_text,
+    shown_in,
+    spaced,
+    test_line,
+)
+from scenarios.report.shared_tables import (
     FITS,
     NO_FIT,
     derived_table,
@@ -57,22 +70,7 @@ from scenarios.pages.tables import (
     rows_table,
     tests_table,
 )
-from scenarios.plots.formats import Drawn
-from scenarios.preparation.plan import LIFT, SPEED, Plan
-from scenarios.preparation.recording import record_lines, record_table
-from scenarios.report.terminal import show_blocks, show_table
-from scenarios.studies.rows import Row
-from scenarios.terminal.quantities import (
-    console,
-    derived_line,
-    determined,
-    displayed,
-    number_text,
-    shown_in,
-    spaced,
-    test_line,
-)
-from scenarios.terminal.summary import (
+from scenarios.report.summary import (
     BELOW,
     Summary,
     levels_line,
@@ -80,7 +78,9 @@ from scenarios.terminal.summary import (
     residual_phrase,
     result_phrase,
 )
-from scenarios.terminal.tables import print_paragraph
+from scenarios.report.terminal import show_blocks, show_table
+from scenarios.report.text_tables import print_paragraph
+from scenarios.studies.rows import Row
 
 # ---- What stands beside an estimate, for comparison.json
 

@@ -21,8 +21,7 @@ from scenarios.files.user_models import unit_in
 from scenarios.files.writing import study_folder, write_json, write_record, write_text
 from scenarios.maneuver_design.design import DesignedManeuver, DesignResult
 from scenarios.maneuver_design.setting import PACE_IS, offset_of
-from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
     PURE,
     UNDETERMINED,
@@ -41,11 +40,12 @@ from scenarios.pages.model import (
     section,
     table,
 )
-from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures, write_page
+from scenarios.report.quantities import shown_in, spaced
+from scenarios.report.summary import BELOW, Summary, summary_lines
 from scenarios.report.terminal import table_as_lines
-from scenarios.terminal.quantities import shown_in, spaced
-from scenarios.terminal.summary import BELOW, Summary, summary_lines
-from scenarios.terminal.tables import WIDTH, wrapped
+from scenarios.report.text_tables import WIDTH, wrapped
 from sim.record import Record
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.path import Path as Outline
 
-from scenarios.plots.formats import PDF, PNG, SVG, USUAL, Drawn, Formats, caption_of
+from scenarios.report.figure_formats import PDF, PNG, SVG, USUAL, Drawn, Formats, caption_of
 
 # ---- Figures as bytes
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
     MISSING,
     PURE,
@@ -19,8 +19,14 @@ from scenarios.pages.model import (
     Prose,
     Table,
 )
-from scenarios.terminal.quantities import unit_cell
-from scenarios.terminal.tables import WIDTH, TableColumn, print_paragraph, print_table, table_lines
+from scenarios.report.quantities import unit_cell
+from scenarios.report.text_tables import (
+    WIDTH,
+    TableColumn,
+    print_paragraph,
+    print_table,
+    table_lines,
+)
 
 SIGMA = "+- sigma"
 UNIT = "unit"

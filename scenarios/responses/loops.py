@@ -23,7 +23,7 @@ from ident.flying_qualities.stability_margins import (
     worst_margins,
 )
 from ident.frequency_response import FrequencyResponses
-from scenarios.pages.model import BY_ROW, PURE, Column, Number, Table, formatted, table
+from scenarios.report.document import BY_ROW, PURE, Column, Number, Table, formatted, table
 from scenarios.responses.fitting import target_of
 from scenarios.responses.reading import Names, ReadSignals
 from sim.errors import DeclarationError, FlightidError

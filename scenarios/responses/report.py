@@ -15,8 +15,7 @@ from rich.console import Console
 from ident.flying_qualities.levels import Level
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
-from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
     MISSING,
     PURE,
@@ -35,8 +34,12 @@ from scenarios.pages.model import (
     section,
     table,
 )
-from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures, write_page
+from scenarios.report.quantities import console, number_text
+from scenarios.report.summary import BELOW, Summary, print_summary
 from scenarios.report.terminal import show_blocks, show_table
+from scenarios.report.text_tables import print_paragraph
 from scenarios.responses.analysis import ResponseEstimates, pairs
 from scenarios.responses.fitting import Fits, cost_sentence, envelope_sentence, transfer_text
 from scenarios.responses.loops import (
@@ -44,9 +47,6 @@ from scenarios.responses.loops import (
     margin_lines,
     margins_content,
 )
-from scenarios.terminal.quantities import console, number_text
-from scenarios.terminal.summary import BELOW, Summary, print_summary
-from scenarios.terminal.tables import print_paragraph
 
 # ---- Frequency responses in the terminal: a summary, notes, and a table for each response
 

@@ -16,8 +16,7 @@ from rich.console import Console
 
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
-from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
     SIGMAS,
     Block,
@@ -34,11 +33,12 @@ from scenarios.pages.model import (
     reproduction,
     section,
 )
-from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures, write_page
+from scenarios.report.quantities import console, determined, number_text, shown_in, unit_cell
+from scenarios.report.text_tables import GAP, TableColumn, print_paragraph, print_table
 from scenarios.side_by_side.comparison import SideBySide, StudyColumn, StudyResponses, Value
 from scenarios.side_by_side.comparison import StudyColumn as Study
-from scenarios.terminal.quantities import console, determined, number_text, shown_in, unit_cell
-from scenarios.terminal.tables import GAP, TableColumn, print_paragraph, print_table
 
 if TYPE_CHECKING:
     from scenarios.plots.drawing import Named

@@ -14,8 +14,7 @@ from rich.console import Console
 
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
-from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
     PURE,
     Block,
@@ -32,7 +31,10 @@ from scenarios.pages.model import (
     section,
     table,
 )
-from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures, write_page
+from scenarios.report.quantities import console, shown_in
+from scenarios.report.summary import BELOW, Summary, print_summary
 from scenarios.report.terminal import show_blocks, show_table
 from scenarios.studies.campaign import CampaignRuns, Spread
 from scenarios.studies.campaign_causes import (
@@ -62,8 +64,6 @@ from scenarios.studies.campaign_trials import (
     Level,
     Levels,
 )
-from scenarios.terminal.quantities import console, shown_in
-from scenarios.terminal.summary import BELOW, Summary, print_summary
 
 # ---- Why sigmas are wrong, in tables and words
 

@@ -29,7 +29,7 @@ from ident.statistics.intervals import (
     mean_square_interval,
 )
 from ident.whole_record.layout import weighted_sensitivities
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
     MISSING,
     PURE,
@@ -41,10 +41,10 @@ from scenarios.pages.model import (
     known,
     table,
 )
+from scenarios.report.quantities import number_text, shown_in
 from scenarios.studies.campaign import CampaignRuns, EstimatorRuns, Spread
 from scenarios.studies.declaration import Estimation
 from scenarios.studies.estimating import biased_system, compiled, filter_settings
-from scenarios.terminal.quantities import number_text, shown_in
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.errors import FlightidError

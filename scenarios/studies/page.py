@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ident.estimate import Outcome
-from scenarios.pages.folder import figures
-from scenarios.pages.model import (
+from scenarios.report.document import (
     Block,
     Bullets,
     Page,
@@ -19,14 +18,17 @@ from scenarios.pages.model import (
     section,
     summary_sentences,
 )
-from scenarios.pages.tables import (
+from scenarios.report.figure_formats import Drawn
+from scenarios.report.folder import figures
+from scenarios.report.quantities import test_line
+from scenarios.report.shared_tables import (
     derived_table,
     estimates_table,
     fixed_table,
     levels_of_noise,
     tests_table,
 )
-from scenarios.plots.formats import Drawn
+from scenarios.report.summary import levels_line
 from scenarios.studies.comparison import choice_lines, engine_line, other_flight_line, vehicle_line
 from scenarios.studies.published import published_remark
 from scenarios.studies.rows import Row
@@ -38,8 +40,6 @@ from scenarios.studies.text import (
     sweep_blocks,
     with_display,
 )
-from scenarios.terminal.quantities import test_line
-from scenarios.terminal.summary import levels_line
 from sim.truth.flight import EXACT, TOLERANCE, Truth
 
 # ---- The page of a study

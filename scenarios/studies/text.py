@@ -8,7 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from scenarios.pages.model import (
+from scenarios.report.document import (
     PURE,
     SIGMAS,
     Block,
@@ -20,8 +20,24 @@ from scenarios.pages.model import (
     known,
     table,
 )
-from scenarios.pages.tables import estimates_table
+from scenarios.report.quantities import (
+    console,
+    derived_line,
+    is_frequency,
+    shown_in,
+    test_line,
+)
+from scenarios.report.shared_tables import estimates_table
+from scenarios.report.summary import (
+    BELOW,
+    Summary,
+    levels_line,
+    print_summary,
+    residual_phrase,
+    result_phrase,
+)
 from scenarios.report.terminal import show_blocks, show_table
+from scenarios.report.text_tables import print_paragraph
 from scenarios.studies.comparison import (
     HEADING,
     choice_lines,
@@ -39,22 +55,6 @@ from scenarios.studies.study import (
     flexibility_sentences,
 )
 from scenarios.studies.sweep import Criterion, Sweep, SweepPoint, criteria_of
-from scenarios.terminal.quantities import (
-    console,
-    derived_line,
-    is_frequency,
-    shown_in,
-    test_line,
-)
-from scenarios.terminal.summary import (
-    BELOW,
-    Summary,
-    levels_line,
-    print_summary,
-    residual_phrase,
-    result_phrase,
-)
-from scenarios.terminal.tables import print_paragraph
 
 # ---- What records and priors determine, in the terminal
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from ident.tracing.diagnosis import Verdict
 from scenarios.files.writing import file_stems, study_folder, write_json, write_text
-from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import (
+from scenarios.report.document import (
     Bullets,
     Page,
     Prose,
@@ -22,8 +21,9 @@ from scenarios.pages.model import (
     reproduction,
     section,
 )
-from scenarios.plots.formats import USUAL as USUAL_FORMATS
-from scenarios.plots.formats import Drawn, Formats
+from scenarios.report.figure_formats import USUAL as USUAL_FORMATS
+from scenarios.report.figure_formats import Drawn, Formats
+from scenarios.report.folder import figures, write_page
 from scenarios.survey.flights import FOLDER
 from scenarios.survey.growing import MAIN
 from scenarios.survey.recurring import LIBRARY, Derivative

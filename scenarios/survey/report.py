@@ -12,7 +12,7 @@ import numpy as np
 from ident.pooling import Trend
 from ident.tracing.diagnosis import Verdict
 from scenarios.files.sources import versions
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
     MISSING,
     PURE,
@@ -25,14 +25,14 @@ from scenarios.pages.model import (
     formatted,
     table,
 )
+from scenarios.report.quantities import number_text, shown_in, spaced
+from scenarios.report.summary import BELOW, Summary, summary_lines
 from scenarios.report.terminal import table_as_lines
+from scenarios.report.text_tables import WIDTH, wrapped
 from scenarios.survey.flights import FOLDER
 from scenarios.survey.growing import GROWING_SCHEMA
 from scenarios.survey.recurring import EQUAL, FALSE_DISCOVERY_RATE, LIBRARY, Derivative, Recurring
 from scenarios.survey.survey import SurveyResult
-from scenarios.terminal.quantities import number_text, shown_in, spaced
-from scenarios.terminal.summary import BELOW, Summary, summary_lines
-from scenarios.terminal.tables import WIDTH, wrapped
 
 # ---- What a survey found, in sentences and rows that terminal, page and JSON share
 

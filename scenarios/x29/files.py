@@ -13,8 +13,8 @@ import numpy as np
 
 from ident.estimate import FilterHistory, Outcome
 from scenarios.files.writing import study_folder, write_json, write_record
-from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import (
+from scenarios.plots.display import SIMULATED_DATA
+from scenarios.report.document import (
     Bullets,
     Page,
     Prose,
@@ -25,12 +25,12 @@ from scenarios.pages.model import (
     reproduction,
     section,
 )
-from scenarios.pages.tables import tests_table
-from scenarios.plots.display import SIMULATED_DATA
-from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures, write_page
+from scenarios.report.quantities import as_text, number_text, test_line
+from scenarios.report.shared_tables import tests_table
+from scenarios.report.summary import HERE
 from scenarios.studies.comparison import HEADING, bank_line, choice_lines
-from scenarios.terminal.quantities import as_text, number_text, test_line
-from scenarios.terminal.summary import HERE
 from scenarios.x29.content import loop_comparison
 from scenarios.x29.declaration import printed_column
 from scenarios.x29.findings import sentences

@@ -13,7 +13,7 @@ from rich.text import Text
 from ident.estimate import Estimate
 from ident.flying_qualities.levels import UNITS as QUALITY_UNITS
 from ident.flying_qualities.levels import Level, Quality
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
     MISSING,
     PURE,
@@ -28,12 +28,12 @@ from scenarios.pages.model import (
     known,
     table,
 )
+from scenarios.report.quantities import console, is_frequency, number_text, test_line
+from scenarios.report.summary import BELOW, Summary, print_summary, residual_phrase, value_phrase
 from scenarios.report.terminal import show_blocks
+from scenarios.report.text_tables import print_paragraph
 from scenarios.studies.comparison import bank_line, choice_lines
 from scenarios.studies.text import print_choices
-from scenarios.terminal.quantities import console, is_frequency, number_text, test_line
-from scenarios.terminal.summary import BELOW, Summary, print_summary, residual_phrase, value_phrase
-from scenarios.terminal.tables import print_paragraph
 from scenarios.x29.content import correlation_content, noted_pairs, procedure_and_printed
 from scenarios.x29.declaration import (
     has_table,

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ident.tracing.diagnosis import Diagnosis, ErrorFigures, Verdict
-from scenarios.pages.model import Table
+from scenarios.report.document import Table
 
 # heading of the one column that stands where before and after do otherwise
 DECLARED = "declared model"

@@ -17,7 +17,7 @@ from scenarios.diagnosis.overflows import overflow_sentence
 from scenarios.diagnosis.report.declared_only import nothing_stands
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.user_models import is_of_aircraft
-from scenarios.terminal.quantities import CHANNELS, displayed, shown_in, spaced
+from scenarios.report.quantities import CHANNELS, displayed, shown_in, spaced
 
 FEW = 2  # parameters whose values are worth comparing between records
 FORMS = {

@@ -21,7 +21,7 @@ from scenarios.plots.display import (
     Pictured,
     Replicated,
 )
-from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -19,10 +19,10 @@ from scenarios.diagnosis.report.figures import bounded_series, draw_diagnosis, n
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.writing import study_folder, write_json
 from scenarios.kept import write_kept
-from scenarios.pages.folder import write_page
-from scenarios.pages.model import Page, now
-from scenarios.plots.formats import USUAL, Drawn, Formats
-from scenarios.terminal.quantities import UNDETERMINED, determined
+from scenarios.report.document import Page, now
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import write_page
+from scenarios.report.quantities import UNDETERMINED, determined
 
 MAIN = "diagnosis.json"
 

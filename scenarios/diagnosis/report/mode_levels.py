@@ -10,8 +10,8 @@ from typing import Any
 from ident.flying_qualities.levels import ModeLevel, mode_levels
 from scenarios.diagnosis.report.declared_only import nothing_stands, shown_table
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.pages.model import MISSING, Cell, Column, Table, table
-from scenarios.terminal.summary import (
+from scenarios.report.document import MISSING, Cell, Column, Table, table
+from scenarios.report.summary import (
     changes,
     level_text,
     levels_content,

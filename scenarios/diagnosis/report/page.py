@@ -17,8 +17,8 @@ from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.wording import parameter_text
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.user_models import channel_units
-from scenarios.pages.folder import figures
-from scenarios.pages.model import (
+from scenarios.preparation.recording import record_table
+from scenarios.report.document import (
     PURE,
     Block,
     Bullets,
@@ -32,9 +32,9 @@ from scenarios.pages.model import (
     reproduction,
     section,
 )
-from scenarios.pages.tables import p_value
-from scenarios.plots.formats import Drawn
-from scenarios.preparation.recording import record_table
+from scenarios.report.figure_formats import Drawn
+from scenarios.report.folder import figures
+from scenarios.report.shared_tables import p_value
 from sim.declaration.proposal import GUARD
 
 TONES = {

@@ -10,7 +10,7 @@ from ident.tracing.diagnosis import Candidate, Diagnosis, Quantity
 from scenarios.diagnosis.noise_words import is_coloured, noise_headings, residual_levels
 from scenarios.diagnosis.report.declared_only import nothing_stands, shown_table
 from scenarios.files.channel_names import CHANNEL_UNITS
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
     MISSING,
     PURE,
@@ -23,7 +23,7 @@ from scenarios.pages.model import (
     formatted,
     table,
 )
-from scenarios.terminal.quantities import is_frequency, shown_in, with_sigma
+from scenarios.report.quantities import is_frequency, shown_in, with_sigma
 
 MOVED = 2.0  # sigmas
 SIGMA_NOTE = "+- sigma, widened by the scatter between records"

@@ -26,12 +26,12 @@ from scenarios.diagnosis.report.tables import (
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.user_models import channel_units, is_of_aircraft
-from scenarios.pages.model import Table
 from scenarios.preparation.recording import record_lines
+from scenarios.report.document import Table
+from scenarios.report.quantities import CHANNELS, shown_in, value_text
+from scenarios.report.summary import BELOW, Summary, residual_phrase, summary_lines
 from scenarios.report.terminal import table_as_lines
-from scenarios.terminal.quantities import CHANNELS, shown_in, value_text
-from scenarios.terminal.summary import BELOW, Summary, residual_phrase, summary_lines
-from scenarios.terminal.tables import WIDTH, wrapped
+from scenarios.report.text_tables import WIDTH, wrapped
 
 
 def diagnosis_text(tracing: Tracing, width: int = WIDTH, details: str = BELOW) -> str:

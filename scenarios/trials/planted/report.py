@@ -19,7 +19,7 @@ from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.sources import versions
 from scenarios.files.user_models import channel_units
 from scenarios.files.writing import study_folder, write_json, write_record
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
     MISSING,
     SIGMAS,
@@ -38,11 +38,11 @@ from scenarios.pages.model import (
     section,
     table,
 )
-from scenarios.plots.formats import USUAL, Formats
+from scenarios.report.figure_formats import USUAL, Formats
+from scenarios.report.quantities import quantity_text, shown_in
+from scenarios.report.summary import BELOW, Summary, summary_lines
 from scenarios.report.terminal import table_as_lines
-from scenarios.terminal.quantities import quantity_text, shown_in
-from scenarios.terminal.summary import BELOW, Summary, summary_lines
-from scenarios.terminal.tables import WIDTH, wrapped
+from scenarios.report.text_tables import WIDTH, wrapped
 from scenarios.trials.planted.declaration import hidden_units
 from scenarios.trials.planted.flights import write_flown
 from scenarios.trials.planted.study import TRUE, Grade, Scored, TraceStudy

@@ -14,9 +14,8 @@ import numpy as np
 from ident.estimate import Estimate, Outcome
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_record, write_text
-from scenarios.pages.folder import figures as figure_blocks
-from scenarios.pages.folder import write_page
-from scenarios.pages.model import (
+from scenarios.preparation.plan import Request
+from scenarios.report.document import (
     Block,
     Bullets,
     Page,
@@ -27,10 +26,14 @@ from scenarios.pages.model import (
     reproduction,
     section,
 )
-from scenarios.pages.tables import estimates_table
-from scenarios.plots.formats import USUAL, Drawn, Formats
-from scenarios.preparation.plan import Request
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures as figure_blocks
+from scenarios.report.folder import write_page
+from scenarios.report.quantities import console, number_text
+from scenarios.report.shared_tables import estimates_table
+from scenarios.report.summary import BELOW, Summary, print_summary
 from scenarios.report.terminal import show_blocks, show_table
+from scenarios.report.text_tables import print_paragraph
 from scenarios.responses.analysis import ResponseEstimates, ResponseOptions, responses_of
 from scenarios.responses.fitting import FitOptions
 from scenarios.responses.loops import MINUS, UNITS, loop_tables, margin_lines, margins_content
@@ -38,9 +41,6 @@ from scenarios.responses.reading import Names
 from scenarios.responses.report import fit_lines, fit_tables, responses_csv
 from scenarios.studies.comparison import SCHEMA, estimate_content
 from scenarios.studies.rows import Row
-from scenarios.terminal.quantities import console, number_text
-from scenarios.terminal.summary import BELOW, Summary, print_summary
-from scenarios.terminal.tables import print_paragraph
 from scenarios.trials.sweeps.declaration import SweepScenario
 from scenarios.trials.sweeps.flight import fly_sweep, true_margins, true_parameters
 from sim.record import Record

@@ -13,6 +13,7 @@ import pytest
 from scipy.stats import binom
 
 from ident.statistics.intervals import clopper_pearson
+from scenarios.report.quantities import console
 from scenarios.report.terminal import show_blocks
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.declaration import Scenario
@@ -20,7 +21,6 @@ from scenarios.studies.estimating import estimate_record, fly_scenario, true_mod
 from scenarios.studies.folder import write_study
 from scenarios.studies.study import Scatter, fly_repeatedly, run_scenario
 from scenarios.studies.text import print_study, repeated_blocks
-from scenarios.terminal.quantities import console
 from sim.errors import DeclarationError
 from sim.vehicles.factory import linearise
 

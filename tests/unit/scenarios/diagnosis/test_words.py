@@ -22,8 +22,8 @@ from scenarios.diagnosis.report.text import (
     wording_of,
 )
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
+from scenarios.report.quantities import value_text
 from scenarios.report.terminal import cell_text
-from scenarios.terminal.quantities import value_text
 from sim.declaration.proposal import Traceable, Traits
 from sim.effects.library import library
 from tests.diagnoses import LOES, tracing_of

@@ -14,8 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from scenarios.plots.drawing import DOT, TOLERANCE, description, drawn_for_page, page_svg
-from scenarios.plots.formats import CAPTIONS, caption_of
 from scenarios.plots.style import MEASURED, finish, make_sheet, method_style, time_axis, y_label
+from scenarios.report.figure_formats import CAPTIONS, caption_of
 
 MOST = 3_000_000  # bytes of a page
 

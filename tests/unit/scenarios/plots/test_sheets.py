@@ -29,7 +29,6 @@ from scenarios.plots.estimates import (
     figure_innovations,
     figure_parameter_histories,
 )
-from scenarios.plots.formats import FORMATS, Formats, formats_of, formats_wanted
 from scenarios.plots.signals import (
     Response,
     figure_ballistic_coefficient,
@@ -38,6 +37,7 @@ from scenarios.plots.signals import (
     figure_trajectory,
     response_of,
 )
+from scenarios.report.figure_formats import FORMATS, Formats, formats_of, formats_wanted
 from sim.errors import DeclarationError
 from tests.unit.scenarios.plots.conftest import Study
 

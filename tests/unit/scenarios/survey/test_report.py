@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.pages.folder import rebuilt
+from scenarios.report.folder import rebuilt
 from scenarios.report.terminal import cell_text
 from scenarios.survey.files import survey_figures, survey_page, write_survey
 from scenarios.survey.recurring import over_flights
@@ -94,7 +94,7 @@ def test_flights_lead_to_their_own_pages_where_there_are_any(
 
 
 def test_a_link_leads_nowhere_outside() -> None:
-    from scenarios.pages.model import Link
+    from scenarios.report.document import Link
 
     for to in ("https://example.org", "../x.html", "/etc/passwd", "javascript:x", "a/../b", ""):
         with pytest.raises(ModelError):

@@ -17,9 +17,9 @@ from scenarios.diagnosis.report.declared_only import as_declared
 from scenarios.diagnosis.report.figures import figures_of, pictured
 from scenarios.diagnosis.report.page import diagnosis_page
 from scenarios.diagnosis.report.text import diagnosis_text
-from scenarios.pages.folder import page_html
-from scenarios.pages.model import signs
-from scenarios.terminal.quantities import (
+from scenarios.report.document import signs
+from scenarios.report.html import page_html
+from scenarios.report.quantities import (
     derived_line,
     displayed,
     is_frequency,

@@ -34,7 +34,7 @@ from scenarios.diagnosis.report.tables import SIGMA_NOTE, candidates_table, memb
 from scenarios.diagnosis.report.text import diagnosis_text, headline
 from scenarios.diagnosis.report.wording import Wording, group_sentence
 from scenarios.files.writing import json_text
-from scenarios.pages.folder import page_html
+from scenarios.report.html import page_html
 from scenarios.report.terminal import cell_text
 from tests.diagnoses import LATE, each_record, spread_tracing, tracing_of
 

@@ -23,7 +23,7 @@ from scenarios.diagnosis.report.files import (
     write_prediction,
     write_residuals,
 )
-from scenarios.pages.folder import rebuilt
+from scenarios.report.folder import rebuilt
 from tests.diagnoses import BALLISTIC, LOES, spread_tracing, tracing_of
 
 FIGURES = {"held_out.png", "residuals.png", "evidence.png", "derivatives.png", "spectra.png"}

@@ -19,7 +19,7 @@ from scenarios.diagnosis.report.page import diagnosis_page
 from scenarios.diagnosis.report.tables import errors_table
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.pages.folder import page_html
+from scenarios.report.html import page_html
 from scenarios.report.terminal import cell_text
 from sim.record import Channel, Record
 from tests.diagnoses import NOISE, tracing_of

@@ -17,9 +17,7 @@ from rich.console import Console
 
 from ident.tracing.diagnosis import Verdict
 from scenarios.diagnosis.report.text import diagnosis_text
-from scenarios.studies.campaign import CampaignRuns, Spread
-from scenarios.studies.campaign_report import print_campaign
-from scenarios.terminal.tables import (
+from scenarios.report.text_tables import (
     WIDTH,
     TableColumn,
     columns_of,
@@ -30,6 +28,8 @@ from scenarios.terminal.tables import (
     table_lines,
     wrapped,
 )
+from scenarios.studies.campaign import CampaignRuns, Spread
+from scenarios.studies.campaign_report import print_campaign
 from tests.diagnoses import spread_tracing, tracing_of
 from tests.printed_tables import closed, read_back
 

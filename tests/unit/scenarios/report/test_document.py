@@ -9,8 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from scenarios.pages.folder import page_content, page_html, page_of
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
     MISSING,
     SIGMAS,
@@ -27,8 +26,10 @@ from scenarios.pages.model import (
     signs,
     table,
 )
+from scenarios.report.html import page_html
+from scenarios.report.page_json import page_content, page_of
+from scenarios.report.quantities import as_text
 from scenarios.report.terminal import show_blocks
-from scenarios.terminal.quantities import as_text
 from sim.errors import ModelError
 from tests.pages import PAGE
 

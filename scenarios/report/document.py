@@ -14,8 +14,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from scenarios.files.sources import versions
-from scenarios.terminal.quantities import determined, number_text, value_parts
-from scenarios.terminal.summary import Summary
+from scenarios.report.quantities import determined, number_text, value_parts
+from scenarios.report.summary import Summary
 from sim.errors import ModelError
 
 # ---- What stands in a cell of a page

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 from ident.flying_qualities.modes import MODAL_UNITS
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Quantity
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
     MISSING,
     PURE,
@@ -23,7 +23,7 @@ from scenarios.pages.model import (
     known,
     table,
 )
-from scenarios.terminal.quantities import displayed, shown_in, spaced
+from scenarios.report.quantities import displayed, shown_in, spaced
 
 # ---- The tables that pages of several kinds share
 
