@@ -63,20 +63,17 @@ def design_text(design: DesignResult, width: int = WIDTH, details: str = BELOW) 
     """What a terminal of this width shows."""
     lines = [*summary_lines(summary_of(design, details), width), ""]
     lines += table_as_lines(replace(maneuvers_table(design), caption=_title(design)), width)
-    further = []
     if design.acting:
         caption = f"{design.best.kind}: who would be told from whom"
-        further.append(table_as_lines(contest_table(design, caption), width, keys=2))
+        lines += ["", *table_as_lines(contest_table(design, caption), width, keys=2)]
     caption = "expected standard deviations (Cramer-Rao)"
-    further.append(table_as_lines(sigmas_table(design, caption), width, keys=2))
+    lines += ["", *table_as_lines(sigmas_table(design, caption), width, keys=2)]
     if design.best.responses is not None:
         caption = (
             "frequency responses expected of one flight, share of the band with a coherence of 0.6 "
             "or more, and random error"
         )
-        further.append(table_as_lines(responses_table(design, caption), width))
-    for each in further:
-        lines += ["", *each]
+        lines += ["", *table_as_lines(responses_table(design, caption), width)]
     for note in notes_of(design):
         lines += wrapped(note, width)
     lines += wrapped(f"again: {design.asked.command()}", width)
@@ -162,25 +159,20 @@ def maneuvers_table(design: DesignResult) -> Table:
 
 def contest_table(design: DesignResult, caption: str) -> Table:
     """What each effect's flight says against the other, of the best maneuver."""
-    some = design.best.contests
+    some = [(each, each.decision) for each in design.best.contests]
+
+    def percent(heading: str) -> Column:
+        return Column(heading, "%", printed=f"{heading} %")
+
     return table(
         caption,
-        (Column("acts"), [acting_text(each.true) for each in some]),
-        (Column("is told from"), [each.rival.effect.name for each in some]),
-        (Column("gain over none", PURE), [formatted(each.found, ".1f") for each in some]),
-        (
-            Column("log likelihood", PURE),
-            [formatted(each.decision.log_likelihood, ".1f") for each in some],
-        ),
-        (Column("sigma", PURE), [formatted(0.5 * each.decision.std, ".1f") for each in some]),
-        (
-            Column("told", "%", printed="told %"),
-            [formatted(100.0 * each.chance, ".1f") for each in some],
-        ),
-        (
-            Column("wrong", "%", printed="wrong %"),
-            [formatted(100.0 * each.decision.wrong, ".2g") for each in some],
-        ),
+        (Column("acts"), [acting_text(each.true) for each, _ in some]),
+        (Column("is told from"), [each.rival.effect.name for each, _ in some]),
+        (Column("gain over none", PURE), [formatted(each.found, ".1f") for each, _ in some]),
+        (Column("log likelihood", PURE), [formatted(d.log_likelihood, ".1f") for _, d in some]),
+        (Column("sigma", PURE), [formatted(0.5 * d.std, ".1f") for _, d in some]),
+        (percent("told"), [formatted(100.0 * each.chance, ".1f") for each, _ in some]),
+        (percent("wrong"), [formatted(100.0 * d.wrong, ".2g") for _, d in some]),
     )
 
 
@@ -215,17 +207,16 @@ def responses_table(design: DesignResult, caption: str) -> Table:
     ]
     columns: list[tuple[Column, list[Cell]]] = []
     for kind, found in kinds:
-        usable = [Number(100.0 * float(found.usable[m, q]), digits=0) for m, q, _ in places]
-        least = [Number(float(found.coherence[m, q].min()), digits=2) for m, q, _ in places]
-        errors = [100.0 * float(np.median(found.random_error[m, q])) for m, q, _ in places]
-        shown = [Number(e, shown=f"{e:.2g}" if e < 100.0 else "above 100") for e in errors]
+        usable, least, errors = list[Cell](), list[Cell](), list[Cell]()
+        for m, q, _ in places:
+            usable.append(Number(100.0 * float(found.usable[m, q]), digits=0))
+            least.append(Number(float(found.coherence[m, q].min()), digits=2))
+            error = 100.0 * float(np.median(found.random_error[m, q]))
+            errors.append(Number(error, shown=f"{error:.2g}" if error < 100.0 else "above 100"))
         columns += [
-            (Column(f"{kind}: usable", "%", printed=f"{kind}: usable %"), list[Cell](usable)),
-            (Column("coherence, least", PURE), list[Cell](least)),
-            (
-                Column("random error, median", "%", printed="random error, median %"),
-                list[Cell](shown),
-            ),
+            (Column(f"{kind}: usable", "%", printed=f"{kind}: usable %"), usable),
+            (Column("coherence, least", PURE), least),
+            (Column("error, median", "%", printed="random error, median %"), errors),
         ]
     return table(caption, (Column("response"), [label for _, _, label in places]), *columns)
 
