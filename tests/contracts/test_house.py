@@ -71,7 +71,6 @@ LONG_FILES: frozenset[str] = frozenset(
         "scenarios/plots/low_order.py",
         "scenarios/preparation/drafting.py",
         "scenarios/preparation/reading.py",
-        "scenarios/side_by_side/report.py",
         "scenarios/studies/campaign_report.py",
         "scenarios/studies/campaign_statistics.py",
         "scenarios/studies/campaign_trials.py",
