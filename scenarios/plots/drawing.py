@@ -11,10 +11,14 @@ from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.backend_bases import GraphicsContextBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG, RendererSVG
 from matplotlib.collections import QuadMesh
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.path import Path as Outline
+from matplotlib.transforms import IdentityTransform, Transform
 
 from scenarios.report.figure_formats import PDF, PNG, SVG, USUAL, Drawn, Formats, caption_of
 
@@ -56,8 +60,6 @@ def figure_png(figure: Figure) -> bytes:
 
 def figure_svg(figure: Figure) -> bytes:
     """The figure as an SVG file at its own size."""
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-
     buffer = io.BytesIO()
     with rc_context(_VECTOR):
         FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
@@ -92,6 +94,7 @@ SCALE = 1.75  # pixels a point, where there is room
 FULL = 400.0
 LONG = 128  # vertices from which the outline of an area is simplified
 TOLERANCE = 0.25  # points by which a simplified line may be off, a quarter of its width
+ARCS = 8  # curves of matplotlib's disc
 DOT = 2  # cells in the diameter of a dot: of several dots in one cell a single one is drawn
 
 # Letters stay text, in the font of the page.
@@ -104,9 +107,6 @@ _STYLE = re.compile(r' style="([^"]*)"')
 _PATH = re.compile(r' d="([^"]*)"')
 _FRACTION = re.compile(r"-?\d+\.\d+")
 _IDENTIFIER = re.compile(r'( id="|url\(#|xlink:href="#)')
-_MARK = re.compile(r'<path id="(\w+)" d="([^"]*)"[^>]*/>')
-_USES = re.compile(r'(?:<use xlink:href="#(\w+)"[^>]*/>\s*)(?:<use xlink:href="#\1"[^>]*/>\s*)*')
-_PLACE = re.compile(r' x="([^"]*)" y="([^"]*)"(?: style="([^"]*)")?')
 _FONT = re.compile(
     r"(?P<font_style>italic|oblique)? ?(?P<font_weight>bold|[1-9]00)? ?(?P<font_size>[\d.]+)px"
 )
@@ -131,24 +131,27 @@ def page_svg(figure: Figure, stem: str) -> str:
     rules for a dark ground replace, and with shorter numbers. ``stem`` begins the identifiers:
     figures of one page have different ones.
     """
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-
-    buffer = io.BytesIO()
+    buffer, dpi = io.StringIO(), figure.dpi
+    width, height = (figure.get_size_inches() * POINTS).tolist()
     figure.patch.set_visible(False)
     try:
         with rc_context(_PAGE):
-            FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
+            metadata = {"Date": None, "Creator": None}
+            figure.dpi = POINTS
+            renderer = PageRenderer(width, height, buffer, metadata=metadata)
+            figure.draw(renderer)
+            renderer.finalize()
     finally:
+        figure.dpi = dpi
         figure.patch.set_visible(True)
-    text = buffer.getvalue().decode("utf-8")
+    text = buffer.getvalue()
     body = _OF_FILE.sub("", text[text.index(">", text.index("<svg")) + 1 :])
-    body = _with_dots(re.sub(r"<g id=\"[^\"]*\"", "<g", body))
+    body = re.sub(r"<g id=\"[^\"]*\"", "<g", body)
     body = _PATH.sub(_path_data, _STYLE.sub(_attributes, body))
     body = re.sub(r' transform="rotate\(-0 [^"]*\)"|<defs>\s*</defs>', "", body)
     body = _FRACTION.sub(lambda found: _decimal(float(found[0])), body)
     body = _IDENTIFIER.sub(rf"\g<1>figure-{stem}-", body).replace("xlink:href", "href")
     body = re.sub(r">\s+<", "><", body).strip()
-    width, height = figure.get_size_inches() * POINTS
     mapped = bool(figure.findobj(QuadMesh))  # colours that stand for numbers stay as they are
     kinds = [*(["full"] if width > FULL else []), *(["mapped"] if mapped else [])]
     wide = f' class="{" ".join(kinds)}"' if kinds else ""
@@ -194,43 +197,52 @@ def _path_data(found: re.Match[str]) -> str:
         data = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points) + "z"
     else:
         data = _FRACTION.sub(lambda number: f"{float(number[0]):.1f}", data)
-    return ' d="' + re.sub(r"\s*([A-Za-z])\s*", r"\1", data).strip() + '"'
+    data = re.sub(r"\s*([A-Za-z])\s*", r"\1", data).strip()
+    return ' d="' + re.sub(r"M([^A-Za-z]+)L\1(?=M|$)", r"M\1h0", data) + '"'
 
 
-def _with_dots(body: str) -> str:
-    """Discs of one line as one path of strokes without length; other marks as they are."""
-    shapes = {name: size for name, data in _MARK.findall(body) if (size := _diameter(data))}
+class PageRenderer(RendererSVG):
+    """Matplotlib's SVG with the discs of a line as one path of strokes without length, where it has
+    an element for each; of discs that cover each other to a part of ``DOT`` one is drawn.
+    """
 
-    def dots(found: re.Match[str]) -> str:
-        marks = _PLACE.findall(found[0])
-        look = _declarations(marks[0][2])
-        fill, edge = look.get("fill", "#000000"), look.get("stroke")
-        one = all(style == marks[0][2] for _, _, style in marks)
-        if found[1] not in shapes or not one or fill == "none" or edge not in (None, fill):
-            return found[0]
-        width = shapes[found[1]] + (float(look.get("stroke-width", 1.0)) if edge else 0.0)
-        places = np.array([(x, y) for x, y, _ in marks], dtype=float)
-        _, first = np.unique(np.round(places * (DOT / width)), axis=0, return_index=True)
-        data = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in places[np.sort(first)].tolist())
-        shine = look.get("fill-opacity") or look.get("opacity")
-        clear = f"; stroke-opacity: {shine}" if shine else ""
-        return (
-            f'<path d="{data}" style="fill: none; stroke: {fill}; stroke-width: {width:.3g}; '
-            f'stroke-linecap: round{clear}"/>'
-        )
+    def draw_markers(
+        self,
+        gc: GraphicsContextBase,
+        marker_path: Outline,
+        marker_trans: Transform,
+        path: Outline,
+        trans: Transform,
+        rgbFace: Any = None,
+    ) -> None:
+        """Marks of a line; those that are no discs of one colour as matplotlib draws them."""
+        size = 0.0 if rgbFace is None else _diameter(marker_path, marker_trans)
+        edge = gc.get_linewidth()
+        if not size or (edge and to_hex(gc.get_rgb()) != to_hex(rgbFace)):
+            super().draw_markers(gc, marker_path, marker_trans, path, trans, rgbFace)
+            return
+        points = np.asarray(trans.transform(path.vertices))
+        points = points[np.all(np.isfinite(points), axis=1)]
+        _, first = np.unique(np.round(points * (DOT / (size + edge))), axis=0, return_index=True)
+        strokes = np.repeat(points[np.sort(first)], 2, axis=0)
+        codes = np.tile([Outline.MOVETO, Outline.LINETO], len(first))
+        look = self.new_gc()
+        look.copy_properties(gc)
+        look.set_linewidth(size + edge)
+        look.set_capstyle("round")
+        look.set_foreground(rgbFace)
+        look.set_dashes(0.0, None)
+        dots = Outline(strokes, codes)
+        dots.should_simplify = False
+        self.draw_path(look, dots, IdentityTransform())
 
-    body = _USES.sub(dots, body)
-    used = set(re.findall(r'xlink:href="#(\w+)"', body))
-    return _MARK.sub(lambda found: found[0] if found[1] in used else "", body)
 
-
-def _diameter(data: str) -> float:
+def _diameter(mark: Outline, transform: Transform) -> float:
     """The diameter of a mark that is a disc, zero of any other."""
-    if data.count("C") != 8:
+    if mark.codes is None or np.count_nonzero(mark.codes == Outline.CURVE4) < 3 * ARCS:
         return 0.0
-    points = np.array(re.findall(r"-?[\d.]+", data), dtype=float).reshape(-1, 2)
-    width, height = np.ptp(points, axis=0).tolist()
-    return float(width) if abs(width - height) < 1e-3 * width else 0.0
+    width, height = np.ptp(mark.get_extents(transform).get_points(), axis=0).tolist()
+    return float(width) if abs(width - height) < 1e-6 * width else 0.0
 
 
 def description(figure: Figure) -> str:
