@@ -84,7 +84,7 @@ def estimates_table(
         ),
         (
             Column("σ of the value", "%", printed="sigma %"),
-            [formatted(_share(row.estimate, row.std), ".2g") for row in rows]
+            [_share_cell(_share(row.estimate, row.std)) for row in rows]
             if all(row.true is None for row in rows)
             else [],
         ),
@@ -110,6 +110,10 @@ def estimates_table(
         ),
         units=[each.unit for _, each in shown],
     )
+
+
+def _share_cell(share: float) -> Cell:
+    return formatted(share, ".2g" if share < 100.0 else ".0f")
 
 
 def _times(factor: float, value: float | None) -> Cell:
