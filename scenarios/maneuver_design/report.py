@@ -516,10 +516,7 @@ def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
         summary=(),
         warnings=(),
         sections=(
-            *section(
-                "Maneuvers",
-                maneuvers_table(design),
-            ),
+            *section("Maneuvers", maneuvers_table(design)),
             *(
                 section(
                     "Who is told from whom",
