@@ -74,9 +74,8 @@ def design_text(design: DesignResult, width: int = WIDTH, details: str = BELOW) 
             "or more, and random error"
         )
         lines += ["", *table_as_lines(responses_table(design, caption), width)]
-    for note in notes_of(design):
+    for note in (*notes_of(design), f"again: {design.asked.command()}"):
         lines += wrapped(note, width)
-    lines += wrapped(f"again: {design.asked.command()}", width)
     return "\n".join(lines) + "\n"
 
 
@@ -216,7 +215,7 @@ def responses_table(design: DesignResult, caption: str) -> Table:
         columns += [
             (Column(f"{kind}: usable", "%", printed=f"{kind}: usable %"), usable),
             (Column("coherence, least", PURE), least),
-            (Column("error, median", "%", printed="random error, median %"), errors),
+            (Column("random error, median", "%", printed="random error, median %"), errors),
         ]
     return table(caption, (Column("response"), [label for _, _, label in places]), *columns)
 
