@@ -146,7 +146,7 @@ def move_cell(sigmas: float) -> Cell:
     """A move in sigmas, marked beyond two; a dash where there is none."""
     if abs(sigmas) < 0.05:
         return MISSING
-    mark = " *" if abs(sigmas) > MOVED else ""
+    mark = " *" if abs(sigmas) > MOVED else "  "
     return Number(sigmas, unit=SIGMAS, shown=f"{sigmas:+.1f} sigma{mark}")
 
 

@@ -238,7 +238,8 @@ def test_only_moves_beyond_two_sigmas_are_marked() -> None:
         "c": Quantity(0.79, 0.08, "1"),
     }
     moves = [move_cell(moved(before[name], after[name])) for name in before]
-    assert [cell_text(cell) for cell in moves] == ["+1.9 sigma", "+2.1 sigma *", "-2.1 sigma *"]
+    told = [cell_text(cell).strip() for cell in moves]
+    assert told == ["+1.9 sigma", "+2.1 sigma *", "-2.1 sigma *"]
     assert [round(getattr(cell, "value", 0.0), 3) for cell in moves] == [1.9, 2.1, -2.1]
 
 
