@@ -181,11 +181,11 @@ def loop_tables(loop: LoopMargins) -> list[Table]:
         (Column("value", BY_ROW), [formatted(each.size.value, ".3g") for each in named.values()]),
         (Column("95 %", right=True), [interval_text(each) for each in named.values()]),
         (
-            Column("at rad/s", "rad/s", printed="at rad/s"),
+            Column("at", "rad/s", printed="at rad/s"),
             [formatted(f, ".3g") for f in frequencies],
         ),
         (
-            Column("Hz", "Hz", printed="Hz"),
+            Column("at", "Hz", printed="Hz"),
             [formatted(f / (2.0 * math.pi), ".3g") for f in frequencies],
         ),
         units=[UNITS[each.kind] for each in named.values()],

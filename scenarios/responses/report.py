@@ -184,12 +184,12 @@ def response_table(found: ResponseEstimates, row: int, column: int, sentence: st
     several = len(found.names.inputs) > 1
     return table(
         f"{label}{f', {unit}' if unit else ''}{sentence}",
-        (Column("Hz", "Hz", printed="Hz"), cells(one.frequency, ".3g")),
-        (Column("rad/s", "rad/s", printed="rad/s"), cells(2.0 * np.pi * one.frequency, ".3g")),
+        (Column("frequency", "Hz", printed="Hz"), cells(one.frequency, ".3g")),
+        (Column("frequency", "rad/s", printed="rad/s"), cells(2.0 * np.pi * one.frequency, ".3g")),
         (Column("magnitude", magnitude, printed="magnitude"), cells(size, ".4g")),
         (Column("+-", magnitude, printed="+-"), cells(one.half_width()[row, column], ".2g")),
         (
-            Column("dB", "dB", printed="dB"),
+            Column("magnitude", "dB", printed="dB"),
             cells(20.0 * np.log10(np.maximum(size, 1e-300)), ".1f"),
         ),
         (Column("phase", "deg"), cells(np.degrees(one.phase()[row, column]), ".1f")),

@@ -157,7 +157,7 @@ def _methods(study: LoopStudy, column: str) -> list[Block]:
             for n in ("L_alpha", *COMPARED)
         ),
         (
-            bare("rad/s", "rad/s"),
+            Column("frequency", "rad/s", printed="rad/s"),
             [*(formatted(m.frequency, ".2f") for m in found), told("natural_frequency", ".2f")],
         ),
         (
