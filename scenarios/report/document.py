@@ -178,7 +178,7 @@ def capital(text: str) -> str:
     """The first letter large, but for names of parameters, effects and files."""
     first = text.split(" ", 1)[0]
     return (
-        text if any(mark in first.rstrip(".:") for mark in "_.:-") else text[:1].upper() + text[1:]
+        text if any(mark in first.rstrip(".:") for mark in "_.:-/") else text[:1].upper() + text[1:]
     )
 
 
@@ -192,8 +192,8 @@ TONES = ("good", "fair", "open", "plain")
 
 @dataclass(frozen=True)
 class Prose:
-    """A paragraph; ``kind`` is ``""``, ``"note"``, ``"warning"`` or ``"code"``; ``term`` stands
-    before it, bold.
+    """A paragraph; ``kind`` is ``""``, ``"note"``, ``"value"``, ``"warning"`` or ``"code"``, of
+    which the first two are shown as sentences; ``term`` stands before it, bold.
     """
 
     text: str

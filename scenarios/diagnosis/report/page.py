@@ -110,7 +110,7 @@ def _effect(claim: Claim, tracing: Tracing) -> Section:
     blocks: list[Block] = [Prose(f"{_capital(text.effect_heading(claim, wording))}.")]
     probability, parameters = probability_sentence(claim), parameter_text(claim, wording)
     blocks += [Prose(f"{probability}.")] if probability else []
-    blocks += [Prose(parameters)] if parameters else []
+    blocks += [Prose(parameters, "value")] if parameters else []
     blocks += [Prose(f"Not claimed: {reason}.") for reason in claim.reasons]
     blocks += (
         [Prose(f"These data fit as well: {', '.join(claim.alternatives)}.")]
