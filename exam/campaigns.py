@@ -28,30 +28,46 @@ from exam.repeated import Flights, Flown, LoopFlights, fly_all
 from scenarios.files.declarations import named_after
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
-from scenarios.pages.folder import write_page
-from scenarios.pages.model import Page, as_sentence, capital, now, section
-from scenarios.pages.tables import rows_table
-from scenarios.plots.formats import USUAL, Formats
+from scenarios.report.document import PURE, Cell, Column, Page, as_sentence, capital, now, section
+from scenarios.report.figure_formats import USUAL, Formats
+from scenarios.report.folder import write_page
+from scenarios.report.progress import progress_bar
+from scenarios.report.shared_tables import rows_table
+from scenarios.report.summary import details_in, written_to
+from scenarios.report.terminal import cell_text, heading_text, table_as_lines
+from scenarios.report.text_tables import terminal_width
 from scenarios.tasks.study import Execution, Tell, stopped
-from scenarios.terminal.progress import progress_bar
-from scenarios.terminal.summary import details_in, written_to
-from scenarios.terminal.tables import columns_of, table_lines, terminal_width
 
 ROOT = 1  # of the seeds, where none is asked for and no scenario has one
 GAIN = 25.0  # expected gain of the log likelihood of a weak effect: nearly all are found from here
 CLEAN = (
-    *("model", "runs", "false claims", "95 % interval, %", "not consistent"),
-    *("within two sigmas, %", "sigma over bound", "median time, s"),
+    Column("model"),
+    Column("runs", PURE),
+    Column("false claims", PURE),
+    Column("95 % interval, %", right=True),
+    Column("not consistent", PURE),
+    Column("within two sigmas, %", PURE),
+    Column("sigma over bound", PURE),
+    Column("median time", "s"),
 )
 ALARMS = (
-    *("setting", "runs", "false claims", "not consistent"),
-    *("95 % interval of false claims, %", "median time, s"),
+    Column("setting"),
+    Column("runs", PURE),
+    Column("false claims", PURE),
+    Column("not consistent", PURE),
+    Column("95 % interval of false claims, %", right=True),
+    Column("median time", "s"),
 )
 DETECTED = (
-    *("effect", "runs", "detected", "named right", "among alternatives", "unexplained"),
-    *("named wrong", "detected, 95 % interval, %"),
+    Column("effect"),
+    *(
+        Column(heading, PURE)
+        for heading in ("runs", "detected", "named right", "among alternatives", "unexplained")
+    ),
+    Column("named wrong", PURE),
+    Column("detected, 95 % interval, %", right=True),
 )
-Rows = list[tuple[str, ...]]
+Rows = list[tuple[Cell, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,12 +202,12 @@ def every_effect_campaign(runs: int, effects: Sequence[str] | None = None) -> Ca
 @dataclass(frozen=True)
 class Tabled:
     """What a campaign with a single table flies: ``fly`` gives of a flight's number and seed a
-    ``kind`` of dataclass; ``rows`` below the ``headings`` are of all flights."""
+    ``kind`` of dataclass; ``rows`` below the ``columns`` are of all flights."""
 
     fly: Callable[[int, int], Any]
     kind: Any
     title: str
-    headings: tuple[str, ...]
+    columns: tuple[Column, ...]
     rows: Callable[[Sequence[Any]], Rows]
 
 
@@ -200,15 +216,15 @@ def tabled_campaign(name: str) -> Campaign:
     tabled = TABLED[name]
 
     def text(done: Flown, width: int, details: str) -> str:
-        table = table_lines(
-            columns_of(tabled.headings, tabled.rows(done.found)), title=tabled.title
-        )
+        shown = rows_table(tabled.title, tabled.columns, tabled.rows(done.found))
+        table = table_as_lines(shown)
         return "\n".join([f"{name}: {done.ended} flights, {done.words}", *table]) + "\n"
 
     def write(done: Flown, out: Path, figures: Formats) -> Path:
         rows = tabled.rows(done.found)
         content = {"schema": "flightid/campaign/1", "scenario": name, **done.content}
-        table = [dict(zip(tabled.headings, row, strict=True)) for row in rows]
+        headings = [heading_text(column) for column in tabled.columns]
+        table = [dict(zip(headings, map(cell_text, row), strict=True)) for row in rows]
         with study_folder(out, "campaign.json") as scratch:
             write_page(scratch, _page(name, tabled, done, rows))
             document = {**content, "table": table, "versions": versions()}
@@ -229,9 +245,7 @@ def _page(name: str, tabled: Tabled, done: Flown, rows: Rows) -> Page:
         sentence=as_sentence(tabled.title),
         summary=(),
         warnings=(as_sentence(done.failed),) if done.failed else (),
-        sections=section(
-            "What was found", rows_table(capital(tabled.title), tabled.headings, rows)
-        ),
+        sections=section("What was found", rows_table(tabled.title, tabled.columns, rows)),
         reproduction=exam_reproduction(command, as_sentence(done.words)),
         created=now(),
     )

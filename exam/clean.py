@@ -19,6 +19,7 @@ from exam.random_cases.vehicles import NOISE
 from exam.scoring import share_of_flights, share_within_flights
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.preparation.plan import Request
+from scenarios.report.document import Cell, Number, counted, formatted
 from scenarios.studies.campaign_statistics import cramer_rao
 from scenarios.trials.planted.declaration import TraceFlight, true_vehicle
 from scenarios.trials.planted.flights import flown_plan, fly_trace, write_flown
@@ -138,7 +139,7 @@ def _scenario(model: str, seed: int, folder: Path) -> _Flight:
     )
 
 
-def clean_rows(runs: Sequence[CleanRun]) -> list[tuple[str, ...]]:
+def clean_rows(runs: Sequence[CleanRun]) -> list[tuple[Cell, ...]]:
     """By model and for all: runs, false claims with their 95 % interval in percent, not consistent,
     derivatives within two sigmas with theirs, the median of sigma over the bound with its 5 and 95
     % quantiles, median processor time in s."""
@@ -151,7 +152,7 @@ def clean_rows(runs: Sequence[CleanRun]) -> list[tuple[str, ...]]:
     ]
 
 
-def _row(label: str, runs: Sequence[CleanRun]) -> tuple[str, ...]:
+def _row(label: str, runs: Sequence[CleanRun]) -> tuple[Cell, ...]:
     claims = share_of_flights(bool(run.claimed) for run in runs)
     within = share_within_flights(
         [abs(error) <= SIGMAS for error in run.errors.values()] for run in runs
@@ -159,23 +160,22 @@ def _row(label: str, runs: Sequence[CleanRun]) -> tuple[str, ...]:
     over = np.array([ratio for run in runs for ratio in run.over_bound.values()])
     other = sum(run.verdict != "consistent" for run in runs)
     low, high = (100.0 * limit for limit in claims.interval)
-    inside = (
-        f"{100.0 * within.count / within.of:.1f} of {within.of} ({100.0 * within.interval[0]:.1f} "
-        f"to {100.0 * within.interval[1]:.1f})"
-    )
-    ratio = (
-        f"{np.median(over):.2f} ({np.quantile(over, 0.05):.2f} to {np.quantile(over, 0.95):.2f})"
-    )
+    share, (least, most) = 100.0 * within.count / within.of, within.interval
+    ends = f"{100.0 * least:.1f} to {100.0 * most:.1f}"
+    inside = Number(share, shown=f"{share:.1f} of {within.of} ({ends})")
+    middle = float(np.median(over))
+    ends = f"{np.quantile(over, 0.05):.2f} to {np.quantile(over, 0.95):.2f}"
+    ratio = Number(middle, shown=f"{middle:.2f} ({ends})")
     seconds = float(np.median([run.seconds for run in runs]))
     return (
         label,
-        str(len(runs)),
-        str(claims.count),
+        counted(len(runs)),
+        counted(claims.count),
         f"{low:.1f} to {high:.1f}",
-        str(other),
+        counted(other),
         inside,
         ratio,
-        f"{seconds:.1f}",
+        formatted(seconds, ".1f"),
     )
 
 

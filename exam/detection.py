@@ -24,6 +24,7 @@ from ident.tracing.diagnosis import Diagnosis
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.files.writing import write_record
 from scenarios.preparation.plan import Request
+from scenarios.report.document import Cell, counted, formatted
 from sim.declaration.effect import full_name
 from sim.declaration.model import Model, Noise
 from sim.effects.library import find_effect
@@ -226,11 +227,11 @@ def size_of(model: Model, name: str, gain: float, setting: Setting) -> float:
     return absent + share * (most - absent)
 
 
-def alarm_rows(alarms: Mapping[str, Sequence[Alarm]]) -> list[tuple[str, ...]]:
+def alarm_rows(alarms: Mapping[str, Sequence[Alarm]]) -> list[tuple[Cell, ...]]:
     """Setting, runs, false claims, not consistent, 95 % interval of false claims in percent, median
     processor time in s.
     """
-    rows: list[tuple[str, ...]] = []
+    rows: list[tuple[Cell, ...]] = []
     for label, group in alarms.items():
         claims, other = (
             sum(bool(alarm.claimed) for alarm in group),
@@ -241,11 +242,11 @@ def alarm_rows(alarms: Mapping[str, Sequence[Alarm]]) -> list[tuple[str, ...]]:
         rows.append(
             (
                 label,
-                str(len(group)),
-                str(claims),
-                str(other),
+                counted(len(group)),
+                counted(claims),
+                counted(other),
                 f"{100 * low:.1f} to {100 * high:.1f}",
-                f"{seconds:.1f}",
+                formatted(seconds, ".1f"),
             )
         )
     return rows
@@ -253,11 +254,11 @@ def alarm_rows(alarms: Mapping[str, Sequence[Alarm]]) -> list[tuple[str, ...]]:
 
 def detection_rows(
     detections: Sequence[Detection], by: Callable[[Detection], str]
-) -> list[tuple[str, ...]]:
+) -> list[tuple[Cell, ...]]:
     """Group, runs, detected, named right, ambiguous, unexplained, wrong, and the 95 % interval of
     detection in percent.
     """
-    rows: list[tuple[str, ...]] = []
+    rows: list[tuple[Cell, ...]] = []
     for label in dict.fromkeys(by(detection) for detection in detections):
         group = [detection for detection in detections if by(detection) == label]
         count = {
@@ -274,9 +275,9 @@ def detection_rows(
         rows.append(
             (
                 label,
-                str(len(group)),
-                str(seen),
-                *(str(number) for number in named),
+                counted(len(group)),
+                counted(seen),
+                *map(counted, named),
                 f"{100 * low:.0f} to {100 * high:.0f}",
             )
         )

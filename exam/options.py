@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import NoReturn
 
 from scenarios.files.sources import versions
-from scenarios.pages.model import Reproduction
-from scenarios.plots.formats import Formats, formats_of
+from scenarios.report.document import Reproduction
+from scenarios.report.figure_formats import Formats, formats_of
 from scenarios.tasks.study import Execution
 from sim.errors import FlightidError
 

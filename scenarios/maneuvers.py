@@ -26,16 +26,32 @@ from scenarios.files.measured.record_file import RecordFile, opened, with_names
 from scenarios.files.records import read_record, refuse_rate
 from scenarios.files.sources import InputFile, versions
 from scenarios.files.writing import study_folder, write_json, write_text
-from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import Bullets, Page, Prose, as_sentence, now, reproduction, section
-from scenarios.pages.tables import printed_blocks
-from scenarios.plots.formats import USUAL, Drawn, Formats
 from scenarios.preparation.maneuver_file import FILE, Part, Parts
 from scenarios.preparation.measured_inputs import with_load_factors
 from scenarios.preparation.plan import Plan
-from scenarios.terminal.quantities import console, shown_in, spaced
-from scenarios.terminal.summary import BELOW, Summary, print_summary
-from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
+from scenarios.report.document import (
+    MISSING,
+    PURE,
+    Bullets,
+    Cell,
+    Column,
+    Number,
+    Page,
+    Prose,
+    Table,
+    as_sentence,
+    known,
+    now,
+    reproduction,
+    section,
+    table,
+)
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures, write_page
+from scenarios.report.quantities import console, shown_in, spaced
+from scenarios.report.summary import BELOW, Summary, print_summary
+from scenarios.report.terminal import show_table
+from scenarios.report.text_tables import print_paragraph
 from sim.record import Record
 
 # ---- A record file searched for maneuvers
@@ -239,8 +255,6 @@ def _part(each: Maneuver, found: Sequence[Maneuver], record: Record) -> tuple[fl
 
 # ---- A search in the terminal: a summary, and a table with a row for each maneuver
 
-ABSENT = "-"  # in a cell of what is not recorded
-
 
 def print_maneuvers(
     found: FoundManeuvers, out: Console | None = None, details: str = BELOW
@@ -250,7 +264,7 @@ def print_maneuvers(
     print_summary(out, maneuvers_summary(found, details))
     for line in found.cautions:
         print_paragraph(out, f"warning: {line}", indent=0)
-    print_table(out, "maneuvers", table_columns(found))
+    show_table(out, maneuvers_table(found))
     if any(each.found.excitation for each in found.maneuvers):
         print_paragraph(
             out,
@@ -276,38 +290,33 @@ def maneuvers_summary(found: FoundManeuvers, details: str = BELOW) -> Summary:
     )
 
 
-def table_columns(found: FoundManeuvers) -> list[TableColumn]:
-    """The columns of the table."""
+def maneuvers_table(found: FoundManeuvers) -> Table:
+    """A row for each maneuver and trim point."""
     some = found.maneuvers
-    columns = [
-        TableColumn("no.", [str(each.number) for each in some]),
-        TableColumn("start, s", [f"{each.found.start:.2f}" for each in some]),
-        TableColumn("end, s", [f"{each.found.end:.2f}" for each in some]),
-        TableColumn("axis", [each.found.axis for each in some], left=True),
-        TableColumn("kind", [each.found.kind for each in some], left=True),
-        TableColumn("input", [each.found.channel or ABSENT for each in some], left=True),
-        TableColumn("amplitude", [amplitude_text(each) for each in some]),
+    columns: list[tuple[Column, Sequence[Cell]]] = [
+        (Column("no.", PURE), [Number(each.number, digits=0) for each in some]),
+        (Column("start", "s"), [Number(each.found.start, digits=2) for each in some]),
+        (Column("end", "s"), [Number(each.found.end, digits=2) for each in some]),
+        (Column("axis"), [each.found.axis for each in some]),
+        (Column("kind"), [each.found.kind for each in some]),
+        (Column("input"), [each.found.channel or MISSING for each in some]),
+        (Column("amplitude", PURE), [_amplitude(each) for each in some]),
     ]
     for name, unit, digits in (("airspeed", "m/s", 1), ("height", "m", 0)):
         if any(name in each.found.conditions for each in some):
-            cells = [
-                f"{each.found.conditions[name]:.{digits}f}"
-                if name in each.found.conditions
-                else ABSENT
-                for each in some
-            ]
-            columns.append(TableColumn(f"{name}, {unit}", cells))
+            cells = [known(each.found.conditions.get(name), digits) for each in some]
+            columns.append((Column(name, unit), cells))
     if any(each.found.excitation for each in some):
-        columns.append(TableColumn("t values", [excitation_text(each) for each in some], left=True))
-    return columns
+        columns.append((Column("t values"), [excitation_text(each) for each in some]))
+    return table("maneuvers and trim points", *columns)
 
 
-def amplitude_text(each: NumberedManeuver) -> str:
-    """``"2.31 deg"``."""
+def _amplitude(each: NumberedManeuver) -> Cell:
     if not each.found.channel:
-        return ABSENT
+        return MISSING
     factor, unit = shown_in(each.unit, each.found.channel)
-    return f"{factor * each.found.amplitude:.3g}{spaced(unit)}"
+    value = factor * each.found.amplitude
+    return Number(value, unit=unit, shown=f"{value:.3g}{spaced(unit)}")
 
 
 def excitation_text(each: NumberedManeuver) -> str:
@@ -317,7 +326,7 @@ def excitation_text(each: NumberedManeuver) -> str:
             f"{name} {value:.2g}" if value < 10.0 else f"{name} {value:.0f}"
             for name, value in each.found.excitation.items()
         )
-        or ABSENT
+        or MISSING
     )
 
 
@@ -328,9 +337,6 @@ def maneuvers_page(found: FoundManeuvers, drawn: Sequence[Drawn] = ()) -> Page:
     """The page of a search with the figures ``drawn``."""
     name, summary = found.identity.name, maneuvers_summary(found)
     moves = sum(each.found.kind != "trim" for each in found.maneuvers)
-    table = printed_blocks(
-        partial(print_table, title="Maneuvers and trim points", columns=table_columns(found))
-    )
     used = (
         f"The file {FILE} holds the part of the record to use for each: {LEAD:g} s before the "
         f"input to {TAIL:g} s after it, or half way to "
@@ -350,7 +356,11 @@ def maneuvers_page(found: FoundManeuvers, drawn: Sequence[Drawn] = ()) -> Page:
         warnings=tuple(map(as_sentence, found.cautions)),
         sections=(
             *section("The whole flight", *figures(drawn)),
-            *section("Maneuvers", *table, Prose("Angles in degrees; times of the inputs.", "note")),
+            *section(
+                "Maneuvers",
+                maneuvers_table(found),
+                Prose("Angles in degrees; times of the inputs.", "note"),
+            ),
             *section("How they are used", Bullets(used)),
         ),
         reproduction=reproduction(

@@ -32,17 +32,27 @@ from scenarios.identification.assessment import (
 )
 from scenarios.identification.conditions import PATH, with_weight
 from scenarios.kept import DIAGNOSE, KeptFile, KeptModel, read_kept
-from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import Bullets, Page, as_sentence, capital, now, reproduction, section
-from scenarios.pages.tables import rows_table
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
-from scenarios.plots.formats import USUAL, Drawn, Formats
 from scenarios.preparation.declared_model import model_of_file
 from scenarios.preparation.plan import ATTITUDE, Plan
 from scenarios.preparation.plausibility import refuse_unpredictable
 from scenarios.preparation.reading import Decided, Prepared, prepare, put_together
-from scenarios.terminal.quantities import displayed
-from scenarios.terminal.tables import WIDTH, columns_of, table_lines, wrapped
+from scenarios.report.document import (
+    Bullets,
+    Cell,
+    Column,
+    Page,
+    Table,
+    as_sentence,
+    now,
+    reproduction,
+    section,
+)
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures, write_page
+from scenarios.report.shared_tables import FITS, NO_FIT, fit_cells, rows_table
+from scenarios.report.terminal import table_as_lines
+from scenarios.report.text_tables import WIDTH, wrapped
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
@@ -359,7 +369,6 @@ def prediction_figures(found: PredictionResult) -> Iterator[Named]:
 
 # ---- A prediction in lines for the terminal
 
-HEADINGS = ("", "channel", "rms error", "fit %", "R2", "Theil")
 TITLE = "free simulation: initial states and biases alone are of the record itself"
 
 
@@ -376,9 +385,7 @@ def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
         lines += wrapped(f"warning: {warning}", width)
     if kept.made_by == DIAGNOSE and effects and not kept.claimed:
         lines += wrapped("the effects are hints: the study claimed none of them", width)
-    lines += table_lines(
-        columns_of(HEADINGS, error_rows(found), left=2), title=TITLE, width=width, keys=2
-    )
+    lines += table_as_lines(errors_table(found), width, keys=2)
     for note in found.notes:
         lines += wrapped(f"note: {note}", width)
     return "\n".join(lines) + "\n"
@@ -393,37 +400,34 @@ def predicting_model(found: PredictionResult) -> str:
     )
 
 
-def error_rows(found: PredictionResult) -> list[tuple[str, ...]]:
-    """Cells below ``HEADINGS``: with the study's effects, and before that as declared where there
-    are any.
-    """
+def errors_table(found: PredictionResult) -> Table:
+    """Errors with the study's effects, and before that as declared where there are any."""
     before = (
         _rows(found, found.before, "as declared")
         if found.before is not None and found.kept.after.effects
         else []
     )
-    return [*before, *_rows(found, found.after, "predicted")]
+    rows = [*before, *_rows(found, found.after, "predicted")]
+    return rows_table(TITLE, (Column("simulation", printed=" "), *FITS), rows)
 
 
-def _rows(found: PredictionResult, simulation: Simulation, word: str) -> list[tuple[str, ...]]:
+def _rows(found: PredictionResult, simulation: Simulation, word: str) -> list[list[Cell]]:
     f = simulation.figures
     if f is None:
-        return [(word, "-", "no finite simulation", "", "", "")]
-    rows: list[tuple[str, ...]] = []
-    for name, error in f.rmse.items():
-        value, _, unit = displayed(Quantity(error, 0.0, found.record[name].unit))
-        shown = f"{value:.3g} {unit}" if unit not in ("", "1") else f"{value:.3g}"
-        rows.append(
-            (
-                word,
+        return [[word, *NO_FIT]]
+    return [
+        [
+            word,
+            *fit_cells(
                 name,
-                shown,
-                f"{simulation.fit_percent(name):.1f}",
-                f"{f.r2[name]:.4f}",
-                f"{f.theil[name]:.3f}",
-            )
-        )
-    return rows
+                Quantity(error, 0.0, found.record[name].unit),
+                simulation.fit_percent(name),
+                f.r2[name],
+                f.theil[name],
+            ),
+        ]
+        for name, error in f.rmse.items()
+    ]
 
 
 # ---- The page of a prediction: how far a kept model is from a record that it has not seen
@@ -462,7 +466,7 @@ def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Pag
         summary=(),
         warnings=tuple(map(as_sentence, found.warnings)),
         sections=(
-            *section("Errors", rows_table(capital(TITLE), HEADINGS, error_rows(found))),
+            *section("Errors", errors_table(found)),
             *section("Figures", *figures(drawn)),
             *section(
                 "How it was made", Bullets(tuple(map(as_sentence, (_samples(found), *found.notes))))

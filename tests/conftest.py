@@ -9,7 +9,7 @@ import signal
 
 from hypothesis import settings
 
-from scenarios.terminal import progress
+from scenarios.report import progress
 
 # Set before any test imports numpy; small matrices gain nothing from threads, and processes inherit
 # it.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
     Bullets,
     Column,

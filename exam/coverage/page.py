@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from exam.coverage.plan import HIGH, IDENTIFIABLE, LOW
-from scenarios.pages.model import as_sentence
+from scenarios.report.document import as_sentence
 
 HEAD = """# Whether the sigmas of every scenario hold
 

@@ -18,9 +18,9 @@ from exam.scores.rates import Scores
 from exam.scores.text import scores_blocks
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
-from scenarios.pages.folder import write_page
-from scenarios.plots.formats import USUAL, Formats
-from scenarios.terminal.tables import WIDTH
+from scenarios.report.figure_formats import USUAL, Formats
+from scenarios.report.folder import write_page
+from scenarios.report.text_tables import WIDTH
 
 NAME = "every-effect"
 SCHEMA = "flightid/campaign/1"

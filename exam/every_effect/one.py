@@ -16,9 +16,9 @@ from scenarios.diagnosis.report.files import write_diagnosis
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.writing import study_folder, write_json
-from scenarios.plots.formats import USUAL, Formats
+from scenarios.report.figure_formats import USUAL, Formats
+from scenarios.report.text_tables import WIDTH
 from scenarios.tasks.work import Task, seed_of
-from scenarios.terminal.tables import WIDTH
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ from exam.options import exam_reproduction
 from exam.repeated import Flown
 from exam.scores.page import scores_sections
 from exam.scores.rates import NOTHING, Scores, false_share, right_share
-from scenarios.pages.model import Page, Prose, as_sentence, now, section
-from scenarios.plots.formats import Drawn
+from scenarios.report.document import Page, Prose, as_sentence, now, section
+from scenarios.report.figure_formats import Drawn
 
 EXPLAINED = (
     "In each flight one effect of the library, or nothing, is hidden with values drawn from the "

@@ -16,9 +16,9 @@ from exam.hidden_effects.text import (
 from exam.options import exam_reproduction
 from exam.repeated import Flown
 from exam.scores.page import scores_sections
-from scenarios.pages.model import Page, as_sentence, capital, now, section
-from scenarios.pages.tables import rows_table
-from scenarios.plots.formats import Drawn
+from scenarios.report.document import Page, as_sentence, capital, now, section
+from scenarios.report.figure_formats import Drawn
+from scenarios.report.shared_tables import rows_table
 from scenarios.trials.planted.declaration import TraceScenario
 
 

@@ -5,24 +5,27 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from exam.hidden_effects.campaign import TraceJudged, scores_of, trace_shares, verdict_shares
 from exam.repeated import Flown
 from exam.scores.content import scores_content
 from exam.scores.page import drawn_scores
+from exam.scores.tables import SHARED, share_cells
 from exam.scores.text import scores_blocks
-from exam.scoring import Share
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
-from scenarios.pages.folder import write_page
-from scenarios.pages.model import Page
-from scenarios.plots.formats import USUAL, Drawn, Formats
-from scenarios.terminal.tables import WIDTH, columns_of, table_lines
+from scenarios.report.document import Cell, Column, Page
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import write_page
+from scenarios.report.shared_tables import rows_table
+from scenarios.report.terminal import table_as_lines
+from scenarios.report.text_tables import WIDTH
 from scenarios.trials.planted.declaration import TraceScenario
 
-VERDICTS = ("verdict", "flights", "percent", "95 % interval")
-SHARES = ("share", "count", "percent", "95 % interval")
+VERDICTS = (Column("verdict"), replace(SHARED[0], heading="flights"), *SHARED[1:])
+SHARES = (Column("share"), *SHARED)
 _LABELS = {
     "expected": "flights with the expected answer",
     "expected_or_alternative": "the same, one name among its alternatives",
@@ -39,8 +42,8 @@ def trace_campaign_text(
     """Verdicts and shares with their intervals, false claims one by one; ``seeds`` in words."""
     blocks = [
         [f"{scenario.name}: {len(judged)} flights, {seeds}", expected_line(scenario)],
-        table_lines(columns_of(VERDICTS, verdict_rows(judged))),
-        table_lines(columns_of(SHARES, share_rows(judged))),
+        table_as_lines(rows_table("", VERDICTS, verdict_rows(judged))),
+        table_as_lines(rows_table("", SHARES, share_rows(judged))),
         false_lines(judged),
         *scores_blocks(scores_of(judged), width),
     ]
@@ -55,15 +58,17 @@ def expected_line(scenario: TraceScenario) -> str:
     return f"expected: {' or '.join(scenario.expect.verdicts)}, {expected}"
 
 
-def verdict_rows(judged: Sequence[TraceJudged]) -> list[tuple[str, ...]]:
+def verdict_rows(judged: Sequence[TraceJudged]) -> list[tuple[Cell, ...]]:
     """Cells below ``VERDICTS``."""
-    return [(name, *_share(share)) for name, share in verdict_shares(judged).items()]
+    return [(name, *share_cells(share)) for name, share in verdict_shares(judged).items()]
 
 
-def share_rows(judged: Sequence[TraceJudged]) -> list[tuple[str, ...]]:
+def share_rows(judged: Sequence[TraceJudged]) -> list[tuple[Cell, ...]]:
     """Cells below ``SHARES``."""
     return [
-        (_LABELS[key], *_share(share)) for key, share in trace_shares(judged).items() if share.of
+        (_LABELS[key], *share_cells(share))
+        for key, share in trace_shares(judged).items()
+        if share.of
     ]
 
 
@@ -131,12 +136,3 @@ def write_trace_campaign(
         write_page(scratch, paged(drawn_scores(scores, scenario.name, scratch, figures)))
         write_json(scratch / "campaign.json", content)
     return Path(out)
-
-
-def _share(share: Share) -> tuple[str, str, str]:
-    low, high = share.interval
-    return (
-        f"{share.count} of {share.of}",
-        f"{100.0 * share.count / share.of:.1f} %",
-        f"{100.0 * low:.1f} to {100.0 * high:.1f} %",
-    )

@@ -15,8 +15,8 @@ from exam.random_cases.case import Case, CaseScore, Named
 from exam.random_cases.examination import examine
 from exam.random_cases.kinds import KINDS
 from exam.repeated import Flown, LoopFlights, fly_all
+from scenarios.report.progress import progress_bar
 from scenarios.tasks.study import Execution
-from scenarios.terminal.progress import progress_bar
 from sim.errors import DeclarationError
 
 

@@ -16,7 +16,7 @@ from exam.reproduction.declaration import (
 )
 from exam.reproduction.lookups import Found, Numbers
 from scenarios.files.units import to_si
-from scenarios.terminal.quantities import number_text
+from scenarios.report.quantities import number_text
 from sim.errors import DeclarationError
 
 # What the low-order fit to a loop's own frequency response has; L_q is held in it at the value that

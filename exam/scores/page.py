@@ -18,10 +18,10 @@ from exam.scores.tables import (
     said_rows,
 )
 from exam.scores.text import CONCLUDED, NAMES, PARAMETERS, RIGHT, clean_sentence
-from scenarios.pages.folder import figures
-from scenarios.pages.model import Prose, Section, as_sentence, capital, section
-from scenarios.pages.tables import rows_table
-from scenarios.plots.formats import Drawn, Formats
+from scenarios.report.document import Prose, Section, as_sentence, capital, section
+from scenarios.report.figure_formats import Drawn, Formats
+from scenarios.report.folder import figures
+from scenarios.report.shared_tables import rows_table
 
 _RATES, _CONFUSION, _RELIABILITY, _COVERAGE = (
     "verdicts",

@@ -11,26 +11,34 @@ from exam.scores.probabilities import brier, reliability_of
 from exam.scores.rates import Scores, right_share, standings
 from exam.scores.scored_flight import ScoredFlight, Standing
 from exam.scoring import Share
+from scenarios.report.document import MISSING, PURE, Cell, Column, Number, counted, formatted
 
 RATES = (
-    "hidden",
-    "flights",
-    "right",
-    "95 % interval",
-    "named",
-    "among several",
-    "unexplained",
-    "nothing missing",
-    "wrong",
+    Column("hidden"),
+    Column("flights", PURE),
+    Column("right", PURE),
+    Column("95 % interval", right=True),
+    *(
+        Column(heading, PURE)
+        for heading in ("named", "among several", "unexplained", "nothing missing", "wrong")
+    ),
 )
-SAID = ("probability said, %", "names", "mean said, %", "right, %", "95 % interval, %")
+SAID = (
+    Column("probability said, %"),
+    Column("names", PURE),
+    Column("mean said", "%"),
+    Column("right", "%"),
+    Column("95 % interval, %", right=True),
+)
 COVERED = (
-    "hidden",
-    "parameters",
-    *(f"within {k} sigma" for k in SIGMAS),
-    "95 % interval of 2 sigma",
+    Column("hidden"),
+    Column("parameters", PURE),
+    *(Column(f"within {k} sigma", PURE) for k in SIGMAS),
+    Column("95 % interval of 2 sigma", right=True),
 )
-CONFUSED = ("hidden", "concluded", "flights")
+CONFUSED = (Column("hidden"), Column("concluded"), Column("flights", PURE))
+# columns of ``share_cells``
+SHARED = (Column("count", PURE), Column("percent", PURE), Column("95 % interval", right=True))
 _TOLD = (
     (Standing.RIGHT,),
     (Standing.AMONG,),
@@ -40,35 +48,34 @@ _TOLD = (
 )
 
 
-def rate_rows(scores: Scores) -> list[tuple[str, ...]]:
+def rate_rows(scores: Scores) -> list[tuple[Cell, ...]]:
     """Cells below ``RATES``, by label and for all flights."""
     return [_rates(label, group) for label, group in scores.groups_and_all.items()]
 
 
-def confusion_rows(scores: Scores) -> list[tuple[str, ...]]:
+def confusion_rows(scores: Scores) -> list[tuple[Cell, ...]]:
     """Cells below ``CONFUSED``."""
     return [
-        (label, said, str(count))
+        (label, said, counted(count))
         for label, row in scores.confusion.items()
         for said, count in row.items()
     ]
 
 
-def said_rows(flights: Sequence[ScoredFlight]) -> list[tuple[str, ...]]:
+def said_rows(flights: Sequence[ScoredFlight]) -> list[tuple[Cell, ...]]:
     """Cells below ``SAID``: names by the probability that they were given."""
-    rows: list[tuple[str, ...]] = []
+    rows: list[tuple[Cell, ...]] = []
     for item in reliability_of(flights):
         low, high = item.interval
-        right = (
-            (f"{100.0 * item.right / item.count:.0f}", f"{100.0 * low:.0f} to {100.0 * high:.0f}")
-            if item.count
-            else ("-", "-")
-        )
+        right: tuple[Cell, Cell] = (MISSING, MISSING)
+        if item.count:
+            share = formatted(100.0 * item.right / item.count, ".0f")
+            right = (share, f"{100.0 * low:.0f} to {100.0 * high:.0f}")
         rows.append(
             (
                 f"{100 * item.low:.0f} to {100 * item.high:.0f}",
-                str(item.count),
-                f"{100.0 * item.said:.1f}" if item.count else "-",
+                counted(item.count),
+                formatted(100.0 * item.said if item.count else None, ".1f"),
                 *right,
             )
         )
@@ -90,19 +97,37 @@ def brier_sentence(flights: Sequence[ScoredFlight]) -> str:
     )
 
 
-def covered_rows(scores: Scores) -> list[tuple[str, ...]]:
+def covered_rows(scores: Scores) -> list[tuple[Cell, ...]]:
     """Cells below ``COVERED``."""
-    rows = []
+    rows: list[tuple[Cell, ...]] = []
     for label, shares in coverage_of(scores).items():
         rows.append(
             (
                 label,
-                str(shares[0].of),
-                *(percent(share)[0] for share in shares),
+                counted(shares[0].of),
+                *(percent_cell(share) for share in shares),
                 percent(shares[1])[1],
             )
         )
     return rows
+
+
+def percent_cell(share: Share) -> Cell:
+    """A share as a number."""
+    if not share.of:
+        return MISSING
+    return Number(100.0 * share.count / share.of, unit="%", shown=percent(share)[0])
+
+
+def share_cells(share: Share) -> tuple[Cell, ...]:
+    """A count, its share in per cent, and the 95 % interval."""
+    low, high = share.interval
+    part = 100.0 * share.count / share.of
+    return (
+        Number(share.count, shown=f"{share.count} of {share.of}"),
+        Number(part, unit="%", shown=f"{part:.1f} %"),
+        f"{100.0 * low:.1f} to {100.0 * high:.1f} %",
+    )
 
 
 def percent(share: Share) -> tuple[str, str]:
@@ -115,11 +140,12 @@ def percent(share: Share) -> tuple[str, str]:
     )
 
 
-def _rates(label: str, flights: Sequence[ScoredFlight]) -> tuple[str, ...]:
-    found = standings(flights)
+def _rates(label: str, flights: Sequence[ScoredFlight]) -> tuple[Cell, ...]:
+    found, right = standings(flights), right_share(flights)
     return (
         label,
-        str(len(flights)),
-        *percent(right_share(flights)),
-        *(str(sum(found[each].count for each in told)) for told in _TOLD),
+        counted(len(flights)),
+        percent_cell(right),
+        percent(right)[1],
+        *(counted(sum(found[each].count for each in told)) for told in _TOLD),
     )

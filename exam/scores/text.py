@@ -18,7 +18,9 @@ from exam.scores.tables import (
     rate_rows,
     said_rows,
 )
-from scenarios.terminal.tables import WIDTH, columns_of, table_lines, wrapped
+from scenarios.report.shared_tables import rows_table
+from scenarios.report.terminal import table_as_lines
+from scenarios.report.text_tables import WIDTH, wrapped
 
 RIGHT = (
     "rates of each verdict; right: what is hidden is named, or among the names of an ambiguous "
@@ -35,17 +37,12 @@ PARAMETERS = (
 def scores_blocks(scores: Scores, width: int = WIDTH) -> list[list[str]]:
     """Blocks of lines; those in which there is nothing are left out."""
     blocks = [
-        table_lines(columns_of(RATES, rate_rows(scores)), title=RIGHT, width=width),
-        table_lines(
-            columns_of(CONFUSED, confusion_rows(scores), left=2),
-            title=CONCLUDED,
-            width=width,
-            keys=2,
-        ),
+        table_as_lines(rows_table(RIGHT, RATES, rate_rows(scores)), width),
+        table_as_lines(rows_table(CONCLUDED, CONFUSED, confusion_rows(scores)), width, keys=2),
         wrapped(clean_sentence(scores.flights), width),
-        table_lines(columns_of(SAID, said_rows(scores.flights)), title=NAMES, width=width),
+        table_as_lines(rows_table(NAMES, SAID, said_rows(scores.flights)), width),
         wrapped(brier_sentence(scores.flights), width),
-        table_lines(columns_of(COVERED, covered_rows(scores)), title=PARAMETERS, width=width),
+        table_as_lines(rows_table(PARAMETERS, COVERED, covered_rows(scores)), width),
     ]
     return [block for block in blocks if block and any(block)]
 

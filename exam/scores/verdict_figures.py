@@ -20,6 +20,7 @@ from scenarios.plots.style import (
     SKY,
     TICK_SIZE,
     VERMILION,
+    cells,
     finish,
     make_sheet,
     text_width,
@@ -113,7 +114,7 @@ def figure_confusion(table: Mapping[str, Mapping[str, int]], title: str = "") ->
     )
     (panel,) = sheet.panels
     panel.grid(False)
-    panel.imshow(shares, aspect="auto", cmap="Blues", vmin=0.0, vmax=100.0, interpolation="nearest")
+    cells(panel, shares, cmap="Blues", vmin=0.0, vmax=100.0)
     panel.set_xticks(range(len(columns)), columns, rotation=90, fontsize=size)
     panel.set_yticks(range(len(rows)), rows, fontsize=size)
     panel.tick_params(length=0, labelsize=size)

@@ -10,28 +10,31 @@ from pathlib import Path
 from exam.repeated import Flown
 from exam.scores.content import scores_content
 from exam.scores.page import drawn_scores
+from exam.scores.tables import SHARED, share_cells
 from exam.scores.text import scores_blocks
-from exam.scoring import Share
 from exam.surrogates.campaign import Judged, by_derivative, by_effect, scores_of, shares
 from exam.surrogates.declaration import Surrogate
 from scenarios.diagnosis.report.content import bounded
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
-from scenarios.pages.folder import write_page
-from scenarios.pages.model import Page
-from scenarios.plots.formats import USUAL, Drawn, Formats
-from scenarios.terminal.summary import BELOW, Summary, summary_lines
-from scenarios.terminal.tables import WIDTH, columns_of, table_lines
+from scenarios.report.document import PURE, Cell, Column, Number, Page, counted
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import write_page
+from scenarios.report.shared_tables import rows_table
+from scenarios.report.summary import BELOW, Summary, summary_lines
+from scenarios.report.terminal import cell_text, table_as_lines
+from scenarios.report.text_tables import WIDTH
 
-SHARES = ("share", "count", "percent", "95 % interval")
-EFFECTS = ("hidden effect", "flights", "named alone", "in a group")
+SHARES = (Column("share"), *SHARED)
+EFFECTS = (
+    Column("hidden effect"),
+    *(Column(heading, PURE) for heading in ("flights", "named alone", "in a group")),
+)
 DERIVATIVES = (
-    "derivative",
-    "count",
-    "percent",
-    "95 % interval",
-    "bias, median",
-    "its size, median",
+    Column("derivative"),
+    *SHARED,
+    Column("bias, median", PURE),
+    Column("its size, median", PURE),
 )
 TITLE = (
     "within two sigmas of the pseudo-true value; apart from it the bias of that value against the "
@@ -61,16 +64,16 @@ def campaign_text(
     summary = Summary(
         f"{surrogate.name}: {surrogate.title}; {len(judged)} flights, {seeds}",
         verdict_counts(judged),
-        "; ".join(f"{row[0]} {row[2]} ({row[3]})" for row in rows[:2]),
+        "; ".join(f"{cell_text(row[0])} {cell_text(row[2])} ({row[3]})" for row in rows[:2]),
         details=details,
     )
     blocks = [
         summary_lines(summary, width),
         [f"{surrogate.name}: {len(judged)} flights, {seeds}", verdict_counts(judged)],
-        table_lines(columns_of(SHARES, rows), width=width),
+        table_as_lines(rows_table("", SHARES, rows), width),
         false_lines(judged),
-        table_lines(columns_of(EFFECTS, effect_rows(judged)), width=width),
-        table_lines(columns_of(DERIVATIVES, derivative_rows(judged)), width=width, title=TITLE),
+        table_as_lines(rows_table("", EFFECTS, effect_rows(judged)), width),
+        table_as_lines(rows_table(TITLE, DERIVATIVES, derivative_rows(judged)), width),
         *scores_blocks(scores_of(judged), width),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
@@ -85,9 +88,10 @@ def verdict_counts(judged: Sequence[Judged]) -> str:
     return ", ".join(f"{count} {name}" for name, count in verdicts.items())
 
 
-def share_rows(judged: Sequence[Judged]) -> list[tuple[str, ...]]:
+def share_rows(judged: Sequence[Judged]) -> list[tuple[Cell, ...]]:
     """Cells below ``SHARES``."""
-    return [(_LABELS[key], *_share(share)) for key, share in shares(judged).items() if share.of]
+    found = shares(judged).items()
+    return [(_LABELS[key], *share_cells(share)) for key, share in found if share.of]
 
 
 def false_lines(judged: Sequence[Judged]) -> list[str]:
@@ -99,18 +103,21 @@ def false_lines(judged: Sequence[Judged]) -> list[str]:
     ]
 
 
-def effect_rows(judged: Sequence[Judged]) -> list[tuple[str, ...]]:
+def effect_rows(judged: Sequence[Judged]) -> list[tuple[Cell, ...]]:
     """Cells below ``EFFECTS``."""
-    return [
-        (name, *(str(number) for number in counts)) for name, counts in by_effect(judged).items()
-    ]
+    return [(name, *map(counted, counts)) for name, counts in by_effect(judged).items()]
 
 
-def derivative_rows(judged: Sequence[Judged]) -> list[tuple[str, ...]]:
+def derivative_rows(judged: Sequence[Judged]) -> list[tuple[Cell, ...]]:
     """Cells below ``DERIVATIVES``."""
     found = by_derivative(judged).items()
     return [
-        (name, *_share(inside), f"{100.0 * middle:+.1f} %", f"{100.0 * size:.1f} %")
+        (
+            name,
+            *share_cells(inside),
+            Number(100.0 * middle, unit="%", shown=f"{100.0 * middle:+.1f} %"),
+            Number(100.0 * size, unit="%", shown=f"{100.0 * size:.1f} %"),
+        )
         for name, (inside, middle, size) in found
     ]
 
@@ -178,12 +185,3 @@ def write_campaign(
         write_page(scratch, paged(drawn_scores(scores, surrogate.name, scratch, figures)))
         write_json(scratch / "campaign.json", content)
     return Path(out)
-
-
-def _share(share: Share) -> tuple[str, str, str]:
-    low, high = share.interval
-    return (
-        f"{share.count} of {share.of}",
-        f"{100.0 * share.count / share.of:.1f} %",
-        f"{100.0 * low:.1f} to {100.0 * high:.1f} %",
-    )

@@ -12,7 +12,7 @@ from exam.surrogates.page import scored_page
 from exam.surrogates.study import SurrogateStudy
 from scenarios.diagnosis.report.content import bounded, positive
 from scenarios.files.sources import versions
-from scenarios.plots.formats import USUAL, Formats
+from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.trials.planted.report import write_trial
 
 

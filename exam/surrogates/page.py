@@ -25,9 +25,9 @@ from exam.surrogates.campaign_text import (
 from exam.surrogates.declaration import Surrogate
 from exam.surrogates.study import SurrogateStudy
 from exam.surrogates.text import against_nominal, flown_lines, hidden_text, score_text
-from scenarios.pages.model import Bullets, Page, as_sentence, capital, now, section
-from scenarios.pages.tables import columns_table, rows_table
-from scenarios.plots.formats import Drawn
+from scenarios.report.document import Bullets, Page, as_sentence, capital, now, section
+from scenarios.report.figure_formats import Drawn
+from scenarios.report.shared_tables import rows_table
 
 
 def scored_page(study: SurrogateStudy, page: Page) -> Page:
@@ -36,10 +36,10 @@ def scored_page(study: SurrogateStudy, page: Page) -> Page:
     """
     surrogate = study.surrogate
     told = as_sentence(f"truth: {hidden_text(study.flight.drawn)}; {score_text(study)}")
-    units = {row.name: row.after.unit for row in study.derivatives}
-    table = columns_table("Derivatives against the nominal ones", against_nominal(study), units)
     truth = section(
-        "Against the truth", table, Bullets(tuple(map(as_sentence, flown_lines(study.flight))))
+        "Against the truth",
+        against_nominal(study),
+        Bullets(tuple(map(as_sentence, flown_lines(study.flight)))),
     )
     again = exam_reproduction(
         ("surrogate", surrogate.name, "--seed", str(study.seed)), f"Seed {study.seed}."

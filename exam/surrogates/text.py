@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,14 +10,23 @@ import numpy as np
 from exam.surrogates.fitting import declared_model, left_over
 from exam.surrogates.flights.drawing import Dominant, Drawn
 from exam.surrogates.flights.flight import Flight
-from exam.surrogates.study import SurrogateStudy
+from exam.surrogates.study import Moved, SurrogateStudy
+from ident.tracing.diagnosis import Quantity
 from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands
 from scenarios.diagnosis.report.text import details_text, diagnosis_summary
-from scenarios.terminal.quantities import quantity_text, value_text
-from scenarios.terminal.summary import BELOW, Summary, summary_lines
-from scenarios.terminal.tables import WIDTH, TableColumn, columns_of, table_lines
-
-DERIVATIVES = ("derivative", "nominal", "before", "after", "before, %", "after, %")
+from scenarios.report.document import (
+    BY_ROW,
+    Cell,
+    Column,
+    Table,
+    brief_estimate,
+    formatted,
+    table,
+)
+from scenarios.report.quantities import quantity_text
+from scenarios.report.summary import BELOW, Summary, summary_lines
+from scenarios.report.terminal import table_as_lines
+from scenarios.report.text_tables import WIDTH
 
 
 def surrogate_text(study: SurrogateStudy, width: int = WIDTH, details: str = BELOW) -> str:
@@ -31,9 +41,7 @@ def surrogate_text(study: SurrogateStudy, width: int = WIDTH, details: str = BEL
             f"seed {study.seed}",
         ],
         details_text(study.tracing, width).rstrip().split("\n"),
-        table_lines(
-            against_nominal(study), title="derivatives against the nominal ones", width=width
-        ),
+        table_as_lines(against_nominal(study), width),
         [
             f"truth: {hidden_text(study.flight.drawn)}",
             f"verdict: {study.tracing.diagnosis.verdict.value}; {score_text(study)}",
@@ -118,29 +126,29 @@ def _dominant(item: Dominant, records: int) -> str:
     return f"{item.name} ({values}){where}"
 
 
-def against_nominal(study: SurrogateStudy) -> list[TableColumn]:
+def against_nominal(study: SurrogateStudy) -> Table:
     """The derivatives before and after; of the declared model alone where no effect stands beside
     it.
     """
-    columns = columns_of(DERIVATIVES, _rows(study))
-    if not nothing_stands(study.tracing.diagnosis):
-        return columns
-    shown = [columns[i] for i in (0, 1, 2, 4)]
-    return [replace(column, heading=column.heading.replace("before", DECLARED)) for column in shown]
+    rows, alone = study.derivatives, nothing_stands(study.tracing.diagnosis)
 
+    def values(quantity: Callable[[Moved], Quantity]) -> list[Cell]:
+        return [brief_estimate(quantity(row).value, quantity(row).std) for row in rows]
 
-def _rows(study: SurrogateStudy) -> list[tuple[str, ...]]:
-    def percent(value: float, nominal: float) -> str:
-        return f"{100.0 * (value - nominal) / abs(nominal):+.1f}"
+    def percent(quantity: Callable[[Moved], Quantity]) -> list[Cell]:
+        return [
+            formatted(100.0 * (quantity(row).value - row.nominal) / abs(row.nominal), "+.1f")
+            for row in rows
+        ]
 
-    return [
-        (
-            row.name,
-            f"{row.nominal:.4g}",
-            value_text(row.before.value, row.before.std),
-            value_text(row.after.value, row.after.std),
-            percent(row.before.value, row.nominal),
-            percent(row.after.value, row.nominal),
-        )
-        for row in study.derivatives
-    ]
+    before = DECLARED if alone else "before"
+    return table(
+        "derivatives against the nominal ones",
+        (Column("derivative"), [row.name for row in rows]),
+        (Column("nominal", BY_ROW), [formatted(row.nominal, ".4g") for row in rows]),
+        (Column(before, BY_ROW, together=True), values(lambda row: row.before)),
+        None if alone else (Column("after", BY_ROW, together=True), values(lambda row: row.after)),
+        (Column(before, "%"), percent(lambda row: row.before)),
+        None if alone else (Column("after", "%"), percent(lambda row: row.after)),
+        units=[row.after.unit for row in rows],
+    )

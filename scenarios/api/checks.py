@@ -31,8 +31,8 @@ from scenarios.api.vehicle import Vehicle
 from scenarios.compatibility import check as checking
 from scenarios.compatibility.report import finding_lines
 from scenarios.files.channels import read_channel_map
-from scenarios.plots.formats import formats_wanted
 from scenarios.preparation.maneuver_file import Parts
+from scenarios.report.figure_formats import formats_wanted
 from scenarios.responses import analysis
 from scenarios.responses.fitting import FitOptions, LevelOptions
 from scenarios.responses.reading import Names
@@ -86,7 +86,7 @@ class Check:
     def summary(self) -> str:
         """What the command prints."""
         from scenarios.compatibility.report import print_check
-        from scenarios.terminal.quantities import as_text
+        from scenarios.report.quantities import as_text
 
         return as_text(lambda out: print_check(self.details, out, KEPT))
 
@@ -216,7 +216,7 @@ class Maneuvers:
     def summary(self) -> str:
         """What the command prints."""
         from scenarios.maneuvers import print_maneuvers
-        from scenarios.terminal.quantities import as_text
+        from scenarios.report.quantities import as_text
 
         return as_text(lambda out: print_maneuvers(self.details, out, KEPT))
 
@@ -357,8 +357,8 @@ class FrequencyResponse:
 
     def summary(self) -> str:
         """What the command prints."""
+        from scenarios.report.quantities import as_text
         from scenarios.responses.report import print_responses
-        from scenarios.terminal.quantities import as_text
 
         return as_text(lambda out: print_responses(self.details, out, KEPT))
 

@@ -37,13 +37,13 @@ from scenarios.api.shown import (
 from scenarios.api.vehicle import Vehicle
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.plots.formats import formats_wanted
+from scenarios.report.figure_formats import formats_wanted
 from scenarios.survey import survey as surveying
 from scenarios.survey.files import write_survey
 from scenarios.survey.report import (
-    derivative_rows,
+    derivatives_table,
     drifts,
-    effect_rows,
+    effects_table,
     outlying,
     survey_text,
     verdict_of,
@@ -387,7 +387,7 @@ class Survey:
 
     def to_dict(self) -> dict[str, Any]:
         """Content of ``survey.json``."""
-        from scenarios.pages.model import now
+        from scenarios.report.document import now
         from scenarios.survey.report import survey_content
 
         return survey_content(self.details, now())
@@ -415,8 +415,8 @@ class Survey:
         word, rest = verdict_of(self.details)
         return tables.page(
             f"{word}: {rest}",
-            tables.table(*effect_rows(self.details), left=3),
-            tables.table(*derivative_rows(self.details), left=2),
+            tables.of_document(effects_table(self.details)),
+            tables.of_document(derivatives_table(self.details)),
         )
 
 

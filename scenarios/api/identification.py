@@ -36,9 +36,9 @@ from scenarios.api.vehicle import Vehicle
 from scenarios.files.channel_names import TIME
 from scenarios.identification.assessment import Options
 from scenarios.identification.identify import Identified, identify_files
-from scenarios.plots.formats import formats_wanted
 from scenarios.prediction import PredictionRequest, figures_of, predict_record
 from scenarios.preparation.plan import Request
+from scenarios.report.figure_formats import formats_wanted
 
 if TYPE_CHECKING:
     import control
@@ -168,7 +168,7 @@ class Identification:
     def summary(self) -> str:
         """What the command prints."""
         from scenarios.identification.report import print_identification
-        from scenarios.terminal.quantities import as_text
+        from scenarios.report.quantities import as_text
 
         return as_text(
             lambda out: print_identification(self.details.found, self.details.flown, out, KEPT)

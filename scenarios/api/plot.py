@@ -263,9 +263,8 @@ def shown(figure: Figure) -> Figure:
 
 
 def _of_diagnosis(found: Traced, stem: str, number: int) -> Figure:
-    from scenarios.diagnosis.report.pictures.figures import figures_of as made
-    from scenarios.diagnosis.report.pictures.figures import numbered
-    from scenarios.diagnosis.report.pictures.pictured import pictured
+    from scenarios.diagnosis.report.figures import figures_of as made
+    from scenarios.diagnosis.report.figures import numbered, pictured
 
     figures = dict(made(pictured(found.details)))
     name = numbered(stem, number)

@@ -19,8 +19,8 @@ from scenarios.files.declarations import named_after
 from scenarios.files.measured.record_file import RecordFile, refuse_twice
 from scenarios.files.user_models import OwnModel, model_in_memory
 from scenarios.files.vehicles import MODELS
-from scenarios.plots.formats import Formats
 from scenarios.preparation.plan import Plan, Request, plan_of
+from scenarios.report.figure_formats import Formats
 from scenarios.studies.catalogue import load_document, scenario_file, scenario_kind
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
@@ -129,7 +129,7 @@ def _as_text(show: Callable[[Any, Console, str], None]) -> Callable[[Any], str]:
     """A study's text where it is shown on a console."""
 
     def text(study: Any) -> str:
-        from scenarios.terminal.quantities import as_text
+        from scenarios.report.quantities import as_text
 
         return as_text(lambda out: show(study, out, KEPT))
 
@@ -145,7 +145,7 @@ def _printed(text: Callable[[Any, int, str], str]) -> Callable[[Any, str], None]
     """Prints a study's text as wide as the terminal is."""
 
     def show(study: Any, details: str) -> None:
-        from scenarios.terminal.tables import terminal_width
+        from scenarios.report.text_tables import terminal_width
 
         print(text(study, terminal_width(), details), end="")
 

@@ -18,8 +18,8 @@ from scenarios.diagnosis.report.text import effect_heading, wording_of
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.channel_names import TIME
 from scenarios.identification.assessment import IdentificationResult, RecordFit
-from scenarios.terminal.quantities import determined, number_text, value_text
-from scenarios.terminal.summary import PAGE
+from scenarios.report.quantities import determined, number_text, value_text
+from scenarios.report.summary import PAGE
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:

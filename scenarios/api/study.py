@@ -32,9 +32,14 @@ from scenarios.files.declarations import named_after
 from scenarios.files.user_models import is_own
 from scenarios.identification.state_space import linearised
 from scenarios.maneuver_design import design as designing
-from scenarios.maneuver_design.report import comparison, design_text, peaks_of, verdict_of
+from scenarios.maneuver_design.report import (
+    design_text,
+    maneuvers_table,
+    peaks_of,
+    verdict_of,
+)
 from scenarios.maneuver_design.setting import TYPICAL, DesignRequest
-from scenarios.plots.formats import formats_wanted
+from scenarios.report.figure_formats import formats_wanted
 from scenarios.studies import campaign as campaigns
 from scenarios.studies.campaign import Rebuilt
 from scenarios.studies.campaign_causes import Judgement, judge
@@ -423,8 +428,8 @@ class Campaign:
 
     def summary(self) -> str:
         """What the command prints."""
+        from scenarios.report.quantities import as_text
         from scenarios.studies.campaign_report import print_campaign
-        from scenarios.terminal.quantities import as_text
 
         return as_text(lambda out: print_campaign(self.details, out, KEPT, self._judgement))
 
@@ -628,8 +633,8 @@ class Design:
         return f"<Design: {verdict_of(self.details)}>"
 
     def _repr_html_(self) -> str:
-        headings, rows = comparison(self.details)
-        return tables.page(verdict_of(self.details), tables.table(headings, rows, left=1))
+        shown = tables.of_document(maneuvers_table(self.details))
+        return tables.page(verdict_of(self.details), shown)
 
 
 def design(

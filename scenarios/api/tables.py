@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from scenarios.terminal.tables import columns_of, table_lines, wrapped
+from scenarios.report import document
+from scenarios.report.terminal import printed_columns
+from scenarios.report.text_tables import columns_of, table_lines, wrapped
 from sim.errors import FlightidError
 
 if TYPE_CHECKING:
@@ -46,9 +48,21 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1)
     """A table whose first ``left`` columns stand at the left and the others at the right; nothing
     where there is no row.
     """
+    sides = ["left" if i < left else "right" for i in range(len(headings))]
+    return _table(headings, rows, sides)
+
+
+def of_document(shown: document.Table) -> str:
+    """A table of a report, with its units and sigmas in columns of their own."""
+    columns = printed_columns(shown)
+    rows = list(zip(*(column.cells for column in columns), strict=True))
+    sides = ["left" if column.left else "right" for column in columns]
+    return _table([column.heading.strip() for column in columns], rows, sides)
+
+
+def _table(headings: Sequence[str], rows: Sequence[Sequence[str]], sides: Sequence[str]) -> str:
     if not rows:
         return ""
-    sides = ["left" if i < left else "right" for i in range(len(headings))]
 
     def line(cells: Sequence[str], tag: str) -> str:
         told = (

@@ -14,7 +14,7 @@ from typing import Annotated
 
 import typer
 
-from scenarios.plots.formats import Formats
+from scenarios.report.figure_formats import Formats
 
 # ---- What a shell completes
 

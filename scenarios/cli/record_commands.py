@@ -34,9 +34,9 @@ from scenarios.cli.options import (
     methods,
     of,
 )
-from scenarios.plots.formats import formats_of
 from scenarios.preparation.maneuver_file import with_maneuvers
 from scenarios.preparation.plan import Request, plan_of
+from scenarios.report.figure_formats import formats_of
 from sim.errors import DeclarationError
 
 # ---- flightid map

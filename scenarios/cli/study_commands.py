@@ -31,7 +31,7 @@ from scenarios.cli.options import (
     TrueValues,
     scenarios,
 )
-from scenarios.plots.formats import formats_of
+from scenarios.report.figure_formats import formats_of
 from sim.errors import DeclarationError
 
 # ---- flightid run

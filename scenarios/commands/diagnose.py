@@ -5,12 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenarios.diagnosis.report.pictures.process import figure_process
-from scenarios.plots.formats import Formats
-from scenarios.terminal.progress import progress_bar
+from scenarios.report.figure_formats import Formats
+from scenarios.report.progress import progress_bar
 
 if TYPE_CHECKING:
-    from scenarios.diagnosis.tracing import Tracing
     from scenarios.preparation.plan import Request
 
 
@@ -20,28 +18,18 @@ def diagnose_records(
     """Read, trace, write the study, print; ``progress`` False: nothing is shown of how far it
     is.
     """
-    with (
-        figure_process(bool(figures) and out is not None) as drawer,
-        progress_bar(progress, counted=False) as tell,
-    ):
-        # Loaded while the second process already starts.
+    with progress_bar(progress, counted=False) as tell:
         from scenarios.diagnosis.diagnose import diagnose_files
 
-        def outlook(likely: Tracing) -> None:
-            from scenarios.diagnosis.report.pictures.pictured import pictured
-
-            assert drawer is not None
-            drawer.draw_ahead(pictured(likely), figures)
-
-        tracing = diagnose_files(request, tell, outlook=outlook if drawer is not None else None)
+        tracing = diagnose_files(request, tell)
         if out is not None:
             from scenarios.diagnosis.report.files import write_diagnosis
 
             tell("writing the study", 0.97)
-            write_diagnosis(tracing, out, figures=figures, drawer=drawer)
+            write_diagnosis(tracing, out, figures=figures)
     from scenarios.diagnosis.report.text import diagnosis_text
-    from scenarios.terminal.summary import details_in, written_to
-    from scenarios.terminal.tables import terminal_width
+    from scenarios.report.summary import details_in, written_to
+    from scenarios.report.text_tables import terminal_width
 
     print(diagnosis_text(tracing, terminal_width(), details_in(out)))
     stages = ", ".join(

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenarios.api.tables import TITLES
-from scenarios.terminal.tables import (
+from scenarios.report.text_tables import (
     TableColumn,
     columns_of,
     folded,
@@ -114,7 +114,7 @@ def show_effects(name: str | None) -> None:
 
 def _parameters(effect: Effect) -> list[TableColumn]:
     """Start, bounds and what is believed without asking, of each parameter."""
-    from scenarios.terminal.quantities import shown_in, unit_cell
+    from scenarios.report.quantities import shown_in, unit_cell
 
     shown = [shown_in(item.unit, item.name) for item in effect.parameters]
     items = list(zip(effect.parameters, shown, strict=True))
@@ -151,7 +151,7 @@ def _effect_of_any_model(name: str) -> tuple[Effect, str]:
 
 def show_vehicles(name: str | None, other: str | None) -> None:
     """All vehicles, one number by number, or what differs between two."""
-    from scenarios.terminal.quantities import console
+    from scenarios.report.quantities import console
     from sim.vehicles.library import difference, read_parameter_set, vehicle_names
 
     if name is None:

@@ -11,18 +11,18 @@ from scenarios.compatibility.report import print_check
 from scenarios.files.measured.record_file import read_record_file, with_names
 from scenarios.identification.assessment import PLAIN, Options
 from scenarios.maneuvers import maneuvers_of, print_maneuvers
-from scenarios.plots.formats import Formats
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
 from scenarios.preparation.drafting import Draft, drafted, map_text, vehicle_text
 from scenarios.preparation.plan import Plan, Request, plan_of
+from scenarios.report.figure_formats import Formats
+from scenarios.report.progress import progress_bar
+from scenarios.report.quantities import shown_in, unit_cell
+from scenarios.report.summary import details_in, written_to
+from scenarios.report.text_tables import TableColumn, table_lines, terminal_width
 from scenarios.responses.analysis import ResponseOptions, responses_of
 from scenarios.responses.fitting import FitOptions, LevelOptions
 from scenarios.responses.reading import Names
 from scenarios.responses.report import print_responses
-from scenarios.terminal.progress import progress_bar
-from scenarios.terminal.quantities import shown_in, unit_cell
-from scenarios.terminal.summary import details_in, written_to
-from scenarios.terminal.tables import TableColumn, table_lines, terminal_width
 from sim.errors import DeclarationError
 
 # ---- flightid check: what the kinematics alone say of the sensors, printed and written

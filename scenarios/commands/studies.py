@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 from scenarios.api.requests import LOADERS, Progress, Runner, flown_record
 from scenarios.files.declarations import named_after
 from scenarios.maneuver_design.setting import DesignRequest
-from scenarios.plots.formats import USUAL, Formats
+from scenarios.report.figure_formats import USUAL, Formats
+from scenarios.report.progress import progress_bar
+from scenarios.report.summary import details_in, written_to
 from scenarios.studies.campaign import CampaignRuns, Rebuilt, fly_campaign
 from scenarios.studies.campaign import Progress as CampaignProgress
 from scenarios.studies.campaign_causes import Judgement, judge
 from scenarios.studies.campaign_report import print_campaign, write_campaign
 from scenarios.studies.declaration import Scenario
 from scenarios.tasks.study import Execution, stopped
-from scenarios.terminal.progress import progress_bar
-from scenarios.terminal.summary import details_in, written_to
 from sim.errors import DeclarationError, FlightidError
 
 if TYPE_CHECKING:
@@ -434,7 +434,7 @@ def design_maneuver(
     """Design, write, print; ``progress`` False: nothing is shown of how far it is."""
     from scenarios.maneuver_design.design import design
     from scenarios.maneuver_design.report import design_text
-    from scenarios.terminal.tables import terminal_width
+    from scenarios.report.text_tables import terminal_width
 
     with progress_bar(progress) as tell:
         found = design(asked, tell)
@@ -455,7 +455,7 @@ def rebuild_pages(folders: Sequence[Path]) -> None:
 
     Raises FlightidError for the first folder that has no content of a page.
     """
-    from scenarios.pages.folder import rebuilt
+    from scenarios.report.folder import rebuilt
 
     for folder in folders:
         print(f"written to {rebuilt(folder)}")

@@ -122,7 +122,7 @@ def watch_stream(
             )
         print_end(watch, session, end)
         if out is not None:
-            from scenarios.terminal.summary import written_to
+            from scenarios.report.summary import written_to
 
             print(written_to(out), flush=True)
         if follow is not None:
@@ -180,7 +180,7 @@ def _watch_in_frequency(
     record_of_stream(session)
     print_spectral_end(watch, session)
     if out is not None:
-        from scenarios.terminal.summary import written_to
+        from scenarios.report.summary import written_to
 
         write_spectral(out, watch, session, Path(record).name if record != PIPE else watch.name)
         print(written_to(out), flush=True)

@@ -22,26 +22,35 @@ from ident.compatibility.trials import (
 from scenarios.compatibility.check import CompatibilityCheck, equivalent_constant, noise_levels
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
-from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import (
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
+from scenarios.preparation.recording import record_content, record_lines, record_table
+from scenarios.report.document import (
+    BY_ROW,
+    MISSING,
+    PURE,
+    SIGMAS,
     Block,
     Bullets,
+    Cell,
     Column,
+    Number,
     Page,
     Prose,
     Table,
     as_sentence,
+    formatted,
     now,
     reproduction,
     section,
+    table,
 )
-from scenarios.pages.tables import fixed_table, levels_of_noise, printed_blocks
-from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
-from scenarios.plots.formats import USUAL, Drawn, Formats
-from scenarios.preparation.recording import record_content, record_lines, record_table
-from scenarios.terminal.quantities import console, number_text, shown_in, spaced, unit_cell
-from scenarios.terminal.summary import BELOW, Summary, print_summary
-from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures, write_page
+from scenarios.report.quantities import console, number_text, shown_in, spaced
+from scenarios.report.shared_tables import fixed_table, levels_of_noise
+from scenarios.report.summary import BELOW, Summary, print_summary
+from scenarios.report.terminal import show_blocks
+from scenarios.report.text_tables import print_paragraph
 
 if TYPE_CHECKING:
     from scenarios.plots.drawing import Named
@@ -94,13 +103,7 @@ def print_check(
     for output, joined in result.relations.items():
         print_paragraph(out, f"relation of {output}: {', '.join(joined)}", indent=0)
     if result.joint.estimates:
-        print_estimates(
-            out,
-            "all records, one fault at a time" if len(check.records) > 1 else "one fault at a time",
-            result.joint,
-        )
-        if len(check.records) > 1:
-            print_by_record(out, result.single, result.joint)
+        show_blocks(out, _estimates(check))
         print_paragraph(
             out,
             f"noise (1 sigma; of what is integrated, as its integral shows it): {_noise(check)}",
@@ -241,70 +244,67 @@ def _sensor(channel: str) -> str:
     return f"the {'vane' if channel in VANES else 'accelerometer'} of {channel} is"
 
 
-def print_estimates(out: Console, title: str, result: CheckResult) -> None:
+def estimates_table(caption: str, result: CheckResult) -> Table:
     """Every fault by both methods."""
     rows = [*result.biases, *result.estimates]
     standing = {finding.name for finding in result.findings if finding.stands}
-    print_table(
-        out,
-        title,
-        [
-            TableColumn("fault", [row.name for row in rows], left=True),
-            TableColumn("unit", [unit_cell(shown_in(row.unit).unit) for row in rows], left=True),
-            TableColumn(
-                "smoother", [_value(row, row.smoother.value, row.smoother.std) for row in rows]
-            ),
-            TableColumn(
-                "+- sigma",
-                [_value(row, row.smoother.std, row.smoother.std) for row in rows],
-                beside=True,
-            ),
-            TableColumn(
-                "output error",
-                [_value(row, row.output_error.value, row.output_error.std) for row in rows],
-            ),
-            TableColumn(
-                "+- sigma",
-                [_value(row, row.output_error.std, row.output_error.std) for row in rows],
-                beside=True,
-            ),
-            TableColumn(
-                "apart, sigmas", [f"{row.difference:+.1f}" if row.told else "-" for row in rows]
-            ),
-            TableColumn(
-                "gain",
-                [f"{row.gain:.1f}" if row.told and row.kind != "bias" else "-" for row in rows],
-            ),
-            TableColumn(
-                "",
-                [
-                    "stands" if row.name in standing else "" if row.told else "cannot tell"
-                    for row in rows
-                ],
-                left=True,
-            ),
-        ],
+    return table(
+        caption,
+        (Column("fault"), [row.name for row in rows]),
+        (Column("smoother", BY_ROW), [_cell(row, row.smoother) for row in rows]),
+        (Column("output error", BY_ROW), [_cell(row, row.output_error) for row in rows]),
+        (
+            Column("apart", SIGMAS),
+            [formatted(row.difference if row.told else None, "+.1f") for row in rows],
+        ),
+        (
+            Column("gain", PURE),
+            [
+                formatted(row.gain if row.told and row.kind != "bias" else None, ".1f")
+                for row in rows
+            ],
+        ),
+        (
+            Column("remark", printed=" "),
+            [
+                "stands" if row.name in standing else "" if row.told else "cannot tell"
+                for row in rows
+            ],
+        ),
+        units=[shown_in(row.unit).unit for row in rows],
     )
 
 
-def print_by_record(out: Console, single: Sequence[CheckResult], joint: CheckResult) -> None:
+def by_record_table(single: Sequence[CheckResult], joint: CheckResult) -> Table:
     """The smoother's value of every fault in each record by itself."""
-    names = [item.name for item in joint.estimates]
-    by_name = [{item.name: item for item in result.estimates} for result in single]
-    columns = [TableColumn("each record by itself", names, left=True)]
-    for result, table in zip(single, by_name, strict=True):
-        cells = []
-        for name in names:
-            item = table.get(name)
-            told = item is not None and item.told
-            cells.append(
-                f"{_value(item, item.smoother.value, item.smoother.std)} +- "
-                f"{_value(item, item.smoother.std, item.smoother.std)}"
-                if item and told
-                else "-"
+    found = [{item.name: item for item in result.estimates} for result in single]
+    return table(
+        "",
+        (Column("each record by itself"), [item.name for item in joint.estimates]),
+        *(
+            (
+                Column(result.records[0], BY_ROW, together=True),
+                [
+                    _cell(items[each.name], items[each.name].smoother)
+                    if each.name in items
+                    else MISSING
+                    for each in joint.estimates
+                ],
             )
-        columns.append(TableColumn(result.records[0], cells))
-    print_table(out, "", columns)
+            for result, items in zip(single, found, strict=True)
+        ),
+        units=[shown_in(item.unit).unit for item in joint.estimates],
+    )
+
+
+def _estimates(check: CompatibilityCheck) -> list[Block]:
+    """Every fault of all records together, and of each by itself where there are several."""
+    result, several = check.result, len(check.records) > 1
+    if not result.joint.estimates:
+        return []
+    caption = "all records, one fault at a time" if several else "one fault at a time"
+    blocks: list[Block] = [estimates_table(caption, result.joint)]
+    return [*blocks, by_record_table(result.single, result.joint)] if several else blocks
 
 
 def unit_of(check: CompatibilityCheck, name: str) -> str:
@@ -313,9 +313,9 @@ def unit_of(check: CompatibilityCheck, name: str) -> str:
     return next((record[name].unit for record in check.records if name in record.output_names), "g")
 
 
-def _value(row: SensorEstimate, value: float, std: float) -> str:
+def _cell(row: SensorEstimate, quantity: FaultQuantity) -> Cell:
     factor, _ = shown_in(row.unit)
-    return number_text(factor * value, factor * std) if row.told else "-"
+    return Number(factor * quantity.value, factor * quantity.std) if row.told else MISSING
 
 
 def _level(name: str, std: float | None, unit: str) -> str:
@@ -349,7 +349,7 @@ def check_page(check: CompatibilityCheck, drawn: Sequence[Drawn] = ()) -> Page:
         warnings=tuple(map(as_sentence, check.look.doubts)),
         sections=(
             *section("What stands", Bullets(tuple(map(as_sentence, lines)))),
-            *section("Every fault by both methods", *_estimates(check)),
+            *section("Every fault by both methods", *_page_estimates(check)),
             *section(
                 "What these channels cannot tell", Bullets(tuple(map(_limit, result.cannot_tell)))
             ),
@@ -369,29 +369,16 @@ def _limit(line: str) -> str:
     return f"{line}." if line.partition(":")[0] in CHANNELS else as_sentence(line)
 
 
-def _estimates(check: CompatibilityCheck) -> list[Block]:
-    result = check.result
-    if not result.joint.estimates:
-        return []
-    several = len(check.records) > 1
-    title = "All records, one fault at a time" if several else "One fault at a time"
-    blocks = printed_blocks(partial(print_estimates, title=title, result=result.joint))
-    if several:
-        units = {item.name: item.unit for item in result.joint.estimates}
-        blocks += printed_blocks(
-            partial(print_by_record, single=result.single, joint=result.joint), units
-        )
+def _page_estimates(check: CompatibilityCheck) -> list[Block]:
     noise = {
         name: (std, unit_of(check, name))
         for name, std in noise_levels(check).items()
         if std is not None
     }
     caption = "Noise, one sigma; of what is integrated as its integral shows it"
-    return [
-        *blocks,
-        Prose("Gain of the log likelihood by this fault alone.", "note"),
-        levels_of_noise(caption, noise),
-    ]
+    blocks = _estimates(check)
+    gain = Prose("Gain of the log likelihood by this fault alone.", "note")
+    return [*blocks, gain, levels_of_noise(caption, noise)] if blocks else []
 
 
 def _made(check: CompatibilityCheck) -> list[Block]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from ident.compatibility.trials import Compatibility, SensorEstimate, SensorFinding
 from ident.tracing.diagnosis import Claim, Quantity
-from scenarios.terminal.quantities import with_sigma
+from scenarios.report.quantities import with_sigma
 
 APART = 3.0  # standard deviations within which two values agree
 PARAMETERS = {

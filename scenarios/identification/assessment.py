@@ -29,9 +29,8 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.preparation.declared_model import BETTER
 from scenarios.preparation.reading import Parted, parts_of, put_together
 from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck, Seen
+from scenarios.report.document import BY_ROW, SIGMAS, Column, Table, estimate, formatted, table
 from scenarios.studies.rows import Row
-from scenarios.terminal.quantities import number_text
-from scenarios.terminal.tables import TableColumn, columns_of
 from sim.declaration.model import Model, System
 from sim.errors import DeclarationError
 from sim.record import Channel, Hold, Record
@@ -548,25 +547,24 @@ def other_reading(
     return OtherReading(used, opposite(used), moved, gain) if moved else None
 
 
-def reading_rows(reading: OtherReading) -> list[TableColumn]:
-    """A table of the values under each reading, a row for each derivative that moves."""
-    rows = [
+def reading_table(caption: str, reading: OtherReading) -> Table:
+    """The values under each reading, a row for each derivative that moves."""
+    rows = reading.moved
+    moves = [(new.estimate - row.estimate) / row.std for row, new in rows]
+    return table(
+        caption,
+        (Column("derivative"), [row.name for row, _ in rows]),
         (
-            row.name,
-            row.unit if row.unit != "1" else "",
-            *_values(row, new),
-            f"{(new.estimate - row.estimate) / row.std:+.1f} sigma",
-        )
-        for row, new in reading.moved
-    ]
-    headings = (
-        "derivative",
-        "unit",
-        f"{WORDS[reading.used]} (used)",
-        WORDS[reading.other],
-        "moved by",
+            Column(f"{WORDS[reading.used]} (used)", BY_ROW, together=True),
+            [estimate(row.estimate, row.std) for row, _ in rows],
+        ),
+        (
+            Column(WORDS[reading.other], BY_ROW, together=True),
+            [estimate(new.estimate, new.std) for _, new in rows],
+        ),
+        (Column("moved by", SIGMAS), [formatted(move, "+.1f") for move in moves]),
+        units=[row.unit for row, _ in rows],
     )
-    return columns_of(headings, rows, left=2)
 
 
 def reading_content(reading: OtherReading) -> dict[str, Any]:
@@ -584,14 +582,6 @@ def reading_content(reading: OtherReading) -> dict[str, Any]:
             for row, new in reading.moved
         },
     }
-
-
-def _values(row: Row, new: Row) -> tuple[str, str]:
-    used, other = (
-        f"{number_text(each.estimate, each.std)} +- {number_text(each.std, each.std)}"
-        for each in (row, new)
-    )
-    return used, other
 
 
 # ---- What an identification from a measured record returns

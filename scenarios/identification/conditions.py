@@ -31,8 +31,8 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment import simulated
 from scenarios.preparation.declared_model import BETTER, better_by
 from scenarios.preparation.plan import ATTITUDE
+from scenarios.report.quantities import number_text
 from scenarios.studies.rows import Row
-from scenarios.terminal.quantities import number_text
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import full_name
 from sim.declaration.model import Model, System

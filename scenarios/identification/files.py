@@ -32,12 +32,12 @@ from scenarios.identification.report import (
     kept_identification,
 )
 from scenarios.kept import write_kept
-from scenarios.pages.folder import write_page
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, axis_label, display_unit
-from scenarios.plots.formats import USUAL, Drawn, Formats
 from scenarios.preparation.recording import record_content
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import write_page
+from scenarios.report.summary import levels_content
 from scenarios.studies.comparison import estimate_content
-from scenarios.terminal.summary import levels_content
 from sim.errors import FlightidError
 from sim.record import Record
 

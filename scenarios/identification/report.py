@@ -21,39 +21,35 @@ from scenarios.identification.assessment import (
     AtBound,
     IdentificationResult,
     RecordFit,
-    reading_rows,
+    reading_table,
 )
 from scenarios.identification.conditions import METHOD as FREQUENCY
 from scenarios.identification.conditions import PATH
 from scenarios.identification.methods import uses_attitude
 from scenarios.kept import IDENTIFY, KeptModel, KeptReading
-from scenarios.pages.folder import figures
-from scenarios.pages.model import (
+from scenarios.preparation.plan import LIFT, SPEED, Plan
+from scenarios.preparation.recording import record_lines, record_table
+from scenarios.report.document import (
+    BY_ROW,
     Block,
     Bullets,
+    Cell,
+    Column,
+    Number,
     Page,
     Prose,
+    Table,
     as_sentence,
     capital,
     now,
     reproduction,
     section,
     summary_sentences,
+    table,
 )
-from scenarios.pages.tables import (
-    columns_table,
-    derived_table,
-    estimates_table,
-    fixed_table,
-    levels_of_noise,
-    rows_table,
-    tests_table,
-)
-from scenarios.plots.formats import Drawn
-from scenarios.preparation.plan import LIFT, SPEED, Plan
-from scenarios.preparation.recording import record_lines, record_table
-from scenarios.studies.rows import Row
-from scenarios.terminal.quantities import (
+from scenarios.report.figure_formats import Drawn
+from scenarios.report.folder import figures
+from scenarios.report.quantities import (
     console,
     derived_line,
     determined,
@@ -62,9 +58,19 @@ from scenarios.terminal.quantities import (
     shown_in,
     spaced,
     test_line,
-    unit_cell,
 )
-from scenarios.terminal.summary import (
+from scenarios.report.shared_tables import (
+    FITS,
+    NO_FIT,
+    derived_table,
+    estimates_table,
+    fit_cells,
+    fixed_table,
+    levels_of_noise,
+    rows_table,
+    tests_table,
+)
+from scenarios.report.summary import (
     BELOW,
     Summary,
     levels_line,
@@ -72,16 +78,9 @@ from scenarios.terminal.summary import (
     residual_phrase,
     result_phrase,
 )
-from scenarios.terminal.tables import (
-    WIDTH,
-    TableColumn,
-    columns_of,
-    print_lines,
-    print_paragraph,
-    print_table,
-    table_lines,
-    wrapped,
-)
+from scenarios.report.terminal import show_blocks, show_table
+from scenarios.report.text_tables import print_paragraph
+from scenarios.studies.rows import Row
 
 # ---- What stands beside an estimate, for comparison.json
 
@@ -164,9 +163,7 @@ def _fit(each: RecordFit) -> dict[str, Any]:
 
 # ---- What stands beside an estimate, in lines for the terminal
 
-INTERVALS = ("parameter", "unit", "from", "to", "in sigmas", "as sigma says")
 PROFILED = f"profile likelihood, {100.0 * LEVEL:.0f} % intervals"
-FITS = ("record", "", "channel", "rms error", "fit %", "R2", "Theil")
 SIMULATED = "free simulation: initial states and biases alone are of the record itself"
 LIKELIER = 0.1  # of log likelihood, by which a refit must beat the estimate to be worth a word
 
@@ -182,35 +179,19 @@ def bound_lines(at_bounds: Sequence[AtBound], tied: Sequence[Row]) -> list[str]:
     return [*(each.words for each in at_bounds), *followed]
 
 
-def interval_lines(
-    intervals: Sequence[ProfileInterval], units: Mapping[str, str], width: int = WIDTH
-) -> list[str]:
-    """A table of the intervals, and a sentence on those that a sigma does not tell, each line
-    within ``width``.
-    """
-    lines = table_lines(
-        columns_of(INTERVALS, interval_rows(intervals, units), left=2), title=PROFILED, width=width
+def intervals_table(intervals: Sequence[ProfileInterval], units: Mapping[str, str]) -> Table:
+    """The ends of the intervals, and how they compare with two sigmas."""
+    shown = [shown_in(units.get(each.name, ""), each.name) for each in intervals]
+    pairs = list(zip(intervals, (unit.factor for unit in shown), strict=True))
+    return table(
+        PROFILED,
+        (Column("parameter"), [each.name for each in intervals]),
+        (Column("from", BY_ROW), [_end(each, -1, factor) for each, factor in pairs]),
+        (Column("to", BY_ROW), [_end(each, 1, factor) for each, factor in pairs]),
+        (Column("in sigmas", right=True), [_sides(each) for each in intervals]),
+        (Column("as sigma says", right=True), ["" if each.agrees else "no" for each in intervals]),
+        units=[unit.unit for unit in shown],
     )
-    return [
-        *lines,
-        *(line for sentence in interval_sentences(intervals) for line in wrapped(sentence, width)),
-    ]
-
-
-def interval_rows(
-    intervals: Sequence[ProfileInterval], units: Mapping[str, str]
-) -> list[tuple[str, ...]]:
-    """Cells below ``INTERVALS``."""
-    return [
-        (
-            each.name,
-            unit_cell(shown_in(units.get(each.name, ""), each.name).unit),
-            *_ends(each, units),
-            _sides(each),
-            "" if each.agrees else "no",
-        )
-        for each in intervals
-    ]
 
 
 def interval_sentences(intervals: Sequence[ProfileInterval]) -> list[str]:
@@ -232,42 +213,32 @@ def interval_sentences(intervals: Sequence[ProfileInterval]) -> list[str]:
     return said
 
 
-def fit_lines(fits: Sequence[RecordFit], width: int = WIDTH) -> list[str]:
-    """A table of what the free simulations miss, a row for each record and channel, no line longer
-    than ``width``.
-    """
-    return table_lines(columns_of(FITS, fit_rows(fits), left=3), title=SIMULATED, width=width)
-
-
-def fit_rows(fits: Sequence[RecordFit]) -> list[tuple[str, ...]]:
-    """Cells below ``FITS``."""
-    rows: list[tuple[str, ...]] = []
+def fits_table(fits: Sequence[RecordFit]) -> Table:
+    """Errors of the free simulations, a row for each record and channel."""
+    rows: list[list[Cell]] = []
     for each in fits:
-        word = "held out" if each.held_out else "fitted"
+        head: list[Cell] = [each.record.name, "held out" if each.held_out else "fitted"]
         if each.figures is None:
-            rows.append((each.record.name, word, "-", "no finite simulation", "", "", ""))
+            rows.append([*head, *NO_FIT])
             continue
         for name, error in each.figures.rmse.items():
-            value, _, unit = displayed(Quantity(error, 0.0, each.record[name].unit))
-            figures = (
-                f"{each.fit_percent(name):.1f}",
-                f"{each.figures.r2[name]:.4f}",
-                f"{each.figures.theil[name]:.3f}",
+            cells = fit_cells(
+                name,
+                Quantity(error, 0.0, each.record[name].unit),
+                each.fit_percent(name),
+                each.figures.r2[name],
+                each.figures.theil[name],
             )
-            rows.append((each.record.name, word, name, f"{value:.3g}{spaced(unit)}", *figures))
-    return rows
+            rows.append([*head, *cells])
+    return rows_table(SIMULATED, (Column("record"), Column("use", printed=" "), *FITS), rows)
 
 
-def _ends(each: ProfileInterval, units: Mapping[str, str]) -> tuple[str, str]:
-    factor = shown_in(units.get(each.name, ""), each.name).factor
-    return _end(each, -1, factor), _end(each, 1, factor)
-
-
-def _end(each: ProfileInterval, side: int, factor: float) -> str:
+def _end(each: ProfileInterval, side: int, factor: float) -> Cell:
     end, at_bound = (each.low, each.low_bound) if side < 0 else (each.high, each.high_bound)
     if end is None:
         return "open"
-    return number_text(factor * end, factor * each.sigma) + (" (bound)" if at_bound else "")
+    text = number_text(factor * end, factor * each.sigma)
+    return Number(factor * end, shown=f"{text} (bound)" if at_bound else text)
 
 
 def _sides(each: ProfileInterval) -> str:
@@ -384,8 +355,6 @@ def kept_identification(found: IdentificationResult, plan: Plan) -> KeptModel | 
 
 # ---- An identification in the terminal
 
-HEADINGS = ("parameter", "unit", "estimate", "+- sigma", "sigma %", "start")
-
 
 def print_identification(
     found: IdentificationResult, flown: Flown, out: Console | None = None, details: str = BELOW
@@ -414,15 +383,13 @@ def print_identification(
     ]
     for line in (*said, *record_lines(found.look), *bound_lines(found.at_bounds, found.tied)):
         print_paragraph(out, line, 0)
-    print_table(out, "", _estimates(found))
-    print_lines(
-        out, interval_lines(found.intervals, {row.name: row.unit for row in found.rows}, out.width)
-    )
+    show_table(out, _estimates("", found, (*found.rows, *found.biases)))
+    show_blocks(out, _intervals(found))
     if found.reading:
         print_paragraph(out, f"caution: {found.reading.sentence}", 0)
-        print_table(out, "", reading_rows(found.reading))
+        show_table(out, reading_table("", found.reading))
     print_paragraph(out, f"residual (1 sigma): {_residual(found)}", 0)
-    print_lines(out, fit_lines(found.fits, out.width))
+    show_table(out, fits_table(found.fits))
     reached = (
         levels_line(mode_levels(found.modes, flown), flown, found.tests)
         if found.modes is not None
@@ -465,32 +432,21 @@ def identification_summary(found: IdentificationResult, details: str = BELOW) ->
     )
 
 
-def _estimates(found: IdentificationResult) -> Sequence[TableColumn]:
+def _estimates(caption: str, found: IdentificationResult, rows: Sequence[Row]) -> Table:
     starts = {
         **found.vehicle.derivatives,
         **{name: value for _, mode in found.vehicle.modes for name, value in mode.items()},
     }
-    return columns_of(
-        HEADINGS,
-        [_cells(row, starts.get(row.name)) for row in (*found.rows, *found.biases)],
-        left=2,
-    )
+    return estimates_table(caption, rows, starts)
 
 
-def _cells(row: Row, start: float | None) -> tuple[str, ...]:
-    factor, unit = shown_in(row.unit, row.name)
-    begun = f"{factor * start:.5g}" if start is not None else "-"
-    if not determined(row.estimate, row.std):
-        return row.name, unit_cell(unit), "not determined", "-", "-", begun
-    share = f"{100.0 * row.std / abs(row.estimate):.2g}" if row.estimate else "-"
-    return (
-        row.name,
-        unit_cell(unit),
-        number_text(factor * row.estimate, factor * row.std),
-        number_text(factor * row.std, factor * row.std),
-        share,
-        begun,
-    )
+def _intervals(found: IdentificationResult) -> list[Block]:
+    """The profile intervals, and what a sigma does not tell of them; nothing where none is."""
+    if not found.intervals:
+        return []
+    units = {row.name: row.unit for row in found.rows}
+    sentences = map(Prose, interval_sentences(found.intervals))
+    return [intervals_table(found.intervals, units), *sentences]
 
 
 def _residual(found: IdentificationResult) -> str:
@@ -552,7 +508,7 @@ def identification_page(
         warnings=tuple(map(as_sentence, (*found.doubts, *found.cautions, *reading))),
         sections=(
             *section("What was found", *_found(found, flown)),
-            *section("Prediction", rows_table(capital(SIMULATED), FITS, fit_rows(found.fits))),
+            *section("Prediction", fits_table(found.fits)),
             *section("Figures", *figures(drawn)),
             *section("Residuals and noise", *_evidence(found)),
             *section("The record as it was recorded", record_table(found.look)),
@@ -564,11 +520,7 @@ def identification_page(
 
 
 def _found(found: IdentificationResult, flown: Flown) -> list[Block]:
-    starts = {
-        **found.vehicle.derivatives,
-        **{name: value for _, mode in found.vehicle.modes for name, value in mode.items()},
-    }
-    blocks: list[Block] = [estimates_table("Parameters", found.rows, starts)]
+    blocks: list[Block] = [_estimates("Parameters", found, found.rows)]
     blocks += [estimates_table("Biases of the sensors", found.biases)] if found.biases else []
     blocks += [derived_table("What follows from them", found.derived)] if found.derived else []
     levels = (
@@ -581,16 +533,10 @@ def _found(found: IdentificationResult, flown: Flown) -> list[Block]:
         for line in (*bound_lines(found.at_bounds, found.tied), levels)
         if line
     ]
-    if found.intervals:
-        units = {row.name: row.unit for row in found.rows}
-        blocks += [rows_table(capital(PROFILED), INTERVALS, interval_rows(found.intervals, units))]
-        blocks += [Prose(as_sentence(line)) for line in interval_sentences(found.intervals)]
+    blocks += _intervals(found)
     if found.reading:
-        blocks += [
-            columns_table(
-                "If the inputs were read otherwise between samples", reading_rows(found.reading)
-            )
-        ]
+        caption = "If the inputs were read otherwise between samples"
+        blocks += [reading_table(caption, found.reading)]
     return blocks
 
 

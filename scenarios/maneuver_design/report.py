@@ -21,22 +21,31 @@ from scenarios.files.user_models import unit_in
 from scenarios.files.writing import study_folder, write_json, write_record, write_text
 from scenarios.maneuver_design.design import DesignedManeuver, DesignResult
 from scenarios.maneuver_design.setting import PACE_IS, offset_of
-from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import (
+from scenarios.report.document import (
+    BY_ROW,
+    PURE,
+    UNDETERMINED,
     Bullets,
+    Cell,
+    Column,
+    Number,
     Page,
     Prose,
+    Table,
     as_sentence,
     capital,
+    formatted,
     now,
     reproduction,
     section,
+    table,
 )
-from scenarios.pages.tables import rows_table
-from scenarios.plots.formats import USUAL, Drawn, Formats
-from scenarios.terminal.quantities import number_text, shown_in, spaced
-from scenarios.terminal.summary import BELOW, Summary, summary_lines
-from scenarios.terminal.tables import WIDTH, columns_of, table_lines, wrapped
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures, write_page
+from scenarios.report.quantities import shown_in, spaced
+from scenarios.report.summary import BELOW, Summary, summary_lines
+from scenarios.report.terminal import table_as_lines
+from scenarios.report.text_tables import WIDTH, wrapped
 from sim.record import Record
 
 if TYPE_CHECKING:
@@ -53,42 +62,20 @@ LEAST = 0.05  # chance, below which no maneuver is said to decide
 def design_text(design: DesignResult, width: int = WIDTH, details: str = BELOW) -> str:
     """What a terminal of this width shows."""
     lines = [*summary_lines(summary_of(design, details), width), ""]
-    lines += table_lines(
-        columns_of(*comparison(design), left=1, words=("held by",)),
-        title=_title(design),
-        width=width,
-    )
+    lines += table_as_lines(replace(maneuvers_table(design), caption=_title(design)), width)
     if design.acting:
-        lines += [
-            "",
-            *table_lines(
-                columns_of(*contest_table(design), left=2),
-                title=f"{design.best.kind}: who would be told from whom",
-                width=width,
-                keys=2,
-            ),
-        ]
-    lines += [
-        "",
-        *table_lines(
-            columns_of(*sigma_table(design), left=2),
-            title="expected standard deviations (Cramer-Rao)",
-            width=width,
-            keys=2,
-        ),
-    ]
+        caption = f"{design.best.kind}: who would be told from whom"
+        lines += ["", *table_as_lines(contest_table(design, caption), width, keys=2)]
+    caption = "expected standard deviations (Cramer-Rao)"
+    lines += ["", *table_as_lines(sigmas_table(design, caption), width, keys=2)]
     if design.best.responses is not None:
-        title = (
+        caption = (
             "frequency responses expected of one flight, share of the band with a coherence of 0.6 "
             "or more, and random error"
         )
-        lines += [
-            "",
-            *table_lines(columns_of(*response_table(design), left=1), title=title, width=width),
-        ]
-    for note in notes_of(design):
+        lines += ["", *table_as_lines(responses_table(design, caption), width)]
+    for note in (*notes_of(design), f"again: {design.asked.command()}"):
         lines += wrapped(note, width)
-    lines += wrapped(f"again: {design.asked.command()}", width)
     return "\n".join(lines) + "\n"
 
 
@@ -144,90 +131,93 @@ def peaks_of(design: DesignResult, maneuver: DesignedManeuver) -> dict[str, floa
     }
 
 
-def comparison(design: DesignResult) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Headings and rows of the maneuvers, the best first."""
-    setting, told = design.setting, bool(design.acting)
+def maneuvers_table(design: DesignResult) -> Table:
+    """The maneuvers at equal amplitude and time, the best first."""
+    setting, some, told = design.setting, design.maneuvers, bool(design.acting)
     outputs = [name for name in SHOWN if name in setting.noise] or list(setting.noise)[:3]
-    headings = ("maneuver", "pace", *(f"peak {name}" for name in setting.rest), "mean sigma %")
-    headings += ("log likelihood", "chance %") if told else ()
-    headings += (*(f"{name} from .. to" for name in outputs), "held by")
-    rows = []
-    for each in design.maneuvers:
-        row = [
-            each.kind,
-            pace_text(each),
-            *(_shown(design, name, value) for name, value in peaks_of(design, each).items()),
-        ]
-        row += [f"{100.0 * each.criterion:.3g}"]
-        row += [f"{each.log_likelihood:.1f}", f"{100.0 * each.chance:.0f}"] if told else []
-        row += [_range(design, each, name) for name in outputs]
-        rows.append((*row, each.flight.bound_by or "amplitude"))
-    return headings, rows
+    columns: list[tuple[Column, list[Cell]]] = [
+        (Column("maneuver"), [each.kind for each in some]),
+        (Column("pace", right=True), [pace_text(each) for each in some]),
+    ]
+    for name in setting.rest:
+        peaks = [_level(design, name, peaks_of(design, each)[name]) for each in some]
+        columns.append((Column(f"peak {name}", PURE), peaks))
+    shares = [formatted(100.0 * each.criterion, ".3g") for each in some]
+    columns.append((Column("mean sigma", "%", printed="mean sigma %"), shares))
+    if told:
+        likelihoods = [formatted(each.log_likelihood, ".1f") for each in some]
+        chances = [formatted(100.0 * each.chance, ".0f") for each in some]
+        columns.append((Column("log likelihood", PURE), likelihoods))
+        columns.append((Column("chance", "%", printed="chance %"), chances))
+    for name in outputs:
+        ranges = list[Cell](_range(design, each, name) for each in some)
+        columns.append((Column(f"{name} from .. to", right=True), ranges))
+    columns.append((Column("held by"), [each.flight.bound_by or "amplitude" for each in some]))
+    return table("Equal amplitude and time, within the limits, the best first", *columns)
 
 
-def contest_table(design: DesignResult) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Headings and rows of what each effect's flight says against the other, of the best
-    maneuver.
-    """
-    headings = (
-        "acts",
-        "is told from",
-        "gain over none",
-        "log likelihood",
-        "sigma",
-        "told %",
-        "wrong %",
+def contest_table(design: DesignResult, caption: str) -> Table:
+    """What each effect's flight says against the other, of the best maneuver."""
+    some = [(each, each.decision) for each in design.best.contests]
+
+    def percent(heading: str) -> Column:
+        return Column(heading, "%", printed=f"{heading} %")
+
+    return table(
+        caption,
+        (Column("acts"), [acting_text(each.true) for each, _ in some]),
+        (Column("is told from"), [each.rival.effect.name for each, _ in some]),
+        (Column("gain over none", PURE), [formatted(each.found, ".1f") for each, _ in some]),
+        (Column("log likelihood", PURE), [formatted(d.log_likelihood, ".1f") for _, d in some]),
+        (Column("sigma", PURE), [formatted(0.5 * d.std, ".1f") for _, d in some]),
+        (percent("told"), [formatted(100.0 * each.chance, ".1f") for each, _ in some]),
+        (percent("wrong"), [formatted(100.0 * d.wrong, ".2g") for _, d in some]),
     )
-    rows: list[tuple[str, ...]] = []
-    for each in design.best.contests:
-        d = each.decision
-        cells = (
-            f"{each.found:.1f}",
-            f"{d.log_likelihood:.1f}",
-            f"{0.5 * d.std:.1f}",
-            f"{100.0 * each.chance:.1f}",
-            f"{100.0 * d.wrong:.2g}",
-        )
-        rows.append((acting_text(each.true), each.rival.effect.name, *cells))
-    return headings, rows
 
 
-def sigma_table(design: DesignResult) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Headings and rows of expected standard deviations by parameter and maneuver."""
-    parameters = design.setting.model.parameters
-    headings = ("parameter", "unit", "value", *(each.kind for each in design.maneuvers))
-    rows = []
-    for name in design.best.sigmas:
-        sigmas = [each.sigmas[name] for each in design.maneuvers]
-        told = [
-            f"{std:.2g}" if std < 1e3 * max(abs(parameters[name].value), 1e-3) else "not determined"
-            for std in sigmas
-        ]
-        rows.append((name, parameters[name].unit, number_text(parameters[name].value), *told))
-    return headings, rows
+def sigmas_table(design: DesignResult, caption: str) -> Table:
+    """Expected standard deviations by parameter and maneuver."""
+    parameters, names = design.setting.model.parameters, list(design.best.sigmas)
+
+    def sigma(name: str, std: float) -> Cell:
+        known = std < 1e3 * max(abs(parameters[name].value), 1e-3)
+        return formatted(std, ".2g") if known else UNDETERMINED
+
+    return table(
+        caption,
+        (Column("parameter"), names),
+        (Column("value", BY_ROW), [Number(parameters[name].value) for name in names]),
+        *(
+            (Column(each.kind, BY_ROW), [sigma(name, each.sigmas[name]) for name in names])
+            for each in design.maneuvers
+        ),
+        units=[parameters[name].unit for name in names],
+    )
 
 
-def response_table(design: DesignResult) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Headings and rows of what each maneuver would give of every response over the band."""
+def responses_table(design: DesignResult, caption: str) -> Table:
+    """What each maneuver would give of every response over the band."""
     kinds = [(each.kind, each.responses) for each in design.maneuvers if each.responses is not None]
-    headings = ["response"]
-    for kind, _ in kinds:
-        headings += [f"{kind}: usable %", "coherence, least", "random error, median %"]
-    rows = []
     first = kinds[0][1]
-    for m, output in enumerate(first.outputs):
-        for q, name in enumerate(first.inputs):
-            cells = [f"{output}/{name}"]
-            for _, found in kinds:
-                error = 100.0 * float(np.median(found.random_error[m, q]))
-                shown = f"{error:.2g}" if error < 100.0 else "above 100"
-                cells += [
-                    f"{100.0 * found.usable[m, q]:.0f}",
-                    f"{found.coherence[m, q].min():.2f}",
-                    shown,
-                ]
-            rows.append(tuple(cells))
-    return tuple(headings), rows
+    places = [
+        (m, q, f"{output}/{name}")
+        for m, output in enumerate(first.outputs)
+        for q, name in enumerate(first.inputs)
+    ]
+    columns: list[tuple[Column, list[Cell]]] = []
+    for kind, found in kinds:
+        usable, least, errors = list[Cell](), list[Cell](), list[Cell]()
+        for m, q, _ in places:
+            usable.append(Number(100.0 * float(found.usable[m, q]), digits=0))
+            least.append(Number(float(found.coherence[m, q].min()), digits=2))
+            error = 100.0 * float(np.median(found.random_error[m, q]))
+            errors.append(Number(error, shown=f"{error:.2g}" if error < 100.0 else "above 100"))
+        columns += [
+            (Column(f"{kind}: usable", "%", printed=f"{kind}: usable %"), usable),
+            (Column("coherence, least", PURE), least),
+            (Column("random error, median", "%", printed="random error, median %"), errors),
+        ]
+    return table(caption, (Column("response"), [label for _, _, label in places]), *columns)
 
 
 def notes_of(design: DesignResult) -> list[str]:
@@ -315,6 +305,11 @@ def _range(design: DesignResult, maneuver: DesignedManeuver, name: str) -> str:
 def _ends(design: DesignResult, name: str, ends: tuple[float, float]) -> str:
     factor, unit = shown_in(unit_in(design.setting.model, name), name)
     return f"{factor * ends[0]:.3g} to {factor * ends[1]:.3g}{spaced(unit)}"
+
+
+def _level(design: DesignResult, name: str, value: float) -> Cell:
+    factor, unit = shown_in(unit_in(design.setting.model, name), name)
+    return Number(factor * value, unit=unit, shown=_shown(design, name, value))
 
 
 def _shown(design: DesignResult, name: str, value: float) -> str:
@@ -511,7 +506,6 @@ def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
         )
         if file
     ]
-    names, rows = sigma_table(design)
     return Page(
         title=f"{setting.vehicle.name}: maneuver design",
         kind=f"{setting.model.name} model, {setting.room.time[-1]:g} s at {setting.rate:g} Hz",
@@ -521,17 +515,11 @@ def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
         summary=(),
         warnings=(),
         sections=(
-            *section(
-                "Maneuvers",
-                rows_table(
-                    "Equal amplitude and time, within the limits, the best first",
-                    *comparison(design),
-                ),
-            ),
+            *section("Maneuvers", maneuvers_table(design)),
             *(
                 section(
                     "Who is told from whom",
-                    rows_table(f"The {design.best.kind}", *contest_table(design)),
+                    contest_table(design, f"The {design.best.kind}"),
                     Prose(f"{RULE}.", "note"),
                 )
                 if told
@@ -539,11 +527,9 @@ def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
             ),
             *section(
                 "Expected frequency responses",
-                rows_table("Of one flight", *response_table(design))
-                if design.best.responses
-                else None,
+                responses_table(design, "Of one flight") if design.best.responses else None,
             ),
-            *section("Expected standard deviations", rows_table("Cramer-Rao bounds", names, rows)),
+            *section("Expected standard deviations", sigmas_table(design, "Cramer-Rao bounds")),
             *section("Figures", *figures(drawn)),
             *section(
                 "What it rests on", Bullets(tuple(map(as_sentence, map(capital, notes_of(design)))))

@@ -11,7 +11,7 @@ import numpy as np
 
 from ident.estimate import FilterHistory
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
-from scenarios.terminal.quantities import NO_UNIT, shown_in
+from scenarios.report.quantities import NO_UNIT, shown_in
 from sim.declaration.proposal import GUARD
 
 # ---- What figures write at their axes: textbook symbols for names, degrees for radians

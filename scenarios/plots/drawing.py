@@ -3,128 +3,24 @@
 from __future__ import annotations
 
 import io
-import os
 import re
-import signal
-import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from functools import partial
+from collections.abc import Callable, Iterable, Mapping
 from html import escape
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib import rc_context
+from matplotlib.backend_bases import GraphicsContextBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG, RendererSVG
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.path import Path as Outline
+from matplotlib.transforms import IdentityTransform, Transform
 
-from ident.background_task import can_fork, fork
-from scenarios.plots.formats import (
-    FRAGMENT,
-    PDF,
-    PNG,
-    SVG,
-    USUAL,
-    Drawn,
-    Formats,
-    caption_of,
-    gathered,
-)
-from scenarios.plots.svg_renderer import PageRenderer
-
-# ---- Figures shared out between this process and a fork of it
-
-_BYTES = 2  # of a number in the pipe, which a system reads as a whole
-_MOST = 65536 // _BYTES  # numbers that a pipe holds
-
-
-def shared_out(works: Sequence[Callable[[], None]]) -> None:
-    """Do every work once, of which each leaves its result in files. With the longest first the two
-    end at about the same time.
-
-    Alone where there may be no fork, or where the system has no room for one. What a fork that
-    failed had taken is done again here. A work that raises, and an interrupt, end this after the
-    fork has ended its own: nobody writes from here on.
-    """
-    if not 2 <= len(works) <= _MOST or not _may_fork():
-        for work in works:
-            work()
-        return
-    waiting = _queue(len(works))
-    own: set[int] = set()
-    failed = 0
-    try:
-        helper = _helper(works, waiting)
-        try:
-            for number in _taken(waiting):
-                own.add(number)
-                works[number]()
-        finally:
-            failed = _ended(helper, waiting) if helper is not None else 0
-    finally:
-        os.close(waiting)
-    if failed:
-        for number in sorted(set(range(len(works))) - own):
-            works[number]()
-
-
-def _queue(count: int) -> int:
-    """The end to read of a pipe that holds the numbers below ``count``."""
-    waiting, filling = os.pipe()
-    os.write(filling, b"".join(number.to_bytes(_BYTES, "little") for number in range(count)))
-    os.close(filling)
-    return waiting
-
-
-def _taken(waiting: int) -> Iterator[int]:
-    """Numbers as this process takes them, until none is left."""
-    while number := os.read(waiting, _BYTES):
-        yield int.from_bytes(number, "little")
-
-
-def _helper(works: Sequence[Callable[[], None]], waiting: int) -> int | None:
-    """The id of a fork that takes works too and then ends; None where the system has no room for
-    another process.
-    """
-    # an interrupt in between would let the fork go on as if it were this process
-    with _undisturbed():
-        try:
-            helper = fork()
-        except OSError:
-            return None
-        if helper == 0:
-            failed = 1
-            try:
-                for number in _taken(waiting):
-                    works[number]()
-                failed = 0
-            finally:
-                os._exit(failed)
-        return helper
-
-
-def _ended(helper: int, waiting: int) -> int:
-    """Leave the fork nothing to take, wait until it has ended, and tell whether it failed."""
-    with _undisturbed():
-        for _ in _taken(waiting):
-            pass
-        return os.waitpid(helper, 0)[1]
-
-
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Ctrl-C waits until the body is left."""
-    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, former)
-
-
-def _may_fork() -> bool:
-    """Whether a fork is safe: the system allows it, and this thread is the only one."""
-    return can_fork() and threading.active_count() == 1
-
+from scenarios.report.figure_formats import PDF, PNG, SVG, USUAL, Drawn, Formats, caption_of
 
 # ---- Figures as bytes
 
@@ -133,11 +29,6 @@ Named = tuple[str, Callable[[], Figure]]  # the stem of a figure's file, and wha
 # Letters as outlines in SVG, so that it looks alike everywhere; as TrueType in PDF, so that its
 # text can be searched.
 _VECTOR: dict[Any, Any] = {"svg.hashsalt": "flightid", "svg.fonttype": "path", "pdf.fonttype": 42}
-_REFERENCE = re.compile(r'(\bid="|url\(#|href="#)')
-# What only a file needs: its description, and a rule of style that would hold for the whole page.
-_OF_FILE = re.compile(
-    r"<metadata>.*?</metadata>\s*|<defs>\s*<style.*?</style>\s*</defs>\s*", re.DOTALL
-)
 
 
 def save_figures(figures: Iterable[Named], folder: Path, formats: Formats = USUAL) -> list[Path]:
@@ -169,8 +60,6 @@ def figure_png(figure: Figure) -> bytes:
 
 def figure_svg(figure: Figure) -> bytes:
     """The figure as an SVG file at its own size."""
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-
     buffer = io.BytesIO()
     with rc_context(_VECTOR):
         FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
@@ -190,21 +79,6 @@ def figure_pdf(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def svg_text(figure: Figure, name: str = "figure", description: str = "") -> str:
-    """The figure as an ``<svg>`` element to stand within a page; ``description`` is what a screen
-    reader says.
-
-    All its identifiers begin with ``name``: several figures of one page must have different ones.
-    """
-    text = figure_svg(figure).decode("utf-8")
-    head, rest = _OF_FILE.sub("", text[text.index("<svg") :]).strip().split(">", 1)
-    look = 'style="stroke-linejoin: round; stroke-linecap: butt"'
-    named = _REFERENCE.sub(rf"\g<1>{name}-", rest)
-    return (
-        f'{head} {look} role="img" aria-label="{escape(description or name, quote=True)}">{named}'
-    )
-
-
 _WRITERS: Mapping[str, Callable[[Figure], bytes]] = {
     PNG: figure_png,
     SVG: figure_svg,
@@ -212,68 +86,163 @@ _WRITERS: Mapping[str, Callable[[Figure], bytes]] = {
 }
 
 
-# ---- A figure as an <svg> element of a page, with what a reader who cannot see it is told
+# ---- A figure as an <svg> element of a page, with a description for screen readers
 
 POINTS = 72.0
 SCALE = 1.75  # pixels a point, where there is room
 # points: a wider figure is moved sideways on a small screen rather than made too small to read
 FULL = 400.0
+LONG = 128  # vertices from which the outline of an area is simplified
+TOLERANCE = 0.25  # points by which a simplified line may be off, a quarter of its width
+ARCS = 8  # curves of matplotlib's disc
+DOT = 2  # cells in the diameter of a dot: of several dots in one cell a single one is drawn
+
+# Letters stay text, in the font of the page.
+_PAGE: dict[Any, Any] = _VECTOR | {
+    "svg.fonttype": "none",
+    "path.simplify_threshold": TOLERANCE,
+}
+_OF_FILE = re.compile(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", re.DOTALL)
+_STYLE = re.compile(r' style="([^"]*)"')
+_PATH = re.compile(r' d="([^"]*)"')
+_FRACTION = re.compile(r"-?\d+\.\d+")
+_IDENTIFIER = re.compile(r'( id="|url\(#|xlink:href="#)')
+_FONT = re.compile(
+    r"(?P<font_style>italic|oblique)? ?(?P<font_weight>bold|[1-9]00)? ?(?P<font_size>[\d.]+)px"
+)
+_DROPPED = ("font-family", "font-variant", "font-stretch")
 
 
 def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> tuple[Drawn, ...]:
-    """Draw each figure once: into ``folder`` in every format, and for the page; on two cores where
-    that may be.
-    """
-    named = list(figures)
-    leave_for_page(named, folder, formats)
-    left = gathered(folder)
-    return tuple(Drawn(stem, left[stem], caption_of(stem)) for stem, _ in named)
-
-
-def leave_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> None:
-    """The same, each element in a file of its own, for whoever makes the page to gather
-    (``named.gathered``).
-    """
-    shared_out([partial(_leave, stem, make, folder, formats) for stem, make in figures])
-
-
-def _leave(stem: str, make: Callable[[], Figure], folder: Path, formats: Formats) -> None:
-    figure = make()
-    save_figure(figure, folder, stem, formats)
-    (folder / f"{stem}{FRAGMENT}").write_text(
-        page_svg(figure, stem), encoding="utf-8", errors="backslashreplace", newline="\n"
-    )
+    """Draw each figure once: into ``folder`` in every format, and for the page."""
+    out = []
+    for stem, make in figures:
+        figure = make()
+        save_figure(figure, folder, stem, formats)
+        out.append(Drawn(stem, page_svg(figure, stem), caption_of(stem)))
+    return tuple(out)
 
 
 def page_svg(figure: Figure, stem: str) -> str:
-    """The figure as an element that is as wide as its place and has no colours but those of the
-    figure; the same for the same figure.
+    """The figure as an ``<svg>`` element of a page, as wide as its place; the same bytes for the
+    same figure.
 
-    ``stem`` begins its identifiers: figures of one page have different ones.
+    Matplotlib's SVG with its styles as attributes, which the policy of a page allows and its
+    rules for a dark ground replace, and with shorter numbers. ``stem`` begins the identifiers:
+    figures of one page have different ones.
     """
-    width, height = figure.get_size_inches() * POINTS
-    dpi = figure.dpi
-    renderer = PageRenderer(width, height, f"figure-{stem}")
+    buffer, dpi = io.StringIO(), figure.dpi
+    width, height = (figure.get_size_inches() * POINTS).tolist()
     figure.patch.set_visible(False)
     try:
-        figure.dpi = POINTS
-        figure.draw(renderer)
+        with rc_context(_PAGE):
+            metadata = {"Date": None, "Creator": None}
+            figure.dpi = POINTS
+            renderer = PageRenderer(width, height, buffer, metadata=metadata)
+            figure.draw(renderer)
+            renderer.finalize()
     finally:
         figure.dpi = dpi
         figure.patch.set_visible(True)
-    boxes = "".join(
-        f'<clipPath id="{name}"><rect x="{x:g}" y="{y:g}" width="{w:g}" height="{h:g}"/></clipPath>'
-        for (x, y, w, h), name in renderer.clips.items()
-    )
-    described = escape(description(figure), quote=True)
-    size = (
-        f'viewBox="0 0 {width:g} {height:g}" width="{SCALE * width:.0f}" '
-        f'height="{SCALE * height:.0f}"'
-    )
-    kinds = [*(["full"] if width > FULL else []), *(["mapped"] if renderer.mapped else [])]
+    text = buffer.getvalue()
+    body = _OF_FILE.sub("", text[text.index(">", text.index("<svg")) + 1 :])
+    body = re.sub(r"<g id=\"[^\"]*\"", "<g", body)
+    body = _PATH.sub(_path_data, _STYLE.sub(_attributes, body))
+    body = re.sub(r' transform="rotate\(-0 [^"]*\)"|<defs>\s*</defs>', "", body)
+    body = _FRACTION.sub(lambda found: _decimal(float(found[0])), body)
+    body = _IDENTIFIER.sub(rf"\g<1>figure-{stem}-", body).replace("xlink:href", "href")
+    body = re.sub(r">\s+<", "><", body).strip()
+    mapped = bool(figure.findobj(QuadMesh))  # colours that stand for numbers stay as they are
+    kinds = [*(["full"] if width > FULL else []), *(["mapped"] if mapped else [])]
     wide = f' class="{" ".join(kinds)}"' if kinds else ""
-    head = f'<svg {size}{wide} role="img" aria-label="{described}">'
-    return f"{head}{f'<defs>{boxes}</defs>' if boxes else ''}{''.join(renderer.parts)}</svg>"
+    return (
+        f'<svg viewBox="0 0 {width:g} {height:g}" width="{SCALE * width:.0f}" '
+        f'height="{SCALE * height:.0f}"{wide} role="img" '
+        f'aria-label="{escape(description(figure), quote=True)}">{body}'
+    )
+
+
+def _decimal(value: float) -> str:
+    """With two decimals at most."""
+    return f"{value:.2f}".rstrip("0").rstrip(".")
+
+
+def _declarations(style: str) -> dict[str, str]:
+    pairs = (part.partition(":") for part in style.split(";") if part.strip())
+    return {name.strip(): value.strip() for name, _, value in pairs}
+
+
+def _attributes(found: re.Match[str]) -> str:
+    """A style as attributes; the font is that of the page."""
+    known = _declarations(found[1])
+    if font := _FONT.search(known.pop("font", "")):  # of matplotlib before 3.11
+        known |= {key: value for key, value in font.groupdict().items() if value}
+    known = {key.replace("_", "-"): value for key, value in known.items()}
+    return "".join(
+        f' {name}="{value.removesuffix("px")}"'
+        for name, value in known.items()
+        if name not in _DROPPED
+    )
+
+
+def _path_data(found: re.Match[str]) -> str:
+    """Path data with one decimal; a long outline without curves simplified as lines are."""
+    data = found[1]
+    if data.count("L") >= LONG and data.count("M") == 1 and data.rstrip().endswith("z"):
+        numbers = np.array(re.findall(r"-?[\d.]+", data), dtype=float).reshape(-1, 2)
+        line = Outline(numbers)
+        line.should_simplify, line.simplify_threshold = True, TOLERANCE
+        clean = line.cleaned(simplify=True)
+        points = np.asarray(clean.vertices)[np.asarray(clean.codes) != Outline.STOP].tolist()
+        data = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points) + "z"
+    else:
+        data = _FRACTION.sub(lambda number: f"{float(number[0]):.1f}", data)
+    data = re.sub(r"\s*([A-Za-z])\s*", r"\1", data).strip()
+    return ' d="' + re.sub(r"M([^A-Za-z]+)L\1(?=M|$)", r"M\1h0", data) + '"'
+
+
+class PageRenderer(RendererSVG):
+    """Matplotlib's SVG with the discs of a line as one path of strokes without length, where it has
+    an element for each; of discs that cover each other to a part of ``DOT`` one is drawn.
+    """
+
+    def draw_markers(
+        self,
+        gc: GraphicsContextBase,
+        marker_path: Outline,
+        marker_trans: Transform,
+        path: Outline,
+        trans: Transform,
+        rgbFace: Any = None,
+    ) -> None:
+        """Marks of a line; those that are no discs of one colour as matplotlib draws them."""
+        size = 0.0 if rgbFace is None else _diameter(marker_path, marker_trans)
+        edge = gc.get_linewidth()
+        if not size or (edge and to_hex(gc.get_rgb()) != to_hex(rgbFace)):
+            super().draw_markers(gc, marker_path, marker_trans, path, trans, rgbFace)
+            return
+        points = np.asarray(trans.transform(path.vertices))
+        points = points[np.all(np.isfinite(points), axis=1)]
+        _, first = np.unique(np.round(points * (DOT / (size + edge))), axis=0, return_index=True)
+        strokes = np.repeat(points[np.sort(first)], 2, axis=0)
+        codes = np.tile([Outline.MOVETO, Outline.LINETO], len(first))
+        look = self.new_gc()
+        look.copy_properties(gc)
+        look.set_linewidth(size + edge)
+        look.set_capstyle("round")
+        look.set_foreground(rgbFace)
+        look.set_dashes(0.0, None)
+        dots = Outline(strokes, codes)
+        dots.should_simplify = False
+        self.draw_path(look, dots, IdentityTransform())
+
+
+def _diameter(mark: Outline, transform: Transform) -> float:
+    """The diameter of a mark that is a disc, zero of any other."""
+    if mark.codes is None or np.count_nonzero(mark.codes == Outline.CURVE4) < 3 * ARCS:
+        return 0.0
+    width, height = np.ptp(mark.get_extents(transform).get_points(), axis=0).tolist()
+    return float(width) if abs(width - height) < 1e-6 * width else 0.0
 
 
 def description(figure: Figure) -> str:

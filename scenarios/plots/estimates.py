@@ -37,6 +37,7 @@ from scenarios.plots.style import (
     WIDTH,
     ZERO,
     caption,
+    cells,
     draw_title,
     finish,
     make_sheet,
@@ -237,9 +238,7 @@ def figure_correlation(
     height = max(n * cell, 1.2) + head + _COUNT + bottom
     figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
     panel = figure.add_axes((left / width, bottom / height, n * cell / width, n * cell / height))
-    image = panel.imshow(
-        shown, cmap="RdBu_r", vmin=-1.0, vmax=1.0, interpolation="none", aspect="auto"
-    )
+    image = cells(panel, shown, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
     number_size = min(TICK_SIZE, 27.0 * cell)
     for row, column in np.argwhere(below):
         value = matrix[row, column]
@@ -287,6 +286,8 @@ def figure_correlation(
             ((left + n * cell + 0.25) / width, bottom / height, 0.14 / width, n * cell / height)
         ),
     )
+    if bar.solids is not None:  # else an image in an SVG, which pages do not load
+        bar.solids.set_rasterized(False)
     bar.set_ticks([-1.0, -0.5, 0.0, 0.5, 1.0])
     bar.set_label("correlation (–)", fontsize=LABEL_SIZE)
     bar.ax.tick_params(labelsize=TICK_SIZE)

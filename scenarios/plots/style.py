@@ -13,8 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator, ScalarFormatter
@@ -244,6 +246,17 @@ def y_label(panel: Axes, text: str, size: float = LABEL_SIZE) -> None:
 def caption(panel: Axes, text: str, size: float = TICK_SIZE) -> None:
     """A short line above a panel, at its left."""
     panel.set_title(text, fontsize=size, loc="left", pad=4.5, y=1.0)
+
+
+def cells(panel: Axes, values: np.ndarray, **look: Any) -> QuadMesh:
+    """A square for each of ``values (rows, columns)``, centred on whole numbers, the first row on
+    top; masked ones stay open.
+    """
+    rows, columns = values.shape
+    edges = (np.arange(columns + 1) - 0.5, np.arange(rows + 1) - 0.5)
+    mesh = panel.pcolormesh(*edges, values, antialiased=False, **look)
+    panel.invert_yaxis()
+    return mesh
 
 
 def decades(axis: Axis, multiples: Sequence[float] = (1.0,)) -> None:

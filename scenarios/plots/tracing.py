@@ -46,7 +46,7 @@ from scenarios.plots.style import (
     time_axis,
     y_label,
 )
-from scenarios.terminal.quantities import displayed, value_text
+from scenarios.report.quantities import displayed, value_text
 
 # ---- Derivatives before and after
 

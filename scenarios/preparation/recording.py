@@ -12,8 +12,8 @@ import numpy as np
 from ident.recording.inspection import inspect
 from ident.recording.series import Certainty, Expectations, Kind, RecordFinding
 from scenarios.files.user_models import is_own
-from scenarios.pages.model import Column, Table
 from scenarios.preparation.plan import Plan
+from scenarios.report.document import Column, Table
 from sim.declaration.effect import AIRSPEEDS
 from sim.declaration.model import Model
 from sim.errors import RecordError

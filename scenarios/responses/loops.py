@@ -23,9 +23,9 @@ from ident.flying_qualities.stability_margins import (
     worst_margins,
 )
 from ident.frequency_response import FrequencyResponses
+from scenarios.report.document import BY_ROW, PURE, Column, Number, Table, formatted, table
 from scenarios.responses.fitting import target_of
 from scenarios.responses.reading import Names, ReadSignals
-from scenarios.terminal.tables import TableColumn
 from sim.errors import DeclarationError, FlightidError
 
 MINUS, PLUS = "minus", "plus"
@@ -169,58 +169,47 @@ def _other_sign(read: ReadSignals, sign: str) -> str | None:
     return None if fitting == sign else fitting
 
 
-def margin_columns(loop: LoopMargins) -> list[TableColumn]:
-    """The table of the margins of all records together."""
-    rows = []
-    for name, margin in loop.margins.named.items():
-        unit, omega = UNITS[margin.kind], margin.frequency.value
-        size = margin.size.value
-        rows.append(
-            [
-                WORDS[name],
-                f"{size:.3g}",
-                interval_text(margin),
-                unit,
-                f"{omega:.3g}",
-                f"{omega / (2.0 * math.pi):.3g}",
-            ]
-        )
-    headings = ("margin", "value", "95 %", "unit", "at rad/s", "Hz")
-    return [
-        TableColumn(head, [row[n] for row in rows], left=head in ("margin", "unit"))
-        for n, head in enumerate(headings)
-    ]
+def loop_tables(loop: LoopMargins) -> list[Table]:
+    """The margins of all records together, and of the worst maneuver where there are several."""
+    sign = "-" if loop.sign == MINUS else "+"
+    title = f"Stability margins of {loop.name}, a loop with command = excitation {sign} returned"
+    named = loop.margins.named
+    frequencies = [margin.frequency.value for margin in named.values()]
+    margins = table(
+        title,
+        (Column("margin"), [WORDS[name] for name in named]),
+        (Column("value", BY_ROW), [formatted(each.size.value, ".3g") for each in named.values()]),
+        (Column("95 %", right=True), [interval_text(each) for each in named.values()]),
+        (
+            Column("at", "rad/s", printed="at rad/s"),
+            [formatted(f, ".3g") for f in frequencies],
+        ),
+        (
+            Column("at", "Hz", printed="Hz"),
+            [formatted(f / (2.0 * math.pi), ".3g") for f in frequencies],
+        ),
+        units=[UNITS[each.kind] for each in named.values()],
+    )
+    worst = table(
+        "The worst maneuver, intervals for all together",
+        (Column("worst of"), [WORDS[one.name] for one in loop.worst]),
+        (Column("value", BY_ROW), [formatted(one.margin.size.value, ".3g") for one in loop.worst]),
+        (Column("+-", BY_ROW, beside=True), [formatted(one.half, ".2g") for one in loop.worst]),
+        (Column("maneuver"), [loop.parts[one.maneuver] for one in loop.worst]),
+        (
+            Column("maneuvers", PURE),
+            [Number(sum(each is not None for each in one.values), digits=0) for one in loop.worst],
+        ),
+        (Column("p alike", PURE), [formatted(one.p_value, ".2g") for one in loop.worst]),
+        units=[UNITS[one.margin.kind] for one in loop.worst],
+    )
+    return [each for each in (margins, worst) if each.rows]
 
 
 def interval_text(margin: Margin) -> str:
     """``"4.5 to 4.8"``, and ``or wider`` where the usable band ends before the interval does."""
     text = f"{margin.low:.3g} to {margin.high:.3g}"
     return f"{text} or wider" if margin.open else text
-
-
-def worst_columns(loop: LoopMargins) -> list[TableColumn]:
-    """The table of the worst maneuver by margin."""
-    rows = []
-    for one in loop.worst:
-        least, unit = one.margin.size.value, UNITS[one.margin.kind]
-        shown = sum(each is not None for each in one.values)
-        rows.append(
-            [
-                WORDS[one.name],
-                f"{least:.3g}",
-                f"{one.half:.2g}",
-                unit,
-                loop.parts[one.maneuver],
-                str(shown),
-                f"{one.p_value:.2g}",
-            ]
-        )
-    headings = ("worst of", "value", "+-", "unit", "maneuver", "maneuvers", "p alike")
-    left = ("worst of", "unit", "maneuver")
-    return [
-        TableColumn(head, [row[n] for row in rows], left=head in left)
-        for n, head in enumerate(headings)
-    ]
 
 
 def margin_lines(loop: LoopMargins) -> list[str]:

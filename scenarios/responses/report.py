@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,32 +15,38 @@ from rich.console import Console
 from ident.flying_qualities.levels import Level
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
-from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import (
+from scenarios.report.document import (
+    BY_ROW,
+    MISSING,
+    PURE,
     Block,
     Bullets,
+    Cell,
+    Column,
+    Number,
     Page,
     Prose,
+    Table,
     as_sentence,
+    formatted,
     now,
     reproduction,
     section,
+    table,
 )
-from scenarios.pages.tables import printed_blocks
-from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures, write_page
+from scenarios.report.quantities import console, number_text
+from scenarios.report.summary import BELOW, Summary, print_summary
+from scenarios.report.terminal import show_blocks, show_table
+from scenarios.report.text_tables import print_paragraph
 from scenarios.responses.analysis import ResponseEstimates, pairs
 from scenarios.responses.fitting import Fits, cost_sentence, envelope_sentence, transfer_text
 from scenarios.responses.loops import (
-    MINUS,
-    LoopMargins,
-    margin_columns,
+    loop_tables,
     margin_lines,
     margins_content,
-    worst_columns,
 )
-from scenarios.terminal.quantities import console, number_text
-from scenarios.terminal.summary import BELOW, Summary, print_summary
-from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
 
 # ---- Frequency responses in the terminal: a summary, notes, and a table for each response
 
@@ -57,34 +63,20 @@ def print_responses(
         print_paragraph(out, f"warning: {line}", indent=0)
     for line in found.notes:
         print_paragraph(out, line, indent=0)
-    for row, column, name in pairs(found):
-        unit = found.unit(*name_pair(found, row, column))
-        title = f"{name}{f', {unit}' if unit else ''}: {band_sentence(found, row, column)}"
-        print_table(out, title, table_columns(found, row, column))
+    for row, column, _ in pairs(found):
+        show_table(
+            out, response_table(found, row, column, f": {band_sentence(found, row, column)}")
+        )
     for line in quality_lines(found):
         print_paragraph(out, line, indent=0)
     if found.loop is not None:
-        for title, columns in loop_tables(found.loop):
-            print_table(out, title, columns)
+        show_blocks(out, loop_tables(found.loop))
         for line in margin_lines(found.loop):
             print_paragraph(out, line, indent=0)
     for row, column, _ in pairs(found):
         for line in fit_lines(found, row, column):
             print_paragraph(out, line, indent=0)
-        columns = fit_columns(found, row, column)
-        if columns:
-            print_table(out, "", columns)
-
-
-def loop_tables(loop: LoopMargins) -> list[tuple[str, list[TableColumn]]]:
-    """Titles and columns of the margins, and of the worst maneuver where there are several."""
-    sign = "-" if loop.sign == MINUS else "+"
-    title = f"Stability margins of {loop.name}, a loop with command = excitation {sign} returned"
-    tables = [
-        (title, margin_columns(loop)),
-        ("The worst maneuver, intervals for all together", worst_columns(loop)),
-    ]
-    return [(heading, columns) for heading, columns in tables if columns[0].cells]
+        show_blocks(out, fit_tables(found, row, column))
 
 
 def quality_lines(found: ResponseEstimates) -> list[str]:
@@ -124,30 +116,41 @@ def fit_lines(found: ResponseEstimates, row: int, column: int) -> list[str]:
     return [head, cost_sentence(function), *([judged] if judged else [])]
 
 
-def fit_columns(found: ResponseEstimates, row: int, column: int) -> list[TableColumn]:
-    """The table of the parameters of a fitted transfer function; none where none was fitted."""
+def fit_tables(found: ResponseEstimates, row: int, column: int, caption: str = "") -> list[Table]:
+    """The parameters of a fitted transfer function; no table where none was fitted."""
     fitted = found.fits.of(row, column) if found.fits is not None else None
     if fitted is None or found.fits is None:
         return []
     function, _ = fitted
-    rows = []
-    for name in function.form.parameters:
-        value = function.values[name]
-        size = max(abs(value), 1e-300)
-        if name in function.std:
-            std, alone = function.std[name], function.insensitivity[name]
-            shares = [f"{100.0 * each / size:.3g}" if std < size else "-" for each in (std, alone)]
-            cells = [number_text(value, std), f"{std:.2g}", *shares]
-        else:
-            cells = [f"{value:.5g}", "fixed", "-", "-"]
-        unit = function.form.units.get(name, "")
-        said = "shared" if name in found.fits.fit.shared else ""
-        rows.append([name, *cells, "" if unit == "1" else unit, said])
-    headings = ["parameter", "value", "std", "std, %", "insensitivity, %", "unit", "note"]
-    kept = len(headings) if any(row[-1] for row in rows) else len(headings) - 1
+    names = list(function.form.parameters)
+
+    def share(name: str, sizes: Mapping[str, float]) -> Cell:
+        size = max(abs(function.values[name]), 1e-300)
+        known = name in function.std and function.std[name] < size
+        return formatted(100.0 * sizes[name] / size if known else None, ".3g")
+
+    def spread(name: str) -> Cell:
+        return formatted(function.std[name], ".2g") if name in function.std else "fixed"
+
+    shared = ["shared" if name in found.fits.fit.shared else "" for name in names]
     return [
-        TableColumn(head, [row[n] for row in rows], left=head in ("parameter", "unit", "note"))
-        for n, head in enumerate(headings[:kept])
+        table(
+            caption,
+            (Column("parameter"), names),
+            (
+                Column("value", BY_ROW),
+                [
+                    Number(value, shown=number_text(value, function.std.get(name)))
+                    for name in names
+                    for value in [function.values[name]]
+                ],
+            ),
+            (Column("std", BY_ROW, beside=True), [spread(name) for name in names]),
+            (Column("std", "%"), [share(name, function.std) for name in names]),
+            (Column("insensitivity", "%"), [share(name, function.insensitivity) for name in names]),
+            (Column("note"), shared) if any(shared) else None,
+            units=[function.form.units.get(name, "") for name in names],
+        )
     ]
 
 
@@ -165,36 +168,42 @@ def shown_rows(count: int, most: int = ROWS) -> np.ndarray:
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
 
 
-def table_columns(found: ResponseEstimates, row: int, column: int) -> list[TableColumn]:
-    """The columns of the table of a response."""
-    one = found.found
+def response_table(found: ResponseEstimates, row: int, column: int, sentence: str = "") -> Table:
+    """Some frequencies of a response, named by its output, input and unit."""
+    one, output, name = found.found, *name_pair(found, row, column)
     at = shown_rows(one.frequency.size)
     response, usable = one.response[row, column], one.usable[row, column]
-    size, half = np.abs(response), one.half_width()[row, column]
-    phase = np.degrees(one.phase()[row, column])
-    turn = np.degrees(one.phase_half_width()[row, column])
+    unit = found.unit(output, name)
+    label = next(text for i, j, text in pairs(found) if (i, j) == (row, column))
+    size = np.abs(response)
+
+    def cells(values: np.ndarray, form: str) -> list[Cell]:
+        return [formatted(float(values[k]), form) for k in at]
+
+    magnitude = unit or PURE
     several = len(found.names.inputs) > 1
-
-    def cells(values: np.ndarray, form: str) -> Sequence[str]:
-        return [format(float(values[k]), form) for k in at]
-
-    columns = [
-        TableColumn("Hz", cells(one.frequency, ".3g")),
-        TableColumn("rad/s", cells(2.0 * np.pi * one.frequency, ".3g")),
-        TableColumn("magnitude", cells(size, ".4g")),
-        TableColumn("+-", cells(half, ".2g")),
-        TableColumn("dB", cells(20.0 * np.log10(np.maximum(size, 1e-300)), ".1f")),
-        TableColumn("phase, deg", cells(phase, ".1f")),
-        TableColumn("+-", cells(turn, ".1f")),
-        TableColumn("coherence", cells(one.coherence[row], ".3f")),
-    ]
-    if several:
-        columns.append(
-            TableColumn("partial coherence", cells(one.partial_coherence[row, column], ".3f"))
-        )
-    columns.append(TableColumn("random error", cells(one.random_error[row, column], ".3f")))
-    columns.append(TableColumn("usable", ["yes" if usable[k] else "-" for k in at], left=True))
-    return columns
+    return table(
+        f"{label}{f', {unit}' if unit else ''}{sentence}",
+        (Column("frequency", "Hz", printed="Hz"), cells(one.frequency, ".3g")),
+        (Column("frequency", "rad/s", printed="rad/s"), cells(2.0 * np.pi * one.frequency, ".3g")),
+        (Column("magnitude", magnitude, printed="magnitude"), cells(size, ".4g")),
+        (Column("+-", magnitude, printed="+-"), cells(one.half_width()[row, column], ".2g")),
+        (
+            Column("magnitude", "dB", printed="dB"),
+            cells(20.0 * np.log10(np.maximum(size, 1e-300)), ".1f"),
+        ),
+        (Column("phase", "deg"), cells(np.degrees(one.phase()[row, column]), ".1f")),
+        (
+            Column("+-", "deg", printed="+-"),
+            cells(np.degrees(one.phase_half_width()[row, column]), ".1f"),
+        ),
+        (Column("coherence", PURE), cells(one.coherence[row], ".3f")),
+        (Column("partial coherence", PURE), cells(one.partial_coherence[row, column], ".3f"))
+        if several
+        else None,
+        (Column("random error", PURE), cells(one.random_error[row, column], ".3f")),
+        (Column("usable"), ["yes" if usable[k] else MISSING for k in at]),
+    )
 
 
 # ---- The page of an estimate: figures, tables, how it was made and how its numbers are read
@@ -216,27 +225,16 @@ def responses_page(found: ResponseEstimates, drawn: Sequence[Drawn] = ()) -> Pag
     """The page of an estimate with the figures ``drawn``."""
     names, summary = found.names, responses_summary(found)
     files = [each.name for each in found.identities]
-    tables = []
-    for row, column, name in pairs(found):
-        output, one = name_pair(found, row, column)
-        unit = found.unit(output, one)
-        title = f"{name}{f', {unit}' if unit else ''}"
-        tables += printed_blocks(
-            partial(print_table, title=title, columns=table_columns(found, row, column))
-        )
-        tables.append(Prose(f"{name}: {band_sentence(found, row, column)}.", "note"))
+    tables: list[Block] = []
     functions: list[Block] = []
     for row, column, name in pairs(found):
-        functions += [Prose(f"{as_sentence(line)}") for line in fit_lines(found, row, column)]
-        columns = fit_columns(found, row, column)
-        if columns:
-            functions += printed_blocks(
-                partial(print_table, title=f"Parameters of {name}", columns=columns)
-            )
+        tables.append(response_table(found, row, column))
+        tables.append(Prose(f"{name}: {band_sentence(found, row, column)}.", "note"))
+        functions += [Prose(line) for line in fit_lines(found, row, column)]
+        functions += fit_tables(found, row, column, f"Parameters of {name}")
     margins: list[Block] = []
     if found.loop is not None:
-        for title, columns in loop_tables(found.loop):
-            margins += printed_blocks(partial(print_table, title=title, columns=columns))
+        margins += loop_tables(found.loop)
         margins.append(Bullets(tuple(map(as_sentence, margin_lines(found.loop)))))
     words = ["flightid", "response", *files]
     words += [word for name in names.inputs for word in ("--input", name)]

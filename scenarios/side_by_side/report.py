@@ -16,13 +16,14 @@ from rich.console import Console
 
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
-from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
-    Block,
+    MISSING,
+    PURE,
     Bullets,
     Cell,
     Column,
+    Number,
     Page,
     Table,
     as_sentence,
@@ -32,13 +33,15 @@ from scenarios.pages.model import (
     now,
     reproduction,
     section,
+    table,
 )
-from scenarios.pages.tables import SIGMAS
-from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures, write_page
+from scenarios.report.quantities import console, shown_in
+from scenarios.report.terminal import show_blocks
+from scenarios.report.text_tables import GAP, print_paragraph
 from scenarios.side_by_side.comparison import SideBySide, StudyColumn, StudyResponses, Value
 from scenarios.side_by_side.comparison import StudyColumn as Study
-from scenarios.terminal.quantities import console, determined, number_text, shown_in, unit_cell
-from scenarios.terminal.tables import GAP, TableColumn, print_paragraph, print_table
 
 if TYPE_CHECKING:
     from scenarios.plots.drawing import Named
@@ -219,8 +222,10 @@ def _response(label: str, found: StudyResponses) -> StudyResponse:
 
 # ---- The page of studies side by side: a column a study
 
-ESTIMATES = "Estimates"
-REFERENCE = "What each study should find: true, or condensed where its model lacks modes"
+ESTIMATES = "estimate +- sigma"
+REFERENCE = "what the study's model should find: true, or condensed where it lacks modes"
+ERRORS = "error in % (in standard deviations)"
+PUBLISHED_ERRORS = "error of the published value in % (in its own standard deviations)"
 LIMIT = 3.0  # combined sigmas from which two studies are said to disagree
 
 
@@ -245,7 +250,7 @@ def compared_page(compared: SideBySide, drawn: Sequence[Drawn] = ()) -> Page:
         ),
         sections=(
             *section("The studies", _studies(compared.columns)),
-            *section("Estimates", *_tables(compared)),
+            *section("Estimates", *compared_tables(compared)),
             *section(
                 "What only one has",
                 Bullets(
@@ -278,85 +283,62 @@ def _studies(columns: Sequence[Study]) -> Table:
     return Table("Studies", headings, rows)
 
 
-def _tables(compared: SideBySide) -> list[Block]:
+def compared_tables(compared: SideBySide) -> list[Table]:
+    """What the studies share, a column a study: estimates, what each model should find where that
+    differs, errors, and published values where there are any.
+    """
     names = (*compared.names, *compared.derived)
-    true = [_common(compared, name) for name in names]
-    blocks: list[Block] = [
-        _page_table(compared, names, ESTIMATES, BY_ROW, lambda v: estimate(v.estimate, v.std), true)
+    found = [
+        value for name in names for c in compared.columns if (value := compared.value(name, c))
     ]
-    blocks.append(_page_table(compared, names, REFERENCE, BY_ROW, lambda v: known(v.reference)))
-    blocks.append(
-        _page_table(
-            compared,
-            names,
-            "Error in the study's own sigmas",
-            SIGMAS,
-            lambda v: known(v.sigmas, 1, signed=True),
-        )
-    )
-    blocks.append(
-        _page_table(compared, names, "Error", "%", lambda v: known(v.percent, 2, signed=True))
-    )
-    blocks.append(
-        _page_table(
-            compared,
-            names,
-            "Published values",
-            BY_ROW,
-            lambda v: estimate(*v.published) if v.published else "–",
-        )
-    )
-    errors = _page_table(
-        compared,
-        names,
-        "Error of the published values in their own sigmas",
-        SIGMAS,
-        _published_error,
-    )
-    return [block for block in (*blocks, errors) if isinstance(block, Table) and block.rows]
+    tables = [_table_of(compared, ESTIMATES, _estimate, true=True)]
+    if any(_differs(compared, name) for name in names):
+        tables.append(_table_of(compared, REFERENCE, lambda v: known(v.reference)))
+    if any(value.reference is not None for value in found):
+        tables.append(_table_of(compared, ERRORS, _error, PURE))
+    if any(value.published is not None for value in found):
+        tables.append(_table_of(compared, "published +- sigma", _published))
+        tables.append(_table_of(compared, PUBLISHED_ERRORS, _published_error, PURE))
+    return [each for each in tables if each.rows]
 
 
-def _published_error(value: Value) -> Cell:
-    printed = value.published_value
-    return "–" if printed is None else known(printed.sigmas, 1, signed=True)
-
-
-def _page_table(
+def _table_of(
     compared: SideBySide,
-    names: Sequence[str],
     caption: str,
-    unit: str,
     cell: Callable[[Value], Cell],
-    true: Sequence[float | None] = (),
+    unit: str = BY_ROW,
+    *,
+    true: bool = False,
 ) -> Table:
-    """A column a study; rows and studies that say nothing are left out."""
+    """Rows and studies that say nothing are left out; ``true`` adds what all studies agree on."""
+
+    def told(name: str, column: StudyColumn) -> Cell:
+        value = _shown(compared, name, column)
+        return MISSING if value is None else cell(value)
+
     cells = {
-        name: [
-            ("–" if value is None else cell(value))
-            for value in (compared.value(name, c) for c in compared.columns)
-        ]
-        for name in names
+        name: [told(name, column) for column in compared.columns]
+        for name in (*compared.names, *compared.derived)
     }
-    cells = {name: row for name, row in cells.items() if any(each != "–" for each in row)}
-    shown = [
-        at for at in range(len(compared.columns)) if any(row[at] != "–" for row in cells.values())
-    ]
-    with_true = any(value is not None for value in true)
-    columns = [Column("parameter"), *([Column("true", BY_ROW)] if with_true else [])]
-    columns += [
-        Column(compared.columns[at].label + (" ± σ" if caption == ESTIMATES else ""), unit)
-        for at in shown
-    ]
-    known_true = dict(zip(names, true, strict=True)) if with_true else {}
-    rows = tuple(
-        (
-            compared.words(name),
-            *([known(known_true[name])] if with_true else []),
-            *(row[at] for at in shown),
-        )
-        for name, row in cells.items()
+    cells = {name: row for name, row in cells.items() if any(each != MISSING for each in row)}
+    common = [known(_common(compared, name)) for name in cells]
+    return table(
+        caption,
+        (Column("parameter"), [compared.words(name) for name in cells]),
+        (Column("true", BY_ROW), common) if true and any(c != MISSING for c in common) else None,
+        *(
+            (Column(column.label, unit, together=True), [row[at] for row in cells.values()])
+            for at, column in enumerate(compared.columns)
+            if any(row[at] != MISSING for row in cells.values())
+        ),
+        units=[shown_in(compared.unit(name), name).unit for name in cells],
     )
-    return Table(caption, tuple(columns), rows, tuple(compared.unit(name) for name in cells))
+
+
+def _shown(compared: SideBySide, name: str, study: StudyColumn) -> Value | None:
+    """What a study says of a parameter, in the unit in which it is shown."""
+    value = compared.value(name, study)
+    return value.in_unit(*shown_in(value.unit, name)) if value is not None else None
 
 
 def _common(compared: SideBySide, name: str) -> float | None:
@@ -364,9 +346,46 @@ def _common(compared: SideBySide, name: str) -> float | None:
     told = {
         value.true
         for column in compared.columns
-        if (value := compared.value(name, column)) is not None and value.true is not None
+        if (value := _shown(compared, name, column)) is not None and value.true is not None
     }
     return told.pop() if len(told) == 1 else None
+
+
+def _differs(compared: SideBySide, name: str) -> bool:
+    """Whether what is to be found is another number in another study, or not the true one."""
+    found = [
+        value
+        for study in compared.columns
+        if (value := compared.value(name, study)) is not None and value.reference is not None
+    ]
+    return (
+        any(value.condensed is not None for value in found)
+        or len({value.reference for value in found}) > 1
+    )
+
+
+def _estimate(value: Value) -> Cell:
+    return estimate(value.estimate, value.std)
+
+
+def _error(value: Value) -> Cell:
+    percent, sigmas = value.percent, value.sigmas
+    told = [f"{percent:+.2f} %"] if percent is not None else []
+    told += [f"({sigmas:+.1f})"] if sigmas is not None else []
+    number = percent if percent is not None else sigmas
+    return MISSING if number is None else Number(number, shown=" ".join(told))
+
+
+def _published(value: Value) -> Cell:
+    if value.published is None:
+        return MISSING
+    printed, std = value.published
+    return Number(printed, std or None, shown=f"{printed:.5g}", shown_sigma=f"{std:.4g}")
+
+
+def _published_error(value: Value) -> Cell:
+    printed = value.published_value
+    return MISSING if printed is None else _error(printed)
 
 
 def _farthest(compared: SideBySide) -> tuple[float | None, str]:
@@ -434,33 +453,7 @@ def print_compared(compared: SideBySide, out: Console | None = None) -> None:
             if c.label in compared.single
         }
         compared = replace(compared, columns=shown, single=singles)
-    names = (*compared.names, *compared.derived)
-    true = _common_truth(compared, names)
-    known = (
-        [TableColumn("true", ["-" if value is None else f"{value:.5g}" for value in true])]
-        if any(value is not None for value in true)
-        else []
-    )
-    _print(out, compared, "estimate +- sigma", names, _estimate, known)
-    if any(_differs(compared, name) for name in names):
-        _print(
-            out,
-            compared,
-            "what the study's model should find: true, or condensed where it lacks modes",
-            names,
-            _reference,
-        )
-    if any(value.reference is not None for _, value in _values(compared)):
-        _print(out, compared, "error in % (in standard deviations)", names, _error)
-    if any(value.published is not None for _, value in _values(compared)):
-        _print(out, compared, "published +- sigma", names, _published)
-        _print(
-            out,
-            compared,
-            "error of the published value in % (in its own standard deviations)",
-            names,
-            _text_published_error,
-        )
+    show_blocks(out, compared_tables(compared), apart=True)
     for label, single in compared.single.items():
         print_paragraph(out, f"only {label} has {', '.join(single)}", indent=0)
     if compared.apart:
@@ -469,119 +462,6 @@ def print_compared(compared: SideBySide, out: Console | None = None) -> None:
             f"in different units, therefore not compared: {', '.join(compared.apart)}",
             indent=0,
         )
-
-
-def _print(
-    out: Console,
-    compared: SideBySide,
-    title: str,
-    names: Sequence[str],
-    cell: Callable[[Value], str],
-    further: Sequence[TableColumn] = (),
-) -> None:
-    """One table, in as many blocks as the terminal's width asks for. Rows that say nothing are left
-    out.
-    """
-    names = [
-        name
-        for name in names
-        if any(_cell(_shown(compared, name, study), cell) != "-" for study in compared.columns)
-    ]
-    if not names:
-        return
-    fixed = [
-        TableColumn("parameter", [compared.words(name) for name in names], left=True),
-        TableColumn(
-            "unit",
-            [unit_cell(shown_in(compared.unit(name), name).unit) for name in names],
-            left=True,
-        ),
-        *further,
-    ]
-    rest = [
-        TableColumn(study.label, [_cell(_shown(compared, name, study), cell) for name in names])
-        for study in compared.columns
-    ]
-    rest = [column for column in rest if set(column.cells) != {"-"}]
-    out.print()
-    print_table(out, title, [*fixed, *rest], keys=2)
-
-
-def _shown(compared: SideBySide, name: str, study: Study) -> Value | None:
-    """What a study says of a parameter, in the unit in which it is shown."""
-    value = compared.value(name, study)
-    return value.in_unit(*shown_in(value.unit, name)) if value is not None else None
-
-
-def _values(compared: SideBySide) -> list[tuple[Study, Value]]:
-    names = (*compared.names, *compared.derived)
-    found = [(study, compared.value(name, study)) for name in names for study in compared.columns]
-    return [(study, value) for study, value in found if value is not None]
-
-
-def _common_truth(compared: SideBySide, names: Sequence[str]) -> list[float | None]:
-    """The true value of each quantity where all studies that state one state the same."""
-    out: list[float | None] = []
-    for name in names:
-        told = {
-            value.true
-            for study in compared.columns
-            if (value := _shown(compared, name, study)) is not None and value.true is not None
-        }
-        out.append(told.pop() if len(told) == 1 else None)
-    return out
-
-
-def _differs(compared: SideBySide, name: str) -> bool:
-    """Whether what is to be found is another number in another study, or not the true one."""
-    found = [
-        value
-        for study in compared.columns
-        if (value := compared.value(name, study)) is not None and value.reference is not None
-    ]
-    return (
-        any(value.condensed is not None for value in found)
-        or len({value.reference for value in found}) > 1
-    )
-
-
-def _cell(value: Value | None, cell: Callable[[Value], str]) -> str:
-    return "-" if value is None else cell(value)
-
-
-def _estimate(value: Value) -> str:
-    if value.std > 0.0 and not determined(value.estimate, value.std):
-        return "not determined"
-    return (
-        f"{number_text(value.estimate, value.std)} +- {number_text(value.std, value.std)}"
-        if value.std > 0.0
-        else number_text(value.estimate)
-    )
-
-
-def _reference(value: Value) -> str:
-    return "-" if value.reference is None else f"{value.reference:.5g}"
-
-
-def _error(value: Value) -> str:
-    percent, sigmas = value.percent, value.sigmas
-    told = [
-        *([f"{percent:+.2f} %"] if percent is not None else []),
-        *([f"({sigmas:+.1f})"] if sigmas is not None else []),
-    ]
-    return " ".join(told) or "-"
-
-
-def _published(value: Value) -> str:
-    if value.published is None:
-        return "-"
-    printed, std = value.published
-    return f"{printed:.5g} +- {std:.4g}" if std > 0.0 else f"{printed:.5g}"
-
-
-def _text_published_error(value: Value) -> str:
-    printed = value.published_value
-    return "-" if printed is None else _error(printed)
 
 
 # ---- A comparison of studies as files: JSON, CSV and figures

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,12 +14,10 @@ from rich.console import Console
 
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
-from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
     PURE,
     Block,
-    Bullets,
     Cell,
     Column,
     Number,
@@ -31,8 +29,13 @@ from scenarios.pages.model import (
     now,
     reproduction,
     section,
+    table,
 )
-from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures, write_page
+from scenarios.report.quantities import console, shown_in
+from scenarios.report.summary import BELOW, Summary, print_summary
+from scenarios.report.terminal import show_blocks, show_table
 from scenarios.studies.campaign import CampaignRuns, Spread
 from scenarios.studies.campaign_causes import (
     COLOUR,
@@ -46,10 +49,10 @@ from scenarios.studies.campaign_causes import (
 )
 from scenarios.studies.campaign_statistics import (
     NORMAL,
-    print_statistics,
     statistics_blocks,
     statistics_content,
     statistics_csv,
+    two_digits,
 )
 from scenarios.studies.campaign_trials import (
     FURTHER,
@@ -61,14 +64,15 @@ from scenarios.studies.campaign_trials import (
     Level,
     Levels,
 )
-from scenarios.terminal.quantities import console, number_text, shown_in, unit_cell
-from scenarios.terminal.summary import BELOW, Summary, print_summary
-from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
 
-# ---- Why sigmas are wrong, in words, for the terminal and the page
+# ---- Why sigmas are wrong, in tables and words
 
 TITLE = "wrong sigmas, why, and right ones beside them"
 LEVELS_TITLE = "noise levels by likelihood beside those that are assumed"
+NONE = (
+    "no reported sigma is told from a right one by these runs: the two-sigma coverage of every "
+    "parameter is that of a normal distribution"
+)
 
 # Of each cause a word for tables, and what there is to say of it.
 _WORDS = {
@@ -88,50 +92,63 @@ def cause_word(finding: Finding) -> str:
     return " + ".join(_WORDS[each] for each in finding.causes)
 
 
-def print_findings(found: Findings, out: Console) -> None:
-    """Noise levels where they were looked for; a row and a sentence for each wrong sigma."""
-    if found.levels is not None:
-        out.print()
-        print_levels(found, out)
+def findings_blocks(found: Findings) -> list[Block]:
+    """The wrong sigmas with the right ones and a sentence for each cause, or that there is none;
+    noise levels where they were looked for.
+    """
+    blocks = levels_blocks(found, found.levels) if found.levels is not None else []
     if not found.found:
-        return
+        return [*blocks, Prose(NONE)]
     each = found.found
-    shown = [shown_in(f.wrong.statistics.unit, f.name) for f in each]
-    columns = [
-        TableColumn("parameter", [f.name for f in each], left=True),
-        TableColumn("sigma is", [direction(f) for f in each], left=True),
-        TableColumn(
-            "reported",
-            [
-                _two(factor * f.wrong.statistics.reported)
-                for f, (factor, _) in zip(each, shown, strict=True)
-            ],
+    shown = [(f, shown_in(f.wrong.statistics.unit, f.name).factor) for f in each]
+    covered = [f.coverage for f in each]
+    right = table(
+        TITLE,
+        (Column("parameter"), [f.name for f in each]),
+        (
+            Column("sigma is", PURE, left=True),
+            [Number(f.wrong.factor, shown=direction(f)) for f in each],
         ),
-        TableColumn(
-            "right one",
-            [_two(factor * f.corrected) for f, (factor, _) in zip(each, shown, strict=True)],
+        (
+            Column("reported σ", BY_ROW, printed="reported"),
+            [two_digits(factor * f.wrong.statistics.reported) for f, factor in shown],
         ),
-        TableColumn("its coverage", [coverage_text(f) for f in each]),
-        TableColumn("because of", [cause_word(f) for f in each], left=True),
-    ]
-    out.print()
-    print_table(out, TITLE, columns)
-    for sentence in cause_sentences(found):
-        print_paragraph(out, sentence, 0)
+        (
+            Column("right σ", BY_ROW, printed="right one"),
+            [two_digits(factor * f.corrected) for f, factor in shown],
+        ),
+        (Column("its coverage", "%"), [Number(100.0 * w.share, digits=1) for w in covered]),
+        (Column("from", "%"), [Number(100.0 * w.interval[0], digits=1) for w in covered]),
+        (Column("to", "%"), [Number(100.0 * w.interval[1], digits=1) for w in covered]),
+        (Column("because of"), [cause_word(f) for f in each]),
+        units=[shown_in(f.wrong.statistics.unit, f.name).unit for f in each],
+    )
+    return [*blocks, right, *map(Prose, cause_sentences(found))]
 
 
-def print_levels(found: Findings, out: Console) -> None:
+def levels_blocks(found: Findings, levels: Levels) -> list[Block]:
     """A row a level, and whether all are as assumed."""
-    items = found.levels.items if found.levels is not None else ()
-    columns = [
-        TableColumn("noise of", [item.name for item in items], left=True),
-        TableColumn("unit", [shown_in(item.unit, item.name)[1] for item in items], left=True),
-        TableColumn("assumed", [level_text(item, item.assumed) for item in items]),
-        TableColumn("by likelihood", [level_text(item, item.found) for item in items]),
-        TableColumn("agree", ["yes" if item.agrees else "no" for item in items], left=True),
-    ]
-    print_table(out, LEVELS_TITLE, columns)
-    print_paragraph(out, levels_sentence(found), 0)
+    items = levels.items
+    shown = table(
+        LEVELS_TITLE,
+        (Column("noise of"), [item.name for item in items]),
+        (Column("assumed", BY_ROW), [_level(item, item.assumed, 0.0) for item in items]),
+        (
+            Column("by likelihood", BY_ROW),
+            [_level(item, item.found, item.spread) for item in items],
+        ),
+        (Column("agree"), ["yes" if item.agrees else "no" for item in items]),
+        units=[shown_in(item.unit, item.name).unit for item in items],
+    )
+    return [shown, Prose(levels_sentence(found))]
+
+
+def _level(item: Level, value: float, spread: float) -> Cell:
+    if value == 0.0 or item.name in (STATES, PARAMETERS):
+        return level_text(item, value)
+    scaled = shown_in(item.unit, item.name).factor * value
+    sigma = scaled * spread if 0.0 < spread < 1.0 else None
+    return Number(scaled, sigma, shown=level_text(item, value))
 
 
 def level_text(item: Level, value: float) -> str:
@@ -190,15 +207,6 @@ def direction(finding: Finding) -> str:
         f"too small by {_factor(factor)}"
         if factor > 1.0
         else f"too large by {_factor(1.0 / max(factor, 1e-12))}"
-    )
-
-
-def coverage_text(finding: Finding) -> str:
-    """Share within two right sigmas, with its interval."""
-    within = finding.coverage
-    return (
-        f"{100 * within.share:.1f} % ({100 * within.interval[0]:.1f} to "
-        f"{100 * within.interval[1]:.1f})"
     )
 
 
@@ -352,75 +360,7 @@ def _factor(value: float) -> str:
     return f"{value:.2f}" if value < 10.0 else f"{value:.0f}"
 
 
-def _two(value: float) -> str:
-    return number_text(value, value)
-
-
-# ---- Why sigmas are wrong, on the page of a campaign and in its document
-
-NONE = (
-    "No reported sigma is told from a right one by these runs: the two-sigma coverage of every "
-    "parameter is that of a normal distribution."
-)
-
-
-def findings_blocks(found: Findings) -> list[Block]:
-    """The table of wrong sigmas with the right ones and a sentence for each cause, or that there is
-    none; noise levels.
-    """
-    blocks: list[Block] = []
-    if found.found:
-        headings = (
-            Column("parameter"),
-            Column("multiply σ by", PURE),
-            Column("reported σ", BY_ROW),
-            Column("right σ", BY_ROW),
-        )
-        shares = (
-            Column("its coverage", "%"),
-            Column("from", "%"),
-            Column("to", "%"),
-            Column("because of"),
-        )
-        rows = tuple(_row(each) for each in found.found)
-        blocks.append(
-            Table(
-                TITLE.capitalize(),
-                (*headings, *shares),
-                rows,
-                tuple(each.wrong.statistics.unit for each in found.found),
-            )
-        )
-        blocks.append(Bullets(tuple(as_sentence(each) for each in cause_sentences(found))))
-    else:
-        blocks.append(Prose(NONE))
-    return blocks + (_levels_blocks(found, found.levels) if found.levels is not None else [])
-
-
-def _levels_blocks(found: Findings, levels: Levels) -> list[Block]:
-    """Noise levels by likelihood beside those assumed."""
-    outputs = [item for item in levels.items if item.name not in (STATES, PARAMETERS)]
-    columns = (
-        Column("noise of"),
-        Column("assumed σ", BY_ROW),
-        Column("σ by likelihood", BY_ROW),
-        Column("agree"),
-    )
-    rows = tuple(
-        (item.name, _level(item.assumed), _level(item.found, item), "yes" if item.agrees else "no")
-        for item in outputs
-    )
-    table = Table(LEVELS_TITLE.capitalize(), columns, rows, tuple(item.unit for item in outputs))
-    forced = [
-        f"{item.name}: assumed {level_text(item, item.assumed)}, by likelihood "
-        f"{level_text(item, item.found)}"
-        for item in levels.items[len(outputs) :]
-    ]
-    return [
-        table,
-        *(Prose(as_sentence(each)) for each in forced),
-        Prose(as_sentence(levels_sentence(found))),
-    ]
+# ---- Why sigmas are wrong, in the document of a campaign
 
 
 def findings_content(found: Findings) -> dict[str, Any]:
@@ -464,26 +404,6 @@ def _content(each: Finding) -> dict[str, Any]:
         "runs": within.runs,
         "computed_again": each.again,
     }
-
-
-def _row(each: Finding) -> tuple[Cell, ...]:
-    within, sizes = each.coverage, (each.wrong.statistics.reported, each.corrected)
-    shares = (Number(100.0 * value, digits=1) for value in (within.share, *within.interval))
-    factor = Number(each.wrong.factor, shown=number_text(each.wrong.factor, each.wrong.factor))
-    return (
-        each.name,
-        factor,
-        *(Number(size, shown=number_text(size, size)) for size in sizes),
-        *shares,
-        cause_word(each),
-    )
-
-
-def _level(value: float, item: Level | None = None) -> Cell:
-    if value == 0.0:
-        return "none"
-    spread = value * item.spread if item is not None and 0.0 < item.spread < 1.0 else None
-    return Number(value, spread)
 
 
 # ---- The page of a campaign
@@ -540,7 +460,7 @@ def campaign_page(
             as_sentence(line) for line in (broken, *cause_sentences(judgement.findings)) if line
         ),
         sections=(
-            *section("Bias and scatter", *_sizes(campaign)),
+            *section("Bias and scatter", sizes_table(campaign), Prose(SIZES_NOTE, "note")),
             *section(
                 "Whether the sigmas are right",
                 *findings_blocks(judgement.findings),
@@ -564,36 +484,46 @@ def campaign_page(
     )
 
 
-def _sizes(campaign: CampaignRuns) -> list[Block]:
-    headings = (
-        Column("parameter"),
-        *(Column(each, BY_ROW) for each in ("reference", "bias ± σ", "scatter", "reported σ")),
-    )
-    count = campaign.values.shape[1]
-    rows = tuple(_size(s, count) for s in campaign.spreads)
-    note = (
-        "Bias: mean error with the sigma of a mean. Scatter: standard deviation of the estimates. "
-        "Reported: root mean square of the sigmas."
-    )
-    return [
-        Table(f"Over {count} runs", tuple(headings), rows, tuple(s.unit for s in campaign.spreads)),
-        Prose(note, "note"),
-    ]
+SIZES_NOTE = (
+    "Bias: mean error with the sigma of a mean. Scatter: standard deviation of the estimates. "
+    "Reported: root mean square of the sigmas."
+)
 
 
-def _size(s: Spread, count: int) -> tuple[Cell, ...]:
+def sizes_table(campaign: CampaignRuns) -> Table:
+    """Bias, scatter and coverage of each parameter, and of all in units of their sigmas."""
+    some = tuple(_shown(s) for s in (*campaign.spreads, campaign.pooled))
+    root = campaign.values.shape[1] ** 0.5
+
+    def percent(values: Iterable[float]) -> list[Cell]:
+        return [Number(100.0 * value, digits=1) for value in values]
+
+    return table(
+        campaign_title(campaign),
+        (Column("parameter"), [s.name for s in some]),
+        (Column("reference", BY_ROW), [Number(s.reference) for s in some]),
+        (
+            Column("bias ± σ", BY_ROW, printed="bias"),
+            [Number(s.bias, s.scatter / root) for s in some],
+        ),
+        (Column("scatter", BY_ROW), [two_digits(s.scatter) for s in some]),
+        (Column("reported σ", BY_ROW, printed="reported"), [two_digits(s.reported) for s in some]),
+        (
+            Column("within 2 σ", "%", printed="within 2 sigma, %"),
+            percent(s.within_two for s in some),
+        ),
+        (Column("from (95 %)", "%", printed="from"), percent(s.interval[0] for s in some)),
+        (Column("to", "%", printed="to (95 %)", beside=True), percent(s.interval[1] for s in some)),
+        units=[s.unit for s in some],
+    )
+
+
+def campaign_title(campaign: CampaignRuns) -> str:
+    """The scenario, how many runs from which seed, and the method."""
     return (
-        s.name,
-        Number(s.reference),
-        Number(s.bias, s.scatter / count**0.5),
-        _of_two(s.scatter),
-        _of_two(s.reported),
+        f"{campaign.scenario.name}: {len(campaign.seeds)} runs from seed {campaign.root}, "
+        f"{campaign.estimation.label}"
     )
-
-
-def _of_two(value: float) -> Cell:
-    """A deviation with two digits."""
-    return Number(value, shown=number_text(value, value))
 
 
 # ---- A Monte-Carlo campaign printed and written
@@ -610,30 +540,7 @@ def print_campaign(
     """
     terminal = out or console()
     seeds = campaign.seeds
-    title = (
-        f"{campaign.scenario.name}: {len(seeds)} runs from seed {campaign.root}, "
-        f"{campaign.estimation.label}"
-    )
-    spreads = tuple(_shown(s) for s in (*campaign.spreads, campaign.pooled))
-    sizes = [
-        TableColumn("parameter", [s.name for s in spreads], left=True),
-        TableColumn("unit", [unit_cell(s.unit) for s in spreads], left=True),
-        TableColumn("reference", [f"{s.reference:.5g}" for s in spreads]),
-        # to the sigma of a mean
-        TableColumn(
-            "bias",
-            [number_text(s.bias, s.scatter / campaign.values.shape[1] ** 0.5) for s in spreads],
-        ),
-        TableColumn("scatter", [number_text(s.scatter, s.scatter) for s in spreads]),
-        TableColumn("reported", [number_text(s.reported, s.reported) for s in spreads]),
-    ]
-    shares = [
-        TableColumn("within 2 sigma", [f"{100 * s.within_two:.1f} %" for s in spreads]),
-        TableColumn(
-            "95 % interval",
-            [f"{100 * s.interval[0]:.1f} to {100 * s.interval[1]:.1f} %" for s in spreads],
-        ),
-    ]
+    title = campaign_title(campaign)
     pooled, low_high = (
         campaign.pooled,
         " to ".join(f"{100 * end:.1f}" for end in campaign.pooled.interval),
@@ -644,10 +551,10 @@ def print_campaign(
         f"sigma {100 * pooled.within_one:.1f} %"
     )
     print_summary(terminal, Summary(title, settled, result, details=details))
-    print_table(terminal, title, [*sizes, *shares])
+    show_table(terminal, sizes_table(campaign))
     if judgement is not None:
-        print_statistics(judgement.statistics, terminal)
-        print_findings(judgement.findings, terminal)
+        show_blocks(terminal, statistics_blocks(judgement.statistics), apart=True)
+        show_blocks(terminal, findings_blocks(judgement.findings), apart=True)
     if campaign.broken:
         terminal.print(broken_words(campaign))
 

@@ -18,7 +18,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from ident.banks.bank import filter_batched
 from ident.filters.ekf import run_ekf
@@ -30,23 +29,22 @@ from ident.statistics.intervals import (
     mean_square_interval,
 )
 from ident.whole_record.layout import weighted_sensitivities
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
+    MISSING,
     PURE,
     Block,
     Cell,
     Column,
     Number,
     Prose,
-    Table,
-    as_sentence,
     known,
+    table,
 )
+from scenarios.report.quantities import number_text, shown_in
 from scenarios.studies.campaign import CampaignRuns, EstimatorRuns, Spread
 from scenarios.studies.declaration import Estimation
 from scenarios.studies.estimating import biased_system, compiled, filter_settings
-from scenarios.terminal.quantities import number_text
-from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.errors import FlightidError
@@ -537,53 +535,12 @@ def _finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
-# ---- Statistics of a campaign in the terminal
+# ---- Statistics of a campaign in sentences
 
 MEANINGS = {
     "NEES": "squared error in units of the reported covariance, all parameters together",
     "NIS": "squared innovation in units of its own",
 }
-
-
-def print_statistics(found: CampaignStatistics, out: Console) -> None:
-    """A row a parameter: scatter over reported sigma, coverage, efficiency; below it NEES and
-    NIS.
-    """
-    each = found.parameters
-    columns = [
-        TableColumn("parameter", [p.name for p in each], left=True),
-        TableColumn(
-            "bias/its sigma",
-            [f"{p.bias / p.bias_std:+.1f}" if p.bias_std > 0.0 else "-" for p in each],
-        ),
-        TableColumn("scatter/reported", [_ratio(p.ratio, p.ratio_interval) for p in each]),
-        *(
-            TableColumn(f"in {n} sigma", [f"{100 * p.coverage[n - 1].share:.1f} %" for p in each])
-            for n in (1, 2, 3)
-        ),
-        TableColumn("efficiency", [efficiency_text(p) for p in each]),
-    ]
-    out.print()
-    print_table(
-        out,
-        "scatter over the reported sigma (95 % interval), coverage (a normal distribution's: 68.3, "
-        "95.4, 99.7 %), efficiency",
-        columns,
-    )
-    for squares in (found.nees, found.nis):
-        if squares is not None:
-            print_paragraph(out, squares_sentence(squares), 0)
-
-
-def efficiency_text(p: ParameterStatistics) -> str:
-    """Variance of the bound over that of the estimates with its interval, or a dash."""
-    if (
-        p.efficiency is None
-        or p.efficiency_interval is None
-        or not math.isfinite(p.efficiency_interval[1])
-    ):
-        return "-"
-    return _ratio(p.efficiency, p.efficiency_interval)
 
 
 def squares_sentence(squares: Squares) -> str:
@@ -604,14 +561,7 @@ def _near_one(value: float) -> str:
     return f"{value:.3f}" if value < 100.0 else number_text(value)
 
 
-def _ratio(value: float, interval: tuple[float, float]) -> str:
-    if not math.isfinite(value) or not math.isfinite(interval[1]):
-        return "-"
-    digits = 2 if value < 100.0 else 0
-    return f"{value:.{digits}f} ({interval[0]:.{digits}f} to {interval[1]:.{digits}f})"
-
-
-# ---- Statistics of a campaign on its page
+# ---- Statistics of a campaign in tables
 
 NOTE = (
     "Efficiency: variance of the Cramer-Rao bound at the reference over that of the estimates; one "
@@ -622,62 +572,54 @@ NOTE = (
 )
 
 
+def two_digits(value: float) -> Cell:
+    """A deviation with two digits."""
+    return Number(value, shown=number_text(value, value))
+
+
 def statistics_blocks(found: CampaignStatistics) -> list[Block]:
     """Scatter over reported sigmas with the bound; coverage within one, two and three; NEES and
     NIS.
     """
-    sizes = (
-        Column("parameter"),
-        Column("bias ± σ", BY_ROW),
-        *(Column(each, PURE) for each in ("scatter / reported", "from", "to")),
-    )
-    columns = (
-        *sizes,
-        Column("bound", BY_ROW),
-        *(Column(each, PURE) for each in ("efficiency", "from", "to")),
-    )
     each = found.parameters
-    tables = [
-        Table(
-            "Scatter against the reported σ and the Cramer-Rao bound",
-            columns,
-            tuple(_size(p) for p in each),
-            tuple(p.unit for p in each),
+    names = (Column("parameter"), [p.name for p in each])
+    shown = [(p, shown_in(p.unit, p.name)) for p in each]
+    ends = [p.efficiency_interval or (None, None) for p in each]
+    sizes = table(
+        "scatter against the reported sigma and the Cramer-Rao bound",
+        names,
+        (
+            Column("bias ± σ", BY_ROW, printed="bias"),
+            [Number(s.factor * p.bias, s.factor * p.bias_std) for p, s in shown],
         ),
-        Table(
-            "Share of the runs whose interval holds the reference",
-            _headings(),
-            tuple(_shares(p) for p in each),
+        (Column("scatter / reported", PURE), [known(p.ratio, 3) for p in each]),
+        (Column("from", PURE), [known(p.ratio_interval[0], 3) for p in each]),
+        (Column("to", PURE), [known(p.ratio_interval[1], 3) for p in each]),
+        (
+            Column("bound", BY_ROW),
+            [MISSING if p.bound is None else two_digits(s.factor * p.bound) for p, s in shown],
         ),
-    ]
-    squares = [
-        Prose(as_sentence(squares_sentence(s))) for s in (found.nees, found.nis) if s is not None
-    ]
-    return [*tables, Prose(NOTE, "note"), *squares]
-
-
-def _headings() -> tuple[Column, ...]:
-    return Column("parameter"), *(
-        Column(text, "%") for n in ("1 σ", "2 σ", "3 σ") for text in (f"within {n}", "from", "to")
+        (Column("efficiency", PURE), [known(p.efficiency, 3) for p in each]),
+        (Column("from", PURE), [known(low, 3) for low, _ in ends]),
+        (Column("to", PURE), [known(high, 3) for _, high in ends]),
+        units=[s.unit for _, s in shown],
     )
-
-
-def _size(p: ParameterStatistics) -> tuple[Cell, ...]:
-    ratio = [known(value, 3) for value in (p.ratio, *p.ratio_interval)]
-    bound: Cell = "–" if p.bound is None else Number(p.bound, shown=number_text(p.bound, p.bound))
-    ends = p.efficiency_interval or (None, None)
-    return (
-        p.name,
-        Number(p.bias, p.bias_std),
-        *ratio,
-        bound,
-        *(known(value, 3) for value in (p.efficiency, *ends)),
+    shares: list[tuple[Column, list[Cell]]] = []
+    for n in (1, 2, 3):
+        covered = [p.coverage[n - 1] for p in each]
+        parts = {
+            f"within {n} σ": [within.share for within in covered],
+            "from": [within.interval[0] for within in covered],
+            "to": [within.interval[1] for within in covered],
+        }
+        for heading, values in parts.items():
+            column = Column(heading, "%", printed=f"{heading.replace('σ', 'sigma')}, %")
+            shares.append((column, [Number(100.0 * value, digits=1) for value in values]))
+    covering = table(
+        "share of the runs whose interval holds the reference (a normal distribution's: 68.3, "
+        "95.4, 99.7 %)",
+        names,
+        *shares,
     )
-
-
-def _shares(p: ParameterStatistics) -> tuple[Cell, ...]:
-    return p.name, *(
-        Number(100.0 * value, digits=1)
-        for within in p.coverage
-        for value in (within.share, *within.interval)
-    )
+    squares = [Prose(squares_sentence(s)) for s in (found.nees, found.nis) if s is not None]
+    return [sizes, covering, Prose(NOTE, "note"), *squares]

@@ -18,13 +18,13 @@ from ident.estimate import Estimate
 from ident.flying_qualities.modes import MODAL_UNITS
 from ident.statistics.residuals import ResidualTest
 from scenarios.files.sources import versions
+from scenarios.report.quantities import AXES
+from scenarios.report.summary import levels_content
 from scenarios.studies.declaration import Choice, Estimation, FlightPlan, Scenario, Start
 from scenarios.studies.published import published_remark
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodDetermination, MethodResult, Scatter, StudyResult
 from scenarios.studies.sweep import sweep_content
-from scenarios.terminal.quantities import AXES
-from scenarios.terminal.summary import levels_content
 from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility
 from sim.vehicles.library import Origin, VehicleData, read_parameter_set
 

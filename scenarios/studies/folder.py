@@ -19,9 +19,11 @@ from scenarios.files.writing import (
     write_record,
     write_responses,
 )
-from scenarios.pages.folder import write_page
 from scenarios.plots.display import SIMULATED_DATA
-from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import write_page
+from scenarios.report.quantities import as_text
+from scenarios.report.summary import HERE
 from scenarios.studies.campaign import CampaignRuns, Spread
 from scenarios.studies.campaign_statistics import NORMAL, SIGMAS, CampaignStatistics
 from scenarios.studies.comparison import comparison, determination_csv
@@ -30,8 +32,6 @@ from scenarios.studies.page import study_page
 from scenarios.studies.study import MethodDetermination, MethodResult, StudyResult
 from scenarios.studies.sweep import Sweep, criteria_of, sweep_csv
 from scenarios.studies.text import print_study
-from scenarios.terminal.quantities import as_text
-from scenarios.terminal.summary import HERE
 from sim.truth.flight import TOLERANCE, Truth
 
 if TYPE_CHECKING:

@@ -5,106 +5,42 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ident.estimate import Outcome
-from scenarios.pages.folder import figures
-from scenarios.pages.model import (
-    BY_ROW,
-    PURE,
+from scenarios.report.document import (
     Block,
     Bullets,
-    Cell,
-    Column,
-    Number,
     Page,
     Prose,
     Section,
-    Table,
     as_sentence,
     capital,
-    known,
     now,
     reproduction,
     section,
     summary_sentences,
 )
-from scenarios.pages.tables import (
-    SIGMAS,
+from scenarios.report.figure_formats import Drawn
+from scenarios.report.folder import figures
+from scenarios.report.quantities import test_line
+from scenarios.report.shared_tables import (
     derived_table,
     estimates_table,
     fixed_table,
     levels_of_noise,
-    printed_blocks,
     tests_table,
 )
-from scenarios.plots.formats import Drawn
+from scenarios.report.summary import levels_line
 from scenarios.studies.comparison import choice_lines, engine_line, other_flight_line, vehicle_line
 from scenarios.studies.published import published_remark
 from scenarios.studies.rows import Row
-from scenarios.studies.study import MethodResult, Scatter, StudyResult, flexibility_sentences
-from scenarios.studies.text import print_determination, print_sweep, study_summary, with_display
-from scenarios.terminal.quantities import test_line
-from scenarios.terminal.summary import levels_line
+from scenarios.studies.study import MethodResult, StudyResult, flexibility_sentences
+from scenarios.studies.text import (
+    determination_blocks,
+    repeated_blocks,
+    study_summary,
+    sweep_blocks,
+    with_display,
+)
 from sim.truth.flight import EXACT, TOLERANCE, Truth
-
-# ---- Repeated flights on a page
-
-
-def scattered_blocks(found: Sequence[Scatter]) -> list[Block]:
-    """Two tables, and what was left out of them."""
-    runs = sum(found[0].outcomes.values())
-    shares = Column("within two sigmas", "%"), Column("from (95 %)", "%"), Column("to", "%")
-    columns = (Column("flight"), Column("method"), Column("settled", PURE), *shares)
-    rows = tuple(_shares(each) for each in found)
-    labels = [f"{each.flight}: {each.estimation.label}" for each in found]
-    units = {
-        name: unit for each in found for name, unit in zip(each.names, each.units, strict=True)
-    }
-    in_units = tuple((name, *(_rms(each, name, sigmas=False) for each in found)) for name in units)
-    in_sigmas = tuple((name, *(_rms(each, name, sigmas=True) for each in found)) for name in units)
-    blocks: list[Block] = [
-        Table(f"{runs} runs of each flight: intervals that hold the truth", columns, rows),
-        Table(
-            "Root mean square error in reported sigmas",
-            (Column("derivative"), *(Column(label, SIGMAS) for label in labels)),
-            in_sigmas,
-        ),
-        Table(
-            "Root mean square error",
-            (Column("derivative"), *(Column(label, BY_ROW) for label in labels)),
-            in_units,
-            tuple(units.values()),
-        ),
-    ]
-    for each in found:
-        others = ", ".join(
-            f"{count} {code}"
-            for code, count in sorted(each.outcomes.items())
-            if code != "converged"
-        )
-        blocks += (
-            [Prose(f"{each.flight}, {each.estimation.label}: {others} of {runs} left out.", "note")]
-            if others
-            else []
-        )
-    return blocks
-
-
-def _shares(each: Scatter) -> tuple[Cell, ...]:
-    share, (low, high) = each.within_two
-    shares = (Number(100.0 * value, digits=0) for value in (share, low, high))
-    return (
-        each.flight,
-        each.estimation.label,
-        Number(each.outcomes.get("converged", 0), digits=0),
-        *shares,
-    )
-
-
-def _rms(each: Scatter, name: str, *, sigmas: bool) -> Cell:
-    if name not in each.names:
-        return "–"
-    value = float((each.rms_sigmas if sigmas else each.rms)[each.names.index(name)])
-    return known(value, 2 if sigmas else None)
-
 
 # ---- The page of a study
 
@@ -133,7 +69,7 @@ def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
                 "Other methods", parts=tuple(_method(study, method) for method in study.methods[1:])
             ),
             *section(
-                "Repeated flights", *(scattered_blocks(study.repeated) if study.repeated else ())
+                "Repeated flights", *(repeated_blocks(study.repeated) if study.repeated else ())
             ),
             *_determined(study),
             *section("Structures from stiff to soft", *_swept(study)),
@@ -200,7 +136,7 @@ def _determined(study: StudyResult) -> tuple[Section, ...]:
     return (
         section(
             "What the record determines",
-            *printed_blocks(lambda out: print_determination(found, out)),
+            *determination_blocks(found),
         )
         if found
         else ()
@@ -208,8 +144,7 @@ def _determined(study: StudyResult) -> tuple[Section, ...]:
 
 
 def _swept(study: StudyResult) -> list[Block]:
-    sweep = study.sweep
-    return [] if sweep is None else printed_blocks(lambda out: print_sweep(sweep, out))
+    return [] if study.sweep is None else sweep_blocks(study.sweep)
 
 
 def _evidence(study: StudyResult) -> list[Block]:

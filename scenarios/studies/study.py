@@ -18,6 +18,7 @@ from ident.statistics.residuals import ResidualTest, residual_tests
 from ident.whole_record.layout import weighted_sensitivities
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.user_models import moves_about_rest
+from scenarios.report.quantities import in_hertz, shown_in, spaced
 from scenarios.studies.declaration import EMPTY, Estimation, Scenario, Variation, seen_by
 from scenarios.studies.estimating import (
     Result,
@@ -35,7 +36,6 @@ from scenarios.studies.estimating import (
 from scenarios.studies.published import published_values
 from scenarios.studies.rows import Row
 from scenarios.studies.sweep import Sweep
-from scenarios.terminal.quantities import in_hertz, shown_in, spaced
 from sim.declaration.model import Model
 from sim.errors import ModelError
 from sim.record import Record

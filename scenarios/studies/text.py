@@ -2,13 +2,42 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from scenarios.report.document import (
+    PURE,
+    SIGMAS,
+    Block,
+    Cell,
+    Column,
+    Number,
+    Prose,
+    formatted,
+    known,
+    table,
+)
+from scenarios.report.quantities import (
+    console,
+    derived_line,
+    is_frequency,
+    shown_in,
+    test_line,
+)
+from scenarios.report.shared_tables import estimates_table
+from scenarios.report.summary import (
+    BELOW,
+    Summary,
+    levels_line,
+    print_summary,
+    residual_phrase,
+    result_phrase,
+)
+from scenarios.report.terminal import show_blocks, show_table
+from scenarios.report.text_tables import print_paragraph
 from scenarios.studies.comparison import (
     HEADING,
     choice_lines,
@@ -26,25 +55,6 @@ from scenarios.studies.study import (
     flexibility_sentences,
 )
 from scenarios.studies.sweep import Criterion, Sweep, SweepPoint, criteria_of
-from scenarios.terminal.quantities import (
-    console,
-    derived_line,
-    determined,
-    is_frequency,
-    number_text,
-    shown_in,
-    test_line,
-    unit_cell,
-)
-from scenarios.terminal.summary import (
-    BELOW,
-    Summary,
-    levels_line,
-    print_summary,
-    residual_phrase,
-    result_phrase,
-)
-from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
 
 # ---- What records and priors determine, in the terminal
 
@@ -52,7 +62,7 @@ KEPT = 0.95  # of the prior's deviation: above it a record has said nothing to s
 SHOWN = 3  # directions of each kind that are named
 
 
-def print_determination(methods: Sequence[MethodDetermination], out: Console) -> None:
+def determination_blocks(methods: Sequence[MethodDetermination]) -> list[Block]:
     """Of each parameter the deviation left of the prior's and the share of its variance that the
     prior gives, all methods beside each other.
     """
@@ -65,33 +75,34 @@ def print_determination(methods: Sequence[MethodDetermination], out: Console) ->
     shown = [name for name in first.names if any(each.get(name, 1.0) < KEPT for each in ratio)]
     shown.sort(key=lambda name: ratio[0][name])
     labels = [method.estimation.name for method in methods]
-    left = [
-        TableColumn(f"{a}, sigma", [f"{each[name]:.3f}" if name in each else "-" for name in shown])
-        for a, each in zip(labels, ratio, strict=True)
-    ]
-    right = [
-        TableColumn(
-            f"{a}, prior", [f"{100 * each[name]:.0f} %" if name in each else "-" for name in shown]
+    blocks: list[Block] = [
+        table(
+            "sigma over the prior's, and share of the variance that the prior gives",
+            (Column("parameter"), shown),
+            *(
+                (Column(f"{label}, sigma", PURE), [known(each.get(n), 3) for n in shown])
+                for label, each in zip(labels, ratio, strict=True)
+            ),
+            *(
+                (
+                    Column(f"{label}, prior", "%"),
+                    [known(100 * each[n] if n in each else None, 0) for n in shown],
+                )
+                for label, each in zip(labels, share, strict=True)
+            ),
         )
-        for a, each in zip(labels, share, strict=True)
     ]
-    print_table(
-        out,
-        "sigma over the prior's, and share of the variance that the prior gives",
-        [TableColumn("parameter", shown, left=True), *left, *right],
-    )
     rest = len(first.names) - len(shown)
     if rest:
-        print_paragraph(
-            out,
-            f"the other {rest} of {len(first.names)} parameters keep more than {KEPT:g} of their "
-            "prior's sigma with every method",
-            0,
+        blocks.append(
+            Prose(
+                f"the other {rest} of {len(first.names)} parameters keep more than {KEPT:g} of "
+                "their prior's sigma with every method"
+            )
         )
     for method in methods:
-        out.print()
-        for sentence in determination_sentences(method):
-            print_paragraph(out, sentence, 0)
+        blocks += map(Prose, determination_sentences(method))
+    return blocks
 
 
 def determination_sentences(method: MethodDetermination) -> tuple[str, ...]:
@@ -130,50 +141,57 @@ LEAST = -20  # logarithm of a probability below which its size says no more
 HEADINGS = {"likelihood": "BIC gain of a mode", "whiteness": "p(white)", "misfit": ""}
 
 
-def print_sweep(sweep: Sweep, out: Console) -> None:
+def sweep_blocks(sweep: Sweep) -> list[Block]:
     """The structures with the criteria's figures, errors of the six rigid derivatives by each
     method, and the criteria in words.
     """
-    criteria = criteria_of(sweep.points)
+    criteria, points = criteria_of(sweep.points), sweep.points
     names = {mark.frequency_factor: mark.label for mark, _ in sweep.marks}
-    factors = TableColumn(
-        "frequencies",
+    factors = (
+        Column("frequencies", PURE, left=True),
         [
-            f"{p.frequency_factor:g} {names.get(p.frequency_factor, '')}".strip()
-            for p in sweep.points
+            Number(
+                p.frequency_factor,
+                shown=f"{p.frequency_factor:g} {names.get(p.frequency_factor, '')}".strip(),
+            )
+            for p in points
         ],
-        left=True,
     )
-    degree = TableColumn("degree", [f"{p.figures.degree:.4f}" for p in sweep.points])
-    columns = [
-        factors,
-        degree,
-        TableColumn(
-            "stiffness lost", [f"{100 * p.figures.stiffness_loss:.1f} %" for p in sweep.points]
-        ),
+    blocks: list[Block] = [
+        table(
+            "structures from stiff to soft",
+            factors,
+            (Column("degree", PURE), [Number(p.figures.degree, digits=4) for p in points]),
+            (
+                Column("stiffness lost", "%"),
+                [Number(100 * p.figures.stiffness_loss, digits=1) for p in points],
+            ),
+            (Column("misfit/noise", PURE), [Number(p.figures.misfit, digits=2) for p in points]),
+            *(
+                (
+                    Column(HEADINGS[each.name], PURE),
+                    [_criterion_cell(each.name, value) for value in each.values],
+                )
+                for each in criteria
+                if HEADINGS[each.name]
+            ),
+        )
     ]
-    columns.append(TableColumn("misfit/noise", [f"{p.figures.misfit:.2f}" for p in sweep.points]))
-    columns += [
-        TableColumn(HEADINGS[each.name], [_shown(each.name, value) for value in each.values])
-        for each in criteria
-        if HEADINGS[each.name]
-    ]
-    print_table(out, "structures from stiff to soft", columns)
-    for number, found in enumerate(sweep.points[0].methods):
-        out.print()
+    for number, found in enumerate(points[0].methods):
         title = (
             f"{found.estimation.label}: error against the condensed derivatives in % (in standard "
             "deviations)"
         )
-        rows = [
-            TableColumn(name, [_error(point, number, name) for point in sweep.points])
+        columns = [
+            (
+                Column(name, "%", printed=name),
+                [_error(point, number, name) for point in points],
+            )
             for name in sweep.rigid
             if name in found.names
         ]
-        print_table(out, title, [factors, *rows])
-    out.print()
-    for each in criteria:
-        print_paragraph(out, criterion_sentence(each, sweep), indent=0)
+        blocks.append(table(title, factors, *columns))
+    return [*blocks, *(Prose(criterion_sentence(each, sweep)) for each in criteria)]
 
 
 def sweep_phrase(sweep: Sweep) -> str:
@@ -216,15 +234,16 @@ def criterion_sentence(criterion: Criterion, sweep: Sweep) -> str:
     return f"{criterion.sentence} {where}; the sweep goes from {first:.2g} to {last:.2g}"
 
 
-def _shown(name: str, value: float) -> str:
+def _criterion_cell(name: str, value: float) -> Cell:
     if name != "whiteness":
-        return f"{value:.0f}"
-    return f"{10.0**value:.2g}" if value > LEAST else f"< 1e{LEAST}"
+        return Number(value, digits=0)
+    share = 10.0**value
+    return Number(share, shown=f"{share:.2g}" if value > LEAST else f"< 1e{LEAST}")
 
 
-def _error(point: SweepPoint, method: int, name: str) -> str:
+def _error(point: SweepPoint, method: int, name: str) -> Cell:
     percent, sigmas = point.methods[method].errors(name)
-    return f"{percent:+.1f} ({sigmas:+.1f})"
+    return Number(percent, shown=f"{percent:+.1f} ({sigmas:+.1f})")
 
 
 # ---- Tables for the terminal (rich)
@@ -256,16 +275,15 @@ def print_study(study: StudyResult, out: Console | None = None, details: str = B
         )
     if study.repeated:
         out.print()
-        _print_repeated(study.repeated, out)
+        show_blocks(out, repeated_blocks(study.repeated))
     determined = [
         method.determination for method in study.methods if method.determination is not None
     ]
     if determined:
         out.print()
-        print_determination(determined, out)
+        show_blocks(out, determination_blocks(determined))
     if study.sweep is not None:
-        out.print()
-        print_sweep(study.sweep, out)
+        show_blocks(out, sweep_blocks(study.sweep), apart=True)
     if study.flexibility is not None:
         out.print()
         for sentence in flexibility_sentences(study.flexibility, study.scenario.flight.noise_std):
@@ -308,57 +326,12 @@ def print_choices(out: Console, lines: Sequence[str], vehicle: str = "") -> None
         print_paragraph(out, vehicle)
 
 
-def _known(row: Row) -> bool:
-    """Whether the record says anything of a parameter; what was held without a sigma is known."""
-    return not row.std > 0.0 or determined(row.estimate, row.std)
-
-
 def _print_method(study: StudyResult, method: MethodResult, out: Console) -> None:
     estimate = method.result.estimate
     title = f"{method.estimation.label}: {estimate.outcome.value}"
     title += f"; {estimate.message}" if estimate.message else ""
     rows = with_display(study, method.rows)
-    columns = [
-        TableColumn("parameter", [row.name for row in rows], left=True),
-        TableColumn("unit", [unit_cell(row.unit) for row in rows], left=True),
-        TableColumn("true", [_or_dash(row.true) for row in rows]),
-    ]
-    if any(row.condensed is not None for row in rows):
-        columns.append(TableColumn("condensed", [_or_dash(row.condensed) for row in rows]))
-    columns += [
-        TableColumn(
-            "estimate",
-            [
-                number_text(row.estimate, row.std) if _known(row) else "not determined"
-                for row in rows
-            ],
-        ),
-        TableColumn(
-            "+- sigma",
-            [number_text(row.std, row.std) if _known(row) else "-" for row in rows],
-            beside=True,
-        ),
-        TableColumn("error %", [_or_dash(row.percent, ".2f") for row in rows]),
-        TableColumn("error, sigmas", [_or_dash(row.sigmas, "+.2f") for row in rows]),
-    ]
-    published = []
-    if any(row.published is not None for row in rows):
-        published = [
-            TableColumn(
-                "published", [f"{row.published.value:.5g}" if row.published else "" for row in rows]
-            ),
-            TableColumn(
-                "+- sigma",
-                [f"{row.published.std:.4g}" if row.published else "" for row in rows],
-                beside=True,
-            ),
-            TableColumn(
-                "off, own sigmas",
-                [_or_dash(row.published_sigmas, "+.1f") if row.published else "" for row in rows],
-                beside=True,
-            ),
-        ]
-    print_table(out, title, [*columns, *published])
+    show_table(out, estimates_table(title, rows))
     flown = study.scenario.flown
     levels = levels_line(method.levels, flown, method.tests) if flown is not None else ""
     seen, remark = (
@@ -378,42 +351,53 @@ def _print_method(study: StudyResult, method: MethodResult, out: Console) -> Non
             print_paragraph(out, line)
 
 
-def _print_repeated(found: Sequence[Scatter], out: Console) -> None:
-    """Errors over all runs of the repeated flights: in reported sigmas, then in the derivatives'
-    units.
+def repeated_blocks(found: Sequence[Scatter]) -> list[Block]:
+    """Errors over all runs of the repeated flights: shares of intervals that hold the truth, errors
+    in reported sigmas and in the derivatives' units, and the runs left out.
     """
-    names, runs = (
-        dict.fromkeys(name for each in found for name in each.names),
-        sum(found[0].outcomes.values()),
-    )
-    common = [
-        TableColumn(
-            "flight: method",
-            [f"{each.flight}: {each.estimation.label}" for each in found],
-            left=True,
-        )
-    ]
-    shares = [each.within_two for each in found]
-    judged = [
-        TableColumn("settled", [str(each.outcomes.get("converged", 0)) for each in found]),
-        TableColumn("within 2 sigma", [f"{100 * share:.0f} %" for share, _ in shares]),
-        TableColumn(
-            "95 % interval", [f"{100 * low:.0f} to {100 * high:.0f} %" for _, (low, high) in shares]
+    runs = sum(found[0].outcomes.values())
+    labels = [f"{each.flight}: {each.estimation.label}" for each in found]
+    units = {
+        name: unit for each in found for name, unit in zip(each.names, each.units, strict=True)
+    }
+    shares = [(share, low, high) for each in found for share, (low, high) in [each.within_two]]
+
+    def percent(at: int) -> list[Cell]:
+        return [Number(100.0 * each[at], digits=0) for each in shares]
+
+    def errors(name: str, form: str, values: Callable[[Scatter], np.ndarray]) -> list[Cell]:
+        return [
+            formatted(values(each)[each.names.index(name)] if name in each.names else None, form)
+            for each in found
+        ]
+
+    flights = (Column("flight: method"), labels)
+    blocks: list[Block] = [
+        table(
+            f"{runs} runs of each flight: intervals that hold the truth, and root mean square "
+            "error in reported sigmas",
+            flights,
+            (
+                Column("settled", PURE),
+                [Number(each.outcomes.get("converged", 0), digits=0) for each in found],
+            ),
+            (Column("within two sigmas", "%"), percent(0)),
+            (Column("from (95 %)", "%"), percent(1)),
+            (Column("to", "%", beside=True), percent(2)),
+            *(
+                (Column(name, SIGMAS, printed=name), errors(name, ".2f", lambda s: s.rms_sigmas))
+                for name in units
+            ),
+        ),
+        table(
+            "root mean square error in the derivatives' units",
+            flights,
+            *(
+                (Column(name, unit or PURE, printed=name), errors(name, ".3g", lambda s: s.rms))
+                for name, unit in units.items()
+            ),
         ),
     ]
-    in_sigmas = [
-        TableColumn(name, [_of(each, name, each.rms_sigmas, ".2f") for each in found])
-        for name in names
-    ]
-    print_table(
-        out,
-        f"{runs} runs of each flight: root mean square error in reported sigmas",
-        [*common, *judged, *in_sigmas],
-    )
-    in_units = [
-        TableColumn(name, [_of(each, name, each.rms, ".3g") for each in found]) for name in names
-    ]
-    print_table(out, "the same in the derivatives' units", [*common, *in_units])
     for each in found:
         others = ", ".join(
             f"{count} {code}"
@@ -421,17 +405,9 @@ def _print_repeated(found: Sequence[Scatter], out: Console) -> None:
             if code != "converged"
         )
         if others:
-            print_paragraph(
-                out, f"{each.flight}, {each.estimation.label}: {others} of {runs} left out"
-            )
-
-
-def _of(each: Scatter, name: str, values: np.ndarray, digits: str) -> str:
-    """One derivative's number of ``values (n,)``; a dash where a method does not estimate it or no
-    run settled.
-    """
-    value = values[each.names.index(name)] if name in each.names else math.nan
-    return format(value, digits) if math.isfinite(value) else "-"
+            line = f"{each.flight}, {each.estimation.label}: {others} of {runs} left out"
+            blocks.append(Prose(line, "note"))
+    return blocks
 
 
 def with_display(study: StudyResult, rows: Iterable[Row]) -> list[Row]:
@@ -449,7 +425,3 @@ def with_display(study: StudyResult, rows: Iterable[Row]) -> list[Row]:
         if row.name in study.scenario.display:
             out.append(in_unit(row, study.scenario.display[row.name]))
     return out
-
-
-def _or_dash(value: float | None, form: str = ".5g") -> str:
-    return "-" if value is None else format(value, form)

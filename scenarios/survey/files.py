@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,37 +11,34 @@ import numpy as np
 
 from ident.tracing.diagnosis import Verdict
 from scenarios.files.writing import file_stems, study_folder, write_json, write_text
-from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import (
+from scenarios.report.document import (
     Bullets,
-    Link,
     Page,
     Prose,
-    Table,
     as_sentence,
     capital,
     now,
     reproduction,
     section,
 )
-from scenarios.pages.tables import rows_table
-from scenarios.plots.formats import USUAL as USUAL_FORMATS
-from scenarios.plots.formats import Drawn, Formats
+from scenarios.report.figure_formats import USUAL as USUAL_FORMATS
+from scenarios.report.figure_formats import Drawn, Formats
+from scenarios.report.folder import figures, write_page
 from scenarios.survey.flights import FOLDER
 from scenarios.survey.growing import MAIN
 from scenarios.survey.recurring import LIBRARY, Derivative
 from scenarios.survey.report import (
     belongs_phrase,
-    derivative_rows,
+    derivatives_table,
     derivatives_text,
     drifts,
-    effect_rows,
-    flight_rows,
+    effects_table,
+    flights_table,
     fresh,
     hints,
     listed,
     news,
-    outlying,
+    outlying_table,
     rivals_phrase,
     single_phrases,
     survey_content,
@@ -189,7 +185,6 @@ def survey_page(
     own beside it.
     """
     word, rest = verdict_of(survey)
-    far = [[flight, name, f"{off:+.1f}"] for flight, name, off in outlying(survey)]
     told = [
         f"{each.name}: {part}"
         for each in survey.recurs
@@ -219,25 +214,23 @@ def survey_page(
             ),
             *section(
                 "What recurs",
-                rows_table("Effects", *effect_rows(survey)),
+                effects_table(survey),
                 Bullets(tuple(map(as_sentence, told))),
                 Prose(as_sentence(HOW), "note"),
             ),
             *section(
                 "Derivatives",
-                rows_table("Over all flights", *derivative_rows(survey)),
+                derivatives_table(survey),
                 Bullets(tuple(map(as_sentence, hints(survey)))),
             ),
             *section(
                 "Flights that stand out",
-                rows_table(
-                    "Beyond the scatter of the others", ["flight", "derivative", "off, sigmas"], far
-                ),
+                outlying_table(survey),
             ),
             *section("Figures", *figures(drawn)),
             *section(
                 "Flights",
-                _with_links(rows_table("The newest first", *flight_rows(survey)), linked),
+                flights_table(survey, linked),
                 Bullets(tuple(map(as_sentence, alone))),
             ),
             *section(
@@ -262,18 +255,6 @@ def _tone(survey: SurveyResult) -> str:
         if survey.recurs or survey.warnings or survey.verdicts.get(Verdict.UNEXPLAINED.value)
         else "good"
     )
-
-
-def _with_links(table: Table, linked: Collection[str]) -> Table:
-    """The name of each flight leads to its own page."""
-    rows = tuple(
-        (
-            Link(str(row[0]), f"{FOLDER}/{row[0]}/report.html") if row[0] in linked else row[0],
-            *row[1:],
-        )
-        for row in table.rows
-    )
-    return replace(table, rows=rows)
 
 
 def _rests(survey: SurveyResult) -> list[str]:

@@ -16,8 +16,8 @@ from scenarios.files.units import to_si
 from scenarios.files.user_models import is_model_file
 from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_next_to
 from scenarios.files.writing import unportable, write_json
-from scenarios.plots.formats import Formats
 from scenarios.preparation.plan import Plan, Request, plan_of, refuse_turned
+from scenarios.report.figure_formats import Formats
 from scenarios.tasks.work import Row, Task
 from sim.errors import DeclarationError, FlightidError
 

@@ -24,7 +24,7 @@ import numpy as np
 from scenarios.files.sources import found_json
 from scenarios.files.user_models import is_model_file
 from scenarios.files.writing import study_folder, write_json
-from scenarios.plots.formats import Formats
+from scenarios.report.figure_formats import Formats
 from scenarios.survey.flights import FOLDER, Diagnoses, Flights, SurveyFlight, kept_of
 from scenarios.survey.flights import KEPT as KEPT_FILES
 from scenarios.tasks.study import TaskRequest, run_study

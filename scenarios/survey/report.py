@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,12 +12,27 @@ import numpy as np
 from ident.pooling import Trend
 from ident.tracing.diagnosis import Verdict
 from scenarios.files.sources import versions
+from scenarios.report.document import (
+    BY_ROW,
+    MISSING,
+    PURE,
+    SIGMAS,
+    Cell,
+    Column,
+    Link,
+    Number,
+    Table,
+    formatted,
+    table,
+)
+from scenarios.report.quantities import number_text, shown_in, spaced
+from scenarios.report.summary import BELOW, Summary, summary_lines
+from scenarios.report.terminal import table_as_lines
+from scenarios.report.text_tables import WIDTH, wrapped
+from scenarios.survey.flights import FOLDER
 from scenarios.survey.growing import GROWING_SCHEMA
 from scenarios.survey.recurring import EQUAL, FALSE_DISCOVERY_RATE, LIBRARY, Derivative, Recurring
 from scenarios.survey.survey import SurveyResult
-from scenarios.terminal.quantities import number_text, shown_in, spaced
-from scenarios.terminal.summary import BELOW, Summary, summary_lines
-from scenarios.terminal.tables import WIDTH, columns_of, table_lines, wrapped
 
 # ---- What a survey found, in sentences and rows that terminal, page and JSON share
 
@@ -257,108 +272,100 @@ def newest_first(survey: SurveyResult) -> list[str]:
     )
 
 
-def effect_rows(survey: SurveyResult) -> tuple[list[str], list[list[str]]]:
+def effects_table(survey: SurveyResult) -> Table:
     """What recurs."""
-    rows = []
-    for each in survey.recurs:
-        whose = "the aircraft" if each.found.belongs == "aircraft" else "some flights"
-        chance = f"{each.found.p_value:.1g}" if each.found.p_value > FAR else f"<{FAR:.0e}"
-        counts = [
-            str(len(each.has)),
-            str(len(each.has_not)),
-            str(len(each.untold)),
-            str(len(each.named)),
-        ]
-        rows.append(
-            [
-                each.name,
-                "; ".join(values_of(each)),
-                whose,
-                *counts,
-                "yes" if each.found.agrees else "no",
-                chance,
-            ]
-        )
-    return [
-        "effect",
-        "common value",
-        "belongs to",
-        "have it",
-        "have it not",
-        "not told",
-        "named alone",
-        "one value",
-        "chance",
-    ], rows
+    some = survey.recurs
+
+    def counts(flights: Callable[[Recurring], Sequence[str]]) -> list[Cell]:
+        return [Number(len(flights(each)), digits=0) for each in some]
+
+    whose = {"aircraft": "the aircraft"}
+    chances = [
+        Number(p, shown=f"{p:.1g}" if p > FAR else f"<{FAR:.0e}")
+        for p in (each.found.p_value for each in some)
+    ]
+    return table(
+        "what recurs",
+        (Column("effect"), [each.name for each in some]),
+        (Column("common value"), ["; ".join(values_of(each)) for each in some]),
+        (
+            Column("belongs to"),
+            [whose.get(each.found.belongs, "some flights") for each in some],
+        ),
+        (Column("have it", PURE), counts(lambda each: each.has)),
+        (Column("have it not", PURE), counts(lambda each: each.has_not)),
+        (Column("not told", PURE), counts(lambda each: each.untold)),
+        (Column("named alone", PURE), counts(lambda each: each.named)),
+        (Column("one value", right=True), ["yes" if e.found.agrees else "no" for e in some]),
+        (Column("chance", PURE), chances),
+    )
 
 
-def derivative_rows(survey: SurveyResult) -> tuple[list[str], list[list[str]]]:
+def derivatives_table(survey: SurveyResult) -> Table:
     """Derivatives over the flights."""
-    rows = []
-    for each in survey.derivatives:
-        common = each.common
-        drift = drift_phrase(survey, each).partition(" changes ")[2] or "–"
-        differs = "yes" if each.differs < FALSE_DISCOVERY_RATE else "no"
-        sigma = number_text(common.sigma, common.sigma)
-        rows.append(
-            [
-                each.name,
-                each.unit or "1",
-                number_text(common.value, common.sigma),
-                sigma,
-                f"{common.scatter:.2g}",
-                differs,
-                drift,
-            ]
-        )
-    return [
-        "derivative",
-        "unit",
-        "common value",
-        "+- sigma",
-        "scatter between flights",
-        "differs",
-        "changes",
-    ], rows
+    some = survey.derivatives
+    changes = [drift_phrase(survey, each).partition(" changes ")[2] or MISSING for each in some]
+    differs = ["yes" if each.differs < FALSE_DISCOVERY_RATE else "no" for each in some]
+    return table(
+        "derivatives over the flights",
+        (Column("derivative"), [each.name for each in some]),
+        (
+            Column("common value", BY_ROW),
+            [Number(each.common.value, each.common.sigma) for each in some],
+        ),
+        (
+            Column("scatter between flights", BY_ROW),
+            [formatted(each.common.scatter, ".2g") for each in some],
+        ),
+        (Column("differs", right=True), differs),
+        (Column("changes"), changes),
+        units=[each.unit for each in some],
+    )
 
 
-def flight_rows(survey: SurveyResult) -> tuple[list[str], list[list[str]]]:
-    """Flights, the newest first; columns in which no flight has anything are left out."""
-    rows = []
-    for name in newest_first(survey):
-        flight, kept = survey.grown.flights[name], survey.grown.kept[name]
-        effects = [state(each, name) for each in survey.recurs]
-        alone = [effect for effect, flights in survey.alone.items() if name in flights]
-        since = "new" if name in survey.grown.new else ""
-        rows.append(
-            [
-                name,
-                since,
-                flight.date or "–",
-                flight.tail or "–",
-                kept["verdict"],
-                *effects,
-                ", ".join(alone) or "–",
-                kinematics(kept),
-            ]
-        )
+def outlying_table(survey: SurveyResult) -> Table:
+    """Flights that stand out beyond the scatter of the others."""
+    far = outlying(survey)
+    return table(
+        "flights that stand out",
+        (Column("flight"), [flight for flight, _, _ in far]),
+        (Column("derivative"), [name for _, name, _ in far]),
+        (Column("off", SIGMAS), [formatted(off, "+.1f") for _, _, off in far]),
+    )
+
+
+def flights_table(survey: SurveyResult, linked: Collection[str] = ()) -> Table:
+    """Flights, the newest first, those ``linked`` leading to their own page; columns in which no
+    flight has anything are left out.
+    """
+    order, grown = newest_first(survey), survey.grown
+    kept = [grown.kept[name] for name in order]
+
+    def alone(name: str) -> str:
+        return ", ".join(e for e, flights in survey.alone.items() if name in flights) or MISSING
+
     names = [
-        "flight",
-        "since",
-        "date",
-        "tail",
-        "verdict",
-        *(each.name for each in survey.recurs),
-        "alone",
-        "kinematics",
+        Link(name, f"{FOLDER}/{name}/report.html") if name in linked else name for name in order
     ]
-    told = [
-        at
-        for at, name in enumerate(names)
-        if name in ("flight", "verdict", "kinematics")
-        or any(row[at] not in ("", "–") for row in rows)
+    columns: list[tuple[Column, Sequence[Cell]]] = [
+        (Column("flight"), names),
+        (Column("since"), ["new" if name in grown.new else "" for name in order]),
+        (Column("date"), [grown.flights[name].date or MISSING for name in order]),
+        (Column("tail"), [grown.flights[name].tail or MISSING for name in order]),
+        (Column("verdict"), [each["verdict"] for each in kept]),
+        *((Column(each.name), [state(each, name) for name in order]) for each in survey.recurs),
+        (Column("alone"), [alone(name) for name in order]),
+        (Column("kinematics"), [kinematics(each) for each in kept]),
     ]
-    return [names[at] for at in told], [[row[at] for at in told] for row in rows]
+    always = ("flight", "verdict", "kinematics")
+    return table(
+        "flights, the newest first",
+        *(
+            (column, cells)
+            for column, cells in columns
+            if column.heading in always or any(cell not in ("", MISSING) for cell in cells)
+        ),
+    )
 
 
 def kinematics(kept: Mapping[str, Any]) -> str:
@@ -548,40 +555,16 @@ def derivatives_text(survey: SurveyResult) -> str:
 def survey_text(survey: SurveyResult, width: int = WIDTH, details: str = BELOW) -> str:
     """What a terminal of this width shows."""
     lines = [*summary_lines(summary_of(survey, details), width), ""]
-    lines += table_lines(columns_of(*effect_rows(survey), left=3), title="what recurs", width=width)
+    lines += table_as_lines(effects_table(survey), width)
     for each in survey.recurs:
         told = "; ".join(
             part for part in (belongs_phrase(each, survey), rivals_phrase(each)) if part
         )
         lines += wrapped(f"{each.name}: {told}", width)
-    lines += [
-        "",
-        *table_lines(
-            columns_of(*derivative_rows(survey), left=2, words=("changes",)),
-            title="derivatives over the flights",
-            width=width,
-        ),
-    ]
-    far = [[flight, name, f"{off:+.1f}"] for flight, name, off in outlying(survey)]
-    lines += (
-        [
-            "",
-            *table_lines(
-                columns_of(["flight", "derivative", "off, sigmas"], far, left=2),
-                title="flights that stand out",
-                width=width,
-            ),
-        ]
-        if far
-        else []
-    )
-    names, rows = flight_rows(survey)
-    lines += [
-        "",
-        *table_lines(
-            columns_of(names, rows, left=len(names)), title="flights, the newest first", width=width
-        ),
-    ]
+    lines += ["", *table_as_lines(derivatives_table(survey), width)]
+    far = table_as_lines(outlying_table(survey), width)
+    lines += ["", *far] if far else []
+    lines += ["", *table_as_lines(flights_table(survey), width)]
     for told in (
         *survey.warnings,
         *(f"note: {note}" for note in survey.notes),

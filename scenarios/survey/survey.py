@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ident.pooling import Trend
-from scenarios.plots.formats import Formats
+from scenarios.report.figure_formats import Formats
 from scenarios.survey.flights import Flights, read_flights
 from scenarios.survey.growing import Grown, PooledFits, Tell, flown, grown
 from scenarios.survey.recurring import (

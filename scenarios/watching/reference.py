@@ -19,8 +19,8 @@ from ident.statistics.residuals import BEYOND
 from scenarios.files.sources import read_json, resolved
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.identification.low_order import DERIVED, PAPER_START
+from scenarios.report.quantities import number_text
 from scenarios.studies.comparison import DERIVED_UNITS
-from scenarios.terminal.quantities import number_text
 from sim.closed_loop.airframe import load_x29
 from sim.errors import DeclarationError
 from sim.vehicles.factory import LOES_CONSTANTS

@@ -48,7 +48,7 @@ class Show:
     def __init__(self, watch: Watch) -> None:
         from rich.live import Live
 
-        from scenarios.terminal.quantities import console
+        from scenarios.report.quantities import console
 
         self._watch, self._said, self._drawn = watch, -np.inf, 0.0
         terminal = console()
@@ -86,7 +86,7 @@ def display(watch: Watch) -> Iterator[Show]:
 
 def print_end(watch: Watch, session: Session, end: Outcome) -> None:
     """The last table, why the stream ended, and what lies outside the reference's bounds."""
-    from scenarios.terminal.quantities import console
+    from scenarios.report.quantities import console
 
     terminal = console()
     view = replace(

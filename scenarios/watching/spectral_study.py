@@ -12,13 +12,13 @@ from typing import Any
 from ident.estimate import Estimate
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_record
-from scenarios.pages.folder import write_page
-from scenarios.pages.model import Block, Page, as_sentence, capital, now, reproduction, section
-from scenarios.pages.tables import derived_table, estimates_table, fixed_table
+from scenarios.report.document import Block, Page, as_sentence, capital, now, reproduction, section
+from scenarios.report.folder import write_page
+from scenarios.report.quantities import console, number_text
+from scenarios.report.shared_tables import derived_table, estimates_table, fixed_table
+from scenarios.report.text_tables import TableColumn, print_table
 from scenarios.studies.comparison import SCHEMA
 from scenarios.studies.rows import Row
-from scenarios.terminal.quantities import console, number_text
-from scenarios.terminal.tables import TableColumn, print_table
 from scenarios.watching.reference import CrossValidation, Reference, comparisons, outside_of
 from scenarios.watching.session import Watch
 from scenarios.watching.spectral import (

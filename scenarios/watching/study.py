@@ -21,8 +21,7 @@ from scenarios.files.sources import resolved, versions
 from scenarios.files.writing import study_folder, write_json, write_record
 from scenarios.identification.assessment import IdentificationResult
 from scenarios.identification.low_order import derived_of, mean_delay
-from scenarios.pages.folder import CONTENT, write_page
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
     PURE,
     Block,
@@ -38,10 +37,11 @@ from scenarios.pages.model import (
     reproduction,
     section,
 )
-from scenarios.pages.tables import derived_table, estimates_table, fixed_table
+from scenarios.report.folder import CONTENT, write_page
+from scenarios.report.shared_tables import derived_table, estimates_table, fixed_table
+from scenarios.report.summary import PAGE
 from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content
 from scenarios.studies.rows import Row
-from scenarios.terminal.summary import PAGE
 from scenarios.watching.reference import CrossValidation, Reference
 from scenarios.watching.rows import OUTPUTS
 from scenarios.watching.session import STARTED, Session, Step

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.estimate import FilterHistory, Outcome
-from ident.flying_qualities.modes import MODAL_UNITS
 from scenarios.files.writing import study_folder, write_json, write_record
-from scenarios.pages.folder import figures, write_page
-from scenarios.pages.model import (
+from scenarios.plots.display import SIMULATED_DATA
+from scenarios.report.document import (
     Bullets,
     Page,
     Prose,
@@ -26,18 +25,18 @@ from scenarios.pages.model import (
     reproduction,
     section,
 )
-from scenarios.pages.tables import printed_blocks, tests_table
-from scenarios.plots.display import SIMULATED_DATA
-from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures, write_page
+from scenarios.report.quantities import as_text, number_text, test_line
+from scenarios.report.shared_tables import tests_table
+from scenarios.report.summary import HERE
 from scenarios.studies.comparison import HEADING, bank_line, choice_lines
-from scenarios.terminal.quantities import as_text, number_text, test_line
-from scenarios.terminal.summary import HERE
 from scenarios.x29.content import loop_comparison
 from scenarios.x29.declaration import printed_column
 from scenarios.x29.findings import sentences
 from scenarios.x29.loop import OUTPUTS
 from scenarios.x29.open_margins import OPEN, OpenMargins
-from scenarios.x29.printing import TABLES, WORDS, print_loop
+from scenarios.x29.printing import BLOCKS, WORDS, print_loop
 from scenarios.x29.study import LoopResult, LoopStudy
 from sim.closed_loop.airframe import X29
 from sim.declaration.effect import Parameter
@@ -53,35 +52,11 @@ if TYPE_CHECKING:
 
 # ---- The page of a closed-loop scenario
 
-# Units of columns whose rows have units of their own.
-SQUARED = "unit²"
-_COLUMNS = {
-    **{
-        "initial variance": SQUARED,
-        "final variance": SQUARED,
-        "R": SQUARED,
-        "Q": f"{SQUARED}/s",
-        "damping": "1",
-        "pass": "1",
-        "rad/s": "rad/s",
-    },
-    **{
-        "P0, here": SQUARED,
-        "variance, here": SQUARED,
-        "R, here": SQUARED,
-        "Q, here": f"{SQUARED}/s",
-    },
-}
-
 
 def loop_page(study: LoopStudy, drawn: Sequence[Drawn] = ()) -> Page:
     """The page of a study with the figures ``drawn``."""
     scenario, estimate, record = study.scenario, study.result.estimate, study.result.setting.record
-    units = _units(study)
-    tables = {
-        title: section(title, *printed_blocks(partial(table, study), units))
-        for title, table in TABLES.items()
-    }
+    tables = {title: section(title, *blocks(study)) for title, blocks in BLOCKS.items()}
     qualities = "; ".join(
         f"{WORDS[q.name]} {number_text(q.value, q.std)} +- {number_text(q.std, q.std)} {q.unit}".rstrip(  # noqa: E501
             " 1"
@@ -136,17 +111,6 @@ def _made(study: LoopStudy, window: str, choices: Sequence[str]) -> tuple[Sectio
         heading,
         Bullets(tuple(choices)),
     )
-
-
-def _units(study: LoopStudy) -> dict[str, str]:
-    """Units of everything that a row or a column of the tables is named after."""
-    estimate, system = study.result.estimate, study.result.setting.system
-    units = {item.name: item.unit for item in (*system.initial, *system.parameters)}
-    units |= dict(zip(estimate.names, estimate.units, strict=True)) | {"delay": "s", **MODAL_UNITS}
-    words = {WORDS[q.name]: q.unit for q in study.result.qualities} | {
-        WORDS[name]: unit for name, unit in MODAL_UNITS.items() if name in WORDS
-    }
-    return {**units, **words, WORDS["delay"]: "s", **_COLUMNS}
 
 
 # ---- Which figures a closed-loop study gets: as the paper's 3 to 10

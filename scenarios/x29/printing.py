@@ -1,189 +1,204 @@
-"""Terminal tables of a closed-loop study and of the paper."""
+"""A closed-loop study in tables and sentences, those of the paper beside them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from ident.estimate import Estimate
 from ident.flying_qualities.levels import UNITS as QUALITY_UNITS
 from ident.flying_qualities.levels import Level, Quality
+from scenarios.report.document import (
+    BY_ROW,
+    MISSING,
+    PURE,
+    SIGMAS,
+    Block,
+    Cell,
+    Column,
+    Number,
+    Prose,
+    Table,
+    formatted,
+    known,
+    table,
+)
+from scenarios.report.quantities import console, is_frequency, number_text, test_line
+from scenarios.report.summary import BELOW, Summary, print_summary, residual_phrase, value_phrase
+from scenarios.report.terminal import show_blocks
+from scenarios.report.text_tables import print_paragraph
 from scenarios.studies.comparison import bank_line, choice_lines
 from scenarios.studies.text import print_choices
-from scenarios.terminal.quantities import console, is_frequency, number_text, test_line, unit_cell
-from scenarios.terminal.summary import BELOW, Summary, print_summary, residual_phrase, value_phrase
-from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
 from scenarios.x29.content import correlation_content, noted_pairs, procedure_and_printed
 from scenarios.x29.declaration import (
-    Printed,
     has_table,
     printed_checks,
     printed_column,
     printed_correlation,
 )
-from scenarios.x29.estimating import LARGE, LoopMethodResult
+from scenarios.x29.estimating import LARGE, LoopMethodResult, Misfit
 from scenarios.x29.findings import COMPARED, off, own_method, sentences
 from scenarios.x29.study import LoopStudy
 
-# ---- Terminal tables of what the paper prints beside what its procedure
+# ---- What the paper prints beside what its procedure gives here
 
 TITLES = {"simulation": "Table 1", "flight": "Table 2"}
+SQUARED = "unit²"  # of a variance whose row names the quantity
 
 
-def print_paper(study: LoopStudy, out: Console) -> None:
+def paper_blocks(study: LoopStudy) -> list[Block]:
     """Tables 1 or 2 and their correlations beside the paper's procedure here, the methods, and
     restarts of plain filters.
     """
     column = study.scenario.published[0] if study.scenario.published else ""
+    out: list[Block] = []
     if study.scenario.methods and has_table(column):
-        _states(study, column, out)
-        _pairs(study, column, out)
         names, C = printed_correlation(column)
-        print_triangle(
-            out,
-            f"correlations as published in {TITLES[column]}, * above {LARGE:g} in size",
-            names,
-            C,
-        )
+        title = f"correlations as published in {TITLES[column]}, * above {LARGE:g} in size"
+        out += [*_states(study, column), _pairs(study, column), _triangle(title, names, C)]
     if study.scenario.methods:
-        _methods(study, column, out)
-    _restarts(study, out)
+        out += _methods(study, column)
+    return [*out, *_restarts(study)]
 
 
-def print_triangle(out: Console, title: str, names: tuple[str, ...], C: np.ndarray) -> None:
+def _triangle(title: str, names: tuple[str, ...], C: np.ndarray) -> Table:
     """The lower triangle of a correlation matrix."""
 
-    def cell(i: int, j: int) -> str:
-        return f"{C[i, j]:+.2f}{'*' if i != j and abs(C[i, j]) > LARGE else ''}" if j <= i else ""
+    def cell(i: int, j: int) -> Cell:
+        if j > i:
+            return ""
+        mark = "*" if i != j and abs(C[i, j]) > LARGE else ""
+        return Number(float(C[i, j]), shown=f"{C[i, j]:+.2f}{mark}")
 
-    columns = [TableColumn("", names, left=True)]
-    columns += [
-        TableColumn(
-            name.replace("alpha", "al").replace("delta", "de"),
+    columns = [
+        (
+            Column(name.replace("alpha", "al").replace("delta", "de"), PURE),
             [cell(i, j) for i in range(len(names))],
         )
         for j, name in enumerate(names)
     ]
-    out.print()
-    print_table(out, title, columns)
+    return table(title, (Column("name", printed=" "), names), *columns)
 
 
-def _states(study: LoopStudy, column: str, out: Console) -> None:
+def _states(study: LoopStudy, column: str) -> list[Block]:
     rows = procedure_and_printed(study, column)
+    values = list(rows.values())
 
-    def cells(key: str) -> list[list[str]]:
-        pairs = [row[key] for row in rows.values()]
-        return [
-            [f"{pair[side]:.2e}" if pair[side] is not None else "" for pair in pairs]
+    def block(key: str, heading: str, unit: str) -> list[tuple[Column, list[Cell]]]:
+        here, published = (
+            ["" if row[key][side] is None else formatted(row[key][side], ".2e") for row in values]
             for side in ("here", "published")
-        ]
-
-    def block(key: str, heading: str) -> list[TableColumn]:
-        here, published = cells(key)
+        )
+        first = f"{heading}, here"
         return [
-            TableColumn(f"{heading}, here", here),
-            TableColumn("published", published, beside=True),
+            (Column(first, unit, printed=first), here),
+            (Column("published", unit, printed="published", beside=True), published),
         ]
 
-    columns = [
-        TableColumn("state", list(rows), left=True),
-        *block("initial", "initial"),
-        *block("initial_variance", "P0"),
-    ]
-    further = [
-        *block("final", "final"),
-        *block("final_variance", "variance"),
-        *block("R", "R"),
-        *block("Q", "Q"),
-    ]
-    out.print()
-    print_table(
-        out,
+    units = units_of(study)
+    shown = table(
         f"{TITLES[column]} and the paper's procedure on this record (plain bank, "
         f"{study.plain.delay:.3f} s)",
-        [*columns, *further],
+        (Column("state"), list(rows)),
+        *block("initial", "initial", BY_ROW),
+        *block("initial_variance", "P0", SQUARED),
+        *block("final", "final", BY_ROW),
+        *block("final_variance", "variance", SQUARED),
+        *block("R", "R", SQUARED),
+        *block("Q", "Q", f"{SQUARED}/s"),
+        units=[units[name] for name in rows],
     )
-    print_paragraph(
-        out,
+    note = (
         "SI, in the paper's units R of alpha and q are deg2 and (deg/s)2; Q here is a spectral "
-        "density; R of nz stands with nz_0",
+        "density; R of nz stands with nz_0"
     )
+    return [shown, Prose(note, "note")]
 
 
-def _pairs(study: LoopStudy, column: str, out: Console) -> None:
+def _pairs(study: LoopStudy, column: str) -> Table:
     rows = noted_pairs(study, column)
-    columns = [
-        TableColumn("correlation of", [f"{a}, {b}" for a, b, *_ in rows], left=True),
-        TableColumn("published", [f"{row[2]:+.3f}" for row in rows]),
-        TableColumn("paper's procedure", [f"{row[3]:+.3f}" for row in rows]),
-        TableColumn("ours, refined", [f"{row[4]:+.3f}" for row in rows]),
-    ]
-    out.print()
-    print_table(out, f"largest correlations of {TITLES[column]}", columns)
-
-
-def _methods(study: LoopStudy, column: str, out: Console) -> None:
-    found: list[LoopMethodResult] = [*study.methods, own_method(study)]
-    names = ("L_alpha", *COMPARED)
-    printed = printed_column(column)
-    columns = [
-        TableColumn("method", [*(m.label for m in found), "published"], left=True),
-        TableColumn("delay", [*(f"{m.delay:.4f}" for m in found), ""]),
-        *(
-            TableColumn(
-                n, [*(number_text(m.values[n], m.std[n]) for m in found), f"{printed[n].value:g}"]
-            )
-            for n in names
-        ),
-        TableColumn(
-            "rad/s",
-            [
-                *(f"{m.frequency:.2f}" for m in found),
-                _printed_cell(printed, "natural_frequency", ".2f"),
-            ],
-        ),
-        TableColumn(
-            "damping",
-            [*(f"{m.damping:.3f}" for m in found), _printed_cell(printed, "damping_ratio", ".3f")],
-        ),
-        TableColumn("off, %", [*(f"{100.0 * off(m, column):.0f}" for m in found), ""]),
-    ]
-    out.print()
-    print_table(out, "methods by name", columns)
-    print_paragraph(
-        out,
-        f"off: root mean square of the relative differences of {', '.join(COMPARED)} from the "
-        "published ones",
+    return table(
+        f"largest correlations of {TITLES[column]}",
+        (Column("correlation of"), [f"{a}, {b}" for a, b, *_ in rows]),
+        (Column("published", PURE), [formatted(value, "+.3f") for _, _, value, _, _ in rows]),
+        (Column("paper's procedure", PURE), [formatted(c, "+.3f") for _, _, _, c, _ in rows]),
+        (Column("ours, refined", PURE), [formatted(c, "+.3f") for *_, c in rows]),
     )
 
 
-def _printed_cell(printed: Mapping[str, Printed], name: str, form: str) -> str:
-    """A printed number, or a dash: the paper prints no frequency and no damping ratio of its Table
-    3.
-    """
-    return format(printed[name].value, form) if name in printed else "-"
+def _methods(study: LoopStudy, column: str) -> list[Block]:
+    found: list[LoopMethodResult] = [*study.methods, own_method(study)]
+    printed, units = printed_column(column), units_of(study)
+
+    def told(name: str, form: str) -> Cell:
+        """A printed number; the paper prints no frequency and no damping ratio of its Table 3."""
+        return formatted(printed[name].value if name in printed else None, form)
+
+    def bare(heading: str, unit: str) -> Column:
+        return Column(heading, unit, printed=heading)
+
+    shown = table(
+        "methods by name",
+        (Column("method"), [*(m.label for m in found), "published"]),
+        (bare("delay", "s"), [*(formatted(m.delay, ".4f") for m in found), ""]),
+        *(
+            (
+                bare(n, units[n]),
+                [
+                    *(Number(m.values[n], shown=number_text(m.values[n], m.std[n])) for m in found),
+                    told(n, "g"),
+                ],
+            )
+            for n in ("L_alpha", *COMPARED)
+        ),
+        (
+            Column("frequency", "rad/s", printed="rad/s"),
+            [*(formatted(m.frequency, ".2f") for m in found), told("natural_frequency", ".2f")],
+        ),
+        (
+            Column("damping", PURE),
+            [*(formatted(m.damping, ".3f") for m in found), told("damping_ratio", ".3f")],
+        ),
+        (Column("off", "%"), [*(formatted(100.0 * off(m, column), ".0f") for m in found), ""]),
+    )
+    note = (
+        f"off: root mean square of the relative differences of {', '.join(COMPARED)} from the "
+        "published ones"
+    )
+    return [shown, Prose(note, "note")]
 
 
-def _restarts(study: LoopStudy, out: Console) -> None:
+def _restarts(study: LoopStudy) -> list[Block]:
+    units, out = units_of(study), list[Block]()
     for label, found in study.restarts.items():
         rows = [(k, i) for k in range(len(found.delays)) for i in range(len(found.values["M_q"]))]
         columns = [
-            TableColumn("delay", [f"{found.delays[k]:.4f}" for k, _ in rows]),
-            TableColumn("pass", [str(i + 1) for _, i in rows]),
-            *(
-                TableColumn(n, [f"{found.values[n][i, k]:.4g}" for k, i in rows])
-                for n in ("L_alpha", *COMPARED)
-            ),
+            (
+                Column(n, units[n], printed=n),
+                [formatted(found.values[n][i, k], ".4g") for k, i in rows],
+            )
+            for n in ("L_alpha", *COMPARED)
         ]
-        out.print()
-        print_table(out, f"plain filters started again from their own result: {label}", columns)
+        out.append(
+            table(
+                f"plain filters started again from their own result: {label}",
+                (
+                    Column("delay", "s", printed="delay"),
+                    [formatted(found.delays[k], ".4f") for k, _ in rows],
+                ),
+                (Column("pass", PURE), [Number(i + 1, digits=0) for _, i in rows]),
+                *columns,
+            )
+        )
+    return out
 
 
-# ---- Tables of a closed-loop scenario for the terminal
+# ---- Tables of a closed-loop study
 
 PARAMETERS = (
     "L_alpha",
@@ -221,10 +236,11 @@ def print_loop(study: LoopStudy, out: Console | None = None, details: str = BELO
         highlight=False,
     )
     out.print(bank_line(scenario.estimation.engine, study.second), highlight=False)
-    _estimate(study, out)
+    first, *others = BLOCKS.values()
+    show_blocks(out, first(study), apart=True)
     print_choices(out, choice_lines(scenario.choices))
-    for table in list(TABLES.values())[1:]:
-        table(study, out)
+    for blocks in others:
+        show_blocks(out, blocks(study), apart=True)
     out.print()
     for sentence in (*sentences(study), test_line(study.tests), scenario.findings):
         if sentence:
@@ -249,109 +265,114 @@ def loop_summary(study: LoopStudy, details: str = BELOW) -> Summary:
     )
 
 
-def _estimate(study: LoopStudy, out: Console) -> None:
+def units_of(study: LoopStudy) -> dict[str, str]:
+    """Units of states and parameters, and of the frequency, damping ratio and delay."""
+    estimate, system = study.result.estimate, study.result.setting.system
+    units = {item.name: item.unit for item in (*system.initial, *system.parameters)}
+    return units | dict(zip(estimate.names, estimate.units, strict=True)) | {"delay": "s"}
+
+
+def _estimate(study: LoopStudy) -> list[Block]:
     estimate, loop = study.result.estimate, study.check.loop
     printed = printed_column(study.scenario.published[0]) if study.scenario.published else {}
     names = [name for name in PARAMETERS if name in estimate.names]
-    columns = [
-        TableColumn("parameter", names, left=True),
-        TableColumn(
-            "unit",
-            [unit_cell(estimate.units[estimate.names.index(name)]) for name in names],
-            left=True,
+
+    def plain(name: str) -> Cell:
+        if name == "delay":
+            return formatted(study.plain.delay, ".3f")
+        value = study.plain.estimate.value(name)
+        return Number(value, shown=number_text(value, estimate.sigma(name)))
+
+    def published(name: str) -> Cell:
+        if name not in printed:
+            return ""
+        value, std = printed[name].value, printed[name].std
+        sigma = "" if std is None else f"{std:.2g}"
+        return Number(value, std, shown=f"{value:.5g}", shown_sigma=sigma)
+
+    shown = table(
+        f"estimate, delay refined: {estimate.outcome.value}",
+        (Column("parameter"), names),
+        (Column("estimate", BY_ROW), [Number(estimate.value(n), estimate.sigma(n)) for n in names]),
+        (
+            Column("loop equivalent", BY_ROW),
+            [known(getattr(loop, name)) if hasattr(loop, name) else MISSING for name in names],
         ),
-        TableColumn(
-            "estimate", [number_text(estimate.value(name), estimate.sigma(name)) for name in names]
-        ),
-        TableColumn(
-            "+- sigma",
-            [number_text(estimate.sigma(name), estimate.sigma(name)) for name in names],
-            beside=True,
-        ),
-        TableColumn(
-            "loop equivalent",
-            [f"{getattr(loop, name):.5g}" if hasattr(loop, name) else "-" for name in names],
-        ),
-        TableColumn(
-            "plain bank",
-            [
-                number_text(study.plain.estimate.value(n), estimate.sigma(n))
-                if n != "delay"
-                else f"{study.plain.delay:.3f}"
-                for n in names
-            ],
-        ),
-    ]
-    further = []
-    if printed:
-        further = [
-            TableColumn(
-                "published",
-                [f"{printed[name].value:.5g}" if name in printed else "" for name in names],
-            ),
-            TableColumn(
-                "+- sigma",
-                [
-                    f"{s:.2g}" if name in printed and (s := printed[name].std) is not None else ""
-                    for name in names
-                ],
-                beside=True,
-            ),
-        ]
-    out.print()
-    print_table(out, f"estimate, delay refined: {estimate.outcome.value}", [*columns, *further])
+        (Column("plain bank", BY_ROW), [plain(name) for name in names]),
+        (Column("published", BY_ROW), [published(name) for name in names]) if printed else None,
+        units=[estimate.units[estimate.names.index(name)] for name in names],
+    )
+    return [shown]
 
 
-def _printing_states(study: LoopStudy, out: Console) -> None:
+def _filter_states(study: LoopStudy) -> list[Block]:
     history, system = study.result.estimate.history, study.result.setting.system
     assert history is not None
     noise, density = study.result.setting.noise_std, study.scenario.estimation.process_noise
+    units = units_of(study)
     items = [
         system.initial[n] if n in system.state_names else system.parameters[n]
         for n in history.names
     ]
-    columns = [
-        TableColumn("state", list(history.names), left=True),
-        TableColumn("initial", [f"{item.value:.3e}" for item in items]),
-        TableColumn("final", [f"{v:.3e}" for v in history.mean[:, -1]]),
-        TableColumn("initial variance", [f"{item.prior_std**2:.3e}" for item in items]),
-        TableColumn("final variance", [f"{v:.3e}" for v in history.std[:, -1] ** 2]),
-        TableColumn("R", [f"{noise[n] ** 2:.3e}" if n in noise else "" for n in history.names]),
-        TableColumn("Q", [f"{density.get(n, 0.0):.1e}" for n in history.names]),
-    ]
-    out.print()
-    print_table(
-        out,
+
+    def scientific(values: Iterable[float]) -> list[Cell]:
+        return [formatted(float(value), ".3e") for value in values]
+
+    def bare(heading: str, unit: str) -> Column:
+        return Column(heading, unit, printed=heading)
+
+    shown = table(
         f"states of the filter at the refined delay (R of nz {noise['nz'] ** 2:.3e} g2)",
-        columns,
+        (Column("state"), list(history.names)),
+        (Column("initial", BY_ROW), scientific(item.value for item in items)),
+        (Column("final", BY_ROW), scientific(history.mean[:, -1])),
+        (bare("initial variance", SQUARED), scientific(item.prior_std**2 for item in items)),
+        (bare("final variance", SQUARED), scientific(history.std[:, -1] ** 2)),
+        (
+            bare("R", SQUARED),
+            [formatted(noise[n] ** 2, ".3e") if n in noise else "" for n in history.names],
+        ),
+        (
+            bare("Q", f"{SQUARED}/s"),
+            [formatted(density.get(n, 0.0), ".1e") for n in history.names],
+        ),
+        units=[units[name] for name in history.names],
     )
+    return [shown]
 
 
-def _correlation(study: LoopStudy, out: Console) -> None:
+def _correlation(study: LoopStudy) -> list[Block]:
     content = correlation_content(study.result.estimate)
     title = f"correlations after the last sample, * above {LARGE:g} in size"
-    print_triangle(out, title, tuple(content["names"]), np.array(content["matrix"]))
+    return [_triangle(title, tuple(content["names"]), np.array(content["matrix"]))]
 
 
-def _qualities(study: LoopStudy, out: Console) -> None:
+def _qualities(study: LoopStudy) -> list[Block]:
     found = [
         each
         for q in study.result.qualities
         for each in ([q, _hertz(q)] if is_frequency(q.name, q.unit) else [q])
     ]
-    columns = [
-        TableColumn("quantity", [WORDS[q.name] for q in found], left=True),
-        TableColumn("unit", [unit_cell(q.unit) for q in found], left=True),
-        TableColumn("value", [number_text(q.value, q.std) for q in found]),
-        TableColumn("from", [number_text(q.value - 2 * q.std, q.std) for q in found]),
-        TableColumn("to (2 sigma)", [number_text(q.value + 2 * q.std, q.std) for q in found]),
-    ]
-    out.print()
-    print_table(out, "flying qualities", columns)
+
+    def at(q: Quality, sigmas: float) -> Cell:
+        value = q.value + sigmas * q.std
+        return Number(value, shown=number_text(value, q.std))
+
+    shown = table(
+        "flying qualities",
+        (Column("quantity"), [WORDS[q.name] for q in found]),
+        (Column("value", BY_ROW), [at(q, 0.0) for q in found]),
+        (Column("from", BY_ROW), [at(q, -2.0) for q in found]),
+        (Column("to (2 sigma)", BY_ROW), [at(q, 2.0) for q in found]),
+        units=[q.unit for q in found],
+    )
+    out: list[Block] = [shown]
     for row in study.levels:
         c = row.criterion
         category = "" if c.category == "all" else f", category {c.category}"
-        print_paragraph(out, f"{WORDS[c.quantity]}{category}: level {_level(row)} ({c.source})")
+        line = f"{WORDS[c.quantity]}{category}: level {_level(row)} ({c.source})"
+        out.append(Prose(line, "note"))
+    return out
 
 
 def _hertz(q: Quality) -> Quality:
@@ -365,199 +386,200 @@ def _level(row: Level) -> str:
     )
 
 
-def _check(study: LoopStudy, out: Console) -> None:
+def _check(study: LoopStudy) -> list[Block]:
     loop, record, result = study.check.loop, study.check.record, study.result
     names = ("natural_frequency", "damping_ratio", "delay")
     own = {q.name: q for q in result.qualities}
-    columns = [
-        TableColumn("quantity", [WORDS[n] for n in names], left=True),
-        TableColumn("unit", [unit_cell(QUALITY_UNITS[n]) for n in names], left=True),
-        TableColumn(
-            "filter", [number_text(own[n].value, own[n].std) if n in own else "-" for n in names]
-        ),
-        TableColumn("loop's response", [f"{getattr(loop, n):.4g}" for n in names]),
-        TableColumn(
-            "record's spectra", [f"{record[n]:.4g}" if record is not None else "-" for n in names]
-        ),
-    ]
     told = printed_checks(study.scenario.published[0]) if study.scenario.published else {}
+    further: list[tuple[Column, list[Cell]]] = []
     if told:
-        columns.append(TableColumn("plain bank", _plain_cells(study, names)))
-        columns.append(
-            TableColumn(
-                "published EKF",
-                [f"{told[n].low:.4g} to {told[n].high:.4g}" if n in told else "" for n in names],
-            )
-        )
-        columns.append(
-            TableColumn(
-                "its response",
-                [f"{told[n].frequency_response:.4g}" if n in told else "" for n in names],
-            )
-        )
-    out.print()
-    print_table(out, "independent check by frequency response (0.35 to 14 rad/s)", columns)
-
-
-def _plain_cells(study: LoopStudy, names: Sequence[str]) -> list[str]:
-    v = study.plain.estimate.as_dict()
-    frequency = np.sqrt(max(v["L_alpha"] * v["M_q"] - v["L_q"] * v["M_alpha"], 0.0))
-    found = {
-        "natural_frequency": frequency,
-        "damping_ratio": -(v["L_alpha"] + v["M_q"]) / (2.0 * frequency) if frequency else np.nan,
-    }
-    return [f"{({**found, 'delay': study.plain.delay})[name]:.4g}" for name in names]
-
-
-def _differences(study: LoopStudy, out: Console) -> None:
-    if study.differences is None or study.scenario.against is None:
-        return
-    rows = study.differences.differences
-    columns = [
-        TableColumn("parameter", [d.name for d in rows], left=True),
-        TableColumn("other", [number_text(d.first, d.first_std) for d in rows]),
-        TableColumn("+- sigma", [number_text(d.first_std, d.first_std) for d in rows], beside=True),
-        TableColumn("here", [number_text(d.second, d.second_std) for d in rows]),
-        TableColumn(
-            "+- sigma", [number_text(d.second_std, d.second_std) for d in rows], beside=True
-        ),
-        TableColumn("difference, sigmas", [f"{d.z:+.1f}" for d in rows]),
-        TableColumn("", ["beyond" if d.beyond else "" for d in rows], left=True),
-    ]
-    out.print()
-    print_table(out, f"against {study.scenario.against.label}", columns)
-    words = ", ".join(f"{WORDS[name]} {z:+.2f}" for name, z in study.derived_differences)
-    print_paragraph(out, f"in the larger of both sigmas: {words}")
-
-
-def _together(study: LoopStudy, out: Console) -> None:
-    if not study.together:
-        return
-    names = PARAMETERS[:10]
-    columns = [TableColumn("parameter", [*names, "delay"], left=True)]
-    columns += [
-        TableColumn(
-            key.removeprefix("x29-"),
-            [*(f"{found.estimate.value(n):.4g}" for n in names), f"{found.delay:.3f}"],
-        )
-        for key, found in study.together.items()
-    ]
-    columns.append(
-        TableColumn(
-            "here, refined",
+        bands = [f"{told[n].low:.4g} to {told[n].high:.4g}" if n in told else "" for n in names]
+        responses = [
+            formatted(told[n].frequency_response, ".4g") if n in told else "" for n in names
+        ]
+        further = [
+            (Column("plain bank", BY_ROW), _plain_cells(study, names)),
+            (Column("published EKF", right=True), list[Cell](bands)),
+            (Column("its response", BY_ROW), responses),
+        ]
+    shown = table(
+        "independent check by frequency response (0.35 to 14 rad/s)",
+        (Column("quantity"), [WORDS[n] for n in names]),
+        (
+            Column("filter", BY_ROW),
             [
-                *(f"{study.result.estimate.value(n):.4g}" for n in names),
-                f"{study.result.bank.refined:.3f}",
+                Number(own[n].value, shown=number_text(own[n].value, own[n].std))
+                if n in own
+                else MISSING
+                for n in names
             ],
-        )
+        ),
+        (Column("loop's response", BY_ROW), [formatted(getattr(loop, n), ".4g") for n in names]),
+        (
+            Column("record's spectra", BY_ROW),
+            [formatted(record[n] if record is not None else None, ".4g") for n in names],
+        ),
+        *further,
+        units=[QUALITY_UNITS[n] for n in names],
     )
+    return [shown]
+
+
+def _plain_cells(study: LoopStudy, names: Sequence[str]) -> list[Cell]:
+    v = study.plain.estimate.as_dict()
+    frequency = float(np.sqrt(max(v["L_alpha"] * v["M_q"] - v["L_q"] * v["M_alpha"], 0.0)))
+    found = {"natural_frequency": frequency, "delay": study.plain.delay}
+    if frequency:
+        found["damping_ratio"] = -(v["L_alpha"] + v["M_q"]) / (2.0 * frequency)
+    return [formatted(found.get(name), ".4g") for name in names]
+
+
+def _differences(study: LoopStudy) -> list[Block]:
+    if study.differences is None or study.scenario.against is None:
+        return []
+    rows, units = study.differences.differences, units_of(study)
+    shown = table(
+        f"against {study.scenario.against.label}",
+        (Column("parameter"), [d.name for d in rows]),
+        (Column("other", BY_ROW), [Number(d.first, d.first_std) for d in rows]),
+        (Column("here", BY_ROW), [Number(d.second, d.second_std) for d in rows]),
+        (Column("difference", SIGMAS), [formatted(d.z, "+.1f") for d in rows]),
+        (Column("remark", printed=" "), ["beyond" if d.beyond else "" for d in rows]),
+        units=[units[d.name] for d in rows],
+    )
+    words = ", ".join(f"{WORDS[name]} {z:+.2f}" for name, z in study.derived_differences)
+    return [shown, Prose(f"in the larger of both sigmas: {words}", "note")]
+
+
+def _together(study: LoopStudy) -> list[Block]:
+    if not study.together:
+        return []
+    names, units = (*PARAMETERS[:10], "delay"), units_of(study)
+
+    def cells(estimate: Estimate, delay: float) -> list[Cell]:
+        values = [formatted(estimate.value(n), ".4g") for n in names[:-1]]
+        return [*values, formatted(delay, ".3f")]
+
     printed = [(key, printed_column(key)) for key in study.scenario.published]
-    further = [
-        TableColumn(
-            f"published {key.replace('_', ' ')}",
-            [f"{c[n].value:.4g}" if n in c else "" for n in (*names, "delay")],
-        )
-        for key, c in printed
-    ]
-    out.print()
-    print_table(
-        out,
+    shown = table(
         "robustness: plain bank, most likely delay, side by side as the paper's Table 3",
-        [*columns, *further],
+        (Column("parameter"), names),
+        *(
+            (Column(key.removeprefix("x29-"), BY_ROW), cells(found.estimate, found.delay))
+            for key, found in study.together.items()
+        ),
+        (
+            Column("here, refined", BY_ROW),
+            cells(study.result.estimate, study.result.bank.refined),
+        ),
+        *(
+            (
+                Column(f"published {key.replace('_', ' ')}", BY_ROW),
+                [formatted(c[n].value, ".4g") if n in c else "" for n in names],
+            )
+            for key, c in printed
+        ),
+        units=[units[name] for name in names],
     )
+    return [shown]
 
 
-def _passes(study: LoopStudy, out: Console) -> None:
+def _passes(study: LoopStudy) -> list[Block]:
     if len(study.passes) < 2:
-        return
-    names = ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau")
-    columns = [TableColumn("pass", [str(i + 1) for i in range(len(study.passes))])]
-    columns += [
-        TableColumn(n, [number_text(each.value(n), each.sigma(n)) for each in study.passes])
-        for n in names
-    ]
-    out.print()
-    print_table(out, "refined filter started again from its own result", columns)
+        return []
+    names, units = ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau"), units_of(study)
+    shown = table(
+        "refined filter started again from its own result",
+        (Column("pass", PURE), [Number(i + 1, digits=0) for i in range(len(study.passes))]),
+        *(
+            (
+                Column(n, units[n], printed=n),
+                [
+                    Number(each.value(n), shown=number_text(each.value(n), each.sigma(n)))
+                    for each in study.passes
+                ],
+            )
+            for n in names
+        ),
+    )
+    return [shown]
 
 
-def _variants(study: LoopStudy, out: Console) -> None:
+def _variants(study: LoopStudy) -> list[Block]:
     if not study.variants:
-        return
+        return []
     rows = [
         ("as declared, refined", study.result.bank.refined, study.misfit),
         *((v.label, v.delay, v.misfit) for v in study.variants),
     ]
-    columns = [
-        TableColumn("flown or estimated", [row[0] for row in rows], left=True),
-        TableColumn("delay, s", [f"{row[1]:.4f}" for row in rows]),
-    ]
-    if study.scenario.peak is not None:
-        columns.append(
-            TableColumn("final peak, %", [f"{row[2].peak_percent:+.1f}" for row in rows])
-        )
-    if study.scenario.stretch is not None:
-        columns.append(TableColumn("rms q, stretch", [f"{row[2].stretch:.2f}" for row in rows]))
-        columns.append(TableColumn("elsewhere", [f"{row[2].elsewhere:.2f}" for row in rows]))
-    columns += [
-        TableColumn("rms q", _cells([row[2].rms["q"] for row in rows])),
-        TableColumn("lag 1", [f"{row[2].lag_one:+.2f}" for row in rows]),
-        TableColumn("Ljung-Box", [f"{row[2].q_box:.0f}" for row in rows]),
-        TableColumn("low share", _cells([row[2].low_share for row in rows])),
-        TableColumn("size", _cells([row[2].ratio for row in rows])),
-    ]
-    out.print()
-    print_table(out, "the same with changes", columns)
-    print_paragraph(
-        out,
+
+    def cells(value: Callable[[Misfit], float | None], form: str) -> list[Cell]:
+        return [formatted(value(misfit), form) for _, _, misfit in rows]
+
+    peak, stretch = study.scenario.peak is not None, study.scenario.stretch is not None
+    shown = table(
+        "the same with changes",
+        (Column("flown or estimated"), [row[0] for row in rows]),
+        (Column("delay", "s"), [formatted(row[1], ".4f") for row in rows]),
+        (Column("final peak", "%"), cells(lambda m: m.peak_percent, "+.1f")) if peak else None,
+        (Column("rms q, stretch", PURE), cells(lambda m: m.stretch, ".2f")) if stretch else None,
+        (Column("elsewhere", PURE), cells(lambda m: m.elsewhere, ".2f")) if stretch else None,
+        (Column("rms q", PURE), cells(lambda m: m.rms["q"], ".2f")),
+        (Column("lag 1", PURE), cells(lambda m: m.lag_one, "+.2f")),
+        (Column("Ljung-Box", PURE), cells(lambda m: m.q_box, ".0f")),
+        (Column("low share", PURE), cells(lambda m: m.low_share, ".2f")),
+        (Column("size", PURE), cells(lambda m: m.ratio, ".2f")),
+    )
+    note = (
         "rms q: free simulation against the measurement over the sensor's sigma; lag 1, Ljung-Box "
         "(25 lags, white: 25 +- 7), low share "
         "(power below a fifth of the Nyquist frequency, white: 0.20) of the normalised pitch-rate "
-        "innovations; size of all of them, 1 expected",
+        "innovations; size of all of them, 1 expected"
     )
+    return [shown, Prose(note, "note")]
 
 
-def _over_seeds(study: LoopStudy, out: Console) -> None:
+def _over_seeds(study: LoopStudy) -> list[Block]:
     found = study.over_seeds
     if found is None:
-        return
+        return []
     rows = [(f"{delay:.3f}", block) for delay, block in found.by_delay()]
-    rows += [("all", found.values)] if len(rows) > 1 else []
+    delays = list[Cell](formatted(delay, ".3f") for delay, _ in found.by_delay())
+    if len(rows) > 1:
+        rows, delays = [*rows, ("all", found.values)], [*delays, "all"]
+    units = units_of(study)
     columns = [
-        TableColumn("delay, s", [label for label, _ in rows], left=True),
-        TableColumn("flights", [str(len(block)) for _, block in rows]),
+        (
+            Column(name, units[name], printed=name, together=True),
+            [_mean_cell(block[:, found.names.index(name)]) for _, block in rows],
+        )
+        for name in ("L_alpha", "M_alpha", "M_delta", "L_q", "M_q", "inv_tau")
     ]
-    for name in ("L_alpha", "M_alpha", "M_delta", "L_q", "M_q", "inv_tau"):
-        at = found.names.index(name)
-        columns.append(TableColumn(name, [_mean_cell(block[:, at]) for _, block in rows]))
-    out.print()
-    print_table(
-        out,
+    shown = table(
         f"the paper's bank on flights with seeds 1 to {len(found.seeds)}: delay chosen, mean +- "
         "standard deviation",
-        columns,
+        (Column("delay", "s", left=True), delays),
+        (Column("flights", PURE), [Number(len(block), digits=0) for _, block in rows]),
+        *columns,
     )
+    return [shown]
 
 
-def _mean_cell(values: np.ndarray) -> str:
+def _mean_cell(values: np.ndarray) -> Cell:
     """Mean and standard deviation over flights; a single flight has no deviation."""
     if len(values) < 2:
-        return f"{float(values[0]):.4g}"
-    std = float(values.std(ddof=1))
-    return f"{number_text(float(values.mean()), std)} +- {number_text(std, std)}"
+        return formatted(float(values[0]), ".4g")
+    return Number(float(values.mean()), float(values.std(ddof=1)))
 
 
-def _cells(values: Sequence[float]) -> list[str]:
-    return [f"{value:.2f}" for value in values]
-
-
-# What is printed, by the heading under which it stands on a page, the estimate first.
-TABLES: Mapping[str, Callable[[LoopStudy, Console], None]] = {
+# The blocks of a study by the heading under which they stand on a page, the estimate first.
+BLOCKS: Mapping[str, Callable[[LoopStudy], list[Block]]] = {
     "Estimate": _estimate,
-    "States of the filter": _printing_states,
+    "States of the filter": _filter_states,
     "Correlation": _correlation,
     "Flying qualities": _qualities,
     "Check by frequency response": _check,
-    "The paper's numbers": print_paper,
+    "The paper's numbers": paper_blocks,
     "Against the other study": _differences,
     "Side by side": _together,
     "Started again": _passes,

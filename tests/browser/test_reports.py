@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from scenarios.pages.folder import write_page
+from scenarios.report.folder import write_page
 from tests.browser.complaints import Complaints, fits, keep_picture
 from tests.pages import HOSTILE, PAGE
 

@@ -51,10 +51,8 @@ ABSENT = {
 ASKING = {
     "exam/independent/command.py",  # hasattr
     "ident/background_task.py",  # can_fork
-    "scenarios/plots/drawing.py",  # can_fork
     "scenarios/tasks/processes.py",  # sys.platform, hasattr
     "scenarios/tasks/work.py",  # ImportError
-    "scenarios/diagnosis/report/pictures/process.py",  # hasattr
     "scenarios/files/writing.py",  # hasattr
     "scenarios/files/sources.py",  # named pipes alone, which Windows has not
 }

@@ -639,13 +639,13 @@ SCENARIOS = (
         ),
     ),
     *changes(
-        "scenarios/terminal/quantities.py",
-        ("tests/unit/scenarios/terminal/test_display_units.py",),
+        "scenarios/report/quantities.py",
+        ("tests/unit/scenarios/report/test_display_units.py",),
         ("value / (2.0 * math.pi)", "value * (2.0 * math.pi)"),
     ),
     *changes(
-        "scenarios/pages/model.py",
-        ("tests/unit/scenarios/pages/test_model.py",),
+        "scenarios/report/document.py",
+        ("tests/unit/scenarios/report/test_document.py",),
         ("self.signed and self.value >= 0", "self.signed and self.value > 0"),
     ),
     *changes(

@@ -4,10 +4,10 @@ would change is no result.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 from ident.tracing.diagnosis import Diagnosis, ErrorFigures, Verdict
+from scenarios.report.document import Table
 
 # heading of the one column that stands where before and after do otherwise
 DECLARED = "declared model"
@@ -20,27 +20,19 @@ def nothing_stands(d: Diagnosis) -> bool:
     return d.verdict is Verdict.UNEXPLAINED
 
 
-def shown_columns(d: Diagnosis, headings: Sequence[str]) -> tuple[str, ...]:
-    """Headings of a table; under ``unexplained`` without those that a further model would fill."""
-    if not nothing_stands(d):
-        return tuple(headings)
-    return tuple(
-        DECLARED if heading == "before" else heading
-        for heading in headings
-        if heading not in NO_AFTER
-    )
-
-
-def shown_rows(
-    d: Diagnosis, headings: Sequence[str], cells: Sequence[Sequence[str]]
-) -> list[tuple[str, ...]]:
-    """Rows of the table with ``headings``, their cells of the same columns left out as in
-    ``shown_columns``.
+def shown_table(d: Diagnosis, whole: Table) -> Table:
+    """A table of the diagnosis; under ``unexplained`` without the columns that a further model
+    would fill.
     """
     if not nothing_stands(d):
-        return [tuple(row) for row in cells]
-    kept = [i for i, heading in enumerate(headings) if heading not in NO_AFTER]
-    return [tuple(row[i] for i in kept) for row in cells]
+        return whole
+    kept = [at for at, each in enumerate(whole.columns) if each.heading not in NO_AFTER]
+    columns = [
+        replace(column, heading=DECLARED) if column.heading == "before" else column
+        for column in (whole.columns[at] for at in kept)
+    ]
+    rows = tuple(tuple(row[at] for at in kept) for row in whole.rows)
+    return replace(whole, columns=tuple(columns), rows=rows)
 
 
 def as_declared(d: Diagnosis) -> Diagnosis:

@@ -17,7 +17,7 @@ from scenarios.diagnosis.overflows import overflow_sentence
 from scenarios.diagnosis.report.declared_only import nothing_stands
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.user_models import is_of_aircraft
-from scenarios.terminal.quantities import CHANNELS, displayed, shown_in, spaced, value_text
+from scenarios.report.quantities import CHANNELS, displayed, shown_in, spaced
 
 FEW = 2  # parameters whose values are worth comparing between records
 FORMS = {
@@ -84,48 +84,6 @@ def by_record_text(by_record: Sequence[Mapping[str, Quantity]]) -> str:
             f"{f'{name} ' if len(names) > 1 or not unit else ''}{values}{f' {unit}' if unit else ''}"  # noqa: E501
         )
     return "; ".join(told)
-
-
-def member_derivatives(claim: Claim, after: Mapping[str, Quantity]) -> list[tuple[str, ...]]:
-    """Derivatives under each member of a group, one row each: name, unit, value +- sigma under the
-    members in order; none for one alone.
-
-    A star marks a value that is more than two of both sigmas from that under the first.
-    """
-    members = list(claim.derivatives_under.values())
-    if len(members) < 2:
-        return []
-    return [
-        (
-            name,
-            _unit(after[name]),
-            *(
-                _member(each[name], members[0].get(name)) if name in each else "-"
-                for each in members
-            ),
-        )
-        for name in after
-        if any(name in each for each in members)
-    ]
-
-
-def _member(quantity: Quantity, first: Quantity | None) -> str:
-    apart = first is not None and abs(quantity.value - first.value) > APART * math.hypot(
-        quantity.std, first.std
-    )
-    return f"{value_text(quantity.value, quantity.std)}{'*' if apart else ''}"
-
-
-def member_tables(d: Diagnosis) -> list[tuple[tuple[str, ...], list[tuple[str, ...]]]]:
-    """For each effect with alternatives: their names, and the rows of the derivatives under each of
-    them.
-    """
-    shown = (
-        []
-        if nothing_stands(d)
-        else [(claim, member_derivatives(claim, d.after)) for claim in d.effects]
-    )
-    return [(tuple(claim.derivatives_under), rows) for claim, rows in shown if rows]
 
 
 def warnings_of(tracing: Tracing) -> list[str]:
@@ -206,11 +164,6 @@ def leftover_sentence(left: Leftover, tracing: Tracing) -> str:
         else ""
     )
     return "; ".join([*parts, f"goes with {what} (correlation {company.correlation:+.2f}{later})"])
-
-
-def scatter_rows(scatter: Mapping[str, float], names: Sequence[str]) -> list[str]:
-    """Run-to-run scatter as a column of a table; ``-`` where it is not known."""
-    return [f"{scatter[name]:.2g}" if name in scatter else "-" for name in names]
 
 
 def scatter_text(d: Diagnosis, name: str) -> str:

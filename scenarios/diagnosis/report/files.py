@@ -7,7 +7,6 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -16,16 +15,14 @@ from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantit
 from scenarios.diagnosis.keeping import kept_diagnosis
 from scenarios.diagnosis.report.content import DECIDES, bounded, diagnosis_content
 from scenarios.diagnosis.report.declared_only import nothing_stands
-from scenarios.diagnosis.report.pictures.figures import captioned, numbered
-from scenarios.diagnosis.report.pictures.pictured import bounded_series, pictured
-from scenarios.diagnosis.report.pictures.process import Drawer, drawing
+from scenarios.diagnosis.report.figures import bounded_series, draw_diagnosis, numbered, pictured
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.writing import study_folder, write_json
 from scenarios.kept import write_kept
-from scenarios.pages.folder import warm_up, write_page
-from scenarios.pages.model import Page, now
-from scenarios.plots.formats import USUAL, Formats, gathered
-from scenarios.terminal.quantities import UNDETERMINED, determined
+from scenarios.report.document import Page, now
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import write_page
+from scenarios.report.quantities import UNDETERMINED, determined
 
 MAIN = "diagnosis.json"
 
@@ -39,7 +36,6 @@ def write_diagnosis(
     folder: str | Path,
     *,
     figures: Formats = USUAL,
-    drawer: Drawer | None = None,
     dressed: Callable[[Page], Page] = _as_it_is,
 ) -> Path:
     """Write a diagnosis into ``folder``, whole or not at all; returns the folder.
@@ -47,23 +43,21 @@ def write_diagnosis(
     Files: ``validate_prediction.csv`` (further records ``validate_prediction_2.csv`` ...),
     ``residuals.csv`` (likewise), ``evidence.csv``, ``decides.csv`` of an ambiguous one, figures in
     the formats ``figures``, ``report.html`` and ``report.json``, ``diagnosis.json`` last.
-    ``drawer`` draws the figures if it can; ``dressed`` adds to the page what else is known.
+    ``dressed`` adds to the page what else is known.
     """
     from scenarios.diagnosis.report.page import diagnosis_page
 
     d, created = tracing.diagnosis, now()
     with study_folder(folder, MAIN) as scratch:
-        with drawing(pictured(tracing), scratch, drawer, figures) if figures else nullcontext():
-            for number, prediction in enumerate(d.predictions):
-                write_prediction(
-                    scratch / f"{numbered('validate_prediction', number)}.csv", prediction
-                )
-            for number, fitted in enumerate(d.fitted):
-                write_residuals(scratch / f"{numbered('residuals', number)}.csv", fitted)
-            write_evidence(scratch / "evidence.csv", d.candidates)
-            content = diagnosis_content(tracing, created)
-            warm_up()
-        drawn = captioned(gathered(scratch), declared=nothing_stands(d))
+        drawn: tuple[Drawn, ...] = ()
+        if figures:
+            drawn = draw_diagnosis(pictured(tracing), scratch, figures, declared=nothing_stands(d))
+        for number, prediction in enumerate(d.predictions):
+            write_prediction(scratch / f"{numbered('validate_prediction', number)}.csv", prediction)
+        for number, fitted in enumerate(d.fitted):
+            write_residuals(scratch / f"{numbered('residuals', number)}.csv", fitted)
+        write_evidence(scratch / "evidence.csv", d.candidates)
+        content = diagnosis_content(tracing, created)
         write_page(scratch, dressed(diagnosis_page(tracing, content["warnings"], drawn, created)))
         kept = kept_diagnosis(tracing)
         if kept is not None:

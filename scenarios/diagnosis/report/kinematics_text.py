@@ -18,7 +18,7 @@ from scenarios.diagnosis.kinematics import (
     unnamed,
 )
 from scenarios.diagnosis.report.wording import Wording, group_sentence
-from scenarios.terminal.quantities import with_sigma
+from scenarios.report.quantities import with_sigma
 
 FREE = "the fits of a diagnosis leave a bias of each channel free"
 

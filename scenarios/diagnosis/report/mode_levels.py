@@ -4,12 +4,14 @@ level that the aircraft does not have.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from ident.flying_qualities.levels import ModeLevel, mode_levels
-from scenarios.diagnosis.report.declared_only import nothing_stands
+from scenarios.diagnosis.report.declared_only import nothing_stands, shown_table
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.terminal.summary import (
+from scenarios.report.document import MISSING, Cell, Column, Table, table
+from scenarios.report.summary import (
     changes,
     level_text,
     levels_content,
@@ -17,7 +19,6 @@ from scenarios.terminal.summary import (
     limit_text,
 )
 
-LEVEL_HEADINGS = ("before", "after", "remarks")
 Levels = tuple[ModeLevel, ...]
 
 
@@ -38,19 +39,24 @@ def levels_title(tracing: Tracing) -> str:
     return levels_heading(tracing.flown)
 
 
-def level_rows(tracing: Tracing) -> list[tuple[str, ...]]:
+def levels_table(tracing: Tracing, caption: str) -> Table:
     """Mode, level before and after, and the limit that the last of these models misses."""
     before, after = levels_of(tracing)
     old, new = ({level.mode: level for level in levels} for levels in (before, after))
     last = old if nothing_stands(tracing.diagnosis) else new
-    return [
-        (
-            mode,
-            *(level_text(some[mode]) if mode in some else "-" for some in (old, new)),
-            _missed(last.get(mode)),
-        )
-        for mode in {**old, **new}
-    ]
+    modes = list({**old, **new})
+
+    def levels(some: Mapping[str, ModeLevel]) -> list[Cell]:
+        return [level_text(some[mode]) if mode in some else MISSING for mode in modes]
+
+    whole = table(
+        caption,
+        (Column("mode"), modes),
+        (Column("before"), levels(old)),
+        (Column("after"), levels(new)),
+        (Column("remarks"), [_missed(last.get(mode)) for mode in modes]),
+    )
+    return shown_table(tracing.diagnosis, whole)
 
 
 def level_changes(tracing: Tracing) -> list[str]:

@@ -9,22 +9,16 @@ from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
 from scenarios.diagnosis.effort import effort_sentence
 from scenarios.diagnosis.report import tables, text
 from scenarios.diagnosis.report.data_words import kind_of_predicted
-from scenarios.diagnosis.report.declared_only import (
-    DECLARED,
-    nothing_stands,
-    shown_columns,
-    shown_rows,
-)
-from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables
+from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands
+from scenarios.diagnosis.report.evidence import evidence_sentences
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
-from scenarios.diagnosis.report.mode_levels import LEVEL_HEADINGS, level_rows, levels_title
+from scenarios.diagnosis.report.mode_levels import levels_table, levels_title
 from scenarios.diagnosis.report.probabilities import probability_sentence
-from scenarios.diagnosis.report.tables import candidate_rows
 from scenarios.diagnosis.report.wording import parameter_text
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.user_models import channel_units
-from scenarios.pages.folder import figures
-from scenarios.pages.model import (
+from scenarios.preparation.recording import record_table
+from scenarios.report.document import (
     PURE,
     Block,
     Bullets,
@@ -38,9 +32,9 @@ from scenarios.pages.model import (
     reproduction,
     section,
 )
-from scenarios.pages.tables import p_value, rows_table
-from scenarios.plots.formats import Drawn
-from scenarios.preparation.recording import record_table
+from scenarios.report.figure_formats import Drawn
+from scenarios.report.folder import figures
+from scenarios.report.shared_tables import p_value
 from sim.declaration.proposal import GUARD
 
 TONES = {
@@ -51,7 +45,6 @@ TONES = {
     Verdict.UNEXPLAINED: "open",
 }
 PRINTED = 10  # candidates that stand on paper
-CANDIDATES = ("round", "candidate", "gain", "with odds", "parameters", "remarks")
 CANDIDATES_NOTE = (
     "Gain of the log evidence, and the same with the prior odds: above zero it is more probable "
     "that the candidate acts than that it does not. "
@@ -117,7 +110,7 @@ def _effect(claim: Claim, tracing: Tracing) -> Section:
     blocks: list[Block] = [Prose(f"{_capital(text.effect_heading(claim, wording))}.")]
     probability, parameters = probability_sentence(claim), parameter_text(claim, wording)
     blocks += [Prose(f"{probability}.")] if probability else []
-    blocks += [Prose(parameters)] if parameters else []
+    blocks += [Prose(parameters, "value")] if parameters else []
     blocks += [Prose(f"Not claimed: {reason}.") for reason in claim.reasons]
     blocks += (
         [Prose(f"These data fit as well: {', '.join(claim.alternatives)}.")]
@@ -157,57 +150,33 @@ def _kinematics(tracing: Tracing) -> tuple[Section, ...]:
 
 def _errors(tracing: Tracing) -> tuple[Section, ...]:
     d = tracing.diagnosis
-    rows = shown_rows(
-        d, ("", *tables.error_headings(d)), tables.error_rows(d, channel_units(tracing.model))
-    )
     after = "No effect stands as the cause, so there is nothing to hold against the declared model."
     note = after if nothing_stands(d) else "Before: the declared model; after: with the effects."
     told = (
         f"Root mean square of measured minus simulated on {text.where_predicted(tracing)}; only "
         f"initial states and biases were fitted there. {note}"
     )
-    table = rows_table(
-        "Simulation error", ("channel", *shown_columns(d, tables.error_headings(d))), rows
-    )
+    table = tables.errors_table(d, "Simulation error", channel_units(tracing.model))
     return section("Simulation error", table, Prose(told, "note"))
 
 
 def _derivatives(tracing: Tracing) -> tuple[Section, ...]:
     d = tracing.diagnosis
-    headings = tables.derivative_headings(d)
-    rows = shown_rows(d, ("", *headings), tables.derivative_rows(d.before, d.after, d.scatter))
-    derived = shown_rows(d, ("", *tables.DERIVED_HEADINGS), tables.derived_rows(d))
     note, title = tables.sigma_note(d), tables.moved_title(d)
     brief, _, told = title.partition(" (" if title.endswith(")") else ": ")
     scatter = " Run-to-run: standard deviation between fits of single records." if d.scatter else ""
-    levels = shown_rows(d, ("", *LEVEL_HEADINGS), level_rows(tracing))
-    heading = _capital(levels_title(tracing))
-    parts = (
-        section(
-            heading,
-            rows_table(
-                "Levels of flying qualities", ("mode", *shown_columns(d, LEVEL_HEADINGS)), levels
-            ),
-        )
-        if levels
-        else ()
-    )
+    levels = levels_table(tracing, "Levels of flying qualities")
+    parts = section(_capital(levels_title(tracing)), levels)
     alike = Prose(
         "These data cannot tell them apart. * more than two of both sigmas from the first.", "note"
     )
-    for members, cells in member_tables(d):
-        parts += section(
-            "Under each member of the group",
-            alike,
-            rows_table("Derivatives by member", ("name", "unit", *members), cells),
-        )
+    for each in tables.member_tables(d, "Derivatives by member"):
+        parts += section("Under each member of the group", alike, each)
     return section(
         _capital(brief),
         Prose(f"{_capital(told.removesuffix(')'))}.", "note") if told else None,
-        rows_table("Derivatives", ("name", *shown_columns(d, headings)), rows),
-        rows_table(
-            "What follows from them", ("name", *shown_columns(d, tables.DERIVED_HEADINGS)), derived
-        ),
+        tables.derivatives_table(d, "Derivatives"),
+        tables.derived_table(d, "What follows from them"),
         Prose(f"{note}; those of the frequency, the damping and the like follow.{scatter}", "note")
         if note
         else None,
@@ -220,12 +189,8 @@ def _search(tracing: Tracing) -> tuple[Section, ...]:
     effort = Prose(f"{_capital(effort_sentence(tracing.effort, d))}.", "note")
     steps = Bullets(tuple(step.sentence for step in d.steps), numbered=True)
     guarded = any(candidate.name.startswith(GUARD) for candidate in d.candidates)
-    table = rows_table(
-        "Every candidate, the best of each round first",
-        CANDIDATES,
-        candidate_rows(d, len(d.candidates)),
-        PRINTED,
-    )
+    caption = "Every candidate, the best of each round first"
+    table = tables.candidates_table(d, caption, len(d.candidates), PRINTED)
     note = Prose(f"{CANDIDATES_NOTE} {GUARD_NOTE}" if guarded else CANDIDATES_NOTE, "note")
     columns = (
         Column("model"),

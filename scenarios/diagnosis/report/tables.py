@@ -1,28 +1,43 @@
-"""Rows of the tables of a diagnosis: errors and derivatives before and after; candidates."""
+"""Tables of a diagnosis: errors and derivatives before and after; candidates."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from ident.tracing.diagnosis import Candidate, Diagnosis, Quantity
 from scenarios.diagnosis.noise_words import is_coloured, noise_headings, residual_levels
-from scenarios.diagnosis.report.declared_only import nothing_stands
-from scenarios.diagnosis.report.evidence import scatter_rows
+from scenarios.diagnosis.report.declared_only import nothing_stands, shown_table
 from scenarios.files.channel_names import CHANNEL_UNITS
-from scenarios.terminal.quantities import is_frequency, shown_in, value_text, with_sigma
+from scenarios.report.document import (
+    BY_ROW,
+    MISSING,
+    PURE,
+    SIGMAS,
+    Cell,
+    Column,
+    Number,
+    Table,
+    brief_estimate,
+    formatted,
+    table,
+)
+from scenarios.report.quantities import is_frequency, shown_in, with_sigma
 
 MOVED = 2.0  # sigmas
 SIGMA_NOTE = "+- sigma, widened by the scatter between records"
-DERIVED_HEADINGS = ("unit", "before", "after", "moved by")
+Move = tuple[str, Quantity, Quantity]  # a name, and its quantity before and after
 SHOWN = 6  # candidates of a round
 
 
-def candidate_rows(d: Diagnosis, count: int = SHOWN) -> list[tuple[str, ...]]:
+def candidates_table(
+    d: Diagnosis, caption: str, count: int = SHOWN, printed: int | None = None
+) -> Table:
     """The best candidates of each round at each set, by gain; of several forms of one effect the
-    best.
+    best. ``printed``: rows that stand on paper.
     """
-    rows: list[tuple[str, ...]] = []
+    some: list[Candidate] = []
     nodes = dict.fromkeys((candidate.round, candidate.within) for candidate in d.candidates)
     for node in nodes:
         group = [
@@ -30,81 +45,146 @@ def candidate_rows(d: Diagnosis, count: int = SHOWN) -> list[tuple[str, ...]]:
         ]
         ranked = sorted(group, key=lambda c: (-c.gain, c.name))
         best = {candidate.name: candidate for candidate in reversed(ranked)}
-        rows += [
-            candidate_row(candidate) for candidate in ranked if best[candidate.name] is candidate
-        ][:count]
-    return rows
+        some += [candidate for candidate in ranked if best[candidate.name] is candidate][:count]
+    shown = table(
+        caption,
+        (Column("round", PURE, left=True), [Number(c.round, digits=0) for c in some]),
+        (Column("candidate"), [" + ".join((*c.within, c.name)) for c in some]),
+        (Column("gain", PURE), [formatted(c.gain, ".1f") for c in some]),
+        (Column("with odds", PURE), [formatted(c.weight, ".1f") for c in some]),
+        (Column("parameters"), [candidate_parameters(c) for c in some]),
+        (Column("remarks"), [candidate_remarks(c) for c in some]),
+    )
+    return replace(shown, printed=printed)
 
 
-def candidate_row(c: Candidate) -> tuple[str, ...]:
-    """Round, name, gain, gain with prior odds, parameters, remarks."""
+def candidate_parameters(c: Candidate) -> str:
+    """The first parameters of a candidate with their values."""
     told = [f"{name} {with_sigma(quantity, name=name)}" for name, quantity in c.parameters.items()]
-    parameters = ", ".join([*told[:3], *(["..."] if len(told) > 3 else [])])
+    return ", ".join([*told[:3], *(["..."] if len(told) > 3 else [])])
+
+
+def candidate_remarks(c: Candidate) -> str:
+    """Whether a candidate was fitted, and which others have a similar signature."""
     remarks = [] if c.fitted else ["linearised"]
     # another form of it is no alternative
     others = [name for name in c.collinear_with if name != c.name]
-    remarks += [f"like {', '.join(others[:3])}"] if others else []
-    name = " + ".join((*c.within, c.name))
-    return str(c.round), name, f"{c.gain:.1f}", f"{c.weight:.1f}", parameters, "; ".join(remarks)
+    return "; ".join(remarks + ([f"like {', '.join(others[:3])}"] if others else []))
 
 
-def error_headings(d: Diagnosis) -> tuple[str, ...]:
-    """Headings of ``error_rows`` behind the channel."""
-    return ("unit", "before", "after", *noise_headings(d))
-
-
-def error_rows(d: Diagnosis, units: Mapping[str, str] = CHANNEL_UNITS) -> list[tuple[str, ...]]:
-    """Channel, unit, error before and after, what the fit leaves where it is not the noise, and the
+def errors_table(d: Diagnosis, caption: str, units: Mapping[str, str] = CHANNEL_UNITS) -> Table:
+    """By channel the error before and after, what the fit leaves where it is not the noise, and the
     noise; angles and their rates in degrees.
     """
-    rows: list[tuple[str, ...]] = []
-    left = residual_levels(d)
-    for channel, before in d.error_before.rmse.items():
-        factor, unit = shown_in(units.get(channel, ""), channel)
-        noise = (
-            *([left.get(channel, math.nan)] if is_coloured(d) else []),
-            d.noise_floor.get(channel, math.nan),
+    names = list(d.error_before.rmse)
+    shown = {name: shown_in(units.get(name, ""), name) for name in names}
+    levels = [residual_levels(d)] if is_coloured(d) else []
+
+    def cells(values: Mapping[str, float]) -> list[Cell]:
+        return [level_cell(shown[name].factor * values.get(name, math.nan)) for name in names]
+
+    whole = table(
+        caption,
+        (Column("channel", printed="error"), names),
+        (Column("before", BY_ROW), cells(d.error_before.rmse)),
+        (Column("after", BY_ROW), cells(d.error_after.rmse)),
+        *(
+            (Column(heading, BY_ROW), cells(values))
+            for heading, values in zip(noise_headings(d), (*levels, d.noise_floor), strict=True)
+        ),
+        units=[shown[name].unit for name in names],
+    )
+    return shown_table(d, whole)
+
+
+def derivatives_table(d: Diagnosis, caption: str) -> Table:
+    """Derivatives before and after, their run-to-run scatter where any is known, and the move in
+    sigmas of both (marked beyond two).
+    """
+    pairs = [(name, old, d.after[name]) for name, old in d.before.items() if name in d.after]
+    return shown_table(d, _moves(caption, "derivative", pairs, d.scatter))
+
+
+def derived_table(d: Diagnosis, caption: str) -> Table:
+    """What follows from the derivatives; a frequency in rad/s and once more in Hz."""
+    before, after = derived_of(d)
+    pairs: list[Move] = []
+    for name in (name for name in before if name in after):
+        old, new, words = before[name], after[name], name.replace("_", " ")
+        pairs.append((words, old, new))
+        if is_frequency(name, old.unit):
+            pairs.append((words, _hertz(old), _hertz(new)))
+    return shown_table(d, _moves(caption, "derived", pairs, {}))
+
+
+def _moves(
+    caption: str, heading: str, pairs: Sequence[Move], scatter: Mapping[str, float]
+) -> Table:
+    return table(
+        caption,
+        (Column("name", printed=heading), [name for name, _, _ in pairs]),
+        (
+            Column("before", BY_ROW, together=True),
+            [brief_estimate(old.value, old.std) for _, old, _ in pairs],
+        ),
+        (
+            Column("after", BY_ROW, together=True),
+            [brief_estimate(new.value, new.std) for _, _, new in pairs],
+        ),
+        (
+            Column("run-to-run", BY_ROW),
+            [formatted(scatter.get(name), ".2g") for name, _, _ in pairs],
         )
-        shown = (before, d.error_after.rmse.get(channel, math.nan), *noise)
-        rows.append((channel, unit, *(short(factor * value) for value in shown)))
-    return rows
+        if scatter
+        else None,
+        (Column("moved by", PURE), [move_cell(moved(old, new)) for _, old, new in pairs]),
+        units=[old.unit for _, old, _ in pairs],
+    )
 
 
-def derivative_headings(d: Diagnosis) -> tuple[str, ...]:
-    """Headings of ``derivative_rows`` behind the name, with a column of the scatter where it is
-    known.
+def move_cell(sigmas: float) -> Cell:
+    """A move in sigmas, marked beyond two; a dash where there is none."""
+    if abs(sigmas) < 0.05:
+        return MISSING
+    mark = " *" if abs(sigmas) > MOVED else "  "
+    return Number(sigmas, unit=SIGMAS, shown=f"{sigmas:+.1f} sigma{mark}")
+
+
+def member_tables(d: Diagnosis, caption: str) -> list[Table]:
+    """For each effect with alternatives a table of the derivatives under each of them.
+
+    A star marks a value that is more than two of both sigmas from that under the first.
     """
-    return ("unit", "before", "after", *(["run-to-run"] if d.scatter else []), "moved by")
-
-
-def derivative_rows(
-    before: Mapping[str, Quantity],
-    after: Mapping[str, Quantity],
-    scatter: Mapping[str, float] | None = None,
-) -> list[tuple[str, ...]]:
-    """Name, unit, value +- sigma before and after, run-to-run scatter where any is known, the move
-    in sigmas of both (marked beyond two).
-    """
-    rows: list[tuple[str, ...]] = []
-    for name, old in before.items():
-        new = after.get(name)
-        if new is None:
+    if nothing_stands(d):
+        return []
+    out = []
+    for claim in d.effects:
+        members = claim.derivatives_under
+        if len(members) < 2:
             continue
-        sigmas = moved(old, new)
-        mark = " *" if abs(sigmas) > MOVED else "  "
-        move = f"{sigmas:+.1f} sigma{mark}" if abs(sigmas) >= 0.05 else "-  "
-        unit = old.unit if old.unit != "1" else ""
-        rows.append(
+        first = next(iter(members.values()))
+        names = [name for name in d.after if any(name in each for each in members.values())]
+        columns = [
             (
-                name,
-                unit,
-                value_text(old.value, old.std),
-                value_text(new.value, new.std),
-                *(scatter_rows(scatter, [name]) if scatter else []),
-                move,
+                Column(member, BY_ROW, together=True),
+                [_member(each.get(name), first.get(name)) for name in names],
             )
+            for member, each in members.items()
+        ]
+        units = [d.after[name].unit for name in names]
+        out.append(
+            table(caption, (Column("name", printed="derivative"), names), *columns, units=units)
         )
-    return rows
+    return [each for each in out if each.rows]
+
+
+def _member(quantity: Quantity | None, first: Quantity | None) -> Cell:
+    if quantity is None:
+        return MISSING
+    apart = first is not None and abs(quantity.value - first.value) > MOVED * math.hypot(
+        quantity.std, first.std
+    )
+    return brief_estimate(quantity.value, quantity.std, "*" if apart else "")
 
 
 def derived_of(d: Diagnosis) -> tuple[dict[str, Quantity], dict[str, Quantity]]:
@@ -116,18 +196,6 @@ def derived_of(d: Diagnosis) -> tuple[dict[str, Quantity], dict[str, Quantity]]:
         {**derived, **({"delay": own["delay"]} if "delay" in own else {})} for derived, own in pairs
     )
     return before, after
-
-
-def derived_rows(d: Diagnosis) -> list[tuple[str, ...]]:
-    """Rows of what follows from the derivatives; a frequency in rad/s and once more in Hz."""
-    rows: list[tuple[str, ...]] = []
-    before, after = derived_of(d)
-    for name in (name for name in before if name in after):
-        words = name.replace("_", " ")
-        rows += derivative_rows({words: before[name]}, {words: after[name]})
-        if is_frequency(name, before[name].unit):
-            rows += derivative_rows({words: _hertz(before[name])}, {words: _hertz(after[name])})
-    return rows
 
 
 def _hertz(q: Quantity) -> Quantity:
@@ -175,3 +243,8 @@ def short(value: float) -> str:
         if value < 1e7
         else f"{value:.2g}"
     )
+
+
+def level_cell(value: float) -> Cell:
+    """A root mean square with three digits; a dash where there is no number."""
+    return Number(value, shown=short(value)) if math.isfinite(value) else MISSING

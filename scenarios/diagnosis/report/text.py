@@ -2,36 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
 from scenarios.diagnosis.effort import effort_sentence
 from scenarios.diagnosis.noise_words import noise_word
-from scenarios.diagnosis.report.declared_only import nothing_stands, shown_columns, shown_rows
-from scenarios.diagnosis.report.evidence import (
-    evidence_sentences,
-    member_tables,
-    scatter_text,
-    warnings_of,
-)
+from scenarios.diagnosis.report.declared_only import nothing_stands
+from scenarios.diagnosis.report.evidence import evidence_sentences, scatter_text, warnings_of
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
-from scenarios.diagnosis.report.mode_levels import (
-    LEVEL_HEADINGS,
-    level_changes,
-    level_rows,
-    levels_title,
-)
+from scenarios.diagnosis.report.mode_levels import level_changes, levels_table, levels_title
 from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuvers
 from scenarios.diagnosis.report.tables import (
-    DERIVED_HEADINGS,
     MOVED,
-    candidate_rows,
-    derivative_headings,
-    derivative_rows,
-    derived_rows,
-    error_headings,
-    error_rows,
+    candidates_table,
+    derivatives_table,
+    derived_table,
+    errors_table,
+    member_tables,
     moved,
     moved_title,
     short,
@@ -41,11 +27,11 @@ from scenarios.diagnosis.report.wording import Wording, group_sentence, paramete
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.user_models import channel_units, is_of_aircraft
 from scenarios.preparation.recording import record_lines
-from scenarios.terminal.quantities import CHANNELS, shown_in, value_text
-from scenarios.terminal.summary import BELOW, Summary, residual_phrase, summary_lines
-from scenarios.terminal.tables import WIDTH, columns_of, table_lines, wrapped
-
-WORDS = ("parameters", "remarks")  # headings of columns of words, at the left wherever they stand
+from scenarios.report.document import Table
+from scenarios.report.quantities import CHANNELS, shown_in, value_text
+from scenarios.report.summary import BELOW, Summary, residual_phrase, summary_lines
+from scenarios.report.terminal import table_as_lines
+from scenarios.report.text_tables import WIDTH, wrapped
 
 
 def diagnosis_text(tracing: Tracing, width: int = WIDTH, details: str = BELOW) -> str:
@@ -88,7 +74,6 @@ def diagnosis_summary(tracing: Tracing, details: str = BELOW) -> Summary:
 def details_text(tracing: Tracing, width: int = WIDTH) -> str:
     """Verdict and headline, effects, errors, derivatives, candidates, warnings."""
     d = tracing.diagnosis
-    errors = error_rows(d, channel_units(tracing.model))
     blocks = [
         [
             *wrapped(subject(tracing), width),
@@ -99,28 +84,19 @@ def details_text(tracing: Tracing, width: int = WIDTH) -> str:
         [line for said in record_lines(tracing.look) for line in wrapped(said, width)],
         _effect_lines(tracing, width),
         _kinematic_lines(tracing, width),
-        _shown_of(
-            d,
-            f"simulation error (rms) on {where_predicted(tracing)}",
-            ("error", *error_headings(d)),
-            errors,
+        _titled(
+            errors_table(
+                d,
+                f"simulation error (rms) on {where_predicted(tracing)}",
+                channel_units(tracing.model),
+            ),
             width,
         ),
-        _shown_of(
-            d,
-            moved_title(d),
-            ("derivative", *derivative_headings(d)),
-            derivative_rows(d.before, d.after, d.scatter),
-            width,
-            sigma_note(d),
-        ),
-        *(
-            _titled(MEMBER_TITLE, ("derivative", "unit", *members), values, width)
-            for members, values in member_tables(d)
-        ),
-        _shown_of(d, "", ("derived", *DERIVED_HEADINGS), derived_rows(d), width),
-        _level_lines(tracing, width),
-        _titled(CANDIDATE_TITLE, CANDIDATE_HEADINGS, candidate_rows(d), width, keys=2),
+        _titled(derivatives_table(d, moved_title(d)), width, sigma_note(d)),
+        *(_titled(each, width) for each in member_tables(d, MEMBER_TITLE)),
+        _titled(derived_table(d, ""), width),
+        _titled(levels_table(tracing, levels_title(tracing)), width),
+        _titled(candidates_table(d, CANDIDATE_TITLE), width, keys=2),
         [
             line
             for warning in warnings_of(tracing)
@@ -136,7 +112,6 @@ MEMBER_TITLE = (
     "derivatives under each effect that these data cannot tell apart (* more than two of both "
     "sigmas from the first)"
 )
-CANDIDATE_HEADINGS = ("round", "candidate", "gain", "with odds", "parameters", "remarks")
 CANDIDATE_TITLE = (
     "best candidates of each round: gain of the log evidence, and the same with the prior odds"
 )
@@ -253,40 +228,10 @@ def effect_heading(claim: Claim, wording: Wording) -> str:
     return f"{hint}{group_sentence(claim, wording) if claim.spread is not None else sentence(claim, wording)}{where}"  # noqa: E501
 
 
-def _shown_of(
-    d: Diagnosis,
-    title: str,
-    headings: Sequence[str],
-    cells: Sequence[Sequence[str]],
-    width: int,
-    note: str = "",
-) -> list[str]:
-    """A table of the declared model and the one with the effects, or of the declared one alone
-    where none stands.
-    """
-    return _titled(title, shown_columns(d, headings), shown_rows(d, headings, cells), width, note)
-
-
-def _titled(
-    title: str,
-    headings: Sequence[str],
-    rows: Sequence[Sequence[str]],
-    width: int,
-    note: str = "",
-    left: int = 2,
-    keys: int = 1,
-) -> list[str]:
-    """A table under its title and a note on it, both folded."""
-    lines = table_lines(columns_of(headings, rows, left, WORDS), width=width, keys=keys)
-    return [*wrapped(title, width), *wrapped(note, width, "  "), *lines] if lines else []
-
-
-def _level_lines(tracing: Tracing, width: int) -> list[str]:
-    d, headings = tracing.diagnosis, ("mode", *LEVEL_HEADINGS)
-    rows = shown_rows(d, headings, level_rows(tracing))
-    return _titled(
-        levels_title(tracing), shown_columns(d, headings), rows, width, left=len(headings)
-    )
+def _titled(shown: Table, width: int, note: str = "", keys: int = 1) -> list[str]:
+    """A table under its caption and a note on it, both folded."""
+    lines = table_as_lines(shown, width, keys, titled=False)
+    return [*wrapped(shown.caption, width), *wrapped(note, width, "  "), *lines] if lines else []
 
 
 def _effect_lines(tracing: Tracing, width: int) -> list[str]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from ident.tracing.diagnosis import Claim
-from scenarios.terminal.quantities import (
+from scenarios.report.quantities import (
     CHANNELS,
     UNDETERMINED,
     _number,

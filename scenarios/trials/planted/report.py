@@ -2,51 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ident.tracing.diagnosis import Quantity
 from scenarios.diagnosis.report.content import bounded, positive, test_content
-from scenarios.diagnosis.report.declared_only import (
-    DECLARED,
-    nothing_stands,
-    shown_columns,
-    shown_rows,
-)
+from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands, shown_table
 from scenarios.diagnosis.report.files import write_diagnosis, write_prediction
-from scenarios.diagnosis.report.tables import short
+from scenarios.diagnosis.report.tables import level_cell
 from scenarios.diagnosis.report.text import details_text, diagnosis_summary
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.sources import versions
 from scenarios.files.user_models import channel_units
 from scenarios.files.writing import study_folder, write_json, write_record
-from scenarios.pages.model import Page, Prose, as_sentence, capital, reproduction, section
-from scenarios.pages.tables import columns_table, rows_table
-from scenarios.plots.formats import USUAL, Formats
-from scenarios.terminal.quantities import quantity_text, shown_in, unit_cell, value_text
-from scenarios.terminal.summary import BELOW, Summary, summary_lines
-from scenarios.terminal.tables import WIDTH, TableColumn, columns_of, table_lines, wrapped
+from scenarios.report.document import (
+    BY_ROW,
+    MISSING,
+    SIGMAS,
+    Cell,
+    Column,
+    Number,
+    Page,
+    Prose,
+    Table,
+    as_sentence,
+    brief_estimate,
+    capital,
+    formatted,
+    known,
+    reproduction,
+    section,
+    table,
+)
+from scenarios.report.figure_formats import USUAL, Formats
+from scenarios.report.quantities import quantity_text, shown_in
+from scenarios.report.summary import BELOW, Summary, summary_lines
+from scenarios.report.terminal import table_as_lines
+from scenarios.report.text_tables import WIDTH, wrapped
 from scenarios.trials.planted.declaration import hidden_units
 from scenarios.trials.planted.flights import write_flown
 from scenarios.trials.planted.study import TRUE, Grade, Scored, TraceStudy
 
 # ---- A tracing study in words and tables for the terminal
 
-DERIVATIVES = (
-    "derivative",
-    "unit",
-    "true",
-    "condensed",
-    "comparable",
-    "before",
-    "after",
-    "error, sigmas",
-)
-EFFECTS = ("effect", "unit", "true", "comparable", "estimate", "error, sigmas")
-MODES = ("mode", "unit", "true", "comparable", "estimate", "error, sigmas")
-THIRD = ("error", "unit", "before", "after", "sensor noise")
 THIRD_TITLE = (
     "simulation error (rms) on a third record, test.csv, which took no part in fitting or in "
     "choosing effects"
@@ -65,14 +67,10 @@ def trace_text(study: TraceStudy, width: int = WIDTH, details: str = BELOW) -> s
             f"truth and model: {scenario.distance}; seed {study.seed}",
         ],
         details_text(study.tracing, width).rstrip().split("\n"),
-        table_lines(
-            columns_of(third_headings(study), third_rows(study), left=2),
-            title=THIRD_TITLE,
-            width=width,
-        ),
-        table_lines(against_truth(study), title=table_title(study), width=width),
-        table_lines(columns_of(EFFECTS, effect_rows(study), left=2), width=width),
-        table_lines(columns_of(MODES, mode_rows(study), left=2), width=width),
+        table_as_lines(third_table(study), width),
+        table_as_lines(against_truth(study), width),
+        table_as_lines(effects_table(study), width, titled=False),
+        table_as_lines(modes_table(study), width, titled=False),
         [line for told in comparable_sentences(study) for line in wrapped(told, width)],
         wrapped(scored_sentence(study), width),
     ]
@@ -96,33 +94,57 @@ def scored_sentence(study: TraceStudy) -> str:
     )
 
 
-def effect_rows(study: TraceStudy) -> list[tuple[str, ...]]:
-    """Cells below ``EFFECTS``."""
-    return [_estimate_cells(row) for row in study.effects]
+def effects_table(study: TraceStudy) -> Table:
+    """Parameters of the effects."""
+    return _estimates("Parameters of the effects", "effect", study.effects)
 
 
-def mode_rows(study: TraceStudy) -> list[tuple[str, ...]]:
-    """Cells below ``MODES``: frequencies and damping ratios of the whole aircraft."""
-    return [_estimate_cells(row) for row in study.modes]
+def modes_table(study: TraceStudy) -> Table:
+    """Frequencies and damping ratios of the whole aircraft."""
+    caption = "Frequencies and damping ratios of the whole aircraft"
+    return _estimates(caption, "mode", study.modes)
 
 
-def against_truth(study: TraceStudy) -> list[TableColumn]:
+def _estimates(caption: str, heading: str, rows: Sequence[Scored]) -> Table:
+    shown = [(row, shown_in(row.unit, row.name).factor) for row in rows]
+    return table(
+        caption,
+        (Column(heading), [row.name for row in rows]),
+        (Column("true", BY_ROW), [_exact(row.true, factor) for row, factor in shown]),
+        (Column("comparable", BY_ROW), [_comparable(row, factor) for row, factor in shown]),
+        (Column("estimate", BY_ROW, together=True), [_value(row.after, f) for row, f in shown]),
+        (Column("error", SIGMAS), [formatted(row.sigmas, "+.1f") for row in rows]),
+        units=[shown_in(row.unit, row.name).unit for row in rows],
+    )
+
+
+def against_truth(study: TraceStudy) -> Table:
     """The derivatives before and after, against what the fitted model should find; without a column
     that says nothing new.
 
     Of the declared model alone where no effect was added to it.
     """
     alone = nothing_stands(study.tracing.diagnosis)
-    rows = [_derivative_cells(_of_declared(row) if alone else row) for row in study.derivatives]
-    shown = [
-        name
-        for name in DERIVATIVES
-        if name != "condensed" or any(row.condensed is not None for row in study.derivatives)
-    ]
-    shown = [name for name in shown if not alone or name != "before"]
-    headings = [DECLARED if alone and name == "after" else name for name in shown]
-    return columns_of(
-        headings, [tuple(row[DERIVATIVES.index(name)] for name in shown) for row in rows], left=2
+    rows = [_of_declared(row) if alone else row for row in study.derivatives]
+    shown = [(row, shown_in(row.unit, row.name).factor) for row in rows]
+    condensed = any(row.condensed is not None for row in rows)
+    return table(
+        table_title(study),
+        (Column("derivative"), [row.name for row in rows]),
+        (Column("true", BY_ROW), [_exact(row.true, factor) for row, factor in shown]),
+        (Column("condensed", BY_ROW), [_exact(row.condensed, factor) for row, factor in shown])
+        if condensed
+        else None,
+        (Column("comparable", BY_ROW), [_comparable(row, factor) for row, factor in shown]),
+        None
+        if alone
+        else (Column("before", BY_ROW, together=True), [_value(r.before, f) for r, f in shown]),
+        (
+            Column(DECLARED if alone else "after", BY_ROW, together=True),
+            [_value(row.after, factor) for row, factor in shown],
+        ),
+        (Column("error", SIGMAS), [formatted(row.sigmas, "+.1f") for row in rows]),
+        units=[shown_in(row.unit, row.name).unit for row in rows],
     )
 
 
@@ -154,60 +176,42 @@ def comparable_sentences(study: TraceStudy) -> list[str]:
     return told
 
 
-def third_headings(study: TraceStudy) -> tuple[str, ...]:
-    """``THIRD`` with the column of the effects left out where none was added."""
-    return tuple(shown_columns(study.tracing.diagnosis, THIRD))
-
-
-def third_rows(study: TraceStudy) -> list[tuple[str, ...]]:
-    """Cells below ``third_headings``."""
+def third_table(study: TraceStudy) -> Table:
+    """Errors on the record that took no part, without the column of effects where none was
+    added.
+    """
     d, units = study.tracing.diagnosis, channel_units(study.tracing.model)
-    rows = []
-    for name, error in study.test.before.rmse.items():
-        factor, unit = shown_in(units.get(name, ""), name)
-        noise = study.flown.noise_std.get(name)
-        cells = (error, study.test.after.rmse[name] if study.test.finite else None, noise)
-        rows.append(
-            (
-                name,
-                unit_cell(unit),
-                *("-" if cell is None else short(factor * cell) for cell in cells),
-            )
-        )
-    return [tuple(row) for row in shown_rows(d, THIRD, rows)]
+    names = list(study.test.before.rmse)
+    shown = {name: shown_in(units.get(name, ""), name) for name in names}
 
+    def cells(levels: Mapping[str, float]) -> list[Cell]:
+        return [level_cell(shown[name].factor * levels.get(name, math.nan)) for name in names]
 
-def _estimate_cells(row: Scored) -> tuple[str, ...]:
-    factor, unit = shown_in(row.unit, row.name)
-    true = "-" if row.true is None else f"{factor * row.true:.5g}"
-    estimate = value_text(factor * row.after.value, factor * row.after.std)
-    return row.name, unit_cell(unit), true, _comparable(row, factor), estimate, f"{row.sigmas:+.1f}"
-
-
-def _derivative_cells(row: Scored) -> tuple[str, ...]:
-    factor, unit = shown_in(row.unit, row.name)
-    true, condensed = (
-        "-" if value is None else f"{factor * value:.5g}" for value in (row.true, row.condensed)
+    whole = table(
+        THIRD_TITLE,
+        (Column("channel", printed="error"), names),
+        (Column("before", BY_ROW), cells(study.test.before.rmse)),
+        (Column("after", BY_ROW), cells(study.test.after.rmse if study.test.finite else {})),
+        (Column("sensor noise", BY_ROW), cells(study.flown.noise_std)),
+        units=[shown[name].unit for name in names],
     )
-    before, after = (
-        value_text(factor * q.value, factor * q.std) if q else "-" for q in (row.before, row.after)
-    )
-    return (
-        row.name,
-        unit_cell(unit),
-        true,
-        condensed,
-        _comparable(row, factor),
-        before,
-        after,
-        f"{row.sigmas:+.1f}",
-    )
+    return shown_table(d, whole)
 
 
-def _comparable(row: Scored, factor: float) -> str:
+def _exact(value: float | None, factor: float) -> Cell:
+    return known(None if value is None else factor * value)
+
+
+def _value(quantity: Quantity | None, factor: float) -> Cell:
+    if quantity is None:
+        return MISSING
+    return brief_estimate(factor * quantity.value, factor * quantity.std)
+
+
+def _comparable(row: Scored, factor: float) -> Cell:
     """The comparable value; in brackets where this flight leaves the parameter open."""
-    value = f"{factor * row.comparable:.5g}"
-    return f"({value})" if row.open else value
+    value = factor * row.comparable
+    return Number(value, shown=f"({value:.5g})" if row.open else f"{value:.5g}")
 
 
 def _hidden(study: TraceStudy) -> str:
@@ -249,11 +253,11 @@ def scored_page(study: TraceStudy, page: Page) -> Page:
     scored = as_sentence(scored_sentence(study))
     truth = section(
         "Against the truth",
-        columns_table(capital(table_title(study)), against_truth(study)),
-        rows_table("Parameters of the effects", EFFECTS, effect_rows(study)),
-        rows_table("Frequencies and damping ratios of the whole aircraft", MODES, mode_rows(study)),
+        against_truth(study),
+        effects_table(study),
+        modes_table(study),
         *(Prose(as_sentence(capital(told))) for told in comparable_sentences(study)),
-        rows_table(capital(THIRD_TITLE), third_headings(study), third_rows(study)),
+        third_table(study),
         Prose(f"Truth and model: {scenario.distance}.", "note"),
     )
     again = reproduction(

@@ -14,9 +14,8 @@ import numpy as np
 from ident.estimate import Estimate, Outcome
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_record, write_text
-from scenarios.pages.folder import figures as figure_blocks
-from scenarios.pages.folder import write_page
-from scenarios.pages.model import (
+from scenarios.preparation.plan import Request
+from scenarios.report.document import (
     Block,
     Bullets,
     Page,
@@ -27,19 +26,21 @@ from scenarios.pages.model import (
     reproduction,
     section,
 )
-from scenarios.pages.tables import estimates_table, printed_blocks
-from scenarios.plots.formats import USUAL, Drawn, Formats
-from scenarios.preparation.plan import Request
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures as figure_blocks
+from scenarios.report.folder import write_page
+from scenarios.report.quantities import console, number_text
+from scenarios.report.shared_tables import estimates_table
+from scenarios.report.summary import BELOW, Summary, print_summary
+from scenarios.report.terminal import show_blocks, show_table
+from scenarios.report.text_tables import print_paragraph
 from scenarios.responses.analysis import ResponseEstimates, ResponseOptions, responses_of
 from scenarios.responses.fitting import FitOptions
-from scenarios.responses.loops import MINUS, UNITS, margin_lines, margins_content
+from scenarios.responses.loops import MINUS, UNITS, loop_tables, margin_lines, margins_content
 from scenarios.responses.reading import Names
-from scenarios.responses.report import fit_columns, fit_lines, loop_tables, responses_csv
+from scenarios.responses.report import fit_lines, fit_tables, responses_csv
 from scenarios.studies.comparison import SCHEMA, estimate_content
 from scenarios.studies.rows import Row
-from scenarios.terminal.quantities import console, number_text
-from scenarios.terminal.summary import BELOW, Summary, print_summary
-from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
 from scenarios.trials.sweeps.declaration import SweepScenario
 from scenarios.trials.sweeps.flight import fly_sweep, true_margins, true_parameters
 from sim.record import Record
@@ -142,13 +143,12 @@ def print_sweep(study: SweepStudy, out: Console | None = None, details: str = BE
     """Print a study: what was estimated against the truth, the model, the margins."""
     out = out or console()
     print_summary(out, sweep_summary(study, details))
-    print_table(out, "Against the truth", truth_columns(study))
+    show_table(out, estimates_table("Against the truth", study.rows))
     for line in model_lines(study):
         print_paragraph(out, line, indent=0)
     loop = study.loop.loop
     if loop is not None:
-        for title, columns in loop_tables(loop):
-            print_table(out, title, columns)
+        show_blocks(out, loop_tables(loop))
         for line in margin_lines(loop):
             print_paragraph(out, line, indent=0)
     for line in cautions(study):
@@ -175,29 +175,6 @@ def sweep_summary(study: SweepStudy, details: str) -> Summary:
         margins,
         details=details,
     )
-
-
-def truth_columns(study: SweepStudy) -> list[TableColumn]:
-    """The table of estimates against the truth."""
-    rows = []
-    for row in study.rows:
-        true = "" if row.true is None else f"{row.true:.5g}"
-        error = "" if row.sigmas is None else f"{row.sigmas:+.2f}"
-        rows.append(
-            [
-                row.name,
-                row.unit,
-                true,
-                number_text(row.estimate, row.std),
-                number_text(row.std, row.std),
-                error,
-            ]
-        )
-    headings = ("quantity", "unit", "true", "estimate", "+- sigma", "error, sigmas")
-    return [
-        TableColumn(head, [row[n] for row in rows], left=head in ("quantity", "unit"))
-        for n, head in enumerate(headings)
-    ]
 
 
 def model_lines(study: SweepStudy) -> list[str]:
@@ -273,14 +250,11 @@ def sweep_page(study: SweepStudy, drawn: tuple[Drawn, ...]) -> Page:
     summary = sweep_summary(study, BELOW)
     margins: list[Block] = []
     if loop is not None:
-        for title, columns in loop_tables(loop):
-            margins += printed_blocks(partial(print_table, title=title, columns=columns))
+        margins += loop_tables(loop)
         margins.append(Bullets(tuple(map(as_sentence, margin_lines(loop)))))
-    model: list[Block] = [Prose(as_sentence(line)) for line in model_lines(study)]
+    model: list[Block] = [Prose(line) for line in model_lines(study)]
     if study.response is not None:
-        model += printed_blocks(
-            partial(print_table, title="Parameters", columns=fit_columns(study.response, 0, 0))
-        )
+        model += fit_tables(study.response, 0, 0, "Parameters")
     return Page(
         title=capital(scenario.title),
         kind=f"Study {scenario.name}: frequency response, model and margins of a loop",

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.terminal.quantities import CHANNELS, DEGREES, number_text
+from scenarios.report.quantities import CHANNELS, DEGREES, number_text
 from scenarios.watching.page.server import Feed, PageServer
 from scenarios.watching.reference import HANGING, WORDS, CrossValidation, comparisons
 from scenarios.watching.rows import OUTPUTS

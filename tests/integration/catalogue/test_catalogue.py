@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from scenarios.report.quantities import as_text
 from scenarios.studies.catalogue import load_document, load_scenario, scenario_names, scenario_text
 from scenarios.studies.comparison import comparison
 from scenarios.studies.declaration import Estimation, ManeuverPlan, PublishedChoice, Start
@@ -25,7 +26,6 @@ from scenarios.studies.estimating import (
 from scenarios.studies.published import published_remark, published_values
 from scenarios.studies.study import MethodResult, StudyResult, flexibility_sentences, run_scenario
 from scenarios.studies.text import print_study
-from scenarios.terminal.quantities import as_text
 from sim.errors import DeclarationError
 from sim.vehicles import factory
 from sim.vehicles.factory import linearise

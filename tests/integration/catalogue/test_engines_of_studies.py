@@ -18,11 +18,11 @@ from scenarios.identification.assessment import Options
 from scenarios.identification.files import identification_content
 from scenarios.identification.identify import identify
 from scenarios.preparation.declared_model import model_of_file
+from scenarios.report.quantities import as_text
 from scenarios.studies.catalogue import load_scenario, scenario_names
 from scenarios.studies.comparison import comparison
 from scenarios.studies.study import run_scenario
 from scenarios.studies.text import print_study
-from scenarios.terminal.quantities import as_text
 from scenarios.x29.content import loop_comparison
 from scenarios.x29.printing import print_loop
 from scenarios.x29.study import loop_scenario, run_loop

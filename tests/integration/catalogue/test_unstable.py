@@ -13,13 +13,14 @@ import pytest
 from scipy.stats import binom
 
 from ident.statistics.intervals import clopper_pearson
+from scenarios.report.quantities import console
+from scenarios.report.terminal import show_blocks
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.declaration import Scenario
 from scenarios.studies.estimating import estimate_record, fly_scenario, true_model
 from scenarios.studies.folder import write_study
 from scenarios.studies.study import Scatter, fly_repeatedly, run_scenario
-from scenarios.studies.text import _print_repeated, print_study
-from scenarios.terminal.quantities import console
+from scenarios.studies.text import print_study, repeated_blocks
 from sim.errors import DeclarationError
 from sim.vehicles.factory import linearise
 
@@ -98,7 +99,7 @@ def test_methods_of_other_derivatives_stand_in_one_table() -> None:
     )
     out = console()
     with out.capture() as said:
-        _print_repeated([both, one], out)
+        show_blocks(out, repeated_blocks([both, one]))
     rows = [line.split() for line in said.get().splitlines() if "calm: " in line]
     assert [row[-2:] for row in rows[:2]] == [["2.00", "3.00"], ["-", "5.00"]]
 

@@ -17,12 +17,13 @@ from rich.console import Console
 
 from ident.banks.bank import filter_alone
 from ident.banks.delays import DELAYS
+from scenarios.report.terminal import show_blocks
 from scenarios.side_by_side.comparison import read_columns
 from scenarios.x29.declaration import METHODS, printed_column, printed_correlation, printed_noise
 from scenarios.x29.estimating import plain_restarts
 from scenarios.x29.files import write_loop
 from scenarios.x29.findings import noise_sentence, paper_sentences, prior_sentence
-from scenarios.x29.printing import print_paper
+from scenarios.x29.printing import paper_blocks
 from scenarios.x29.study import LoopStudy, loop_scenario, run_loop
 from sim.errors import DeclarationError
 from tests.oracles.short_period_tables import NAMES, ROWS, numbers
@@ -215,7 +216,7 @@ def test_a_method_that_is_not_there_is_refused() -> None:
 
 def test_the_terminal_shows_both_beside_each_other() -> None:
     out = Console(width=200, file=io.StringIO())
-    print_paper(flight(), out)
+    show_blocks(out, paper_blocks(flight()))
     said = out.file.getvalue()  # type: ignore[attr-defined]
     paper = flight().methods[0]
     row = next(line for line in said.splitlines() if METHODS["paper"] in line)

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 from scenarios.files.records import read_record
-from scenarios.plots.formats import caption_of
+from scenarios.report.figure_formats import caption_of
+from scenarios.report.quantities import number_text
 from scenarios.studies.catalogue import load_scenario, scenario_names
-from scenarios.terminal.quantities import number_text
 from sim.effects.library import effect_names
 from sim.vehicles.library import vehicle_names
 from tests.integration.command_line import CommandLine, contents

@@ -38,7 +38,7 @@ FORBIDDEN = (
 WATCHED = f"""
 import sys
 from scenarios.cli import main
-from scenarios.terminal import progress
+from scenarios.report import progress
 progress.EVERY = 1e6  # s; a busy machine would tell how far it is
 try:
     main()

@@ -219,6 +219,7 @@ def test_values_of_another_type_in_a_kept_model_are_one_line(
         '<svg onload="alert(1)"></svg>',
         '<svg ><image href="http://far/away.png"/></svg>',
         '<svg ><rect fill="url(http://far/away)"/></svg>',
+        '<svg ><use href="http://far/away.svg#one"/></svg>',
         "<svg ></svg><b>more</b>",
     ],
 )

@@ -11,6 +11,7 @@ import pytest
 
 from exam.clean import MODELS, CleanRun, clean_rows
 from exam.random_cases.examination import write_clean
+from scenarios.report.terminal import cell_text
 from scenarios.studies.campaign_statistics import cramer_rao
 from sim.declaration import own_model
 from sim.declaration.model import Model
@@ -82,9 +83,9 @@ def test_rows_count_by_model_and_together() -> None:
         ),
         CleanRun(2, "own", "traced", ("sensor-delay:x",), (), {"gain": 0.1}, {"gain": 0.9}, 2.0),
     ]
-    rows = {row[0]: row for row in clean_rows(runs)}
+    rows = {str(row[0]): [cell_text(cell) for cell in row] for row in clean_rows(runs)}
     assert set(rows) == {"rigid", "own", "all"} and set(rows) - {"all"} <= set(MODELS)
-    assert rows["own"][1:3] == ("1", "1") and rows["own"][4] == "1" and rows["rigid"][2] == "0"
+    assert rows["own"][1:3] == ["1", "1"] and rows["own"][4] == "1" and rows["rigid"][2] == "0"
     assert (
         rows["rigid"][5].startswith("50.0 of 2 (")
         and rows["all"][5].startswith("66.7 of 3 (")

@@ -21,6 +21,7 @@ from exam.detection import (
 )
 from exam.detection import _first as first_maneuver
 from ident.tracing.diagnosis import Claim, Verdict
+from scenarios.report.terminal import cell_text
 from tests.diagnoses import tracing_of
 
 
@@ -57,21 +58,14 @@ def test_rows_count_what_they_say() -> None:
         Alarm(1, "light", "traced", ("vane-offset",), 3.0),
         Alarm(2, "light", "unexplained", (), 2.0),
     ]
-    row = alarm_rows({"all": alarms})[0]
-    assert row[:4] == ("all", "3", "1", "2") and row[-1] == "2.0"
+    row = [cell_text(cell) for cell in alarm_rows({"all": alarms})[0]]
+    assert row[:4] == ["all", "3", "1", "2"] and row[-1] == "2.0"
     group = [
         Detection(i, "input-delay", 25.0, 0.01, finding, (), 1.0)
         for i, finding in enumerate(Finding)
     ]
-    assert detection_rows(group, lambda d: d.effect)[0][:7] == (
-        "input-delay",
-        "5",
-        "4",
-        "1",
-        "1",
-        "1",
-        "1",
-    )
+    row = [cell_text(cell) for cell in detection_rows(group, lambda d: d.effect)[0]]
+    assert row[:7] == ["input-delay", "5", "4", "1", "1", "1", "1"]
 
 
 def test_a_lag_and_a_delay_of_one_sensor_are_one() -> None:

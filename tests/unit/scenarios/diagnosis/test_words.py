@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
 from scenarios.diagnosis.report.data_words import kind_of_predicted, record_labels
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuver
-from scenarios.diagnosis.report.tables import candidate_rows, derivative_rows
+from scenarios.diagnosis.report.tables import candidates_table, move_cell, moved
 from scenarios.diagnosis.report.text import (
     diagnosis_text,
     headline,
@@ -22,7 +22,8 @@ from scenarios.diagnosis.report.text import (
     wording_of,
 )
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
-from scenarios.terminal.quantities import value_text
+from scenarios.report.quantities import value_text
+from scenarios.report.terminal import cell_text
 from sim.declaration.proposal import Traceable, Traits
 from sim.effects.library import library
 from tests.diagnoses import LOES, tracing_of
@@ -236,20 +237,18 @@ def test_only_moves_beyond_two_sigmas_are_marked() -> None:
         "b": Quantity(1.21, 0.08, "1"),
         "c": Quantity(0.79, 0.08, "1"),
     }
-    assert [row[-1].strip() for row in derivative_rows(before, after)] == [
-        "+1.9 sigma",
-        "+2.1 sigma *",
-        "-2.1 sigma *",
-    ]
+    moves = [move_cell(moved(before[name], after[name])) for name in before]
+    told = [cell_text(cell).strip() for cell in moves]
+    assert told == ["+1.9 sigma", "+2.1 sigma *", "-2.1 sigma *"]
+    assert [round(getattr(cell, "value", 0.0), 3) for cell in moves] == [1.9, 2.1, -2.1]
 
 
 def test_each_round_shows_a_name_once_and_the_best_first() -> None:
     tracing = tracing_of(Verdict.TRACED)
     weaker = replace(tracing.diagnosis.candidates[0], gain=5.0)
-    rows = candidate_rows(
-        replace(tracing.diagnosis, candidates=(weaker, *tracing.diagnosis.candidates)), 3
-    )
-    assert [(row[1], row[2]) for row in rows] == [
+    doubled = replace(tracing.diagnosis, candidates=(weaker, *tracing.diagnosis.candidates))
+    shown = candidates_table(doubled, "", 3)
+    assert [(row[1], cell_text(row[2])) for row in shown.rows] == [
         ("input-deadband", "420.0"),
         ("sensor-scale:alpha", "3.1"),
         ("vane-offset", "1.4"),

@@ -18,10 +18,11 @@ from scenarios.identification.identify import identify
 from scenarios.identification.report import (
     bound_lines,
     constraints_content,
-    fit_lines,
     fits_content,
-    interval_lines,
+    fits_table,
+    interval_sentences,
     intervals_content,
+    intervals_table,
 )
 from sim.declaration.model import Tie
 from sim.errors import DeclarationError
@@ -128,7 +129,7 @@ def test_intervals_stand_beside_the_sigmas(method: str) -> None:
     assert content["parameters"]["L_p"]["agrees_with_sigma"] and set(content["parameters"]) == {
         "L_p"
     }
-    assert "L_p" in interval_lines(found.intervals, {"L_p": "1/s"})[-1]
+    assert intervals_table(found.intervals, {"L_p": "1/s"}).rows[-1][0] == "L_p"
     with pytest.raises(DeclarationError, match=r"no parameter 'L_q' is estimated; did you mean"):
         identify(case.record, case.vehicle, method, options=Options(profile=("L_q",)))
     pressed = laid_down(case, bounds={"L_p": (-2.2, 0.0)})
@@ -146,7 +147,8 @@ def test_open_and_skewed_intervals_are_told() -> None:
         ProfileInterval("lag", 1.0, 0.5, 0.4, None),
         ProfileInterval("gain", 1.0, 0.1, 0.85, 1.4, better=1.0),
     ]
-    lines = interval_lines(some, {})
+    assert intervals_table(some, {}).rows[0][2] == "open"
+    lines = interval_sentences(some)
     assert "not determined on that side by these data: lag is open above" in lines
     assert "the interval is not +- 2 sigma: gain; quote the interval" in lines
     assert lines[-1].startswith("likelier values than the estimate were found along gain")
@@ -184,8 +186,8 @@ def test_records_held_out_are_simulated_with_what_was_found() -> None:
         held.figures.rmse["p"] == pytest.approx(fitted.figures.rmse["p"], rel=0.2)
         and worse.figures.rmse["p"] > 3.0 * held.figures.rmse["p"]
     )
-    table = fit_lines(found.fits)
-    assert len(table) == 3 + 2 * 4 and "held out" in table[-1] and "spoiled" in table[-1]
+    rows = fits_table(found.fits).rows
+    assert len(rows) == 2 * 4 and rows[-1][:2] == ("spoiled", "held out")
     assert [each["held_out"] for each in fits_content(found.fits)["records_fitted"]] == [
         False,
         False,

@@ -23,13 +23,12 @@ from scenarios.plots.comparison import (
     figure_comparison,
     figure_equivalents,
 )
-from scenarios.plots.drawing import figure_pdf, figure_png, figure_svg, save_figures, svg_text
+from scenarios.plots.drawing import figure_pdf, figure_png, figure_svg, page_svg, save_figures
 from scenarios.plots.estimates import (
     figure_correlation,
     figure_innovations,
     figure_parameter_histories,
 )
-from scenarios.plots.formats import FORMATS, Formats, formats_of, formats_wanted
 from scenarios.plots.signals import (
     Response,
     figure_ballistic_coefficient,
@@ -38,6 +37,7 @@ from scenarios.plots.signals import (
     figure_trajectory,
     response_of,
 )
+from scenarios.report.figure_formats import FORMATS, Formats, formats_of, formats_wanted
 from sim.errors import DeclarationError
 from tests.unit.scenarios.plots.conftest import Study
 
@@ -158,25 +158,19 @@ def test_same_result_same_bytes(studies: Studies, tmp_path: Path) -> None:
     assert save_figures([("none", lambda: pytest.fail("drawn"))], tmp_path, ()) == []
 
 
-def test_text_of_a_page_stands_alone_and_shares_no_name_with_another(studies: Studies) -> None:
+def test_figure_of_a_page_stands_alone_and_shares_no_name_with_another(studies: Studies) -> None:
     figure = FIGURES["correlation"](studies)
-    one, other = (
-        ElementTree.fromstring(svg_text(figure, name, 'what "it" shows'))
-        for name in ("one", "other")
-    )
-    assert (
-        one.tag.endswith("svg")
-        and one.get("aria-label") == 'what "it" shows'
-        and one.get("viewBox")
-    )
+    one, other = (ElementTree.fromstring(page_svg(figure, name)) for name in ("one", "other"))
+    assert one.tag == "svg" and one.get("aria-label") and one.get("viewBox")
+    assert "mapped" in str(one.get("class")).split()
     names = [
         {element.get("id") for element in root.iter() if element.get("id")} for root in (one, other)
     ]
     assert names[0] and not names[0] & names[1]
-    text = svg_text(figure, "one")
+    text = page_svg(figure, "one")
     used = set(re.findall(r'(?:url\(#|href="#)([^)"]+)', text))
     assert used and used <= names[0], "every reference leads to something of its own"
-    assert "<style" not in text and "<?xml" not in text
+    assert "<style" not in text and "<image" not in text and " style=" not in text
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from scenarios.files.writing import write_json
-from scenarios.plots.formats import Formats
+from scenarios.report.figure_formats import Formats
 from scenarios.survey import flights as one_flight
 from scenarios.survey import growing
 from scenarios.survey.files import write_survey

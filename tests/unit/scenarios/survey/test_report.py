@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.pages.folder import rebuilt
+from scenarios.report.folder import rebuilt
+from scenarios.report.terminal import cell_text
 from scenarios.survey.files import survey_figures, survey_page, write_survey
 from scenarios.survey.recurring import over_flights
 from scenarios.survey.report import (
-    effect_rows,
-    flight_rows,
+    effects_table,
+    flights_table,
     fresh,
     hints,
     rivals_phrase,
@@ -93,7 +94,7 @@ def test_flights_lead_to_their_own_pages_where_there_are_any(
 
 
 def test_a_link_leads_nowhere_outside() -> None:
-    from scenarios.pages.model import Link
+    from scenarios.report.document import Link
 
     for to in ("https://example.org", "../x.html", "/etc/passwd", "javascript:x", "a/../b", ""):
         with pytest.raises(ModelError):
@@ -113,12 +114,15 @@ def test_figures_are_of_the_flights_that_have_the_condition(found: SurveyResult)
 def test_columns_in_which_nothing_stands_are_left_out(
     found: SurveyResult, campaign: Campaign
 ) -> None:
-    assert flight_rows(found)[0] == ["flight", "verdict", "sensor-delay:q", "kinematics"]
+    headings = [column.heading for column in flights_table(found).columns]
+    assert headings == ["flight", "verdict", "sensor-delay:q", "kinematics"]
     flights = [*more(campaign, 6), campaign.fly("G", LATE, 'tail = "T-1"\ndate = 2026-03-04')]
     grown = campaign.survey(*flights)
-    names, rows = flight_rows(grown)
-    assert names == ["flight", "since", "date", "tail", "verdict", "sensor-delay:q", "kinematics"]
-    assert rows[0] == ["G", "new", "2026-03-04", "T-1", "traced", "has it", "nothing stands"]
+    shown = flights_table(grown)
+    names = ["flight", "since", "date", "tail", "verdict", "sensor-delay:q", "kinematics"]
+    assert [column.heading for column in shown.columns] == names
+    told = ("G", "new", "2026-03-04", "T-1", "traced", "has it", "nothing stands")
+    assert shown.rows[0] == told
     assert fresh(grown) == ["traced, G: made up; of what recurs it has sensor-delay:q"]
 
 
@@ -159,7 +163,8 @@ def test_what_an_effect_is_told_from(found: SurveyResult) -> None:
         replace(found, recurs=(replace(each, found=replace(each.found, p_value=p)),))
         for p in (2e-5, 0.0)
     )
-    assert [effect_rows(one)[1][0][-1] for one in (faint, loud)] == ["2e-05", "<1e-99"]
+    chances = [effects_table(one).rows[0][-1] for one in (faint, loud)]
+    assert [cell_text(cell) for cell in chances] == ["2e-05", "<1e-99"]
 
 
 def test_forces_that_change_with_mass_ask_for_the_masses(found: SurveyResult) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from ident.tracing.diagnosis import Quantity, Verdict
 from scenarios.diagnosis.report.content import diagnosis_content
-from scenarios.diagnosis.report.pictures.pictured import LARGEST
+from scenarios.diagnosis.report.figures import LARGEST
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VehicleFile
 from scenarios.files.writing import json_text

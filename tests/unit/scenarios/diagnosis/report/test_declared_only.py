@@ -14,13 +14,12 @@ import pytest
 from ident.tracing.diagnosis import Quantity, Verdict
 from scenarios.diagnosis.report.content import diagnosis_content
 from scenarios.diagnosis.report.declared_only import as_declared
+from scenarios.diagnosis.report.figures import figures_of, pictured
 from scenarios.diagnosis.report.page import diagnosis_page
-from scenarios.diagnosis.report.pictures.figures import figures_of
-from scenarios.diagnosis.report.pictures.pictured import pictured
 from scenarios.diagnosis.report.text import diagnosis_text
-from scenarios.pages.folder import page_html
-from scenarios.pages.model import signs
-from scenarios.terminal.quantities import (
+from scenarios.report.document import signs
+from scenarios.report.html import page_html
+from scenarios.report.quantities import (
     derived_line,
     displayed,
     is_frequency,

@@ -13,21 +13,29 @@ import numpy as np
 import pytest
 
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.diagnosis import Caution, Claim, Concern, Diagnosis, Quantity, Verdict
+from ident.tracing.diagnosis import (
+    Candidate,
+    Caution,
+    Claim,
+    Concern,
+    Diagnosis,
+    Quantity,
+    Verdict,
+)
 from scenarios.diagnosis.report.content import diagnosis_content
 from scenarios.diagnosis.report.evidence import (
     apart_text,
     by_record_text,
     evidence_sentences,
-    member_derivatives,
     warnings_of,
 )
 from scenarios.diagnosis.report.page import REPLICATION_NOTE, diagnosis_page
-from scenarios.diagnosis.report.tables import SIGMA_NOTE, candidate_row
+from scenarios.diagnosis.report.tables import SIGMA_NOTE, candidates_table, member_tables
 from scenarios.diagnosis.report.text import diagnosis_text, headline
 from scenarios.diagnosis.report.wording import Wording, group_sentence
 from scenarios.files.writing import json_text
-from scenarios.pages.folder import page_html
+from scenarios.report.html import page_html
+from scenarios.report.terminal import cell_text
 from tests.diagnoses import LATE, each_record, spread_tracing, tracing_of
 
 
@@ -213,15 +221,19 @@ def test_a_candidate_has_its_gain_and_the_same_with_its_odds() -> None:
     best, scale, vane, speed = (
         spread_tracing().diagnosis.candidates[:1] + spread_tracing().diagnosis.candidates[2:]
     )
-    assert candidate_row(best)[:4] == ("1", "sensor-lag:alpha", "420.0", "414.9")
-    assert candidate_row(scale)[2:] == ("3.1", "-2.0", "scale 1.010 +- 0.004", "")
-    assert candidate_row(vane)[4:] == ("", "linearised; like sensor-lag:alpha")
-    assert candidate_row(speed)[2:4] == ("-2.5", "-7.6")
+    d = spread_tracing().diagnosis
+
+    def row_of(candidate: Candidate) -> list[str]:
+        (row,) = candidates_table(replace(d, candidates=(candidate,)), "").rows
+        return [cell_text(cell) for cell in row]
+
+    assert row_of(best)[:4] == ["1", "sensor-lag:alpha", "420.0", "414.9"]
+    assert row_of(scale)[2:] == ["3.1", "-2.0", "scale 1.010 +- 0.004", ""]
+    assert row_of(vane)[4:] == ["", "linearised; like sensor-lag:alpha"]
+    assert row_of(speed)[2:4] == ["-2.5", "-7.6"]
     assert "with odds" in text and "linearised" in text
-    assert (
-        candidate_row(replace(scale, within=("vane-offset",)))[1]
-        == "vane-offset + sensor-scale:alpha"
-    )
+    named = row_of(replace(scale, within=("vane-offset",)))[1]
+    assert named == "vane-offset + sensor-scale:alpha"
 
 
 def test_json_has_spread_values_of_each_record_and_scatter() -> None:
@@ -312,11 +324,15 @@ def test_where_a_guard_leaves_noise_it_is_told_what_the_declared_model_leaves() 
 
 def test_members_are_compared_only_where_there_are_some() -> None:
     d: Diagnosis = spread_tracing().diagnosis
-    rows = member_derivatives(d.effects[0], d.after)
+    (shown,) = member_tables(d, "")
+    ((name, *values),) = shown.rows
     # two of both sigmas are 1.1
-    assert rows == [("Cm_q", "1/rad", "-17.0 +- 0.4", "-18.0 +- 0.4", "-19.0 +- 0.4*")]
+    told = [cell_text(cell) for cell in values]
+    assert name == "Cm_q" and told == ["-17.0 +- 0.4", "-18.0 +- 0.4", "-19.0 +- 0.4*"]
+    assert shown.units == ("1/rad",)
     alone = Claim("x", {}, derivatives_under={"x": {"Cm_q": Quantity(-17.0, 0.4, "1/rad")}})
-    assert member_derivatives(alone, d.after) == [] == member_derivatives(Claim("x", {}), d.after)
+    for claim in (alone, Claim("x", {})):
+        assert member_tables(replace(d, effects=(claim,)), "") == []
 
 
 def test_residuals_beyond_all_measure_are_still_described() -> None:

@@ -7,10 +7,7 @@ from __future__ import annotations
 import csv
 import json
 import math
-import os
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,19 +16,14 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Verdict
+from scenarios.diagnosis.report.figures import draw_diagnosis, pictured
 from scenarios.diagnosis.report.files import (
     write_diagnosis,
     write_evidence,
     write_prediction,
     write_residuals,
 )
-from scenarios.diagnosis.report.pictures.figures import draw_diagnosis
-from scenarios.diagnosis.report.pictures.handover import packed, unpacked
-from scenarios.diagnosis.report.pictures.pictured import pictured
-from scenarios.diagnosis.report.pictures.process import Drawer, drawing, figure_process
-from scenarios.pages.folder import rebuilt
-from scenarios.plots.display import NamedEffects
-from scenarios.plots.formats import USUAL, gathered
+from scenarios.report.folder import rebuilt
 from tests.diagnoses import BALLISTIC, LOES, spread_tracing, tracing_of
 
 FIGURES = {"held_out.png", "residuals.png", "evidence.png", "derivatives.png", "spectra.png"}
@@ -182,156 +174,7 @@ def test_older_run_is_replaced_and_other_files_are_left(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "diagnosis.json").read_bytes())["verdict"] == "consistent"
 
 
-def same_as_in(folder: Path, drawn: Path) -> None:
-    """Figures and elements of a page as those of the study in ``folder``."""
-    left = gathered(drawn)
-    assert {f"{stem}.png" for stem in left} == {entry.name for entry in drawn.iterdir()} >= FIGURES
-    for entry in drawn.iterdir():
-        assert entry.read_bytes() == (folder / entry.name).read_bytes(), entry.name
-    page = (folder / "report.html").read_text(encoding="utf-8")
-    assert all(svg in page for svg in left.values())
-
-
-def test_second_process_draws_the_same_figures(folder: Path, tmp_path: Path) -> None:
-    picture = pictured(tracing_of(Verdict.TRACED, validations=2, count=120))
-    with figure_process(True) as drawer:
-        assert drawer is not None
-        with drawing(picture, tmp_path, drawer):
-            pass
-        assert drawer.process.returncode == 0
-    same_as_in(folder, tmp_path)
-    assert not drawer.aside.exists()
-
-
-def test_what_was_drawn_ahead_is_kept_where_it_is_what_comes_out_and_else_drawn_anew(
-    folder: Path, tmp_path: Path
-) -> None:
-    picture = pictured(tracing_of(Verdict.TRACED, validations=2, count=120))
-    other = replace(picture, noise={name: 2.0 * std for name, std in picture.noise.items()})
-    for name, ahead, kept in (("one", picture, True), ("other", other, False)):
-        (tmp_path / name).mkdir()
-        with figure_process(True) as drawer:
-            assert drawer is not None
-            drawer.draw_ahead(replace(ahead, candidates=(), standing=NamedEffects()), USUAL)
-            with drawing(picture, tmp_path / name, drawer):
-                assert bool(drawer.expected) == kept
-            assert drawer.process.returncode == 0
-        same_as_in(folder, tmp_path / name)
-
-
-def test_figures_are_drawn_here_when_the_process_has_died(tmp_path: Path) -> None:
-    picture = replace(pictured(tracing_of(Verdict.CONSISTENT, count=60)), predictions=(), fitted=())
-    (tmp_path / "aside").mkdir()
-    (tmp_path / "drawn").mkdir()
-    dead = subprocess.Popen([sys.executable, "-c", "raise SystemExit(1)"], stdin=subprocess.PIPE)
-    drawer = Drawer(dead, tmp_path / "aside")
-    drawer.draw_ahead(picture, USUAL)
-    with drawing(picture, tmp_path / "drawn", drawer):
-        pass
-    drawer.stop()
-    assert set(gathered(tmp_path / "drawn")) == {"evidence", "derivatives"}
-    assert {entry.name for entry in (tmp_path / "drawn").iterdir()} == {
-        "evidence.png",
-        "derivatives.png",
-    }
-
-
-def test_figures_are_drawn_here_when_there_is_no_room_to_tell_the_process(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    picture = replace(pictured(tracing_of(Verdict.CONSISTENT, count=60)), predictions=(), fitted=())
-
-    def full(**_: object) -> None:
-        raise OSError("no space")
-
-    with figure_process(True) as drawer:
-        assert drawer is not None
-        monkeypatch.setattr("tempfile.mkstemp", full)
-        drawer.draw_ahead(picture, USUAL)
-        with drawing(picture, tmp_path, drawer):
-            pass
-        assert drawer.process.returncode == 0
-    assert {entry.name for entry in tmp_path.iterdir()} >= {"evidence.png", "derivatives.png"}
-
-
-def test_the_process_has_ended_where_the_body_fails(tmp_path: Path) -> None:
-    with figure_process(True) as drawer:
-        assert drawer is not None
-        with (
-            pytest.raises(ValueError, match="broken"),
-            drawing(pictured(tracing_of(Verdict.CONSISTENT, count=60)), tmp_path, drawer),
-        ):
-            raise ValueError("broken")
-        assert drawer.process.returncode is not None
-    assert not drawer.aside.exists()
-
-
-def test_the_process_leaves_nothing_where_the_first_one_is_killed(tmp_path: Path) -> None:
-    (tmp_path / "aside").mkdir()
-    command = [
-        sys.executable,
-        "-m",
-        "scenarios.diagnosis.report.pictures.process",
-        str(tmp_path / "aside"),
-    ]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    ) as process:
-        drawer = Drawer(process, tmp_path / "aside")
-        drawer.draw_ahead(
-            replace(pictured(tracing_of(Verdict.CONSISTENT, count=60)), predictions=(), fitted=()),
-            USUAL,
-        )
-        assert len(list(drawer.aside.iterdir())) == 2 and process.stdin is not None
-        process.stdin.close()
-    assert process.returncode == 0 and not drawer.aside.exists()
-
-
-def test_figures_are_drawn_where_nothing_forks_and_where_the_fork_fails(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    picture = replace(pictured(tracing_of(Verdict.CONSISTENT, count=60)), predictions=(), fitted=())
-    gone = subprocess.Popen([sys.executable, "-c", "raise SystemExit(1)"])
-    monkeypatch.setattr(os, "fork", lambda: gone.pid)
-    monkeypatch.setattr("threading.active_count", lambda: 1)
-    for fork in (True, False):
-        if not fork:
-            monkeypatch.delattr(os, "fork")
-        (tmp_path / str(fork)).mkdir()
-        draw_diagnosis(picture, tmp_path / str(fork))
-        assert set(gathered(tmp_path / str(fork))) == {"evidence", "derivatives"}
-        assert {entry.name for entry in (tmp_path / str(fork)).iterdir()} == {
-            "evidence.png",
-            "derivatives.png",
-        }
-    gone.returncode = 1  # it was waited for
-
-
-def test_handover_to_the_process_loses_nothing(tmp_path: Path) -> None:
-    picture = pictured(tracing_of(Verdict.PARTIAL, LOES, count=60))
-    again, folder, formats = unpacked(packed(picture, tmp_path, ("svg",)))
-    assert (folder, formats) == (tmp_path, ("svg",))
-    assert (
-        again.before == picture.before
-        and again.after == picture.after
-        and again.noise == picture.noise
-    )
-    assert [(c.name, c.gain, c.within) for c in again.candidates] == [
-        (c.name, c.gain, c.within) for c in picture.candidates
-    ]
-    for a, b in zip(again.fitted, picture.fitted, strict=True):
-        assert (
-            np.array_equal(a.before, b.before)
-            and np.array_equal(a.used, b.used)
-            and a.channels == b.channels
-        )
-        assert (
-            np.array_equal(a.record.output_array()[0], b.record.output_array()[0])
-            and a.record.name == b.record.name
-        )
-
-
-def test_replication_is_drawn_where_there_is_some_and_the_handover_keeps_it(tmp_path: Path) -> None:
+def test_replication_is_drawn_where_there_is_some(tmp_path: Path) -> None:
     picture = pictured(spread_tracing())
     (shown,) = picture.replicated
     assert shown.name == "sensor-lag:alpha" and shown.records == (
@@ -340,15 +183,7 @@ def test_replication_is_drawn_where_there_is_some_and_the_handover_keeps_it(tmp_
         "record_3.csv",
     )
     assert [each["time_constant"].value for each in shown.by_record] == [0.058, 0.063, 0.060]
-    (again,) = unpacked(packed(picture, tmp_path))[0].replicated
-    assert (again.name, again.records, again.by_record, again.together) == (
-        shown.name,
-        shown.records,
-        shown.by_record,
-        shown.together,
-    )
-    draw_diagnosis(
-        replace(picture, predictions=(), fitted=(), candidates=(), before={}), tmp_path, ()
-    )
-    assert set(gathered(tmp_path)) == {"replication"} and not list(tmp_path.iterdir())
+    alone = replace(picture, predictions=(), fitted=(), candidates=(), before={})
+    (drawn,) = draw_diagnosis(alone, tmp_path, ())
+    assert drawn.stem == "replication" and not list(tmp_path.iterdir())
     assert pictured(tracing_of(Verdict.PARTIAL)).replicated == ()

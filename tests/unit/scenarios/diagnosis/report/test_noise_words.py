@@ -14,12 +14,13 @@ from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import FittedRecord, Verdict
 from ident.tracing.residual_structure import noise_floors
 from scenarios.diagnosis.report.content import diagnosis_content
+from scenarios.diagnosis.report.figures import pictured
 from scenarios.diagnosis.report.page import diagnosis_page
-from scenarios.diagnosis.report.pictures.pictured import pictured
-from scenarios.diagnosis.report.tables import error_headings, error_rows
+from scenarios.diagnosis.report.tables import errors_table
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.pages.folder import page_html
+from scenarios.report.html import page_html
+from scenarios.report.terminal import cell_text
 from sim.record import Channel, Record
 from tests.diagnoses import NOISE, tracing_of
 
@@ -36,15 +37,18 @@ def coloured(verdict: Verdict) -> Tracing:
 def test_a_white_residual_is_the_noise_floor() -> None:
     told = diagnosis_text(tracing_of(Verdict.TRACED))
     assert "noise floor" in told and "estimated" not in told
-    assert error_headings(tracing_of(Verdict.TRACED).diagnosis)[-1] == "noise floor"
+    shown = errors_table(tracing_of(Verdict.TRACED).diagnosis, "")
+    assert shown.columns[-1].heading == "noise floor"
 
 
 @pytest.mark.parametrize("verdict", [Verdict.PARTIAL, Verdict.UNEXPLAINED])
 def test_of_a_coloured_residual_the_noise_is_told_apart(verdict: Verdict) -> None:
     tracing = coloured(verdict)
     d = tracing.diagnosis
-    assert error_headings(d)[-2:] == ("residual", "sensor noise (estimated)")
-    rows = {row[0]: row for row in error_rows(d)}
+    shown = errors_table(d, "")
+    headings = [column.heading for column in shown.columns]
+    assert headings[-2:] == ["residual", "sensor noise (estimated)"]
+    rows = {str(row[0]): [cell_text(cell) for cell in row] for row in shown.rows}
     assert rows["q"][-1] == f"{NOISE['q'] / DEGREE:.3g}"
     if verdict is Verdict.PARTIAL:
         assert rows["q"][-2] == f"{2.0 * NOISE['q'] / DEGREE:.3g}"

@@ -16,7 +16,7 @@ from scenarios.diagnosis.report.probabilities import probability_sentence, shown
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.writing import json_text
-from scenarios.pages.folder import page_html
+from scenarios.report.html import page_html
 from tests.diagnoses import tracing_of
 
 LAG, DELAY = "sensor-lag:q", "sensor-delay:q"

@@ -13,8 +13,8 @@ from scipy.optimize import brentq
 
 import flightid as fid
 from scenarios.cli import main
+from scenarios.report.quantities import as_text
 from scenarios.studies.catalogue import load_document, scenario_names
-from scenarios.terminal.quantities import as_text
 from scenarios.trials.sweeps.declaration import SweepScenario, sweep_scenario_of
 from scenarios.trials.sweeps.flight import fly_sweep, true_loop, true_margins, true_parameters
 from scenarios.trials.sweeps.study import print_sweep, run_sweep, sweep_comparison

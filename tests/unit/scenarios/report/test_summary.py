@@ -16,10 +16,7 @@ from rich.console import Console
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Verdict
 from scenarios.diagnosis.report.text import details_text, diagnosis_summary, diagnosis_text
-from scenarios.studies.catalogue import load_scenario
-from scenarios.studies.study import run_scenario
-from scenarios.studies.text import print_study
-from scenarios.terminal.summary import (
+from scenarios.report.summary import (
     Summary,
     details_in,
     residual_phrase,
@@ -27,6 +24,9 @@ from scenarios.terminal.summary import (
     summary_lines,
     value_phrase,
 )
+from scenarios.studies.catalogue import load_scenario
+from scenarios.studies.study import run_scenario
+from scenarios.studies.text import print_study
 from tests.diagnoses import tracing_of
 
 LABELS = ("study", "outcome", "result", "residual", "details")

@@ -1,4 +1,4 @@
-"""Which figures a diagnosis gets, and their captions."""
+"""Figures of a diagnosis: the part of it that they show, which it gets, and their captions."""
 
 from __future__ import annotations
 
@@ -8,12 +8,72 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenarios.plots.formats import Drawn
+import numpy as np
+
+from ident.tracing.diagnosis import Prediction, Verdict
+from scenarios.diagnosis.report.data_words import kind_of_predicted, record_labels
+from scenarios.diagnosis.report.declared_only import as_declared
+from scenarios.diagnosis.tracing import Tracing
+from scenarios.plots.display import (
+    MEASURED_DATA,
+    SIMULATED_DATA,
+    NamedEffects,
+    Pictured,
+    Replicated,
+)
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-from scenarios.plots.display import Pictured
-from scenarios.plots.formats import USUAL, Formats
+
+# ---- The part of a diagnosis that its figures show
+
+# what a number that has run away is written as: it reads back everywhere, and its square is finite
+LARGEST = 1e30
+
+
+def pictured(tracing: Tracing) -> Pictured:
+    """The part of a diagnosis that figures show, its runaway numbers bounded."""
+    d = as_declared(tracing.diagnosis)
+    predictions = tuple(
+        Prediction(p.record, p.channels, bounded_series(p.before), bounded_series(p.after))
+        for p in d.predictions
+    )
+    claimed = [claim for claim in tracing.diagnosis.effects if claim.claimed]
+    standing = NamedEffects(
+        tuple(claim.name for claim in claimed),
+        {claim.name: claim.alternatives for claim in claimed if claim.alternatives},
+        tuple(claim.name for claim in tracing.diagnosis.effects if not claim.claimed),
+        d.verdict in (Verdict.CONSISTENT, Verdict.TRACED, Verdict.AMBIGUOUS),
+    )
+    shown = (
+        predictions,
+        d.candidates,
+        d.before,
+        d.after,
+        d.noise_floor,
+        standing,
+        kind_of_predicted(d),
+        _replicated(tracing),
+    )
+    return Pictured(d.fitted, *shown, SIMULATED_DATA if tracing.simulated else MEASURED_DATA)
+
+
+def _replicated(tracing: Tracing) -> tuple[Replicated, ...]:
+    labels = tuple(record_labels(tracing))
+    told = [claim for claim in tracing.diagnosis.effects if claim.by_record]
+    return tuple(
+        Replicated(claim.name, labels[: len(claim.by_record)], claim.by_record, claim.parameters)
+        for claim in told
+    )
+
+
+def bounded_series(values: np.ndarray) -> np.ndarray:
+    """Finite numbers: a simulation that ran away is written as large as it needs to be seen."""
+    return np.nan_to_num(np.clip(values, -LARGEST, LARGEST), nan=LARGEST)
+
+
+# ---- Which figures a diagnosis gets
 
 # File stem and caption, in the order of the report; further records get a number behind the stem.
 CAPTIONS = {
@@ -41,11 +101,16 @@ DECLARED_CAPTIONS = {
 }  # where no effect stands beside it
 
 
-def draw_diagnosis(pictured: Pictured, folder: Path, formats: Formats = USUAL) -> None:
-    """Draw all figures into ``folder``, in every format and for the page."""
-    from scenarios.plots.drawing import leave_for_page
+def draw_diagnosis(
+    shown: Pictured, folder: Path, formats: Formats = USUAL, *, declared: bool = False
+) -> tuple[Drawn, ...]:
+    """Draw all figures, into ``folder`` in every format and for the page, in the order of the
+    report; ``declared``: they show the declared model alone.
+    """
+    from scenarios.plots.drawing import drawn_for_page
 
-    leave_for_page(figures_of(pictured), folder, formats)
+    drawn = drawn_for_page(figures_of(shown), folder, formats)
+    return captioned({each.stem: each.svg for each in drawn}, declared=declared)
 
 
 def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:

@@ -8,8 +8,8 @@ import pytest
 
 from ident.flying_qualities.levels import Flown, ModeLevel
 from ident.statistics.residuals import ResidualTest
-from scenarios.terminal.quantities import test_line as line_of
-from scenarios.terminal.summary import level_text, levels_line
+from scenarios.report.quantities import test_line as line_of
+from scenarios.report.summary import level_text, levels_line
 
 
 def whiteness(channel: str, p_value: float) -> ResidualTest:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ident.flying_qualities.levels import STANDARD, WORST, Flown, ModeLevel
 from ident.statistics.residuals import ResidualTest
-from scenarios.terminal.quantities import (
+from scenarios.report.quantities import (
     derived_line,
     determined,
     in_hertz,
@@ -19,7 +19,7 @@ from scenarios.terminal.quantities import (
     shown_in,
     spaced,
 )
-from scenarios.terminal.tables import WIDTH, print_lines, shortened
+from scenarios.report.text_tables import WIDTH, print_lines, shortened
 
 if TYPE_CHECKING:
     from rich.console import Console

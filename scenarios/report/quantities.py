@@ -138,12 +138,15 @@ def value_text(value: float, std: float, unit: str = "") -> str:
         return f"{value:.5g}{shown} (bound)"
     if not determined(value, std):
         return "not determined"
+    return f"{' +- '.join(value_parts(value, std))}{shown}"
+
+
+def value_parts(value: float, std: float) -> tuple[str, str]:
+    """Value and sigma by themselves, with one digit of the sigma, two where it begins with 1."""
     digits = _digits(std)
-    return (
-        f"{value:.{digits}f} +- {std:.{digits}f}{shown}"
-        if digits < 7
-        else f"{value:.3g} +- {std:.2g}{shown}"
-    )
+    if digits < 7:
+        return f"{value:.{digits}f}", f"{std:.{digits}f}"
+    return f"{value:.3g}", f"{std:.2g}"
 
 
 def displayed(quantity: Quantity, name: str = "") -> tuple[float, float, str]:

@@ -8,8 +8,8 @@ import time
 
 import pytest
 
-from scenarios.terminal import progress
-from scenarios.terminal.progress import LastProgress, progress_bar, time_text
+from scenarios.report import progress
+from scenarios.report.progress import LastProgress, progress_bar, time_text
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from types import MappingProxyType
 
 from sim.errors import DeclarationError
@@ -69,18 +68,6 @@ class Drawn:
     stem: str
     svg: str
     caption: str
-
-
-FRAGMENT = ".page"  # ending of the file in which a figure of a page is left for it
-
-
-def gathered(folder: Path) -> dict[str, str]:
-    """The SVG elements by stem that were left in a folder; their files are gone afterwards."""
-    found = {}
-    for path in sorted(folder.glob(f"*{FRAGMENT}")):
-        found[path.stem] = path.read_text(encoding="utf-8")
-        path.unlink()
-    return found
 
 
 # ---- One sentence below each figure of a page, by the stem of its file

@@ -103,7 +103,7 @@ def _bar(told: LastProgress, ended: threading.Event) -> None:
     from rich.progress import BarColumn, Progress, TextColumn
 
     from scenarios.files.sources import styled_stream
-    from scenarios.terminal.quantities import EscapingConsole
+    from scenarios.report.quantities import EscapingConsole
 
     columns = (BarColumn(bar_width=24), TextColumn("{task.description}", markup=False))
     console = EscapingConsole(file=styled_stream(sys.stderr))

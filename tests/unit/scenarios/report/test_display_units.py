@@ -13,10 +13,10 @@ import pytest
 from scenarios.commands.libraries import show_effects
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.plots.display import display_unit
+from scenarios.report.quantities import DEGREES, in_hertz, quantity_text, shown_in, unit_cell
+from scenarios.report.text_tables import table_lines
 from scenarios.studies.rows import Row
 from scenarios.studies.text import with_display
-from scenarios.terminal.quantities import DEGREES, in_hertz, quantity_text, shown_in, unit_cell
-from scenarios.terminal.tables import table_lines
 from sim.effects.library import library
 
 

@@ -9,23 +9,27 @@ from dataclasses import replace
 
 import pytest
 
-from scenarios.pages.folder import page_content, page_of
-from scenarios.pages.model import (
+from scenarios.report.document import (
     BY_ROW,
+    MISSING,
+    SIGMAS,
+    Block,
     Column,
     Number,
     Page,
+    Prose,
     Section,
     Table,
     estimate,
     known,
-    read_cell,
     section,
     signs,
+    table,
 )
-from scenarios.pages.tables import printed_blocks, rows_table
-from scenarios.terminal.tables import TableColumn as Printed
-from scenarios.terminal.tables import print_paragraph, print_table
+from scenarios.report.html import page_html
+from scenarios.report.page_json import page_content, page_of
+from scenarios.report.quantities import as_text
+from scenarios.report.terminal import show_blocks
 from sim.errors import ModelError
 from tests.pages import PAGE
 
@@ -93,50 +97,6 @@ def test_numbers_have_the_digits_of_their_sigma(number: Number, text: str) -> No
     assert number.text.replace("\N{NO-BREAK SPACE}", " ") == text
 
 
-@pytest.mark.parametrize(
-    ("text", "value", "sigma", "unit"),
-    [
-        ("-1.6570 +- 0.0018", -1.657, 0.0018, ""),
-        ("+12.5 %", 12.5, None, "%"),
-        ("-2.0 sigma *", -2.0, None, "σ"),
-        ("<1e-300", 1e-300, None, ""),
-        ("over +900 %", 900.0, None, "%"),
-        ("0.3 (bound)", 0.3, None, ""),
-        ("0.97*", 0.97, None, ""),
-        ("0.126 deg/s", 0.126, None, "deg/s"),
-    ],
-)
-def test_printed_numbers_are_numbers_again(
-    text: str, value: float, sigma: float | None, unit: str
-) -> None:
-    cell = read_cell(text)
-    assert isinstance(cell, Number) and (cell.value, cell.sigma, cell.unit) == (value, sigma, unit)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "not determined",
-        "1 to 5 %",
-        "level 1 (97 %)",
-        "3 of 10",
-        "x29-flight",
-        "2-sigma",
-        "lag-1",
-        "1_2",
-        "nan",
-        "inf",
-        "1e400",
-    ],
-)
-def test_words_stay_words(text: str) -> None:
-    assert read_cell(text) == text
-    assert rows_table("records", ("record", "fit %"), [(text, "97.1")]).rows[0] == (
-        text,
-        read_cell("97.1"),
-    )
-
-
 def test_signs_leave_names_alone() -> None:
     assert (
         signs("lag-1 of 1e-3 is -0.5 +- 0.1 -> ok")
@@ -144,51 +104,48 @@ def test_signs_leave_names_alone() -> None:
     )
 
 
-def test_what_is_printed_is_heard_with_units_and_sigmas() -> None:
-    columns = [
-        Printed("parameter", ["L", "M"], left=True),
-        Printed("unit", ["1/s", ""], left=True),
-        Printed("estimate", ["-1.50", "2"]),
-        Printed("+- sigma", ["0.10", "-"]),
-        Printed("delay, s", ["0.05", "-"]),
-        Printed("error, sigmas", ["+1.5", ""]),
-        Printed("", ["beyond", ""], left=True),
-    ]
+DOCUMENT: list[Block] = [
+    table(
+        "estimate",
+        (Column("parameter"), ["L", "M", "N"]),
+        (
+            Column("estimate", BY_ROW),
+            [Number(-1.5, 0.1, shown="-1.50", shown_sigma="0.10"), Number(2.0), "not determined"],
+        ),
+        (Column("delay", "s"), [Number(0.05), MISSING, ""]),
+        (Column("error", SIGMAS), [known(1.5, 1, signed=True), MISSING, ""]),
+        (Column("both", BY_ROW, together=True), [Number(1.0, 0.25), "", ""]),
+        (Column("remark", printed=" "), ["beyond", "", ""]),
+        units=["1/s", "", "m"],
+    ),
+    Prose("a sentence " * 20),
+    Prose("a note", "note"),
+    table("nothing", (Column("parameter"), [])),
+]
 
-    def show(out) -> None:
-        print_table(out, "estimate", columns)
-        print_paragraph(out, "a sentence " * 40)
-        out.print()
-        print_table(out, "nothing", [Printed("parameter", [])])
 
-    table, prose = printed_blocks(show)
-    assert isinstance(table, Table) and table.units == ("1/s", "1")
-    assert [(c.heading, c.unit) for c in table.columns] == [
-        ("parameter", None),
-        ("estimate", BY_ROW),
-        ("delay", "s"),
-        ("error", "σ"),
-        ("remark", None),
-    ]
-    assert table.rows[0][1] == Number(
-        -1.5, 0.1, shown="−1.50\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}0.10"
+def test_a_terminal_shows_units_of_rows_and_sigmas_in_columns_of_their_own() -> None:
+    text = as_text(lambda out: show_blocks(out, DOCUMENT))
+    title, heads, _, first, second, third, *rest = text.splitlines()
+    assert title == "estimate"
+    assert heads.split("  ") and " ".join(heads.split()) == (
+        "parameter unit estimate +- sigma delay, s error, sigmas both"
     )
-    assert table.rows[1][1:] == (Number(2.0, shown="2"), "–", "", "")
-    assert getattr(prose, "text", "").lower().count("a sentence") == 40
+    assert " ".join(first.split()) == "L 1/s -1.50 0.10 0.05 +1.5 1.00 +- 0.25 beyond"
+    assert second.split() == ["M", "2", "-", "-"]
+    assert third.split() == ["N", "m", "not", "determined", "-"]
+    assert len(rest) == 4 and rest[-1] == "  a note" and not rest[0].startswith(" ")
+    assert text.isascii()
 
 
-def test_known_units_are_taken_by_row_and_by_heading() -> None:
-    table = rows_table(
-        "t",
-        ("state", "L", "final"),
-        [("q", "1.0", "2.0"), ("other", "3", "4")],
-        units={"q": "rad/s", "L": "1/s"},
-    )
-    assert table.units == ("rad/s", "1") and [c.unit for c in table.columns] == [
-        None,
-        "1/s",
-        BY_ROW,
-    ]
+def test_a_page_and_its_json_have_the_same_numbers_in_full() -> None:
+    shown = DOCUMENT[0]
+    assert isinstance(shown, Table) and shown.units == ("1/s", "1", "m")
+    exact = Number(1.0 / 3.0, 0.01)
+    page = replace(PAGE, sections=section("one", table("t", (Column("x", "s"), [exact]))))
+    assert exact.plain == "0.333 +- 0.010"
+    assert f'data-value="{1.0 / 3.0!r}"' in page_html(page)
+    assert f'"value": {1.0 / 3.0!r}' in json.dumps(page_content(page))
 
 
 def test_sections_without_content_are_left_out() -> None:

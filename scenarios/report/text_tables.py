@@ -11,52 +11,12 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, cast
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-
-# ---- What a command prints
-
-ENDLESS = 1_000_000  # columns: nothing is folded, no table is parted
-
-
-@dataclass(frozen=True)
-class CapturedTable:
-    """A table that was printed: its title, and of each column the heading and the cells."""
-
-    title: str
-    columns: tuple[tuple[str, tuple[str, ...]], ...]
-
-
-@dataclass
-class Capture:
-    """Stands where a console does; ``heard`` are tables and sentences in their order."""
-
-    heard: list[CapturedTable | str] = field(default_factory=list)
-    width: int = ENDLESS
-    is_terminal: bool = False
-
-    def print(self, *said: Any, **_: Any) -> None:
-        """Keep a line; empty ones only separate."""
-        text = " ".join(str(each) for each in said).strip()
-        if text:
-            self.heard.append(text)
-
-
-def captured_by(out: object) -> list[CapturedTable | str] | None:
-    """Where a listener keeps what it hears; None of a console."""
-    return out.heard if isinstance(out, Capture) else None
-
-
-def captured(show: Callable[[Console], object]) -> Sequence[CapturedTable | str]:
-    """The tables and sentences that ``show`` prints."""
-    listener = Capture()
-    show(cast("Console", listener))
-    return listener.heard
 
 
 # ---- Paragraphs that fit a terminal
@@ -135,9 +95,6 @@ def print_paragraph(out: Console, text: str, indent: int = 2) -> None:
     """Print a text folded at words, within the console and ``TEXT_WIDTH``, moved in by ``indent``
     columns.
     """
-    if (heard := captured_by(out)) is not None:
-        heard.append(text)
-        return
     margin = " " * indent
     print_lines(out, folded(text, min(out.width - 1, TEXT_WIDTH), margin, margin))
 
@@ -196,14 +153,6 @@ def table_lines(
 
 def print_table(out: Console, title: str, columns: Sequence[TableColumn], keys: int = 1) -> None:
     """Print a table on a console, as wide as that is, its title bold."""
-    if (heard := captured_by(out)) is not None:
-        if columns and columns[0].cells:
-            heard.append(
-                CapturedTable(
-                    title, tuple((column.heading, tuple(column.cells)) for column in columns)
-                )
-            )
-        return
     lines = table_lines(columns, width=out.width, keys=keys)
     for line in wrapped(title, out.width) if title and lines else ():
         out.print(line, style="bold", highlight=False, markup=False, soft_wrap=True)

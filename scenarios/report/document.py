@@ -14,22 +14,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from scenarios.files.sources import versions
-from scenarios.terminal.quantities import determined, number_text
-from scenarios.terminal.summary import Summary
+from scenarios.report.quantities import determined, number_text, value_parts
+from scenarios.report.summary import Summary
 from sim.errors import ModelError
 
 # ---- What stands in a cell of a page
 
 PURE = "1"  # the unit of counts, shares and ratios
+SIGMAS = "σ"  # the unit of an error in its own standard deviations
 UNDETERMINED = "not determined"
-_DIGITS = r"(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?"
-_UNIT = r" (?:%|sigma|deg(?:/s2?)?|rad(?:/s2?)?|m?s|Hz|m(?:/s2?)?|g|kg|N)"
-_QUANTITY = re.compile(
-    rf"(?:<|> ?|over )?(?P<value>[+-]?{_DIGITS})(?: (?:\+-|±) "
-    rf"(?P<sigma>{_DIGITS}))?(?P<unit>{_UNIT})?(?P<mark> ?\*| \(bound\))?"
-)  # "<1e-300" and "over +900 %" sort by their number
-
-
 _BELOW = re.compile(r"(?:[A-Za-z0-9][A-Za-z0-9._+-]*/)*[A-Za-z0-9][A-Za-z0-9._+-]*")
 
 
@@ -39,8 +32,8 @@ class Number:
     column or row).
 
     ``digits`` are behind the point; None takes as many as the sigma makes sensible, five
-    significant ones without it. ``signed`` shows a plus. ``shown`` replaces the number on the page,
-    which still sorts by it.
+    significant ones without it. ``signed`` shows a plus. ``shown`` replaces the digits of the value
+    and ``shown_sigma`` those of the sigma; a page still sorts and copies the value itself.
 
     Raises ModelError for a value or a sigma that is not finite.
     """
@@ -51,6 +44,7 @@ class Number:
     digits: int | None = None
     signed: bool = False
     shown: str = ""
+    shown_sigma: str = ""
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.value) or not (self.sigma is None or math.isfinite(self.sigma)):
@@ -61,17 +55,35 @@ class Number:
             )
 
     @property
-    def text(self) -> str:
-        """As it stands on the page, with its own unit if it has one."""
+    def value_text(self) -> str:
+        """The value alone, in the characters of a terminal."""
         if self.shown:
             return self.shown
         sign = "+" if self.signed and self.value >= 0 else ""
-        unit = f" {self.unit}" if self.unit not in ("", PURE) else ""
         if self.digits is not None:
-            sigma = f" ± {self.sigma:.{self.digits}f}" if self.sigma else ""
-            return signs(f"{sign}{self.value:.{self.digits}f}{sigma}{unit}")
-        sigma = f" ± {number_text(self.sigma, self.sigma)}" if self.sigma else ""
-        return signs(f"{sign}{number_text(self.value, self.sigma)}{sigma}{unit}")
+            return f"{sign}{self.value:.{self.digits}f}"
+        return f"{sign}{number_text(self.value, self.sigma)}"
+
+    @property
+    def sigma_text(self) -> str:
+        """The sigma alone; empty where there is none."""
+        if not self.sigma:
+            return ""
+        if self.shown_sigma or self.digits is None:
+            return self.shown_sigma or number_text(self.sigma, self.sigma)
+        return f"{self.sigma:.{self.digits}f}"
+
+    @property
+    def plain(self) -> str:
+        """Value, sigma and its own unit as a terminal shows them: ``-1.66 +- 0.02 s``."""
+        sigma = f" +- {self.sigma_text}" if self.sigma_text else ""
+        unit = "" if self.shown or self.unit in ("", PURE) else f" {self.unit}"
+        return f"{self.value_text}{sigma}{unit}"
+
+    @property
+    def text(self) -> str:
+        """The same in the signs of print."""
+        return signs(self.plain.replace(" sigma", " σ"))
 
 
 @dataclass(frozen=True)
@@ -93,6 +105,7 @@ class Link:
 
 
 Cell = Number | Link | str
+MISSING = "–"  # of a quantity that there is not
 
 
 def estimate(value: float, sigma: float | None, unit: str = "") -> Cell:
@@ -104,34 +117,35 @@ def estimate(value: float, sigma: float | None, unit: str = "") -> Cell:
     return Number(value, sigma if sigma else None, unit)
 
 
+def brief_estimate(value: float, sigma: float, mark: str = "") -> Cell:
+    """An estimate with one digit of its sigma, as ``value_text`` shows it; ``mark`` follows it."""
+    if sigma == 0.0 and value != 0.0:
+        return Number(value, shown=f"{value:.5g} (bound)")
+    if not determined(value, sigma):
+        return UNDETERMINED
+    shown, spread = value_parts(value, sigma)
+    return Number(value, sigma, shown=shown, shown_sigma=f"{spread}{mark}")
+
+
 def known(
     value: float | None, digits: int | None = None, *, signed: bool = False, unit: str = ""
 ) -> Cell:
     """A number where there is one, else a dash."""
-    return (
-        "–"
-        if value is None or not math.isfinite(value)
-        else Number(value, None, unit, digits, signed)
-    )
+    if value is None or not math.isfinite(value):
+        return MISSING
+    return Number(value, None, unit, digits, signed)
 
 
-def read_cell(text: str) -> Cell:
-    """What a printed table says: a finite number (with its sigma, and per cent), else the words."""
-    found = _QUANTITY.fullmatch(text.strip())
-    if (
-        found is None
-        or not math.isfinite(float(found["value"]))
-        or not math.isfinite(float(found["sigma"] or 0.0))
-    ):
-        return signs(text) if text.strip() not in ("-", "") else ("–" if text.strip() else "")
-    value, sigma = float(found["value"]), found["sigma"]
-    unit = (found["unit"] or "").strip().replace("sigma", "σ")
-    return Number(
-        value,
-        float(sigma) if sigma else None,
-        unit,
-        shown=signs(text.strip().replace(" sigma", " σ")),
-    )
+def counted(value: int) -> Number:
+    """A whole number."""
+    return Number(value, digits=0)
+
+
+def formatted(value: float | None, form: str, unit: str = "") -> Cell:
+    """A number shown by a format such as ``+.2f``; a dash where there is none."""
+    if value is None or not math.isfinite(value):
+        return MISSING
+    return Number(value, None, unit, shown=format(value, form))
 
 
 def signs(text: str) -> str:
@@ -164,7 +178,7 @@ def capital(text: str) -> str:
     """The first letter large, but for names of parameters, effects and files."""
     first = text.split(" ", 1)[0]
     return (
-        text if any(mark in first.rstrip(".:") for mark in "_.:-") else text[:1].upper() + text[1:]
+        text if any(mark in first.rstrip(".:") for mark in "_.:-/") else text[:1].upper() + text[1:]
     )
 
 
@@ -178,8 +192,8 @@ TONES = ("good", "fair", "open", "plain")
 
 @dataclass(frozen=True)
 class Prose:
-    """A paragraph; ``kind`` is ``""``, ``"note"``, ``"warning"`` or ``"code"``; ``term`` stands
-    before it, bold.
+    """A paragraph; ``kind`` is ``""``, ``"note"``, ``"value"``, ``"warning"`` or ``"code"``, of
+    which the first two are shown as sentences; ``term`` stands before it, bold.
     """
 
     text: str
@@ -207,11 +221,20 @@ class Fold:
 class Column:
     """A heading, and the unit of its numbers: None of words, ``BY_ROW``, ``"1"`` of counts and
     ratios. ``code``: hashes and names of files.
+
+    The rest is for a terminal alone: ``printed`` replaces heading and unit; ``left`` and ``right``
+    place cells against the rule, words at the left; ``beside`` keeps the column in one block with
+    the one before it; ``together`` shows values and sigmas in one column.
     """
 
     heading: str
     unit: str | None = None
     code: bool = False
+    printed: str = field(default="", compare=False)
+    left: bool = field(default=False, compare=False)
+    right: bool = field(default=False, compare=False)
+    beside: bool = field(default=False, compare=False)
+    together: bool = field(default=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -263,6 +286,20 @@ class Table:
             raise ModelError(
                 f"the number {cell} stands as a word", where=where, remedy="make it a Number"
             )
+
+
+def table(
+    caption: str, *columns: tuple[Column, Sequence[Cell]] | None, units: Sequence[str] = ()
+) -> Table:
+    """A table that is given by columns with their cells; None stands for a column left out."""
+    there = [each for each in columns if each is not None]
+    rows = tuple(zip(*(cells for _, cells in there), strict=True))
+    return Table(
+        caption,
+        tuple(column for column, _ in there),
+        rows,
+        tuple(unit or PURE for unit in units),
+    )
 
 
 @dataclass(frozen=True)

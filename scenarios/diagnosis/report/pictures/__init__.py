@@ -1,1 +1,0 @@
-"""Which figures a diagnosis gets, what they show of it, and the process that draws them."""
