@@ -173,6 +173,19 @@ def estimate_responses(
         what = f"{len(first.references)} references for {q} inputs"
         raise RecordError(what, where="reference", remedy="name one reference for each input")
     segments = _segments([each.stacked for each in records], step, frequency, spectra)
+    return responses_of_segments(segments, frequency, spectra, m, q, joint)
+
+
+def responses_of_segments(
+    segments: Segments, frequency: np.ndarray, spectra: Spectra, m: int, q: int, joint: bool
+) -> FrequencyResponses:
+    """Estimate the responses from transforms of ``m`` outputs, ``q`` inputs and, where ``joint``,
+    ``q`` references, in this order.
+
+    Raises
+    ------
+    RecordError : a frequency too low for every window.
+    """
     z, left = slice(m, m + q), slice(m + q, m + 2 * q) if joint else slice(m, m + q)
     usable_rows = segments.usable(frequency) | (spectra.tapers > 0)
     if not usable_rows.any(axis=0).all():
