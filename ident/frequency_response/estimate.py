@@ -358,12 +358,18 @@ def _usable(found: FrequencyResponses) -> np.ndarray:
             if found.joint:
                 partial = np.minimum(found.coherence[output], found.input_coherence[one])
             smooth = median_filter(partial, size=min(_SIMILAR, partial.size), mode="nearest")
-            good = smooth >= found.spectra.least_coherence
-            edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
-            runs = list(zip(edges[::2], edges[1::2] - 1, strict=True))
-            if runs:
-                first, last = max(runs, key=lambda run: (log[run[1]] - log[run[0]], -run[0]))
-                out[output, one, first : last + 1] = True
+            out[output, one] = longest_run(smooth >= found.spectra.least_coherence, log)
+    return out
+
+
+def longest_run(good: np.ndarray, log: np.ndarray) -> np.ndarray:
+    """The longest stretch of ``good`` ``(F,)``, bool, by the logarithm of the frequency."""
+    out = np.zeros(good.size, dtype=bool)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
+    runs = list(zip(edges[::2], edges[1::2] - 1, strict=True))
+    if runs:
+        first, last = max(runs, key=lambda run: (log[run[1]] - log[run[0]], -run[0]))
+        out[first : last + 1] = True
     return out
 
 

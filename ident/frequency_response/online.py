@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ident.frequency_response.estimate import (
     FrequencyResponses,
     Spectra,
+    longest_run,
     responses_of_segments,
 )
 from ident.frequency_response.segments import (
@@ -31,6 +32,7 @@ from ident.frequency_response.segments import (
 )
 from sim.errors import DeclarationError
 
+HALF_LOBE = 1.0  # over the window's length: half of the half width of a Hann window's main lobe
 MEMORY = 600.0  # s, after which a window is forgotten
 _LINE = 2  # rows behind the signals: their sums, plain and times the time in the block
 
@@ -170,9 +172,38 @@ def estimated(stream: OnlineResponses) -> FrequencyResponses | None:
     if not there.any():
         return None
     known = Segments(transforms[..., there], segments.windows, segments.lengths, overlap)
-    return responses_of_segments(
-        known, stream.frequency[there], stream.spectra, stream.outputs, stream.inputs, stream.joint
+    frequency = stream.frequency[there]
+    found = responses_of_segments(
+        known, frequency, stream.spectra, stream.outputs, stream.inputs, stream.joint
     )
+    return replace(found, usable=_excited_runs(stream, known, found))
+
+
+def _excited_runs(
+    stream: OnlineResponses, segments: Segments, found: FrequencyResponses
+) -> np.ndarray:
+    """The usable bands ``(m, q, F)`` without frequencies that no excitation has reached yet.
+
+    Before a sweep reaches a frequency, what its transform holds has leaked from where the sweep
+    is: coherent, and the response of there. A component that is d/length off the frequency has
+    2 pi d/length times as large a transform under the window's derivative. Where the root mean
+    square of d exceeds half of the main lobe, the power lies elsewhere.
+    """
+    m, q = stream.outputs, stream.inputs
+    usable = segments.usable(found.frequency)
+    counts = np.maximum(np.bincount(segments.windows, minlength=len(segments.lengths)), 1)
+    share = usable / counts[segments.windows][:, None]
+    length = np.array(segments.lengths)[segments.windows][:, None] / (2.0 * math.pi)
+    out = np.zeros_like(found.usable)
+    log = np.log(found.frequency)
+    for one in range(q):
+        plain, under = segments.transforms[m + q + one if stream.joint else m + one, :2]
+        power = np.sum(share * np.abs(plain) ** 2, axis=0)
+        away = np.sum(share * np.abs(length * under) ** 2, axis=0)
+        excited = away <= HALF_LOBE**2 * power
+        for output in range(m):
+            out[output, one] = longest_run(found.usable[output, one] & excited, log)
+    return out
 
 
 def _add(stream: OnlineResponses, window: _Window, samples: np.ndarray) -> None:
