@@ -645,6 +645,7 @@ def design(
     duration: float | None = None,
     rate: float | None = None,
     band: tuple[float, float] | None = None,
+    pilot: bool = False,
 ) -> Design:
     """Design a maneuver of each kind and compare them: ``flightid design`` in Python.
 
@@ -656,7 +657,7 @@ def design(
     value, noise, amplitude : derivatives, noise by output, largest deflection by input; numbers in
     SI or texts with a unit. duration, rate : s, samples a second. band : Hz; a sweep and multisines
     over it, compared by the
-        frequency responses to expect (``coherence``).
+        frequency responses to expect (``coherence``). pilot : the sweep is flown by hand.
 
     Raises
     ------
@@ -683,6 +684,7 @@ def design(
                 duration,
                 rate,
                 band,
+                pilot,
             )
         )
     )

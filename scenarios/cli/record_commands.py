@@ -174,6 +174,18 @@ Airspeed = Annotated[
     float | None,
     typer.Option("--airspeed", metavar="V", help="m/s; n/alpha and CAP of a fitted pitch rate."),
 ]
+PilotBandwidth = Annotated[
+    float | None,
+    typer.Option(
+        "--pilot",
+        metavar="RAD/S",
+        help="With --bandwidth: Neal and Smith's pilot at this closed-loop bandwidth, rad/s.",
+    ),
+]
+PilotDelay = Annotated[
+    float | None,
+    typer.Option("--pilot-delay", metavar="S", help="Delay of that pilot, s: 0.25."),
+]
 Coherence = Annotated[
     float, typer.Option("--coherence", metavar="C", help="Least coherence of the usable band.")
 ]
@@ -204,6 +216,8 @@ def response(
     margins: Margins = None,
     levels: Levels = None,
     airspeed: Airspeed = None,
+    pilot: PilotBandwidth = None,
+    pilot_delay: PilotDelay = None,
     out: Out = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
@@ -234,6 +248,7 @@ def response(
             (levels, airspeed),
             told.out,
             told.figures,
+            (pilot, pilot_delay),
         )
 
 

@@ -16,7 +16,7 @@ from scenarios.prediction import PredictionRequest, predict_record, prediction_t
 from scenarios.preparation.drafting import Draft, drafted, map_text, vehicle_text
 from scenarios.preparation.plan import Plan, Request, plan_of
 from scenarios.responses.analysis import ResponseOptions, responses_of
-from scenarios.responses.fitting import FitOptions, LevelOptions
+from scenarios.responses.fitting import FitOptions, LevelOptions, pilot_demand
 from scenarios.responses.reading import Names
 from scenarios.responses.report import print_responses
 from scenarios.terminal.progress import progress_bar
@@ -184,13 +184,14 @@ def respond(
     levels: tuple[str | None, float | None],
     out: Path | None,
     figures: Formats,
+    pilot: tuple[float | None, float | None] = (None, None),
 ) -> None:
     """Read, estimate, write the folder, print.
 
     ``names`` : inputs, outputs, references. ``options`` : band, windows, tapers, least coherence.
     ``fit`` : forms, fixed parameters, shared poles. ``bandwidth`` : rate or attitude, what the
     outputs are. ``margins`` : minus or plus, how the loop takes back the output. ``levels`` : class
-    and category, airspeed.
+    and category, airspeed. ``pilot`` : closed-loop bandwidth, rad/s, and delay, s.
     """
     found = responses_of(
         request,
@@ -200,6 +201,7 @@ def respond(
         bandwidth,
         margins,
         LevelOptions(*levels),
+        pilot_demand(*pilot),
     )
     if out is not None:
         from scenarios.responses.report import write_responses

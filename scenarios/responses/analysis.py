@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ident.flying_qualities.pilot_in_loop import PilotDemand
 from ident.frequency_response import (
     LEAST_COHERENCE,
     FrequencyResponses,
@@ -157,12 +158,14 @@ def responses_of(
     bandwidth: str | None = None,
     margins: str | None = None,
     limits: LevelOptions = NO_LEVELS,
+    pilot: PilotDemand | None = None,
 ) -> ResponseEstimates:
     """Estimate the responses of the records of a request, pooled.
 
     ``fit`` : transfer functions. ``bandwidth`` : what the outputs are, ``"rate"`` or
     ``"attitude"``, for bandwidth and phase delay. ``margins`` : how the loop takes back the output,
     ``"minus"`` or ``"plus"``, for stability margins. ``limits`` : of the levels of fitted forms.
+    ``pilot`` : what is asked of Neal and Smith's pilot.
 
     Raises
     ------
@@ -196,7 +199,7 @@ def responses_of(
         (*cautions_of(found, direct, names), *fit_cautions(fits), *(loop.cautions if loop else ())),
         all(file.sidecar.simulated for file in files),
         fits,
-        qualities_of(found, names, bandwidth, fits, limits),
+        qualities_of(found, names, bandwidth, fits, limits, pilot),
         loop,
     )
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
 
 from ident.flying_qualities.levels import Level
+from ident.flying_qualities.pilot_in_loop import step_response
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.pages.folder import figures, write_page
@@ -41,6 +42,9 @@ from scenarios.responses.loops import (
 from scenarios.terminal.quantities import console, number_text
 from scenarios.terminal.summary import BELOW, Summary, print_summary
 from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # ---- Frequency responses in the terminal: a summary, notes, and a table for each response
 
@@ -307,6 +311,7 @@ def write_responses(
                     for n, (row, column, _) in enumerate(pairs(found), start=1)
                     if (place := (row, column)) in found.fits.places
                 ]
+            named += quality_figures(found)
             if any(each.curve is not None for each in found.qualities):
                 from scenarios.plots.low_order import figure_bandwidth
 
@@ -326,6 +331,33 @@ def write_responses(
         write_page(scratch, responses_page(found, drawn))
         write_json(scratch / MAIN, responses_content(found))
     return Path(folder)
+
+
+def quality_figures(found: ResponseEstimates) -> list[tuple[str, Callable[[], Figure]]]:
+    """Names and makers of the charts of flying qualities and of the steps of fitted responses."""
+    from scenarios.plots.flying_qualities import charts_of, figure_qualities, figure_steps
+
+    charts = [each for each in found.qualities if charts_of(each)]
+    out: list[tuple[str, Callable[[], Figure]]] = [
+        (
+            f"qualities_{n}" if len(charts) > 1 else "qualities",
+            partial(figure_qualities, found, n - 1),
+        )
+        for n in range(1, len(charts) + 1)
+    ]
+    places = [] if found.fits is None else list(found.fits.places)
+    steady = [
+        place
+        for place in places
+        if found.fits is not None
+        and (fitted := found.fits.of(*place)) is not None
+        and step_response(fitted[0]) is not None
+    ]
+    out += [
+        (f"step_{n}" if len(steady) > 1 else "step", partial(figure_steps, found, *place))
+        for n, place in enumerate(steady, start=1)
+    ]
+    return out
 
 
 def response_columns(found: ResponseEstimates, row: int, column: int) -> dict[str, np.ndarray]:
