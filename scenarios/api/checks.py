@@ -35,6 +35,7 @@ from scenarios.plots.formats import formats_wanted
 from scenarios.preparation.maneuver_file import Parts
 from scenarios.responses import analysis
 from scenarios.responses.fitting import FitOptions, LevelOptions, pilot_demand
+from scenarios.responses.model_fits import ModelOptions
 from scenarios.responses.reading import Names
 from sim.errors import DeclarationError
 
@@ -524,6 +525,8 @@ def frequency_response(
     airspeed: float | None = None,
     pilot: float | None = None,
     pilot_delay: float | None = None,
+    model: str | None = None,
+    vehicle: str | PathLike[str] | None = None,
 ) -> FrequencyResponse:
     """Estimate frequency responses from records: ``flightid response`` in Python.
 
@@ -548,6 +551,8 @@ def frequency_response(
     airspeed : m/s: n/alpha and CAP of a fitted ``"pitch"``.
     pilot : rad/s, closed-loop bandwidth of Neal and Smith's pilot; needs ``bandwidth``.
         pilot_delay : s, of that pilot; None takes 0.25.
+    model, vehicle : a linear model, built in or the path of your own, fitted to all responses at
+        once, with the file of its constants and starting values. ``fix`` holds its parameters.
 
     Raises
     ------
@@ -571,6 +576,7 @@ def frequency_response(
             margins,
             LevelOptions(levels, airspeed),
             pilot_demand(pilot, pilot_delay),
+            ModelOptions(model, None if vehicle is None else Path(vehicle)),
         )
     )
 

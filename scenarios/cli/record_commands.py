@@ -182,6 +182,19 @@ PilotBandwidth = Annotated[
         help="With --bandwidth: Neal and Smith's pilot at this closed-loop bandwidth, rad/s.",
     ),
 ]
+FittedModel = Annotated[
+    str | None,
+    typer.Option(
+        "--model",
+        metavar="M",
+        autocompletion=of("rigid", "lateral", "longitudinal", "loes"),
+        help="Fit this linear model to all responses at once: built in, or your own file.",
+    ),
+]
+ModelVehicle = Annotated[
+    Path | None,
+    typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values of --model."),
+]
 PilotDelay = Annotated[
     float | None,
     typer.Option("--pilot-delay", metavar="S", help="Delay of that pilot, s: 0.25."),
@@ -218,6 +231,8 @@ def response(
     airspeed: Airspeed = None,
     pilot: PilotBandwidth = None,
     pilot_delay: PilotDelay = None,
+    model: FittedModel = None,
+    vehicle: ModelVehicle = None,
     out: Out = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
@@ -249,6 +264,7 @@ def response(
             told.out,
             told.figures,
             (pilot, pilot_delay),
+            (model, vehicle),
         )
 
 

@@ -17,6 +17,7 @@ from scenarios.preparation.drafting import Draft, drafted, map_text, vehicle_tex
 from scenarios.preparation.plan import Plan, Request, plan_of
 from scenarios.responses.analysis import ResponseOptions, responses_of
 from scenarios.responses.fitting import FitOptions, LevelOptions, pilot_demand
+from scenarios.responses.model_fits import ModelOptions
 from scenarios.responses.reading import Names
 from scenarios.responses.report import print_responses
 from scenarios.terminal.progress import progress_bar
@@ -185,6 +186,7 @@ def respond(
     out: Path | None,
     figures: Formats,
     pilot: tuple[float | None, float | None] = (None, None),
+    model: tuple[str | None, Path | None] = (None, None),
 ) -> None:
     """Read, estimate, write the folder, print.
 
@@ -192,6 +194,7 @@ def respond(
     ``fit`` : forms, fixed parameters, shared poles. ``bandwidth`` : rate or attitude, what the
     outputs are. ``margins`` : minus or plus, how the loop takes back the output. ``levels`` : class
     and category, airspeed. ``pilot`` : closed-loop bandwidth, rad/s, and delay, s.
+    ``model`` : a linear model to fit, and its vehicle file.
     """
     found = responses_of(
         request,
@@ -202,6 +205,7 @@ def respond(
         margins,
         LevelOptions(*levels),
         pilot_demand(*pilot),
+        ModelOptions(*model),
     )
     if out is not None:
         from scenarios.responses.report import write_responses

@@ -393,6 +393,8 @@ class EstimatedResponses(Protocol):
     def qualities(self) -> Any: ...
     @property
     def loop(self) -> Any: ...
+    @property
+    def model(self) -> Any: ...
     def unit(self, output: str, one: str) -> str: ...
 
 
@@ -425,6 +427,13 @@ def figure_response(estimate: EstimatedResponses, row: int = 0, column: int = 0)
         line: dict[str, Any] = {"color": BLACK, "linewidth": 1.0, "linestyle": (0, (5, 2))}
         size.plot(f, 20.0 * np.log10(np.abs(model)), label=f"fitted: {fitted[0].form.name}", **line)
         angle.plot(f, phase + np.degrees(np.angle(model / response)), **line)
+    modelled = estimate.model.of(row, column) if estimate.model is not None else None
+    if modelled is not None:
+        at, model = modelled[0] / (2.0 * np.pi), modelled[1]
+        line = {"color": VERMILION, "linewidth": 1.0, "linestyle": (0, (5, 2))}
+        size.plot(at, 20.0 * np.log10(np.abs(model)), label=estimate.model.model, **line)
+        near = phase[usable] + np.degrees(np.angle(model / response[usable]))
+        angle.plot(at, near, **line)
     several = found.response.shape[1] > 1
     likeness.plot(f, found.coherence[row], color=BLUE, linewidth=1.2)
     if several:

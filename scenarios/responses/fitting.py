@@ -64,9 +64,9 @@ class FitOptions:
     shared_poles: bool = False
 
     def __post_init__(self) -> None:
-        if not self.forms and (self.fixed or self.shared_poles):
-            option = "--fix" if self.fixed else "--shared-poles"
-            raise DeclarationError("no form is named", where=option, remedy="add --fit FORM")
+        if not self.forms and self.shared_poles:
+            remedy = "add --fit FORM"
+            raise DeclarationError("no form is named", where="--shared-poles", remedy=remedy)
 
     @property
     def values(self) -> dict[str, float]:

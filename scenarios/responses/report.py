@@ -39,6 +39,7 @@ from scenarios.responses.loops import (
     margins_content,
     worst_columns,
 )
+from scenarios.responses.model_fits import model_columns, model_content, model_lines
 from scenarios.terminal.quantities import console, number_text
 from scenarios.terminal.summary import BELOW, Summary, print_summary
 from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
@@ -78,6 +79,10 @@ def print_responses(
         columns = fit_columns(found, row, column)
         if columns:
             print_table(out, "", columns)
+    if found.model is not None:
+        for line in model_lines(found.model):
+            print_paragraph(out, line, indent=0)
+        print_table(out, "", model_columns(found.model))
 
 
 def loop_tables(loop: LoopMargins) -> list[tuple[str, list[TableColumn]]]:
@@ -237,6 +242,7 @@ def responses_page(found: ResponseEstimates, drawn: Sequence[Drawn] = ()) -> Pag
             functions += printed_blocks(
                 partial(print_table, title=f"Parameters of {name}", columns=columns)
             )
+    functions += model_blocks(found)
     margins: list[Block] = []
     if found.loop is not None:
         for title, columns in loop_tables(found.loop):
@@ -331,6 +337,17 @@ def write_responses(
         write_page(scratch, responses_page(found, drawn))
         write_json(scratch / MAIN, responses_content(found))
     return Path(folder)
+
+
+def model_blocks(found: ResponseEstimates) -> list[Block]:
+    """The fitted model on the page; none where none was fitted."""
+    if found.model is None:
+        return []
+    title = f"Parameters of {found.model.model}"
+    return [
+        *(Prose(as_sentence(line)) for line in model_lines(found.model)),
+        *printed_blocks(partial(print_table, title=title, columns=model_columns(found.model))),
+    ]
 
 
 def quality_figures(found: ResponseEstimates) -> list[tuple[str, Callable[[], Figure]]]:
@@ -444,6 +461,7 @@ def responses_content(found: ResponseEstimates) -> dict[str, Any]:
         "parts": [{"name": name, "duration_s": duration} for name, duration in parts],
         "responses": responses,
         **({"fits": _fits_content(found, found.fits)} if found.fits is not None else {}),
+        **({"model_fit": model_content(found.model)} if found.model is not None else {}),
         **({"margins": margins_content(found.loop)} if found.loop is not None else {}),
         "notes": list(found.notes),
         "warnings": list(found.cautions),
