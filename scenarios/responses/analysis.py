@@ -192,7 +192,7 @@ def responses_of(
     fit = fit or FitOptions()
     if fit.fixed and not fit.forms and model.model is None:
         remedy = "add --fit FORM, or --model M"
-        raise DeclarationError("nothing is fitted", where="--fix", remedy=remedy)
+        raise DeclarationError("no form is named", where="--fix", remedy=remedy)
     fits = fits_of(found, names, fit)
     if model.model is not None and not fit.forms:
         model = replace(model, fixed=fit.values)
