@@ -551,7 +551,16 @@ def figure_bandwidth(estimate: EstimatedResponses, number: int = 0) -> Figure:
     return finish(sheet, f"{one.name}: bandwidth\n{data}; spans: 95 %")
 
 
-def figure_margins(estimate: EstimatedResponses) -> Figure:
+class EstimatedLoop(Protocol):
+    """A loop with its margins; ``simulated``: a program made its record."""
+
+    @property
+    def loop(self) -> Any: ...
+    @property
+    def simulated(self) -> bool: ...
+
+
+def figure_margins(estimate: EstimatedLoop) -> Figure:
     """The broken-loop response: gain, phase about -180 deg and distance from -1, with the margins
     marked. Raises DeclarationError where no margins were asked for."""
     loop = estimate.loop
