@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -350,12 +350,12 @@ def model_blocks(found: ResponseEstimates) -> list[Block]:
     ]
 
 
-def quality_figures(found: ResponseEstimates) -> list[tuple[str, Callable[[], Figure]]]:
+def quality_figures(found: ResponseEstimates) -> list[tuple[str, partial[Figure]]]:
     """Names and makers of the charts of flying qualities and of the steps of fitted responses."""
     from scenarios.plots.flying_qualities import charts_of, figure_qualities, figure_steps
 
     charts = [each for each in found.qualities if charts_of(each)]
-    out: list[tuple[str, Callable[[], Figure]]] = [
+    out: list[tuple[str, partial[Figure]]] = [
         (
             f"qualities_{n}" if len(charts) > 1 else "qualities",
             partial(figure_qualities, found, n - 1),
