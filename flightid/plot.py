@@ -12,12 +12,14 @@ from scenarios.api.plot import (
     maneuvers,
     mismatch,
     prediction,
+    qualities,
     reconstruction,
     record,
     replication,
     residuals,
     response,
     spectra,
+    step,
 )
 
 __all__ = [
@@ -30,10 +32,12 @@ __all__ = [
     "maneuvers",
     "mismatch",
     "prediction",
+    "qualities",
     "reconstruction",
     "record",
     "replication",
     "residuals",
     "response",
     "spectra",
+    "step",
 ]

@@ -120,6 +120,42 @@ def attitude_bandwidth(target: Target, *, rate: bool) -> Bandwidth:
     return Bandwidth(neutral, phase, gain, delay, tuple(notes))
 
 
+# rad/s and s: MIL-STD-1797A, 4.2.1.2, pitch, flight phase category A; points of its figure as in
+# the routines of C. Regan, 2006. Beyond the last point they go on level.
+PITCH_LEVELS: tuple[tuple[tuple[float, float], ...], ...] = (
+    (
+        (6.5, 0.0),
+        (6.5, 0.02),
+        (6.54, 0.03),
+        (6.6, 0.035),
+        (6.8, 0.04),
+        (7.08, 0.045),
+        (7.6, 0.05),
+        (8.16, 0.055),
+        (8.8, 0.06),
+    ),
+    (
+        (1.0, 0.0),
+        (1.0, 0.085),
+        (1.16, 0.1),
+        (1.4, 0.11),
+        (1.76, 0.12),
+        (2.08, 0.13),
+        (2.6, 0.14),
+        (3.4, 0.15),
+    ),
+)
+
+
+def pitch_bandwidth_level(bandwidth: float, delay: float) -> int:
+    """Level 1 to 3 of bandwidth, rad/s, and phase delay, s, of pitch in category A."""
+    for level, points in enumerate(PITCH_LEVELS, start=1):
+        least, delays = (np.array(each) for each in zip(*points, strict=True))
+        if delay <= delays[-1] and bandwidth >= float(np.interp(delay, delays, least)):
+            return level
+    return 3
+
+
 def dropback(function: FittedResponse) -> BandwidthQuantity | None:
     """Dropback over steady pitch rate, s: T_theta2 - 2 damping/frequency - delay, of a pitch rate
     fitted by the form ``pitch``; negative is overshoot. None for any other form.
@@ -202,13 +238,14 @@ def _line(
 @dataclass(frozen=True)
 class Parabola:
     """Value, first and second derivative by ln(omega) of a curve at a frequency; ``std`` : of the
-    value.
+    value; ``weights`` ``(F,)`` : of the curve's points in the value.
     """
 
     value: float
     slope: float
     curvature: float
     std: float
+    weights: np.ndarray
 
 
 def parabola_at(curve: Curve, values: np.ndarray, std: np.ndarray, at: float) -> Parabola:
@@ -222,10 +259,12 @@ def parabola_at(curve: Curve, values: np.ndarray, std: np.ndarray, at: float) ->
     near.sort()
     powers = np.column_stack([np.ones(near.size), x[near], x[near] ** 2])
     gain = np.linalg.pinv(powers / std[near, None]) / std[near]
-    covariance = gain @ _shared(curve, std[near], near) @ gain.T
+    covariance = gain @ shared_covariance(curve, std[near], near) @ gain.T
     found = gain @ values[near]
     spread = math.sqrt(max(float(covariance[0, 0]), 0.0))
-    return Parabola(float(found[0]), float(found[1]), 2.0 * float(found[2]), spread)
+    weights = np.zeros(curve.omega.size)
+    weights[near] = gain[0]
+    return Parabola(float(found[0]), float(found[1]), 2.0 * float(found[2]), spread, weights)
 
 
 def _phase_delay(curve: AttitudeCurve, neutral: float) -> BandwidthQuantity:
@@ -237,13 +276,13 @@ def _phase_delay(curve: AttitudeCurve, neutral: float) -> BandwidthQuantity:
     at = np.linspace(neutral, 2.0 * neutral, _EVEN)
     joined = np.array([np.interp(at, curve.omega[places], row) for row in np.eye(places.size)]).T
     gain = np.linalg.pinv(np.column_stack([np.ones(at.size), at - neutral])) @ joined
-    covariance = gain @ _shared(curve, curve.phase_std[places], places) @ gain.T
+    covariance = gain @ shared_covariance(curve, curve.phase_std[places], places) @ gain.T
     half = 0.5 * math.pi / 180.0
     slope = float(gain[1] @ curve.phase[places])
     return BandwidthQuantity(-half * slope, half * math.sqrt(max(float(covariance[1, 1]), 0.0)))
 
 
-def _shared(curve: Curve, std: np.ndarray, places: np.ndarray) -> np.ndarray:
+def shared_covariance(curve: Curve, std: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Covariance of errors that neighbours share."""
     apart = np.subtract.outer(curve.omega[places], curve.omega[places]) / (2.0 * math.pi)
     return neighbour_correlation(apart * curve.length) * np.outer(std, std)

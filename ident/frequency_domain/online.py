@@ -15,7 +15,12 @@ form:
   noise of the samples, is taken off (Soderstrom, "Errors-in-Variables Methods in System
   Identification", Springer 2018, chapter 5);
 - frequencies closer than one over the length of the stream share their errors: the covariance is
-  that of noise with the spectrum a + b omega^2 between all frequencies and equations.
+  that of noise with one spectrum between all frequencies and equations;
+- the spectrum of the residuals is at least that of the sensors' noise, which the samples show by
+  themselves; a + b omega^2 beyond it is fitted. Fitted alone the few low frequencies of a short
+  stream looked quiet by chance, and had most of the weight;
+- a sum of increments of white noise is for the most part that of its two ends at low frequencies:
+  two samples, not as many as there are frequencies.
 """
 
 from __future__ import annotations
@@ -81,9 +86,11 @@ class Sums:
     one. apart, beside : ``(F,)`` and ``(2F - 1,)``, sums of exp(-j omega t) at differences and sums
     of
         two frequencies.
-    noisy : ``(e, n, q, q)``, squares of the regressors' slopes by each state, over all samples.
-    noise : ``(n,)``, sums of the states' noise variances, times the samples ``counted``.
-    recent : ``(n, 3)``, the last samples of the states.
+    noisy : ``(e, n, q + 1, q + 1)``, squares of the slopes by each state of the regressors and,
+        last, of the known side, over all samples.
+    noise : ``(n + m,)``, sums of the noise deviations of the states and of the outputs that are no
+        states, times the samples ``counted``.
+    recent : ``(n + m, 3)``, the last samples of these. first : s, time of the first row.
     """
 
     rows: int
@@ -99,11 +106,12 @@ class Sums:
     noise: np.ndarray
     counted: np.ndarray
     recent: np.ndarray
+    first: float = 0.0
 
     @property
     def noise_variance(self) -> np.ndarray:
-        """Variance of the noise of a sample of each state, ``(n,)``."""
-        return np.asarray(self.noise / np.maximum(self.counted, 1.0))
+        """Variance of the noise of a sample of each state and reading, ``(n + m,)``."""
+        return np.asarray((self.noise / np.maximum(self.counted, 1.0)) ** 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,9 +224,10 @@ def begin(equations: OnlineEquations) -> Sums:
     """Sums over nothing."""
     e, q = len(equations.states) + len(equations.readings), len(equations.names)
     n, f = len(equations.system.states), equations.omega.size
+    watched = n + len(equations.readings)
     zero = np.zeros((e, f), dtype=complex)
     wide = np.zeros((e, q, f), dtype=complex)
-    noisy, blank = np.zeros((e, n, q, q)), np.full((n, 3), np.nan)
+    noisy, blank = np.zeros((e, n, q + 1, q + 1)), np.full((watched, 3), np.nan)
     apart, beside = np.zeros(f, dtype=complex), np.zeros(2 * f - 1, dtype=complex)
     return Sums(
         0,
@@ -231,8 +240,8 @@ def begin(equations: OnlineEquations) -> Sums:
         apart,
         beside,
         noisy,
-        np.zeros(n),
-        np.zeros(n),
+        np.zeros(watched),
+        np.zeros(watched),
         blank,
     )
 
@@ -278,8 +287,9 @@ def advance(
     out = _with_readings(
         equations, out, points, time[there], x[:, there], inputs[:, there], outputs[:, there]
     )
-    out = _with_noise(equations, out, points, times, states, held, x[:, there])
-    kept = np.concatenate([sums.recent, x[:, there]], axis=1)[:, -3:]
+    came = np.concatenate([x, outputs[list(equations.readings)]])[:, there]
+    out = _with_noise(equations, out, points, times, states, held, came)
+    kept = np.concatenate([sums.recent, came], axis=1)[:, -3:]
     return replace(
         out,
         rows=out.rows + int(there.sum()),
@@ -287,6 +297,7 @@ def advance(
         x=states[:, -1],
         u=held[:, -1],
         recent=kept,
+        first=sums.first if begun else float(times[0]),
     )
 
 
@@ -423,23 +434,27 @@ def _with_noise(
     held: np.ndarray,
     came: np.ndarray,
 ) -> Sums:
-    """With the noise of the states' samples, by their third differences, and its share of the
-    regressors.
+    """With the noise of the samples that ``came`` ``(n + m, N)``, by their third differences, and
+    the states' share of the regressors and of the known side.
     """
     rows = np.concatenate([sums.recent, came], axis=1)
     third = np.diff(rows, 3, axis=1)
     noise, counted = sums.noise.copy(), sums.counted.copy()
     for k, row in enumerate(third):
         known = row[np.isfinite(row)]
-        if known.size and equations.sources[k] >= 0:
-            noise[k] += known.size * (_NORMAL * float(np.median(np.abs(known)))) ** 2 / _THIRD
+        if known.size and (k >= len(equations.sources) or equations.sources[k] >= 0):
+            noise[k] += known.size * _NORMAL * float(np.median(np.abs(known))) / math.sqrt(_THIRD)
             counted[k] += known.size
     system, n = equations.system, len(equations.system.states)
     at, x, u = times[-1:], states[:, -1:], held[:, -1:]
     noisy = sums.noisy.copy()
     step = float(np.median(np.diff(times))) if times.size > 1 else 0.0
-    _, f = points.of(system.f, at, x, u)
-    _, h = points.of(system.h, at, x, u)
+
+    def both(function: Any, x: np.ndarray) -> np.ndarray:
+        known, slopes = points.of(function, at, x, u)
+        return np.asarray(np.concatenate([slopes, known[:, None]], axis=1))
+
+    f, h = both(system.f, x), both(system.h, x)
     for s in range(n):
         moved = x.copy()
         size = 1e-3 * max(abs(float(x[s, 0])), 1e-3)
@@ -448,7 +463,7 @@ def _with_noise(
             (system.f, f, equations.states, 0, step**2),
             (system.h, h, equations.readings, len(equations.states), 1.0),
         ):
-            slope = (points.of(function, at, moved, u)[1] - base)[:, :, 0] / size
+            slope = (both(function, moved) - base)[:, :, 0] / size
             for row, k in enumerate(which, start=first):
                 noisy[row, s] += came.shape[1] * weight * np.outer(slope[k], slope[k])
     return replace(sums, noisy=noisy, noise=noise, counted=counted)
@@ -522,9 +537,11 @@ def estimate(
         spare = 2.0 * independent - np.einsum("aef,eaf->e", gain, whole).real
         if np.any(spare < 2.0):
             return None
-        levels = _levels(residuals, equations.omega, 2.0 * independent / spare, sizes)
+        sensors = _sensor_levels(equations, sums, theta[: len(equations.names)], count)
+        known = sensors.within + sensors.ends
+        levels = _levels(residuals, equations.omega, 2.0 * independent / spare, sizes, known)
     assert found is not None
-    covariance = _covariance(gain, residuals, levels, sums, count)
+    covariance = _covariance(gain, residuals, levels, sensors, sums, equations.omega, count)
     from scipy.stats import t
 
     wide = float(t.ppf(0.975, degrees)) / 1.959964
@@ -550,7 +567,9 @@ def _regressed(
     plain[unknown, :] = plain[:, unknown] = 0.0
     taken = np.zeros_like(normal)
     p = sums.regressors.shape[1]
-    taken[:p, :p] = np.einsum("esab,s,e->ab", sums.noisy, sums.noise_variance, weights.sum(axis=1))
+    noise, n = sums.noise_variance, sums.noisy.shape[1]
+    share = sums.noisy[:, :, :p, :p]
+    taken[:p, :p] = np.einsum("esab,s,e->ab", share, noise[:n], weights.sum(axis=1))
     less = plain - taken / np.outer(scale, scale)
     values, vectors = np.linalg.eigh(plain)
     open_ = values < 1e-10 * max(float(values[-1]), 1e-300)
@@ -578,12 +597,48 @@ def _inverse(matrix: np.ndarray, values: np.ndarray, vectors: np.ndarray) -> np.
     return np.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T)
 
 
+@dataclass(frozen=True, eq=False)
+class SensorLevels:
+    """Spectrum of the residuals ``(e, F)`` that the noise of the samples makes by itself.
+
+    ``within`` : of all samples but the ends of a sum of increments. ``ends`` : of these, two
+    samples in all, whose errors all frequencies share.
+    """
+
+    within: np.ndarray
+    ends: np.ndarray
+
+
+def _sensor_levels(
+    equations: OnlineEquations, sums: Sums, theta: np.ndarray, count: float
+) -> SensorLevels:
+    """What white noise of the samples, with the variances of their third differences, leaves in the
+    residuals: of a state its increments and its share of the rates, of a reading itself."""
+    noise, e, n = sums.noise_variance, len(equations.states), sums.noisy.shape[1]
+    step = (sums.time - sums.first) / count
+    turned = np.abs(1.0 - np.exp(-1j * equations.omega * step)) ** 2
+    one = np.append(theta, 1.0)
+    shared = np.einsum("a,esab,b,s->e", one, sums.noisy, one, noise[:n])
+    within = np.tile(shared[:, None], (1, turned.size))
+    ends = np.zeros_like(within)
+    of_states = noise[list(equations.states)][:, None]
+    within[:e] += count * of_states * turned
+    within[e:] += count * noise[n:][:, None]
+    ends[:e] = 2.0 * of_states
+    return SensorLevels(within, ends)
+
+
 def _levels(
-    residuals: np.ndarray, omega: np.ndarray, larger: np.ndarray, sizes: np.ndarray
+    residuals: np.ndarray,
+    omega: np.ndarray,
+    larger: np.ndarray,
+    sizes: np.ndarray,
+    known: np.ndarray,
 ) -> np.ndarray:
-    """Spectrum a + b omega^2 of each equation's residuals, ``(e, F)``: the noise that acts on the
-    motion, and that of a differentiated sensor. ``larger`` : ``(e,)``, for what the regression
-    took."""
+    """Spectrum of each equation's residuals, ``(e, F)``: that of the samples' noise, which is
+    ``known``, and a + b omega^2 beyond it: noise that acts on the motion, and noise of sensors that
+    is not white. ``larger`` : ``(e,)``, for what the regression took.
+    """
     from scipy.optimize import nnls
 
     shapes = np.column_stack([np.ones(omega.size), (omega / omega[-1]) ** 2])
@@ -591,23 +646,31 @@ def _levels(
     for k, row in enumerate(residuals):
         power = larger[k] * np.abs(row) ** 2
         floor = 1e-24 * sizes[k] ** 2
-        level = np.full(omega.size, max(float(power.mean()), floor))
+        level = np.maximum(max(float(power.mean()), floor), known[k])
         for _ in range(3):
-            found = shapes @ nnls(shapes / level[:, None], power / level)[0]
-            level = np.maximum(found, 1e-3 * max(float(found.max()), floor))
+            found = nnls(shapes / level[:, None], (power - known[k]) / level)[0]
+            level = known[k] + shapes @ found
+            level = np.maximum(level, 1e-3 * max(float(level.max()), floor))
         out[k] = np.maximum(level, floor)
     return out
 
 
 def _covariance(
-    gain: np.ndarray, residuals: np.ndarray, levels: np.ndarray, sums: Sums, count: float
+    gain: np.ndarray,
+    residuals: np.ndarray,
+    levels: np.ndarray,
+    sensors: SensorLevels,
+    sums: Sums,
+    omega: np.ndarray,
+    count: float,
 ) -> np.ndarray:
     """Covariance of coefficients ``gain @ residuals`` for noise that frequencies and equations
-    share.
+    share; the two ends of a sum of increments are single samples.
     """
     e, f = residuals.shape
-    spread = np.sqrt(levels)
-    alike = np.real(residuals / spread @ np.conj(residuals / spread).T)
+    spread = np.sqrt(np.maximum(levels - sensors.ends, 0.0))
+    scaled = residuals / np.sqrt(levels)
+    alike = np.real(scaled @ np.conj(scaled).T)
     size = np.sqrt(np.maximum(np.diag(alike), 1e-300))
     alike = alike / np.outer(size, size)
     lag = np.subtract.outer(np.arange(f), np.arange(f))
@@ -621,4 +684,7 @@ def _covariance(
         for m in range(e):
             both = plain @ g[:, m].conj().T + turned @ g[:, m].T
             total += 0.5 * alike[k, m] * both.real
+    for at in (sums.first, sums.time):
+        reached = np.einsum("aef,f->ae", gain, np.exp(-1j * omega * at)).real
+        total += (reached * 0.5 * sensors.ends[:, 0]) @ reached.T
     return 0.5 * (total + total.T)

@@ -173,6 +173,19 @@ def estimate_responses(
         what = f"{len(first.references)} references for {q} inputs"
         raise RecordError(what, where="reference", remedy="name one reference for each input")
     segments = _segments([each.stacked for each in records], step, frequency, spectra)
+    return responses_of_segments(segments, frequency, spectra, m, q, joint)
+
+
+def responses_of_segments(
+    segments: Segments, frequency: np.ndarray, spectra: Spectra, m: int, q: int, joint: bool
+) -> FrequencyResponses:
+    """Estimate the responses from transforms of ``m`` outputs, ``q`` inputs and, where ``joint``,
+    ``q`` references, in this order.
+
+    Raises
+    ------
+    RecordError : a frequency too low for every window.
+    """
     z, left = slice(m, m + q), slice(m + q, m + 2 * q) if joint else slice(m, m + q)
     usable_rows = segments.usable(frequency) | (spectra.tapers > 0)
     if not usable_rows.any(axis=0).all():
@@ -345,12 +358,18 @@ def _usable(found: FrequencyResponses) -> np.ndarray:
             if found.joint:
                 partial = np.minimum(found.coherence[output], found.input_coherence[one])
             smooth = median_filter(partial, size=min(_SIMILAR, partial.size), mode="nearest")
-            good = smooth >= found.spectra.least_coherence
-            edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
-            runs = list(zip(edges[::2], edges[1::2] - 1, strict=True))
-            if runs:
-                first, last = max(runs, key=lambda run: (log[run[1]] - log[run[0]], -run[0]))
-                out[output, one, first : last + 1] = True
+            out[output, one] = longest_run(smooth >= found.spectra.least_coherence, log)
+    return out
+
+
+def longest_run(good: np.ndarray, log: np.ndarray) -> np.ndarray:
+    """The longest stretch of ``good`` ``(F,)``, bool, by the logarithm of the frequency."""
+    out = np.zeros(good.size, dtype=bool)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
+    runs = list(zip(edges[::2], edges[1::2] - 1, strict=True))
+    if runs:
+        first, last = max(runs, key=lambda run: (log[run[1]] - log[run[0]], -run[0]))
+        out[first : last + 1] = True
     return out
 
 

@@ -193,7 +193,7 @@ def hann_segments(
             windows.append(np.full(count, number))
             starts.append(np.column_stack([hop * np.arange(count), np.full(count, OVERLAP * hop)]))
             owners.append(np.full(count, owner))
-    overlap = _overlap(np.concatenate(starts) * step, np.concatenate(owners))
+    overlap = overlap_of(np.concatenate(starts) * step, np.concatenate(owners))
     transforms = np.concatenate(blocks, axis=2)
     return Segments(transforms, np.concatenate(windows), tuple(lengths), overlap)
 
@@ -262,16 +262,36 @@ def _hann_rows(
     A Hann window is a constant and one cosine, so each transform is a sum of three transforms
     without a window, each the sum of those of four blocks that do not overlap.
     """
+    shift = 1.0 / (OVERLAP * hop * step)
+    blocks = signals[:, : hop * (count + OVERLAP - 1)].reshape(len(signals), -1, hop)
+    parts = [
+        _product(blocks, np.exp(-2j * math.pi * step * np.outer(np.arange(hop), each)))
+        for each in (frequency, frequency - shift, frequency + shift)
+    ]
+    rows = hann_of_blocks(np.stack(parts), step, hop, frequency, derivatives)
+    start = np.exp(-2j * math.pi * np.outer(hop * np.arange(count) * step, frequency))
+    return rows * start
+
+
+def hann_of_blocks(
+    parts: np.ndarray, step: float, hop: int, frequency: np.ndarray, derivatives: int
+) -> np.ndarray:
+    """Transforms ``(S, D, B - 3, F)`` under Hann windows of four blocks in a row, each from its own
+    first sample.
+
+    Parameters
+    ----------
+    parts : complex ``(3, S, B, F)``, transforms of the blocks from their own first samples, at the
+        frequencies, and at those lower and higher by one over the window's length.
+    step : s. hop : samples of a block. derivatives : of the window, up to 2.
+    """
     size = OVERLAP * hop
-    length = size * step
+    length, count = size * step, parts.shape[2] - OVERLAP + 1
     shift = 1.0 / length
     plain = []
-    blocks = signals[:, : hop * (count + OVERLAP - 1)].reshape(len(signals), -1, hop)
-    for each in (frequency, frequency - shift, frequency + shift):
-        turns = -2j * math.pi * each * step
-        parts = _product(blocks, np.exp(np.arange(hop)[:, None] * turns))
-        late = np.exp(hop * np.arange(OVERLAP)[:, None] * turns)
-        plain.append(sum(parts[:, m : m + count] * late[m] for m in range(OVERLAP)))
+    for block, each in zip(parts, (frequency, frequency - shift, frequency + shift), strict=True):
+        late = np.exp(-2j * math.pi * step * hop * np.outer(np.arange(OVERLAP), each))
+        plain.append(sum(block[:, m : m + count] * late[m] for m in range(OVERLAP)))
     middle, below, above = plain
     energy = 1.0 / math.sqrt(0.375 * size)
     rows = [energy * (0.5 * middle - 0.25 * (below + above))]
@@ -279,11 +299,18 @@ def _hann_rows(
         rows.append(energy * (math.pi / (2j * length)) * (below - above))
     if derivatives > 1:
         rows.append(energy * (math.pi / length) ** 2 * (below + above))
-    start = np.exp(-2j * math.pi * np.outer(hop * np.arange(count) * step, frequency))
-    return np.stack(rows, axis=1) * start
+    return np.stack(rows, axis=1)
 
 
-def _overlap(spans: np.ndarray, owner: np.ndarray) -> csr_array:
+def unit_rows(step: float, hop: int, frequency: np.ndarray, derivatives: int) -> np.ndarray:
+    """Transforms ``(2, D, F)`` of one and of the centred sample numbers under a Hann window of four
+    blocks."""
+    size = OVERLAP * hop
+    line = np.stack([np.ones(size), np.arange(size) - 0.5 * (size - 1)])
+    return _hann_rows(line, step, hop, 1, frequency, derivatives)[:, :, 0]
+
+
+def overlap_of(spans: np.ndarray, owner: np.ndarray) -> csr_array:
     """Inner products ``(R, R)`` of unit Hann windows from their starts and lengths, s."""
     start, length = spans[:, 0], spans[:, 1]
     grid = np.arange(OVERLAP * _POINTS) / (OVERLAP * _POINTS)

@@ -297,15 +297,8 @@ class _Problem:
 
     def residuals(self, p: np.ndarray) -> np.ndarray:
         """Weighted errors whose squares sum to the sum of the costs."""
-        out = []
         with np.errstate(all="ignore"):
-            for target, ratio in zip(self.targets, self.ratios(p), strict=True):
-                weight = coherence_weight(target.coherence) * _POINTS / target.omega.size
-                root = np.sqrt(weight)
-                out += [_DECIBEL * root * ratio.real]
-                out += [math.sqrt(PHASE_WEIGHT) * _DEGREE * root * ratio.imag]
-        found = np.concatenate(out)
-        return np.where(np.isfinite(found), np.clip(found, -1e6, 1e6), 1e6)
+            return weighted_errors(self.targets, self.ratios(p))
 
     def searched(self, starts: Sequence[Sequence[Mapping[str, float]]]) -> tuple[np.ndarray, bool]:
         """The best end of a search from each start."""
@@ -379,19 +372,36 @@ class _Problem:
 
     def noise(self) -> np.ndarray:
         """Covariance of the weighted errors: of each response's neighbours by their windows."""
-        sizes = [target.omega.size for target in self.targets]
-        out = np.zeros((2 * sum(sizes), 2 * sum(sizes)))
-        at = 0
-        for target, size in zip(self.targets, sizes, strict=True):
-            weight = np.sqrt(coherence_weight(target.coherence) * _POINTS / size)
-            relative = target.std / np.abs(target.response)
-            apart = np.subtract.outer(target.omega, target.omega) / (2.0 * math.pi)
-            alike = neighbour_correlation(apart * target.length)
-            for factor in (_DECIBEL, math.sqrt(PHASE_WEIGHT) * _DEGREE):
-                rows = slice(at, at + size)
-                out[rows, rows] = alike * np.outer(*(2 * [factor * weight * relative]))
-                at += size
-        return out
+        return weighted_noise(self.targets)
+
+
+def weighted_errors(targets: Sequence[Target], ratios: Sequence[np.ndarray]) -> np.ndarray:
+    """Errors in dB and degrees whose squares sum to the sum of the costs, of logarithms ``ratios``
+    of model over response; of each target the gains first."""
+    out = []
+    for target, ratio in zip(targets, ratios, strict=True):
+        root = np.sqrt(coherence_weight(target.coherence) * _POINTS / target.omega.size)
+        out += [_DECIBEL * root * ratio.real]
+        out += [math.sqrt(PHASE_WEIGHT) * _DEGREE * root * ratio.imag]
+    found = np.concatenate(out)
+    return np.where(np.isfinite(found), np.clip(found, -1e6, 1e6), 1e6)
+
+
+def weighted_noise(targets: Sequence[Target]) -> np.ndarray:
+    """Covariance of ``weighted_errors``: of each response's neighbours by their windows."""
+    sizes = [target.omega.size for target in targets]
+    out = np.zeros((2 * sum(sizes), 2 * sum(sizes)))
+    at = 0
+    for target, size in zip(targets, sizes, strict=True):
+        weight = np.sqrt(coherence_weight(target.coherence) * _POINTS / size)
+        relative = target.std / np.abs(target.response)
+        apart = np.subtract.outer(target.omega, target.omega) / (2.0 * math.pi)
+        alike = neighbour_correlation(apart * target.length)
+        for factor in (_DECIBEL, math.sqrt(PHASE_WEIGHT) * _DEGREE):
+            rows = slice(at, at + size)
+            out[rows, rows] = alike * np.outer(*(2 * [factor * weight * relative]))
+            at += size
+    return out
 
 
 def neighbour_correlation(bins: np.ndarray) -> np.ndarray:

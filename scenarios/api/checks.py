@@ -34,7 +34,8 @@ from scenarios.files.channels import read_channel_map
 from scenarios.preparation.maneuver_file import Parts
 from scenarios.report.figure_formats import formats_wanted
 from scenarios.responses import analysis
-from scenarios.responses.fitting import FitOptions, LevelOptions
+from scenarios.responses.fitting import FitOptions, LevelOptions, pilot_demand
+from scenarios.responses.model_fits import ModelOptions
 from scenarios.responses.reading import Names
 from sim.errors import DeclarationError
 
@@ -469,8 +470,16 @@ class FrequencyResponse:
     @property
     def plot(self) -> plot.Figures:
         """Figures of this result: ``found.plot.response()``, ``mismatch()``, ``bandwidth()``,
-        ``loop()``."""
-        return plot.Figures(self, plot.response, plot.mismatch, plot.bandwidth, plot.loop)
+        ``qualities()``, ``step()``, ``loop()``."""
+        return plot.Figures(
+            self,
+            plot.response,
+            plot.mismatch,
+            plot.bandwidth,
+            plot.qualities,
+            plot.step,
+            plot.loop,
+        )
 
     def __repr__(self) -> str:
         some = ", ".join(f"{output}/{one}" for output in self.outputs for one in self.inputs)
@@ -514,6 +523,10 @@ def frequency_response(
     margins: str | None = None,
     levels: str | None = None,
     airspeed: float | None = None,
+    pilot: float | None = None,
+    pilot_delay: float | None = None,
+    model: str | None = None,
+    vehicle: str | PathLike[str] | None = None,
 ) -> FrequencyResponse:
     """Estimate frequency responses from records: ``flightid response`` in Python.
 
@@ -536,6 +549,10 @@ def frequency_response(
         excitation that is added.
     levels : class of aircraft and category of flight phase, ``"IV-A"``: levels of fitted forms.
     airspeed : m/s: n/alpha and CAP of a fitted ``"pitch"``.
+    pilot : rad/s, closed-loop bandwidth of Neal and Smith's pilot; needs ``bandwidth``.
+        pilot_delay : s, of that pilot; None takes 0.25.
+    model, vehicle : a linear model, built in or the path of your own, fitted to all responses at
+        once, with the file of its constants and starting values. ``fix`` holds its parameters.
 
     Raises
     ------
@@ -551,7 +568,15 @@ def frequency_response(
     wanted = FitOptions(forms, held, shared_poles)
     return FrequencyResponse(
         analysis.responses_of(
-            request, names, options, wanted, bandwidth, margins, LevelOptions(levels, airspeed)
+            request,
+            names,
+            options,
+            wanted,
+            bandwidth,
+            margins,
+            LevelOptions(levels, airspeed),
+            pilot_demand(pilot, pilot_delay),
+            ModelOptions(model, None if vehicle is None else Path(vehicle)),
         )
     )
 

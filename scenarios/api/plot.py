@@ -104,6 +104,26 @@ def bandwidth(found: Responding, number: int = 0) -> Figure:
     return shown(figure_bandwidth(found.details, number))
 
 
+def qualities(found: Responding, number: int = 0) -> Figure:
+    """Flying qualities of a response on the charts of their criteria, with levels; ``number``
+    counts those that have a chart from 0.
+    """
+    from scenarios.plots.flying_qualities import figure_qualities
+
+    return shown(figure_qualities(found.details, number))
+
+
+def step(found: Responding, number: int = 0) -> Figure:
+    """The step of a fitted response over its steady value; ``number`` counts the responses from 0,
+    outputs first.
+    """
+    from scenarios.plots.flying_qualities import figure_steps
+    from scenarios.responses.analysis import pairs
+
+    row, column, _ = _one_of(pairs(found.details), number, "responses")
+    return shown(figure_steps(found.details, row, column))
+
+
 def loop(found: Responding) -> Figure:
     """A broken-loop response with its stability margins."""
     from scenarios.plots.low_order import figure_margins

@@ -650,6 +650,7 @@ def design(
     duration: float | None = None,
     rate: float | None = None,
     band: tuple[float, float] | None = None,
+    pilot: bool = False,
 ) -> Design:
     """Design a maneuver of each kind and compare them: ``flightid design`` in Python.
 
@@ -661,7 +662,7 @@ def design(
     value, noise, amplitude : derivatives, noise by output, largest deflection by input; numbers in
     SI or texts with a unit. duration, rate : s, samples a second. band : Hz; a sweep and multisines
     over it, compared by the
-        frequency responses to expect (``coherence``).
+        frequency responses to expect (``coherence``). pilot : the sweep is flown by hand.
 
     Raises
     ------
@@ -688,6 +689,7 @@ def design(
                 duration,
                 rate,
                 band,
+                pilot,
             )
         )
     )

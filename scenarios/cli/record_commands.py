@@ -174,6 +174,31 @@ Airspeed = Annotated[
     float | None,
     typer.Option("--airspeed", metavar="V", help="m/s; n/alpha and CAP of a fitted pitch rate."),
 ]
+PilotBandwidth = Annotated[
+    float | None,
+    typer.Option(
+        "--pilot",
+        metavar="RAD/S",
+        help="With --bandwidth: Neal and Smith's pilot at this closed-loop bandwidth, rad/s.",
+    ),
+]
+FittedModel = Annotated[
+    str | None,
+    typer.Option(
+        "--model",
+        metavar="M",
+        autocompletion=of("rigid", "lateral", "longitudinal", "loes"),
+        help="Fit this linear model to all responses at once: built in, or your own file.",
+    ),
+]
+ModelVehicle = Annotated[
+    Path | None,
+    typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values of --model."),
+]
+PilotDelay = Annotated[
+    float | None,
+    typer.Option("--pilot-delay", metavar="S", help="Delay of that pilot, s: 0.25."),
+]
 Coherence = Annotated[
     float, typer.Option("--coherence", metavar="C", help="Least coherence of the usable band.")
 ]
@@ -204,6 +229,10 @@ def response(
     margins: Margins = None,
     levels: Levels = None,
     airspeed: Airspeed = None,
+    pilot: PilotBandwidth = None,
+    pilot_delay: PilotDelay = None,
+    model: FittedModel = None,
+    vehicle: ModelVehicle = None,
     out: Out = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
@@ -234,6 +263,8 @@ def response(
             (levels, airspeed),
             told.out,
             told.figures,
+            (pilot, pilot_delay),
+            (model, vehicle),
         )
 
 
@@ -593,23 +624,57 @@ def survey(
 # ---- flightid watch
 
 
+def _refuse_mixed_watch(model: str | None, margins: str | None, signals: list[str]) -> None:
+    """Raise DeclarationError unless either a model or a loop is named."""
+    if model is None and margins is None:
+        remedy = "name one, or the loop whose margins are wanted with --margins"
+        raise DeclarationError("there is no model", where="--model", remedy=remedy)
+    if model is not None and margins is not None:
+        remedy = "leave one of them out"
+        raise DeclarationError("a model and a loop", where="--model, --margins", remedy=remedy)
+    if margins is None and signals:
+        what = f"{signals[0]} is named without a loop"
+        raise DeclarationError(what, where="--input, --output", remedy="add --margins minus")
+
+
 def watch(
     record: Annotated[
         str,
         typer.Argument(metavar="RECORD|-", help="A CSV file that grows, or - for standard input."),
     ],
     model: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--model",
             metavar="M",
             autocompletion=of("loes", "rigid", "lateral", "longitudinal"),
             help="loes, rigid, lateral, longitudinal, or your own model file.",
         ),
-    ],
+    ] = None,
     vehicle: Annotated[
         Path | None,
         typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values."),
+    ] = None,
+    margins: Annotated[
+        str | None,
+        typer.Option(
+            "--margins",
+            metavar="SIGN",
+            autocompletion=of("minus", "plus"),
+            help="Instead of a model: margins of the loop of --input, --output, --excitation.",
+        ),
+    ] = None,
+    inputs: Annotated[
+        list[str] | None,
+        typer.Option("--input", metavar="A", help="With --margins: the command behind the sum."),
+    ] = None,
+    outputs: Annotated[
+        list[str] | None,
+        typer.Option("--output", metavar="B", help="With --margins: the signal that returns."),
+    ] = None,
+    excitation: Annotated[
+        str | None,
+        typer.Option("--excitation", metavar="R", help="With --margins: what is added to it."),
     ] = None,
     reference: Annotated[
         Path | None,
@@ -668,7 +733,7 @@ def watch(
         typer.Option(
             "--band",
             metavar="LOW HIGH",
-            help="Hz, of the regression in the frequency domain: 0.1 2.",
+            help="Hz, of the regression in the frequency domain: 0.1 2; of margins: 0.2 10.",
         ),
     ] = None,
     quiet: Quiet = False,
@@ -676,9 +741,19 @@ def watch(
 ) -> None:
     """Identification of a stream: rows as they arrive, estimates against a reference."""
     from scenarios.cli.options import output_options
-    from scenarios.commands.watch import watch_stream
+    from scenarios.commands.watch import watch_loop, watch_stream
+    from scenarios.watching.loop_margins import MAIN, loop_names
 
     plan = plan_of(rate=rate, columns=columns)
+    _refuse_mixed_watch(
+        model, margins, [*(inputs or ()), *(outputs or ()), *([excitation] if excitation else [])]
+    )
+    if margins is not None:
+        names = loop_names(margins, inputs or (), outputs or (), excitation)
+        with output_options(out, (), quiet=quiet, as_json=as_json, documents=[MAIN]) as told:
+            watch_loop(record, names, channels, told.out, idle, until_end, page, port, plan, band)
+        return
+    assert model is not None
     with output_options(
         out, (), quiet=quiet, as_json=as_json, documents=["comparison.json"]
     ) as told:

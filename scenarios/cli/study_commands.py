@@ -297,6 +297,10 @@ def design(
             ),
         ),
     ] = None,
+    pilot: Annotated[
+        bool,
+        typer.Option("--pilot", help="A pilot flies the sweep of --band by hand: 2 Hz at most."),
+    ] = False,
     out: Out = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
@@ -321,6 +325,7 @@ def design(
         duration,
         rate,
         band,
+        pilot,
     )
     with output_options(
         out,

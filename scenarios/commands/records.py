@@ -20,7 +20,8 @@ from scenarios.report.quantities import shown_in, unit_cell
 from scenarios.report.summary import details_in, written_to
 from scenarios.report.text_tables import TableColumn, table_lines, terminal_width
 from scenarios.responses.analysis import ResponseOptions, responses_of
-from scenarios.responses.fitting import FitOptions, LevelOptions
+from scenarios.responses.fitting import FitOptions, LevelOptions, pilot_demand
+from scenarios.responses.model_fits import ModelOptions
 from scenarios.responses.reading import Names
 from scenarios.responses.report import print_responses
 from sim.errors import DeclarationError
@@ -184,13 +185,16 @@ def respond(
     levels: tuple[str | None, float | None],
     out: Path | None,
     figures: Formats,
+    pilot: tuple[float | None, float | None] = (None, None),
+    model: tuple[str | None, Path | None] = (None, None),
 ) -> None:
     """Read, estimate, write the folder, print.
 
     ``names`` : inputs, outputs, references. ``options`` : band, windows, tapers, least coherence.
     ``fit`` : forms, fixed parameters, shared poles. ``bandwidth`` : rate or attitude, what the
     outputs are. ``margins`` : minus or plus, how the loop takes back the output. ``levels`` : class
-    and category, airspeed.
+    and category, airspeed. ``pilot`` : closed-loop bandwidth, rad/s, and delay, s.
+    ``model`` : a linear model to fit, and its vehicle file.
     """
     found = responses_of(
         request,
@@ -200,6 +204,8 @@ def respond(
         bandwidth,
         margins,
         LevelOptions(*levels),
+        pilot_demand(*pilot),
+        ModelOptions(*model),
     )
     if out is not None:
         from scenarios.responses.report import write_responses

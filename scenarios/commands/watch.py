@@ -1,5 +1,5 @@
 """`flightid watch`: a stream identified while it arrives, shown against a reference, written as it
-goes.
+goes; and the stability margins of a loop in it.
 """
 
 from __future__ import annotations
@@ -16,6 +16,15 @@ import numpy as np
 from ident.frequency_domain.online import HIGH, LOW, SPACING, frequencies
 from scenarios.files.vehicles import VehicleFile, read_vehicle, refuse_unknown_model
 from scenarios.identification.low_order import PAPER_START
+from scenarios.watching.loop_margins import (
+    LoopNames,
+    MarginPoint,
+    MarginSession,
+    finish_second,
+    refuse_short,
+)
+from scenarios.watching.loop_margins import line as loop_line
+from scenarios.watching.loop_margins import take as take_loop
 from scenarios.watching.reference import comparisons, read_reference
 from scenarios.watching.rows import (
     Fault,
@@ -84,8 +93,7 @@ def watch_stream(
 
     ``band`` : Hz, of the regression in the frequency domain; None for the usual one.
     """
-    if port is not None and not page:
-        raise DeclarationError("there is no page to serve", where="--port", remedy="add --page")
+    refuse_page(port, page)
     refuse_unknown_model(model, "--model")
     if model != LOW_ORDER and page:
         raise DeclarationError(
@@ -184,6 +192,75 @@ def _watch_in_frequency(
 
         write_spectral(out, watch, session, Path(record).name if record != PIPE else watch.name)
         print(written_to(out), flush=True)
+
+
+def watch_loop(
+    record: str,
+    names: LoopNames,
+    channels: Path | None,
+    out: Path | None,
+    idle: float | None,
+    until_end: bool,
+    page: bool,
+    port: int | None,
+    plan: Plan | None,
+    band: tuple[float, float] | None,
+) -> None:
+    """Follow a loop's signals to the end of the stream, margins every second; with a ``page`` serve
+    it until Ctrl-C. ``band`` : Hz, of the broken-loop response; None for the usual one."""
+    from scenarios.watching.loop_study import print_loop_end, served_loop, write_loop
+
+    refuse_page(port, page)
+    watch = _prepared(record, None, None, channels, False, plan, ())
+    watch.signals = names.signals
+    if out is not None and record != PIPE:
+        refuse_overwriting(Path(record), out)
+    limit = idle if idle is not None else None if record == PIPE else FILE_IDLE
+    session = MarginSession(names, watch.name, band)
+    with ExitStack() as open_until_done:
+        read = open_until_done.enter_context(_source(record, until_end))
+        live = open_until_done.enter_context(served_loop(watch, session, port)) if page else None
+
+        def show(points: list[MarginPoint], rows: np.ndarray) -> None:
+            for point in points:
+                print(loop_line(session, point, watch.left_out), flush=True)
+                if live is not None:
+                    live.point(point)
+            if live is not None:
+                live.rows(rows)
+
+        try:
+            for came in lines_of(read, limit, watch.name):
+                rows = rows_in(watch, came)
+                if rows.size:
+                    show(take_loop(session, rows), rows)
+                if came.unfinished and watch.header is not None:
+                    watch.line += 1
+                    report(watch, [Fault(watch.line, "the stream ended in the middle of it")])
+        except KeyboardInterrupt:
+            watch.reason = STOPPED
+        rows, faults, watch.order = at_end(watch.order, len(watch.signals.names))
+        report(watch, faults)
+        show([*take_loop(session, rows), *finish_second(session)], rows)
+        refuse_short(session)
+        print_loop_end(watch, session)
+        if out is not None:
+            from scenarios.report.summary import written_to
+
+            write_loop(out, watch, session, Path(record).name if record != PIPE else watch.name)
+            print(written_to(out), flush=True)
+        if live is not None:
+            from scenarios.watching.page.follow import until_interrupted
+
+            live.end()
+            if not watch.stopped:
+                until_interrupted()
+
+
+def refuse_page(port: int | None, page: bool) -> None:
+    """Raise DeclarationError for a port without a page."""
+    if port is not None and not page:
+        raise DeclarationError("there is no page to serve", where="--port", remedy="add --page")
 
 
 def _begun(watch: Watch, vehicle: VehicleFile) -> SpectralSession | None:

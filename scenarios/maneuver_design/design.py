@@ -22,6 +22,7 @@ from ident.maneuver_design import (
 )
 from scenarios.maneuver_design.coherence import Predicted, predicted_responses
 from scenarios.maneuver_design.setting import (
+    BY_HAND,
     JUST_FOUND,
     KINDS,
     OVER_A_BAND,
@@ -243,7 +244,8 @@ def design(
     effects = rivals_of(asked, setting.model)
     acting = _acting(asked, effects, _reference(setting)) if effects else ()
     found = []
-    kinds = [kind for kind in KINDS if asked.band is None or kind in OVER_A_BAND]
+    over = BY_HAND if asked.pilot else OVER_A_BAND
+    kinds = [kind for kind in KINDS if asked.band is None or kind in over]
     for number, kind in enumerate(kinds):
         progress(kind, number / len(kinds))
         best = (

@@ -60,7 +60,7 @@ class DesignRequest:
     the first effect's own parameters. values : derivatives that are better known than from the
     vehicle file. noise, amplitude : by output, by input. duration, rate : s and samples a second;
     None: as the model's roots, or the band, ask for. band : Hz; sweeps and multisines over it,
-    compared by the frequency responses that they give.
+    compared by the frequency responses that they give. pilot : a pilot flies the sweep by hand.
     """
 
     model: str | OwnModel
@@ -74,6 +74,7 @@ class DesignRequest:
     duration: float | None = None
     rate: float | None = None
     band: tuple[float, float] | None = None
+    pilot: bool = False
     command_names: Mapping[str, str] = field(default_factory=dict)
 
     def command(self) -> str:
@@ -95,6 +96,7 @@ class DesignRequest:
         words += ["--duration", f"{self.duration:g}"] if self.duration is not None else []
         words += ["--rate", f"{self.rate:g}"] if self.rate is not None else []
         words += ["--band", *(f"{each:g}" for each in self.band)] if self.band is not None else []
+        words += ["--pilot"] if self.pilot else []
         return shlex.join(words)
 
 
@@ -225,6 +227,11 @@ KINDS: Mapping[str, Callable[[Room, float], Shapes]] = {
     "multisine": multisines,
 }
 OVER_A_BAND = ("sweep", "multisine")  # kinds that take a band
+BY_HAND = ("sweep",)  # of these, what a pilot can fly
+# Hz, to which a pilot follows a sweep: Tischler and Remple, "Aircraft and Rotorcraft System
+# Identification", 2nd edition, AIAA 2012, chapter 5; Williams, Ham and Tischler, "Flight Test
+# Manual, Rotorcraft Frequency Domain Flight Testing", US Army AQTD Project 93-14, 1995.
+FASTEST_BY_HAND = 2.0
 PACE_IS = {"3-2-1-1": "step", "doublet": "step", "sweep": "up to", "multisine": "up to"}
 
 
@@ -579,8 +586,15 @@ def _frequency(model: Model, rest: Mapping[str, float]) -> float:
 def _refuse_band(asked: DesignRequest) -> None:
     """Raise DeclarationError for a band that is none, or for effects beside it."""
     if asked.band is None:
+        if asked.pilot:
+            what = "a pilot's sweep needs its band"
+            raise DeclarationError(what, where="--pilot", remedy="add --band LOW HIGH in Hz")
         return
     low, high = asked.band
+    if asked.pilot and high > FASTEST_BY_HAND:
+        what = f"a pilot does not follow a sweep to {high:g} Hz by hand"
+        remedy = f"give {FASTEST_BY_HAND:g} Hz at most, or leave --pilot out"
+        raise DeclarationError(what, where="--band, --pilot", remedy=remedy)
     if not (0.0 < 1.5 * low <= high and math.isfinite(high)):
         remedy = "give LOW HIGH in Hz, the higher one and a half times the lower or more"
         raise DeclarationError(f"{low:g} to {high:g} Hz is no band", where="--band", remedy=remedy)

@@ -393,6 +393,8 @@ class EstimatedResponses(Protocol):
     def qualities(self) -> Any: ...
     @property
     def loop(self) -> Any: ...
+    @property
+    def model(self) -> Any: ...
     def unit(self, output: str, one: str) -> str: ...
 
 
@@ -425,6 +427,13 @@ def figure_response(estimate: EstimatedResponses, row: int = 0, column: int = 0)
         line: dict[str, Any] = {"color": BLACK, "linewidth": 1.0, "linestyle": (0, (5, 2))}
         size.plot(f, 20.0 * np.log10(np.abs(model)), label=f"fitted: {fitted[0].form.name}", **line)
         angle.plot(f, phase + np.degrees(np.angle(model / response)), **line)
+    modelled = estimate.model.of(row, column) if estimate.model is not None else None
+    if modelled is not None:
+        at, model = modelled[0] / (2.0 * np.pi), modelled[1]
+        line = {"color": VERMILION, "linewidth": 1.0, "linestyle": (0, (5, 2))}
+        size.plot(at, 20.0 * np.log10(np.abs(model)), label=estimate.model.model, **line)
+        near = phase[usable] + np.degrees(np.angle(model / response[usable]))
+        angle.plot(at, near, **line)
     several = found.response.shape[1] > 1
     likeness.plot(f, found.coherence[row], color=BLUE, linewidth=1.2)
     if several:
@@ -542,7 +551,16 @@ def figure_bandwidth(estimate: EstimatedResponses, number: int = 0) -> Figure:
     return finish(sheet, f"{one.name}: bandwidth\n{data}; spans: 95 %")
 
 
-def figure_margins(estimate: EstimatedResponses) -> Figure:
+class EstimatedLoop(Protocol):
+    """A loop with its margins; ``simulated``: a program made its record."""
+
+    @property
+    def loop(self) -> Any: ...
+    @property
+    def simulated(self) -> bool: ...
+
+
+def figure_margins(estimate: EstimatedLoop) -> Figure:
     """The broken-loop response: gain, phase about -180 deg and distance from -1, with the margins
     marked. Raises DeclarationError where no margins were asked for."""
     loop = estimate.loop

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ident.flying_qualities.pilot_in_loop import PilotDemand
 from ident.frequency_response import (
     LEAST_COHERENCE,
     FrequencyResponses,
@@ -39,6 +40,7 @@ from scenarios.responses.fitting import (
     refuse_kind,
 )
 from scenarios.responses.loops import LoopMargins, loop_margins_of, refuse_loop
+from scenarios.responses.model_fits import FittedModel, ModelOptions, model_fit_of
 from scenarios.responses.reading import Names, ReadSignals, read_signals
 from sim.errors import DeclarationError, RecordError
 from sim.record import Hold
@@ -46,6 +48,7 @@ from sim.record import Hold
 if TYPE_CHECKING:
     import control
 
+NO_MODEL = ModelOptions()
 PROPORTIONAL = 0.9999  # median coherence of an input with the others, above which nothing is left
 CORRELATED = 0.5  # mean coherence of an input with the others, from which a caution says so
 DISAGREE = 0.1  # share of the usable band in which direct and joint estimate differ beyond 95 %
@@ -107,6 +110,7 @@ class ResponseEstimates:
     direct : the direct estimate besides, where references are named.
     rate : Hz, of the samples that were used. notes : what was done. cautions : what a user should
         know. simulated : a program made all records. fits : transfer functions of the responses.
+        model : a linear one that was fitted to them.
     qualities : flying qualities of the responses. loop : stability margins.
     """
 
@@ -124,6 +128,7 @@ class ResponseEstimates:
     fits: Fits | None = None
     qualities: tuple[Qualities, ...] = ()
     loop: LoopMargins | None = None
+    model: FittedModel | None = None
 
     def unit(self, output: str, one: str) -> str:
         """Unit of a response, ``"deg/s per deg"``; empty where neither signal has one."""
@@ -157,12 +162,15 @@ def responses_of(
     bandwidth: str | None = None,
     margins: str | None = None,
     limits: LevelOptions = NO_LEVELS,
+    pilot: PilotDemand | None = None,
+    model: ModelOptions = NO_MODEL,
 ) -> ResponseEstimates:
     """Estimate the responses of the records of a request, pooled.
 
     ``fit`` : transfer functions. ``bandwidth`` : what the outputs are, ``"rate"`` or
     ``"attitude"``, for bandwidth and phase delay. ``margins`` : how the loop takes back the output,
     ``"minus"`` or ``"plus"``, for stability margins. ``limits`` : of the levels of fitted forms.
+    ``pilot`` : what is asked of Neal and Smith's pilot. ``model`` : a linear model to fit.
 
     Raises
     ------
@@ -181,7 +189,15 @@ def responses_of(
         read = replace(read, hold=None)
     found, direct, step, notes = estimated(read, options)
     _refuse_proportional(found, names)
-    fits = fits_of(found, names, fit or FitOptions())
+    fit = fit or FitOptions()
+    if fit.fixed and not fit.forms and model.model is None:
+        remedy = "add --fit FORM, or --model M"
+        raise DeclarationError("no form is named", where="--fix", remedy=remedy)
+    fits = fits_of(found, names, fit)
+    if model.model is not None and not fit.forms:
+        model = replace(model, fixed=fit.values)
+    held = read.step if read.hold is Hold.PREVIOUS else None
+    fitted = model_fit_of(found, names, model, held)
     loop = loop_margins_of(found, names, margins, read, partial(_of_a_part, options, found))
     return ResponseEstimates(
         identities(files),
@@ -193,11 +209,17 @@ def responses_of(
         direct,
         1.0 / step,
         (*read.notes, *notes),
-        (*cautions_of(found, direct, names), *fit_cautions(fits), *(loop.cautions if loop else ())),
+        (
+            *cautions_of(found, direct, names),
+            *fit_cautions(fits),
+            *(fitted.cautions if fitted else ()),
+            *(loop.cautions if loop else ()),
+        ),
         all(file.sidecar.simulated for file in files),
         fits,
-        qualities_of(found, names, bandwidth, fits, limits),
+        qualities_of(found, names, bandwidth, fits, limits, pilot),
         loop,
+        fitted,
     )
 
 

@@ -16,9 +16,17 @@ from ident.flying_qualities.bandwidth import (
     attitude_bandwidth,
     attitude_curve,
     dropback,
+    pitch_bandwidth_level,
 )
 from ident.flying_qualities.fitted_forms import form_levels, form_qualities
 from ident.flying_qualities.levels import CATEGORIES, CLASSES, Level, Quality
+from ident.flying_qualities.pilot_in_loop import (
+    PILOT_DELAY,
+    NealSmith,
+    PilotDemand,
+    neal_smith,
+    pitch_overshoot,
+)
 from ident.frequency_response import FrequencyResponses
 from ident.frequency_response.transfer_function import (
     BEST,
@@ -56,9 +64,9 @@ class FitOptions:
     shared_poles: bool = False
 
     def __post_init__(self) -> None:
-        if not self.forms and (self.fixed or self.shared_poles):
-            option = "--fix" if self.fixed else "--shared-poles"
-            raise DeclarationError("no form is named", where=option, remedy="add --fit FORM")
+        if not self.forms and self.shared_poles:
+            remedy = "add --fit FORM"
+            raise DeclarationError("no form is named", where="--shared-poles", remedy=remedy)
 
     @property
     def values(self) -> dict[str, float]:
@@ -357,6 +365,24 @@ class LevelOptions:
 NO_LEVELS = LevelOptions()
 
 
+def pilot_demand(bandwidth: float | None, delay: float | None) -> PilotDemand | None:
+    """What is asked of a pilot; None without a bandwidth. Raises DeclarationError for numbers that
+    are none, or for a delay without a bandwidth."""
+    if bandwidth is None:
+        if delay is not None:
+            remedy = "add --pilot RAD/S, the closed-loop bandwidth"
+            raise DeclarationError("there is no pilot", where="--pilot-delay", remedy=remedy)
+        return None
+    late = PILOT_DELAY if delay is None else delay
+    for option, value, fine in (
+        ("--pilot", bandwidth, bandwidth > 0.0),
+        ("--pilot-delay", late, late >= 0.0),
+    ):
+        if not (fine and math.isfinite(value)):
+            raise DeclarationError(f"{value:g}", where=option, remedy="give a positive number")
+    return PilotDemand(bandwidth, late)
+
+
 @dataclass(frozen=True, eq=False)
 class Qualities:
     """Flying qualities of one response.
@@ -366,6 +392,8 @@ class Qualities:
     name : of the response. place : its row and column.
     bandwidth, curve : where a kind of output is named. dropback : where ``pitch`` is fitted, s.
     form : quantities of a fitted form. levels : of these, where limits are asked for.
+    overshoot : of the pitch rate after a step, largest over steady. pilot : of Neal and Smith, or
+        why there is none. flown : class and category of the levels.
     """
 
     name: str
@@ -375,6 +403,9 @@ class Qualities:
     dropback: BandwidthQuantity | None
     form: tuple[Quality, ...] = ()
     levels: tuple[Level, ...] = ()
+    overshoot: BandwidthQuantity | None = None
+    pilot: NealSmith | str | None = None
+    flown: tuple[str, str] | None = None
 
     @property
     def numbers(self) -> Mapping[str, tuple[BandwidthQuantity, str]]:
@@ -389,6 +420,10 @@ class Qualities:
                 "phase_delay": (self.bandwidth.delay, "s"),
             }
         found["dropback"] = (self.dropback, "s")
+        found["pitch_rate_overshoot"] = (self.overshoot, "1")
+        if isinstance(self.pilot, NealSmith):
+            found["pilot_resonance"] = (self.pilot.resonance, "dB")
+            found["pilot_compensation"] = (self.pilot.compensation, "deg")
         found |= {
             each.name: (BandwidthQuantity(each.value, each.std), each.unit) for each in self.form
         }
@@ -400,6 +435,9 @@ class Qualities:
         words = {
             "neutral_frequency": "phase of -180 deg",
             "dropback": "dropback over steady rate",
+            "pitch_rate_overshoot": "largest over steady pitch rate",
+            "pilot_resonance": "resonance of Neal and Smith's closed loop",
+            "pilot_compensation": "phase of Neal and Smith's pilot",
             "load_factor_slope": "n/alpha",
             "control_anticipation": "CAP",
             "total_delay": "equivalent delay",
@@ -418,8 +456,46 @@ class Qualities:
                 f"; {level.best} to {level.worst} within two sigmas" if level.uncertain else ""
             )
             out.append(f"{self.name}: {said}: {reached}{between} ({level.criterion.source})")
+        out += [f"{self.name}: {line}" for line in _chart_lines(self)]
         notes = self.bandwidth.notes if self.bandwidth is not None else ()
         return out + [f"{self.name}: {note}" for note in notes]
+
+
+def _chart_lines(one: Qualities) -> list[str]:
+    """Levels of criteria with two quantities, and what is said of the pilot."""
+    out = []
+    band = one.bandwidth
+    if one.flown is not None and one.flown[1] == "A" and band is not None:
+        both = (band.bandwidth, band.delay)
+        if both[0] is not None and both[1] is not None:
+            level = pitch_bandwidth_level(both[0].value, both[1].value)
+            ends = [
+                pitch_bandwidth_level(
+                    both[0].value - sign * 2.0 * both[0].std,
+                    max(both[1].value + sign * 2.0 * both[1].std, 0.0),
+                )
+                for sign in (-1.0, 1.0)
+            ]
+            out.append(
+                f"bandwidth and phase delay, if this is pitch: {level_text(level, *ends)}"
+                " (MIL-STD-1797A, 4.2.1.2, category A)"
+            )
+    if isinstance(one.pilot, str):
+        out.append(one.pilot)
+    elif one.pilot is not None:
+        found = one.pilot
+        demand = f"{found.demand.bandwidth:g} rad/s, delay {found.demand.delay:g} s"
+        out.append(
+            f"resonance at {demand}: {level_text(found.level, found.best, found.worst)}"
+            " (MIL-STD-1797A, 4.2.1.2, closed-loop criterion)"
+        )
+        out += found.notes
+    return out
+
+
+def level_text(level: int, best: int, worst: int) -> str:
+    """``"level 1; 1 to 2 within two sigmas"``."""
+    return f"level {level}" + (f"; {best} to {worst} within two sigmas" if best != worst else "")
 
 
 def refuse_kind(kind: str | None) -> None:
@@ -435,11 +511,15 @@ def qualities_of(
     kind: str | None,
     fits: Fits | None,
     limits: LevelOptions = NO_LEVELS,
+    pilot: PilotDemand | None = None,
 ) -> tuple[Qualities, ...]:
     """Flying qualities of every response with a usable band; ``kind`` : of the outputs, rate or
     attitude; None leaves bandwidth and phase delay out. ``limits`` : of the levels of fitted
-    forms."""
+    forms. ``pilot`` : what is asked of Neal and Smith's."""
     limits.refuse_unused(fits)
+    if pilot is not None and kind is None:
+        remedy = f"say what the outputs are with --bandwidth, {RATE} or {ATTITUDE}"
+        raise DeclarationError("a pilot needs an attitude", where="--pilot", remedy=remedy)
     out = []
     # With a pitch rate beside it a second-order response is that of the angle of attack.
     lateral = fits is None or all(each.form.name != PITCH for each in fits.fit.functions)
@@ -461,5 +541,13 @@ def qualities_of(
             levels = form_levels(form, *limits.parts) if limits.flown is not None else ()
             form = form if limits.flown is not None or limits.airspeed is not None else ()
             if bandwidth is not None or fall is not None or form:
-                out.append(Qualities(name, (row, column), bandwidth, curve, fall, form, levels))
+                over = pitch_overshoot(fitted[0]) if fitted is not None else None
+                closed = neal_smith(curve, pilot) if curve is not None and pilot else None
+                flown = limits.parts if limits.flown is not None else None
+                place = (row, column)
+                out.append(
+                    Qualities(
+                        name, place, bandwidth, curve, fall, form, levels, over, closed, flown
+                    )
+                )
     return tuple(out)

@@ -7,12 +7,13 @@ import io
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
 
 from ident.flying_qualities.levels import Level
+from ident.flying_qualities.pilot_in_loop import step_response
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.report.document import (
@@ -47,6 +48,10 @@ from scenarios.responses.loops import (
     margin_lines,
     margins_content,
 )
+from scenarios.responses.model_fits import model_content, model_lines, model_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # ---- Frequency responses in the terminal: a summary, notes, and a table for each response
 
@@ -77,6 +82,10 @@ def print_responses(
         for line in fit_lines(found, row, column):
             print_paragraph(out, line, indent=0)
         show_blocks(out, fit_tables(found, row, column))
+    if found.model is not None:
+        for line in model_lines(found.model):
+            print_paragraph(out, line, indent=0)
+        show_table(out, model_table(found.model))
 
 
 def quality_lines(found: ResponseEstimates) -> list[str]:
@@ -230,8 +239,9 @@ def responses_page(found: ResponseEstimates, drawn: Sequence[Drawn] = ()) -> Pag
     for row, column, name in pairs(found):
         tables.append(response_table(found, row, column))
         tables.append(Prose(f"{name}: {band_sentence(found, row, column)}.", "note"))
-        functions += [Prose(line) for line in fit_lines(found, row, column)]
+        functions += [Prose(as_sentence(line)) for line in fit_lines(found, row, column)]
         functions += fit_tables(found, row, column, f"Parameters of {name}")
+    functions += model_blocks(found)
     margins: list[Block] = []
     if found.loop is not None:
         margins += loop_tables(found.loop)
@@ -305,6 +315,7 @@ def write_responses(
                     for n, (row, column, _) in enumerate(pairs(found), start=1)
                     if (place := (row, column)) in found.fits.places
                 ]
+            named += quality_figures(found)
             if any(each.curve is not None for each in found.qualities):
                 from scenarios.plots.low_order import figure_bandwidth
 
@@ -324,6 +335,44 @@ def write_responses(
         write_page(scratch, responses_page(found, drawn))
         write_json(scratch / MAIN, responses_content(found))
     return Path(folder)
+
+
+def model_blocks(found: ResponseEstimates) -> list[Block]:
+    """The fitted model on the page; none where none was fitted."""
+    if found.model is None:
+        return []
+    title = f"Parameters of {found.model.model}"
+    return [
+        *(Prose(as_sentence(line)) for line in model_lines(found.model)),
+        model_table(found.model, title),
+    ]
+
+
+def quality_figures(found: ResponseEstimates) -> list[tuple[str, partial[Figure]]]:
+    """Names and makers of the charts of flying qualities and of the steps of fitted responses."""
+    from scenarios.plots.flying_qualities import charts_of, figure_qualities, figure_steps
+
+    charts = [each for each in found.qualities if charts_of(each)]
+    out: list[tuple[str, partial[Figure]]] = [
+        (
+            f"qualities_{n}" if len(charts) > 1 else "qualities",
+            partial(figure_qualities, found, n - 1),
+        )
+        for n in range(1, len(charts) + 1)
+    ]
+    places = [] if found.fits is None else list(found.fits.places)
+    steady = [
+        place
+        for place in places
+        if found.fits is not None
+        and (fitted := found.fits.of(*place)) is not None
+        and step_response(fitted[0]) is not None
+    ]
+    out += [
+        (f"step_{n}" if len(steady) > 1 else "step", partial(figure_steps, found, *place))
+        for n, place in enumerate(steady, start=1)
+    ]
+    return out
 
 
 def response_columns(found: ResponseEstimates, row: int, column: int) -> dict[str, np.ndarray]:
@@ -410,6 +459,7 @@ def responses_content(found: ResponseEstimates) -> dict[str, Any]:
         "parts": [{"name": name, "duration_s": duration} for name, duration in parts],
         "responses": responses,
         **({"fits": _fits_content(found, found.fits)} if found.fits is not None else {}),
+        **({"model_fit": model_content(found.model)} if found.model is not None else {}),
         **({"margins": margins_content(found.loop)} if found.loop is not None else {}),
         "notes": list(found.notes),
         "warnings": list(found.cautions),

@@ -460,7 +460,7 @@ def read_lines(
     if header.rate is not None:
         table[0] = (np.array(numbers, dtype=float) - header.first) / header.rate
     for row, (column, channel) in enumerate(zip(header.columns, signals.names, strict=True)):
-        if column is not None and channel != STICK:
+        if column is not None and channel != STICK and signals.known[channel]:
             table[row] = to_si(
                 table[row], column.unit, signals.known[channel], column_place(header.name, column)
             )

@@ -235,12 +235,19 @@ def served(watch: Watch, port: int | None) -> Iterator[Follow]:
 
     Raises DeclarationError where the port is taken.
     """
+    with served_feed(port) as feed:
+        yield Follow(watch, feed)
+
+
+@contextmanager
+def served_feed(port: int | None) -> Iterator[Feed]:
+    """Gives a feed whose page is served while the body runs."""
     feed = Feed()
     server = PageServer(feed, port)
     server.start()
     print(f"flightid: page at {server.address}", file=sys.stderr, flush=True)
     try:
-        yield Follow(watch, feed)
+        yield feed
     finally:
         server.stop()
 

@@ -34,6 +34,7 @@
       chart(by("strips"), "strip " + strip.name, caption);
       canvases.get("strip " + strip.name).setAttribute("aria-label", strip.word + " over time");
     }
+    by("h-delays").parentNode.hidden = !about.delays.length;
     by("delays").replaceChildren();
     for (const delay of about.delays) {
       const bar = make("span", undefined, "bar");

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,6 +17,7 @@ from scenarios.maneuver_design.setting import (
     DesignRequest,
     Limits,
     _frequency,
+    _refuse_band,
     _room,
     _rounded,
     limits_of,
@@ -181,3 +183,13 @@ def test_a_maneuver_is_held_by_the_output_that_reaches_its_limit_else_by_its_amp
     found = maneuver_content(design, maneuver)
     assert found["held_by"] == shown and found["sigmas"] == {"a": 1.0} and "chance" not in found
     assert found["extremes"] == {"alpha": [-0.1, 0.2]} and found["scale"] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("band", "said"), [((0.1, 3.0), "does not follow a sweep to 3 Hz"), (None, "needs its band")]
+)
+def test_a_pilot_flies_no_more_than_two_hertz(band: tuple[float, float] | None, said: str) -> None:
+    with pytest.raises(DeclarationError, match=said):
+        _refuse_band(replace(ASKED, band=band, pilot=True))
+    _refuse_band(replace(ASKED, band=(0.1, 2.0), pilot=True))
+    assert replace(ASKED, band=(0.1, 2.0), pilot=True).command().endswith("--band 0.1 2 --pilot")

@@ -1,0 +1,340 @@
+"""Stability margins of a loop in a stream: an estimate for every second while it arrives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ident.flying_qualities.stability_margins import (
+    LEVEL,
+    NORMAL,
+    Margin,
+    StabilityMargins,
+    loop_curve,
+    stability_margins,
+    turned,
+)
+from ident.frequency_response import FrequencyResponses
+from ident.frequency_response.estimate import frequencies, longest_run, window_lengths
+from ident.frequency_response.online import (
+    OnlineResponses,
+    estimated,
+    interrupt,
+    online_responses,
+)
+from ident.frequency_response.online import take as take_samples
+from ident.frequency_response.transfer_function import Target
+from scenarios.files.channel_names import CHANNEL_UNITS, TIME
+from scenarios.files.sources import versions
+from scenarios.responses.fitting import target_of
+from scenarios.responses.loops import (
+    MINUS,
+    UNITS,
+    WORDS,
+    LoopMargins,
+    interval_text,
+    margins_content,
+    refuse_loop,
+)
+from scenarios.responses.reading import Names
+from scenarios.watching.rows import StreamSignals
+from sim.errors import DeclarationError, RecordError
+
+LOW, HIGH, SAMPLES = 0.2, 10.0, 5.0  # Hz, and samples a period of the highest frequency
+BEGINNING = 2.0  # s that are collected before the rate is known
+RANDOM_ERROR = 0.2  # Tischler and Remple's limit of a usable point
+JOINED = 0.1  # of a period of the highest frequency, one sample at least: joined by a line
+SCHEMA = "flightid/margins/1"
+MAIN, HISTORY = "margins.json", "history.csv"
+
+
+@dataclass(frozen=True)
+class LoopNames:
+    """The signals of a loop: ``command`` behind the sum, ``returned`` into it with ``sign``, and
+    the ``excitation`` that is added; None where it is not recorded."""
+
+    sign: str
+    command: str
+    returned: str
+    excitation: str | None = None
+
+    @property
+    def signals(self) -> StreamSignals:
+        """What a stream is read for; units of columns stay as they are."""
+        inputs = (self.command, *([self.excitation] if self.excitation else []))
+        known = {name: CHANNEL_UNITS.get(name, "") for name in (*inputs, self.returned)}
+        return StreamSignals(inputs, (self.returned,), {TIME: "s", **known})
+
+    @property
+    def name(self) -> str:
+        """``"returned/command"``."""
+        return f"{self.returned}/{self.command}"
+
+
+def loop_names(
+    sign: str, inputs: Sequence[str], outputs: Sequence[str], excitation: str | None
+) -> LoopNames:
+    """Names as they were asked for. Raises DeclarationError where they are no single loop."""
+    references = (excitation,) if excitation else ()
+    refuse_loop(sign, Names(tuple(inputs), tuple(outputs), references))
+    return LoopNames(sign, inputs[0], outputs[0], excitation)
+
+
+@dataclass(frozen=True, eq=False)
+class MarginPoint:
+    """Margins after a second of the stream: ``time`` s; ``band`` rad/s, usable; None where no
+    frequency is."""
+
+    time: float
+    margins: StabilityMargins | None
+    band: tuple[float, float] | None
+
+
+@dataclass
+class MarginSession:
+    """A loop on its way; ``take`` changes it.
+
+    ``band`` : Hz, as asked for. ``stream`` : the recursive transforms, once the rate is known;
+    ``step`` s. ``waiting`` : rows ``(1 + S, N)`` of a second that is not over. ``last`` : the last
+    row that was taken. ``gaps`` : that were too long to be joined. ``points`` : one a second.
+    """
+
+    names: LoopNames
+    name: str
+    band: tuple[float, float] | None = None
+    stream: OnlineResponses | None = None
+    step: float = 0.0
+    waiting: list[np.ndarray] = field(default_factory=list)
+    last: np.ndarray | None = None
+    rows: int = 0
+    gaps: int = 0
+    points: list[MarginPoint] = field(default_factory=list)
+    found: FrequencyResponses | None = None
+    begun: float | None = None
+
+
+def take(session: MarginSession, rows: np.ndarray) -> list[MarginPoint]:
+    """Take rows ``(1 + S, N)``: time, command, excitation where there is one, returned; the margins
+    of the seconds that are over, whatever pieces the rows came in."""
+    if not rows.shape[1]:
+        return []
+    if session.begun is None:
+        session.begun = float(rows[0, 0])
+    cuts = np.flatnonzero(np.diff(np.floor(rows[0] - session.begun + 1e-9))) + 1
+    out = []
+    for part in np.split(rows, cuts, axis=1):
+        if session.waiting:
+            before = session.waiting[-1][0, -1] - session.begun + 1e-9
+            if np.floor(part[0, 0] - session.begun + 1e-9) > np.floor(before):
+                out += finish_second(session)
+        session.waiting.append(part)
+    return out
+
+
+def finish_second(session: MarginSession) -> list[MarginPoint]:
+    """Take the rows that wait into the transforms; the margins after them, none while the rate is
+    not known yet."""
+    if not session.waiting:
+        return []
+    block = np.concatenate(session.waiting, axis=1)
+    if session.stream is None:
+        if block[0, -1] - block[0, 0] < BEGINNING or block.shape[1] < 4:
+            return []
+        _begin(session, block)
+    session.waiting = []
+    assert session.stream is not None
+    for samples, lost in _even(session, block):
+        if lost:
+            session.gaps += 1
+            interrupt(session.stream, lost)
+        take_samples(session.stream, samples)
+    session.rows += block.shape[1]
+    session.found = estimated(session.stream)
+    session.points.append(_point(session, float(block[0, -1])))
+    return session.points[-1:]
+
+
+def _begin(session: MarginSession, block: np.ndarray) -> None:
+    """Open the transforms, with the rate that the first rows have."""
+    session.step = float(np.median(np.diff(block[0])))
+    low, high = session.band or (LOW, min(HIGH, 1.0 / (SAMPLES * session.step)))
+    if not (0.0 < low < high and math.isfinite(high)):
+        what, remedy = f"{low:g} to {high:g} Hz is no band", "give LOW HIGH in Hz, above 0"
+        raise DeclarationError(what, where="--band", remedy=remedy)
+    # The longest window holds two and a half periods of the lowest frequency, as in `response`.
+    lengths = window_lengths([2.0 * 2.5 / low], low)
+    session.stream = online_responses(
+        session.step, frequencies(low, high), lengths, joint=session.names.excitation is not None
+    )
+
+
+def _even(session: MarginSession, block: np.ndarray) -> list[tuple[np.ndarray, int]]:
+    """Samples at even steps, each stretch with the number of those that were lost before it.
+
+    Rows: returned, command, excitation. What is missing is joined by lines where it is shorter than
+    a tenth of a period of the highest frequency.
+    """
+    assert session.stream is not None
+    kept = block[:, np.all(np.isfinite(block), axis=0)]
+    if session.last is not None:
+        kept = np.concatenate([session.last[:, None], kept], axis=1)
+    if kept.shape[1] < 2 and session.last is not None:
+        return []
+    session.last = kept[:, -1].copy() if kept.shape[1] else None
+    if not kept.shape[1]:
+        return []
+    time, values = kept[0], kept[[-1, *range(1, kept.shape[0] - 1)]]
+    steps = np.maximum(np.round(np.diff(time) / session.step).astype(int), 1)
+    longest = max(2, int(JOINED / (float(session.stream.frequency[-1]) * session.step)) + 1)
+    first = 0 if session.stream.samples == 0 else 1
+    out, at, lost = [], first, 0
+    for cut in [*(np.flatnonzero(steps > longest) + 1).tolist(), time.size]:
+        stretch = slice(at, cut)
+        if cut > at:
+            places = np.concatenate([[0], np.cumsum(steps[at : cut - 1])])
+            before = steps[at - 1] if at and not lost else 1
+            grid = np.arange(1 - before if at else 0, places[-1] + 1)
+            known, rows = places, values[:, stretch]
+            if before > 1:
+                known = np.concatenate([[-before], places])
+                rows = values[:, at - 1 : cut]
+            out.append((np.array([np.interp(grid, known, row) for row in rows]), lost))
+        at, lost = cut, int(steps[cut - 1]) - 1 if cut < time.size else 0
+    return out
+
+
+def _target(session: MarginSession) -> Target | None:
+    """The broken-loop response along its usable band; None where that has less than three points.
+
+    A stream has few windows of a frequency at first. Deviations are widened to Student's
+    distribution, and besides its coherence a frequency needs a random error of at most 20 %
+    (Tischler and Remple, chapter 9): two windows are coherent whatever they hold.
+    """
+    from scipy.stats import t
+
+    found = session.found
+    if found is None:
+        return None
+    wide = t.ppf(0.5 * (1.0 + LEVEL), found.degrees) / NORMAL
+    found = replace(found, std=found.std * wide[:, None, :])
+    good = found.usable[0, 0] & (found.random_error[0, 0] <= RANDOM_ERROR)
+    usable = longest_run(good, np.log(found.frequency))
+    if np.count_nonzero(usable) < 3:
+        return None
+    target = target_of(replace(found, usable=usable[None, None]), (0, 0), session.names.name)
+    return target if session.names.sign == MINUS else turned(target)
+
+
+def _point(session: MarginSession, time: float) -> MarginPoint:
+    target = _target(session)
+    if target is None:
+        return MarginPoint(time, None, None)
+    found = stability_margins(target)
+    if found.gain_increase is None and found.phase is None:
+        # The band has not reached a crossing yet, and the least distance lies beyond it.
+        found = replace(found, distance=None)
+    return MarginPoint(time, found, (float(target.omega[0]), float(target.omega[-1])))
+
+
+def margins_of(session: MarginSession) -> LoopMargins | None:
+    """The margins after the last row; None where no frequency is usable."""
+    last = session.points[-1] if session.points else None
+    target = _target(session)
+    if last is None or last.margins is None or target is None:
+        return None
+    cautions = (
+        ()
+        if session.names.excitation
+        else (
+            "margins from the direct estimate: what noise and turbulence bring back through the "
+            "loop biases them; stream the excitation and name it with --excitation",
+        )
+    )
+    return LoopMargins(
+        session.names.name,
+        session.names.sign,
+        loop_curve(target),
+        last.margins,
+        (),
+        (),
+        (),
+        (),
+        cautions,
+    )
+
+
+def shown(point: MarginPoint) -> list[tuple[str, Margin]]:
+    """The margins of a point, by name."""
+    return [] if point.margins is None else list(point.margins.named.items())
+
+
+def line(session: MarginSession, point: MarginPoint, left_out: int) -> str:
+    """A second of the stream in one line, with 95 % intervals."""
+    told = [
+        f"{WORDS[name]} {margin.size.value:.3g} ({interval_text(margin)}) {UNITS[margin.kind]}"
+        for name, margin in shown(point)
+        if margin.kind != "distance"
+    ]
+    lost = f", {left_out} line{'s' * (left_out != 1)} left out" if left_out else ""
+    said = "; ".join(told) or "no margin is determined"
+    return f"{session.name}, {point.time:.2f} s{lost}: {said}"
+
+
+def history_csv(session: MarginSession) -> str:
+    """A line for each second: ``time``, the usable band, and of each margin its value, the ends of
+    its 95 % interval and its frequency; empty where it is not determined."""
+    head = ["time", "band_low", "band_high"]
+    head += [f"{name}{part}" for name in WORDS for part in ("", "_low", "_high", "_frequency")]
+    lines = [",".join(head)]
+    for point in session.points:
+        known = dict(shown(point))
+        cells = [f"{point.time:.10g}"]
+        cells += [f"{end:.6g}" for end in point.band] if point.band else ["", ""]
+        for name in WORDS:
+            if name not in known:
+                cells += [""] * 4
+                continue
+            one = known[name]
+            cells += [
+                f"{value:.6g}" for value in (one.size.value, one.low, one.high, one.frequency.value)
+            ]
+        lines.append(",".join(cells))
+    return "\n".join(lines) + "\n"
+
+
+def margin_content(session: MarginSession) -> dict[str, Any]:
+    """Content of ``margins.json`` without the stream's."""
+    loop = margins_of(session)
+    stream = session.stream
+    warnings = list(loop.cautions) if loop else ["no frequency is usable: no margin is determined"]
+    content: dict[str, Any] = {
+        "schema": SCHEMA,
+        "scenario": "watch",
+        "response": session.names.name,
+        "sign": session.names.sign,
+        "method": "joint input-output" if session.names.excitation else "direct",
+        "warnings": warnings,
+        "versions": versions(),
+    }
+    if stream is not None:
+        ends = stream.frequency[[0, -1]].tolist()
+        content |= {
+            "band_Hz": ends,
+            "rate_Hz": 1.0 / stream.step,
+            "windows_s": list(stream.spectra.windows),
+            "memory_s": stream.memory,
+        }
+    if loop is not None:
+        content["margins"] = margins_content(loop)
+    return content
+
+
+def refuse_short(session: MarginSession) -> None:
+    """Raise RecordError where the rate was never known."""
+    if session.stream is None:
+        what = f"less than {BEGINNING:g} s of rows that can be used"
+        raise RecordError(what, where=session.name, remedy="stream a longer maneuver")

@@ -1,0 +1,108 @@
+"""A loop whose signals arrive row by row: margins against the whole record's and the truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from scenarios.watching.loop_margins import (
+    LoopNames,
+    MarginSession,
+    finish_second,
+    history_csv,
+    loop_names,
+    margin_content,
+    margins_of,
+    take,
+)
+from sim.closed_loop.airframe import load_x29
+from sim.closed_loop.linear import loop_test, margins
+from sim.errors import DeclarationError
+
+NAMES = LoopNames("minus", "command", "returned", "sweep")
+
+
+def flown(seed: int = 1, duration: float = 60.0) -> np.ndarray:
+    """Time, command, sweep and returned signal of a sweep of the X-29-like loop, ``(4, N)``."""
+    x29 = load_x29("F")
+    time = x29.frame * np.arange(int(duration / x29.frame))
+    sweep = 0.5 * signal.chirp(time, 0.2, duration, 10.0, method="logarithmic")
+    rows = loop_test(x29, sweep, np.random.default_rng(seed))
+    return np.stack([time, rows[1], rows[0], rows[2]])
+
+
+def watched(rows: np.ndarray, pieces: int = 1, names: LoopNames = NAMES) -> MarginSession:
+    session = MarginSession(names, "loop", (0.3, 10.0))
+    for part in np.array_split(rows, pieces, axis=1):
+        take(session, part)
+    finish_second(session)
+    return session
+
+
+@pytest.fixture(scope="module")
+def rows() -> np.ndarray:
+    return flown()
+
+
+@pytest.fixture(scope="module")
+def session(rows: np.ndarray) -> MarginSession:
+    return watched(rows)
+
+
+def test_the_known_margins_are_held_as_soon_as_the_sweep_has_passed(session: MarginSession) -> None:
+    exact, last = margins(load_x29("F")), session.points[-1].margins
+    assert last is not None and last.phase is not None and last.gain_increase is not None
+    assert last.phase.low - 1.0 < exact.phase < last.phase.high + 1.0
+    assert last.gain_increase.low - 0.2 < exact.gain_increase < last.gain_increase.high + 0.2
+    # What a sweep has not reached yet has leaked from where it is: nothing is said of it.
+    early = [point for point in session.points if point.time < 20.0]
+    assert len(early) >= 15
+    assert all(point.margins is None or point.margins.phase is None for point in early)
+
+
+def test_how_rows_come_makes_no_difference(rows: np.ndarray) -> None:
+    short = rows[:, :2400]
+    one, many = watched(short), watched(short, 53)
+    assert history_csv(one) == history_csv(many)
+    assert len(one.points) == len(many.points) >= 28
+
+
+def test_gaps_are_joined_or_end_a_window(rows: np.ndarray) -> None:
+    short = rows[:, :2400].copy()
+    missing = short.copy()
+    missing[3, 700] = np.nan
+    lost = np.delete(short, np.arange(1000, 1040), axis=1)
+    assert watched(missing).gaps == 0 and watched(lost).gaps == 1
+    assert watched(missing).stream.samples == watched(short).stream.samples == 2400  # type: ignore[union-attr]
+    assert watched(lost).stream.samples == 2400  # type: ignore[union-attr]
+
+
+def test_a_missing_sample_hardly_changes_anything(rows: np.ndarray, session: MarginSession) -> None:
+    missing = rows.copy()
+    missing[3, [900, 1800, 2700]] = np.nan
+    both = [each.points[-1].margins for each in (watched(missing), session)]
+    assert both[0] is not None and both[1] is not None
+    assert both[0].phase is not None and both[1].phase is not None
+    assert both[0].phase.size.value == pytest.approx(both[1].phase.size.value, abs=0.3)
+
+
+def test_what_is_written(session: MarginSession) -> None:
+    content = margin_content(session)
+    assert content["margins"]["pooled"]["phase_margin"]["unit"] == "deg"
+    assert content["method"] == "joint input-output" and not content["warnings"]
+    lines = history_csv(session).splitlines()
+    assert len(lines) == len(session.points) + 1
+    assert {len(line.split(",")) for line in lines} == {23}
+
+
+def test_without_the_excitation_a_bias_is_said(rows: np.ndarray) -> None:
+    loop = margins_of(watched(rows[[0, 1, 3]], names=LoopNames("minus", "command", "returned")))
+    assert loop is not None and "direct estimate" in loop.cautions[0]
+
+
+def test_a_sign_and_one_signal_each_are_needed() -> None:
+    with pytest.raises(DeclarationError, match="no sign"):
+        loop_names("times", ("a",), ("b",), None)
+    with pytest.raises(DeclarationError, match="no single loop"):
+        loop_names("minus", ("a", "c"), ("b",), None)
