@@ -168,3 +168,28 @@ def test_the_loop_reports_what_is_decided() -> None:
     assert claim.probability[LATE] > 0.95
     assert claim.parameters["delay"].value == pytest.approx(0.08, abs=0.01)
     assert told.error_after.rmse["alpha"] < told.error_before.rmse["alpha"]
+
+
+def test_a_second_cause_that_brings_little_is_named_where_kinematics_name_it() -> None:
+    """A scale of q and a vane that is hardly late: the second is a hint, or named with support."""
+    both = [effect("sensor-scale:q"), effect(LATE)]
+    values = {"sensor-scale:q.scale": 1.15, "sensor-delay:alpha.delay": 0.012}
+    problem = offered([planted(both, values, seed=1)])
+    alone = decided(searched(problem))
+    assert [each.name for each in alone.named] == ["sensor-scale:q"]
+    assert [each.name for each in alone.hints] == [ARM], "it stands for a late vane"
+    assert "brings little beside another cause" in alone.hints[0].reason
+    backed = decided(searched(problem).with_kinematics([(LATE, ARM)]))
+    assert {each.name for each in backed.named} == {"sensor-scale:q", ARM}
+    assert LATE in {name for each in backed.named for name in each.alternatives}
+
+
+def test_names_need_a_residual_that_is_noise_on_data_that_were_not_fitted() -> None:
+    """Without a discrepancy nothing is named where held-out data say that no set is true."""
+    search = searched(
+        offered([planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=2)])
+    )
+    assert [each.name for each in decided(search).named] == [LATE]
+    doubted = decided(search, noise=False)
+    assert doubted.verdict is Verdict.UNEXPLAINED and doubted.named == ()
+    assert "not fitted" in doubted.hints[0].reason
