@@ -566,19 +566,10 @@ def frequency_response(
     forms = tuple(f"{k}={v}" for k, v in fit.items()) if isinstance(fit, Mapping) else _names(fit)
     held = tuple(f"{name}={float(value)!r}" for name, value in (fix or {}).items())
     wanted = FitOptions(forms, held, shared_poles)
-    return FrequencyResponse(
-        analysis.responses_of(
-            request,
-            names,
-            options,
-            wanted,
-            bandwidth,
-            margins,
-            LevelOptions(levels, airspeed),
-            pilot_demand(pilot, pilot_delay),
-            ModelOptions(model, None if vehicle is None else Path(vehicle)),
-        )
-    )
+    asked = (bandwidth, margins, LevelOptions(levels, airspeed), pilot_demand(pilot, pilot_delay))
+    fitted = ModelOptions(model, None if vehicle is None else Path(vehicle))
+    found = analysis.responses_of(request, names, options, wanted, *asked, fitted)
+    return FrequencyResponse(found)
 
 
 def _margin(one: Margin) -> dict[str, float]:

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from scenarios.report import document
-from scenarios.report.terminal import printed_columns
 from scenarios.report.text_tables import columns_of, table_lines, wrapped
 from sim.errors import FlightidError
 
 if TYPE_CHECKING:
     import pandas
+
+    from scenarios.report import document
 
 
 # ---- The one exception for bad input
@@ -54,6 +54,8 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1)
 
 def of_document(shown: document.Table) -> str:
     """A table of a report, with its units and sigmas in columns of their own."""
+    from scenarios.report.terminal import printed_columns
+
     columns = printed_columns(shown)
     rows = list(zip(*(column.cells for column in columns), strict=True))
     sides = ["left" if column.left else "right" for column in columns]

@@ -150,21 +150,13 @@ def model_fit_of(
             out.append(row * np.exp(-s * late) / between)
         return out
 
-    fixed = dict(options.fixed or {})
-    free = [name for name in system.parameters.free_names if not name.startswith("bias_")]
-    known = [*free, *([] if DELAY in free else [DELAY])]
-    for name in fixed:
-        if name not in known:
-            remedy = f"the parameters are {', '.join(known)}"
-            raise DeclarationError(f"there is no parameter {name!r}", where="--fix", remedy=remedy)
-    start = {name: system.parameters[name].value for name in free if name not in fixed}
-    if DELAY not in start and DELAY not in fixed:
-        start[DELAY] = 0.0
+    start, fixed = _starts(system, options.fixed or {})
     try:
         fit = fit_model(targets, responses, start, fixed, {DELAY: 0.0})
     except ModelError as error:
         raise DeclarationError(error.what, where="--model", remedy=error.remedy) from None
-    units = {name: system.parameters[name].unit for name in free} | {DELAY: "s"}
+    units = {name: system.parameters[name].unit for name in (*start, *fixed) if name != DELAY}
+    units |= {DELAY: "s"}
     about = "level flight" if trim is not None else "rest"
     return FittedModel(
         options.model,
@@ -179,6 +171,22 @@ def model_fit_of(
             f"response{'s' * (len(pairs) != 1)}",
         ),
     )
+
+
+def _starts(
+    system: System, fixed: Mapping[str, float]
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Starting values of what is free, a delay of all inputs included, and what is held."""
+    free = [name for name in system.parameters.free_names if not name.startswith("bias_")]
+    known = [*free, *([] if DELAY in free else [DELAY])]
+    for name in fixed:
+        if name not in known:
+            remedy = f"the parameters are {', '.join(known)}"
+            raise DeclarationError(f"there is no parameter {name!r}", where="--fix", remedy=remedy)
+    start = {name: system.parameters[name].value for name in free if name not in fixed}
+    if DELAY not in start and DELAY not in fixed:
+        start[DELAY] = 0.0
+    return start, dict(fixed)
 
 
 def _refuse_other_signals(system: System, names: Names) -> None:

@@ -296,6 +296,8 @@ def run_blocks(
     ``longest`` : s of wall time that a block may take; then it is ended, and its tasks have that as
     their error. What is ``quick`` begins here, and goes to processes if enough is left for them.
     """
+    if jobs > 1:
+        can_fork()  # refuses a start method that there is not, whether or not one is needed
     at = 0
     if longest is None:
         while at < len(blocks) and (

@@ -413,8 +413,8 @@ IDENT = (
         ("less = plain - taken / np.outer(scale, scale)", "less = plain"),
         ("_THIRD = 20.0", "_THIRD = 2.0"),
         (
-            "np.maximum(found, 1e-3 * max(float(found.max()), floor))",
-            "np.maximum(0.1 * found, 1e-3 * max(float(found.max()), floor))",
+            "level = known[k] + shapes @ found",
+            "level = 0.1 * (known[k] + shapes @ found)",
         ),
         ("total += 0.5 * alike[k, m] * both.real", "total += 0.1 * alike[k, m] * both.real"),
         (

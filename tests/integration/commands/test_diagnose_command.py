@@ -33,7 +33,6 @@ FORBIDDEN = (
     "pint",
     "pandas",
     "matplotlib.pyplot",
-    "matplotlib.figure",
 )
 WATCHED = f"""
 import sys
