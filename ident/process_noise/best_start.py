@@ -14,7 +14,8 @@ import numpy as np
 
 from ident.estimate import Outcome
 from ident.process_noise.innovations_model import SCALE, ProcessNoise, process_noise
-from ident.process_noise.whitener import Variation, discretised_noise, whitener
+from ident.process_noise.linear_noise import Variation, discretised_noise
+from ident.process_noise.whitener import whitener
 from ident.regression.equation_error import run_equation_error
 from ident.whole_record import output_error as without_process_noise
 from ident.whole_record.gauss_newton import QUIET, Fit, fit_whole_records

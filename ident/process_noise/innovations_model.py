@@ -26,19 +26,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.process_noise.whitener import (
+from ident.process_noise.linear_noise import (
     DiscretisedNoise,
-    Filtered,
     Variation,
+    discrete_motion,
+    discretised_noise,
+    linear_motion,
+)
+from ident.process_noise.whitener import (
+    Filtered,
     Whitener,
     closed_loop,
     combine_affine,
-    discrete_motion,
-    discretised_noise,
     every_node,
     filtered,
     joined,
-    linear_motion,
     rows,
     scan,
     turned,
@@ -332,8 +334,7 @@ class ProcessNoise:
 
     ``estimated`` are positions of the outputs whose level is an unknown, started at ``std``.
     ``scale`` multiplies the standard deviation of process noise declared on states, and is an
-    unknown where ``scaled``. Sensors with memory are taken as without it by the filter: their lag
-    acts on the deterministic part only. ``quick`` : slopes of the gains by what sets the noise
+    unknown where ``scaled``. ``quick`` : slopes of the gains by what sets the noise
     alone. ``least`` ``(m,)`` : smallest levels; None sets them by the start alone.
     """
 

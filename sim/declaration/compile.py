@@ -27,7 +27,9 @@ from sim.declaration.effect import (
     ParameterEffect,
     ParameterSet,
     ReadingEffect,
+    RememberingEffect,
     SensorEffect,
+    SensorMemory,
     Signal,
     Station,
     full_name,
@@ -429,6 +431,17 @@ def sensor_path_of(
     return sensor_path
 
 
+def sensor_memory_of(parts: Parts) -> Callable[[Rows], list[SensorMemory]]:
+    """``sensor_memory``: how sensors with memory show small fast motion."""
+    names = [signal.name for signal in parts.outputs]
+    sensors = [
+        (names.index(effect.channel), effect, parts.own[effect.name])
+        for effect in parts.sensors
+        if isinstance(effect, RememberingEffect)
+    ]
+    return lambda p: [SensorMemory(row, *effect.memory(own(p))) for row, effect, own in sensors]
+
+
 def noise_of(parts: Parts) -> Callable[[Rows], tuple[list[Any], list[Any]]]:
     """``noise``: spectral density of each state's forcing, measurement variance of each output."""
     model, own, dynamics, vehicle_of, outputs = (
@@ -515,6 +528,7 @@ def compile_model(
             if isinstance(effect, NoiseEffect)
             for signal in effect.states
         ),
+        sensor_memory_of(parts),
     )
     return tied_system(system, model.ties)
 
@@ -569,6 +583,7 @@ def tied_system(system: System, ties: Sequence[Tie]) -> System:
         h=lambda t, x, u, p: system.h(t, x, u, full(p)),
         sensor_path=lambda p, begin, end, steps: system.sensor_path(full(p), begin, end, steps),
         noise=lambda p: system.noise(full(p)),
+        sensor_memory=lambda p: system.sensor_memory(full(p)),
     )
 
 

@@ -303,6 +303,32 @@ class SensorEffect(Effect, Protocol):
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]: ...
 
 
+@dataclass(frozen=True)
+class SensorMemory:
+    """How a sensor shows small fast motion: ``direct`` y + (1 - ``direct``) x, x following y with a
+    first-order lag.
+
+    A lag has ``direct`` 0. A delay has -1 and half its length: Pade's approximation of first order.
+
+    Attributes
+    ----------
+    row : of the output in its System. time_constant : of x, s. direct : share of y itself.
+    """
+
+    row: int
+    time_constant: Any
+    direct: float
+
+
+@runtime_checkable
+class RememberingEffect(SensorEffect, Protocol):
+    """A sensor whose memory an algorithm can carry as a state: ``memory(p)`` gives its time
+    constant, s, and the ``direct`` share (see `SensorMemory`).
+    """
+
+    def memory(self, p: Any) -> tuple[Any, float]: ...
+
+
 @runtime_checkable
 class ReadingEffect(Effect, Protocol):
     """Acts on output channels without memory: ``read(s, y, vehicle, p)`` returns ``{channel: new

@@ -21,6 +21,7 @@ from sim.declaration.effect import (
     Effect,
     Parameter,
     ParameterSet,
+    SensorMemory,
     Signal,
     constants_needed,
     full_name,
@@ -372,6 +373,8 @@ class System:
     ``output_parameters`` only after the dynamics: an algorithm may spare itself the derivatives of
     ``f`` by them. ``stationary`` names the states of noise effects: random ones, whose start is
     drawn from their own stationary distribution.
+    ``sensor_memory(p)`` describes the
+    sensors with memory, in the order in which a signal meets them.
     """
 
     states: tuple[Signal, ...]
@@ -390,6 +393,7 @@ class System:
     sensor_path: Callable[[Rows, list[Any], list[Any], np.ndarray], tuple[list[Any], list[Any]]]
     noise: Callable[[Rows], tuple[list[Any], list[Any]]]
     stationary: frozenset[str] = frozenset()
+    sensor_memory: Callable[[Rows], list[SensorMemory]] = field(default=lambda p: [])
 
     @property
     def state_names(self) -> tuple[str, ...]:

@@ -78,6 +78,10 @@ class SensorDelay:
         """Values at the earlier times, see ``sim.effects.timing``: continuous in the delay."""
         return each_run_earlier(steps, begin, end, _late, p.delay)
 
+    def memory(self, p: Any) -> tuple[Any, float]:
+        """Of random motion, see `sim.declaration.effect.SensorMemory`."""
+        return 0.5 * p.delay, -1.0
+
 
 def _late(edges: np.ndarray, delay: Any) -> Any:
     """The time that shows at each edge."""

@@ -127,6 +127,10 @@ class SensorHold:
         rows = (trailing(np.asarray(row), depth) for row in (begin, end))
         return tuple(np.where(acts, new, old) for new, old in zip(held, rows, strict=True))  # type: ignore[return-value]
 
+    def memory(self, p: Any) -> tuple[Any, float]:
+        """Of random motion: late by half a period in the mean."""
+        return 0.25 * p.period, -1.0
+
     def _updated(self, edges: np.ndarray, period: Any, phase: Any) -> Any:
         """The time of the update that shows at each edge."""
         if period.real <= self.interval:

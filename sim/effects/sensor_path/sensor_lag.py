@@ -110,6 +110,10 @@ class SensorLag:
         jumping = np.concatenate([y[:1], begin[1:] + (y[1:] - end)])
         return np.where(acts, y, jumping), y[1:]
 
+    def memory(self, p: Any) -> tuple[Any, float]:
+        """Of random motion, see `sim.declaration.effect.SensorMemory`."""
+        return p.time_constant, 0.0
+
     def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
         acts = real(p.time_constant) > 0
         return (where(acts, (v - x[0]) / where(acts, p.time_constant, 1.0), 0.0 * x[0]),)

@@ -13,7 +13,7 @@ import pytest
 
 from ident.process_noise import innovations_model as module
 from ident.process_noise.innovations_model import NoiseSlopes, noise_slopes, slope_pairs
-from ident.process_noise.whitener import Variation, discrete_motion, discretised_noise
+from ident.process_noise.linear_noise import Variation, discrete_motion, discretised_noise
 from ident.whole_record.record_problem import RecordProblem, record_problem
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Parameter, ParameterSet

@@ -11,14 +11,8 @@ import numpy as np
 import pytest
 
 from ident.process_noise.innovations_model import process_noise
-from ident.process_noise.whitener import (
-    Variation,
-    Whitener,
-    discretised,
-    discretised_noise,
-    filtered,
-    whitener,
-)
+from ident.process_noise.linear_noise import Variation, discretised, discretised_noise
+from ident.process_noise.whitener import Whitener, filtered, whitener
 from ident.whole_record.gauss_newton import evaluate
 from ident.whole_record.layout import FitProblem, FitSettings, lay_out
 from ident.whole_record.record_problem import RecordProblem, record_problem
