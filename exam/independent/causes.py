@@ -257,32 +257,37 @@ def feels_load(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
 
 
 def cross_axis(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
-    """A yaw gyro that is turned a few degrees towards the roll axis: no effect of the library
-    says it."""
+    """A yaw gyro that is turned a few degrees towards the roll axis."""
     share = float(rng.uniform(0.05, 0.12) * rng.choice([-1.0, 1.0]))
-    planted = Planted("p into r", (), (), ("r",), {})
+    name = "sensor-coupling:r"
+    planted = Planted("p into r", (name,), (), ("r",), {name: {"share": share}})
     return Cause(
         planted, lambda signals, step: {**signals, "r": signals["r"] + share * signals["p"]}
     )
 
 
 def vane_with_play(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
-    """A vane with play in its bearing: no effect of the library says it."""
+    """A vane with play in its bearing."""
     width = float(np.radians(rng.uniform(0.25, 0.5)))
+    name = f"sensor-backlash:{channel}"
     planted = Planted(
         f"play of the {channel} vane",
-        (),
+        (name,),
         (*_late_names(channel), f"sensor-curve:{channel}", "vane-offset"),
         (channel,),
-        {},
+        {name: {"half_width": width}},
     )
     return Cause(planted, _on(channel, lambda v, step: with_play(v, width)))
 
 
 def gyro_threshold(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
-    """A gyro that does not move below a threshold: no effect of the library says it."""
+    """A gyro that does not move below a threshold."""
     width = float(np.radians(rng.uniform(0.4, 0.9)))
-    planted = Planted(f"threshold of {channel}", (), (f"sensor-curve:{channel}",), (channel,), {})
+    name = f"sensor-deadband:{channel}"
+    near = (f"sensor-curve:{channel}",)
+    planted = Planted(
+        f"threshold of {channel}", (name,), near, (channel,), {name: {"half_width": width}}
+    )
     return Cause(
         planted, _on(channel, lambda v, step: np.sign(v) * np.maximum(np.abs(v) - width, 0.0))
     )

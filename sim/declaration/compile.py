@@ -434,12 +434,9 @@ def sensor_path_of(
 def sensor_memory_of(parts: Parts) -> Callable[[Rows], list[SensorMemory]]:
     """``sensor_memory``: how sensors with memory show small fast motion."""
     names = [signal.name for signal in parts.outputs]
-    sensors = [
-        (names.index(effect.channel), effect, parts.own[effect.name])
-        for effect in parts.sensors
-        if isinstance(effect, RememberingEffect)
-    ]
-    return lambda p: [SensorMemory(row, *effect.memory(own(p))) for row, effect, own in sensors]
+    found = [each for each in parts.sensors if isinstance(each, RememberingEffect)]
+    rows = [(names.index(each.channel), each, parts.own[each.name]) for each in found]
+    return lambda p: [SensorMemory(row, *each.memory(own(p))) for row, each, own in rows]
 
 
 def noise_of(parts: Parts) -> Callable[[Rows], tuple[list[Any], list[Any]]]:

@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar
 
+import numpy as np
+
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.proposal import Probe, SearchContext, shares_of_peak
 from sim.effects.instances import labelled
+from sim.maths import maximum, minimum
 
 # ---- Which coefficients each lateral control moves, that which it is for first
 
@@ -183,3 +186,33 @@ def tried(context: SearchContext, signal: str) -> Sequence[Probe]:
         Probe({"half_width": size})
         for size in shares_of_peak(context, signal, (0.04, 0.12, 0.3, 0.6))
     ]
+
+
+# ---- Play
+
+
+def played(u: np.ndarray, half_width: Any) -> np.ndarray:
+    """One run through a play.
+
+    While the input rises y = max(y0, u - half_width), while it falls y = min(y0, u + half_width),
+    y0 that at the last turn.
+    """
+    change = np.sign(np.diff(u.real))
+    moves = np.flatnonzero(change)
+    # the last cell before each turn's first move
+    turns = moves[1:][change[moves[1:]] != change[moves[:-1]]]
+    last = np.append(turns, len(u) - 1)
+    rising = bool(len(moves) == 0 or change[moves[0]] > 0)
+    y, held = u[0].item(), []
+    for k, value in enumerate(u[last].tolist()):
+        held.append(y)
+        up = rising == (k % 2 == 0)
+        pushed = value - half_width if up else value + half_width
+        if pushed.real > y.real if up else pushed.real < y.real:
+            y = pushed
+    count = np.diff(last, prepend=-1)
+    from_last, upward = (
+        np.repeat(np.array(held), count),
+        np.repeat((np.arange(len(last)) % 2 == 0) == rising, count),
+    )
+    return np.where(upward, maximum(from_last, u - half_width), minimum(from_last, u + half_width))

@@ -39,6 +39,9 @@ def fly_roughly(model: Model, flight: Flight) -> list[np.ndarray]:
     return outputs_at_samples(system, p, states, drive, grid)
 
 
+STEP = 1e-8  # one-sided: less than a play is from the turns of a slow motion
+
+
 @every_case
 @HOLDS
 def test_absent_is_the_base_model_bit_for_bit(effect: Effect, base: str, hold: Hold) -> None:
@@ -143,11 +146,11 @@ def test_derivative_at_absence_is_the_one_sided_difference(effect: Effect, base:
         p = list(values)
         p[index] = complex(values[index], COMPLEX_STEP)
         exact = [row.imag / COMPLEX_STEP for row in fly(system, flight, p)]
-        p[index] = values[index] + 1e-6
+        p[index] = values[index] + STEP
         for got, low, high in zip(exact, before, fly(system, flight, p), strict=True):
-            scale = np.max(np.abs(got)) + 1e-9 * np.max(np.abs(low)) / 1e-6
+            scale = np.max(np.abs(got)) + 1e-11 * np.max(np.abs(low)) / STEP
             np.testing.assert_allclose(
-                got, (high - low) / 1e-6, rtol=0.0, atol=1e-3 * scale, err_msg=local
+                got, (high - low) / STEP, rtol=0.0, atol=1e-3 * scale, err_msg=local
             )
 
 

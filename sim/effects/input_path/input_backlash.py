@@ -6,14 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-import numpy as np
-
 from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.effects.controls import ABSENT, believed, half_width, tried
+from sim.effects.controls import ABSENT, believed, half_width, played, tried
 from sim.effects.instances import further_inputs, has_size, labelled, large_input
-from sim.maths import each_column, maximum, minimum
+from sim.maths import each_column
 
 
 @dataclass(frozen=True)
@@ -92,32 +90,7 @@ class InputBacklash:
         """Exact for an input that is constant within cells; the loop runs over the turns of the
         input only.
         """
-        return each_column(_played, u, p.half_width)
-
-
-def _played(u: np.ndarray, half_width: Any) -> np.ndarray:
-    """One run. While the input rises y = max(y0, u - half_width), while it falls y = min(y0, u +
-    half_width), y0 that at the last turn.
-    """
-    change = np.sign(np.diff(u.real))
-    moves = np.flatnonzero(change)
-    # the last cell before each turn's first move
-    turns = moves[1:][change[moves[1:]] != change[moves[:-1]]]
-    last = np.append(turns, len(u) - 1)
-    rising = bool(len(moves) == 0 or change[moves[0]] > 0)
-    y, held = u[0].item(), []
-    for k, value in enumerate(u[last].tolist()):
-        held.append(y)
-        up = rising == (k % 2 == 0)
-        pushed = value - half_width if up else value + half_width
-        if pushed.real > y.real if up else pushed.real < y.real:
-            y = pushed
-    count = np.diff(last, prepend=-1)
-    from_last, upward = (
-        np.repeat(np.array(held), count),
-        np.repeat((np.arange(len(last)) % 2 == 0) == rising, count),
-    )
-    return np.where(upward, maximum(from_last, u - half_width), minimum(from_last, u + half_width))
+        return each_column(played, u, p.half_width)
 
 
 VARIANTS: tuple[Traceable, ...] = (InputBacklash(), InputBacklash("stick", "1", 0.05))

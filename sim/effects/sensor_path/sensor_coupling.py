@@ -1,4 +1,4 @@
-"""A rate gyro that feels the load factor."""
+"""A rate gyro that feels the load factor, or the rate about another axis."""
 
 from __future__ import annotations
 
@@ -56,4 +56,57 @@ class SensorCoupling:
         return {"q": y["q"] + p.gain * y["nz"]}
 
 
-VARIANTS: tuple[Traceable, ...] = (SensorCoupling(),)
+@dataclass(frozen=True)
+class TurnedGyro:
+    """A roll or yaw gyro that is turned towards the other axis: it reads r + share p, or p + share
+    r.
+
+    ``share`` without unit, the sine of the angle, of either sign. It acts ahead of all other sensor
+    effects.
+
+    Attributes
+    ----------
+    channel, other : the rate that is recorded, and that it feels as well.
+    """
+
+    channel: str
+    other: str
+
+    rank: ClassVar[int] = -10
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("share", 0.05, "1"),)
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"share": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ()
+    explanation: ClassVar[str] = (
+        "A gyro whose axis is turned by a few degrees towards another axis shows a share of that "
+        "rate as well: r_m = r + share p, share the sine of the angle. Rolling is fast where "
+        "yawing is slow, so that 3 degrees are soon seen. The derivatives cannot take it in: the "
+        "kinematics of the sideslip, and the lateral load factor, know the true yaw rate. A "
+        "platform that is turned as a whole has such shares of opposite sign in both gyros."
+    )
+
+    @property
+    def name(self) -> str:
+        return f"sensor-coupling:{self.channel}"
+
+    @property
+    def outputs_read(self) -> tuple[str, ...]:
+        return (self.other,)
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the {channel} gyro is turned: it shows {share} times the other rate too",),
+            short_name="gyro turned towards another axis",
+            plausible={"share": (-0.3, 0.3)},
+        )
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return [Probe({"share": 0.0}, ("share",))]
+
+    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {self.channel: y[self.channel] + p.share * y[self.other]}
+
+
+VARIANTS: tuple[Traceable, ...] = (SensorCoupling(), TurnedGyro("p", "r"), TurnedGyro("r", "p"))
