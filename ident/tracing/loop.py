@@ -12,7 +12,7 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem, untold
 from ident.tracing.candidate_model.quantities import quantities, records_of
-from ident.tracing.declared import Declared, fit_declared, held_out_data
+from ident.tracing.declared import fit_declared, held_out_data
 from ident.tracing.diagnosis import (
     Caution,
     Claim,
@@ -38,7 +38,6 @@ from ident.tracing.validation.between_records import RecordScatter, scatter_betw
 from ident.tracing.validation.each_record import of_each_record
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, predicted_by
 from ident.tracing.validation.predictive import predictive_gains
-from ident.tracing.validation.whiteness import is_white
 from ident.tracing.verdict import Judgement, not_noise, residual_tests
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model
@@ -57,7 +56,6 @@ def diagnose(
     validation: Sequence[Record],
     settings: TraceSettings | None = None,
     progress: Callable[[str, float], None] = untold,
-    outlook: Callable[[Diagnosis], None] | None = None,
     *,
     discrepancy: Traceable | None = None,
     kinematics: Callable[[], Sequence[tuple[str, ...]]] | None = None,
@@ -70,8 +68,6 @@ def diagnose(
     candidates : effects that may be named. guards : terms that compete and mean ``unexplained``.
     validation : data that are not fitted; with none, errors are those of the fit.
     progress : told what is being done and how much of the work that is.
-    outlook : told before the search what there is to report if nothing is found, where the declared
-        model leaves white noise.
     discrepancy : what stands for the errors of the model's forces where no set leaves noise.
     kinematics : effects that the relations between the sensors alone name, of each the names that
         these do not tell apart, the likeliest first; asked where the declared model is not the most
@@ -93,8 +89,6 @@ def diagnose(
     declared = fit_declared(problem)
     watch.stage("declared model")
     held = held_out_data(declared, validation)
-    if outlook is not None and is_white(declared.root.fit):
-        outlook(if_nothing_is_found(declared, held, validation))
     problem, root = declared.problem, declared.root
     search = searched(problem, discrepancy)
     watch.stage("search")
@@ -144,17 +138,6 @@ class Stopwatch:
         self.seconds[name] = clock.perf_counter() - self.started - sum(self.seconds.values())
 
 
-def if_nothing_is_found(
-    declared: Declared, held: HeldOutData, validation: Sequence[Record]
-) -> Diagnosis:
-    """What there is to report of the declared model alone, called consistent without a search."""
-    root, scatter = declared.root, RecordScatter()
-    tests = residual_tests(root, HeldOut(None, None))
-    judgement = Judgement(Verdict.CONSISTENT, root, held.declared, declared.spikes, tests, ())
-    before, after = Before(root, tests.all, scatter), After(judgement, scatter)
-    return reported(declared.problem, before, after, held, validation, {})
-
-
 def _still_needed(
     spikes: Sequence[Claim], problem: TraceProblem, records: Sequence[Record], best: FittedModel
 ) -> Sequence[Claim]:
@@ -186,22 +169,41 @@ def _without(told: Diagnosis, discrepancy: Traceable | None) -> Trained | None:
     return replace(trained, effects=kept)
 
 
+@dataclass(eq=False)
+class _HeldAgainst:
+    """Sets fitted to the end, and what they predict of data that were not fitted.
+
+    Attributes
+    ----------
+    problem : what sets are fitted to. held : the data that were not.
+    """
+
+    problem: TraceProblem
+    held: HeldOutData
+    known: dict[frozenset[str], tuple[FittedModel, HeldOut]] = field(default_factory=dict)
+
+    def ended(self, fitted: FittedModel) -> tuple[FittedModel, HeldOut]:
+        """The set of a fit, fitted to the end, and its predictions."""
+        key = frozenset((*fitted.names, *fitted.system.parameters.names))
+        if key not in self.known:
+            best = self.problem.fit(fitted.effects, fitted) or fitted
+            self.known[key] = best, predicted_by(best, self.held)
+        return self.known[key]
+
+    def leaves_noise(self, fitted: FittedModel) -> bool:
+        """Whether what the set leaves of fitted and of held-out data is noise."""
+        self.problem.progress("judging on data that were not fitted", 0.9)
+        return not not_noise(residual_tests(*self.ended(fitted)).all, thresholds.NOISE)
+
+
 def _decided(
     search: Search, discrepancy: Traceable | None, held: HeldOutData
 ) -> tuple[Decision, HeldOut]:
     """The decision, its set fitted to the end, and what that predicts of data not fitted."""
-
-    def held_against(found: Decision) -> tuple[Decision, HeldOut]:
-        best = search.problem.fit(found.best.effects, found.best) or found.best
-        return replace(found, best=best), predicted_by(best, held)
-
-    found, out = held_against(decided(search, discrepancy))
-    search.problem.progress("judging on data that were not fitted", 0.9)
-    left = not_noise(residual_tests(found.best, out).all, thresholds.NOISE)
-    if found.named and not found.searches[-1].base and left:
-        # No set is true: only what is needed beside a discrepancy is named.
-        return held_against(decided(search, discrepancy, noise=False))
-    return found, out
+    against = _HeldAgainst(search.problem, held)
+    found = decided(search, discrepancy, against.leaves_noise)
+    best, out = against.ended(found.best)
+    return replace(found, best=best), out
 
 
 def _judged(

@@ -53,7 +53,6 @@ def diagnose_files(
     request: Request,
     progress: Callable[[str, float], None] = lambda stage, share: None,
     trace: Trace | None = None,
-    outlook: Callable[[Tracing], None] | None = None,
 ) -> Tracing:
     """Read everything, run the loop, and return its result with what went in.
 
@@ -61,9 +60,7 @@ def diagnose_files(
     ----------
     request : the files and how they are read. With none to validate on, the last of several
     records, or the last part of one, is held out. progress : told the stage and the share done, 0
-    to 1. trace : the loop; None takes ``ident.tracing.loop.diagnose``. outlook : told before the
-    search what its result is if it finds nothing, where that is likely; again where inputs are read
-    in another way.
+    to 1. trace : the loop; None takes ``ident.tracing.loop.diagnose``.
 
     Raises
     ------
@@ -96,7 +93,6 @@ def diagnose_files(
         )
         return run(
             *given,
-            None if outlook is None else lambda likely: outlook(study.told(posed, likely)),
             kinematics=lambda: _named_by_kinematics(checked(posed)),
         )
 

@@ -29,7 +29,6 @@ class Trace(Protocol):
         validation: Sequence[Record],
         settings: TraceSettings,
         progress: Callable[[str, float], None],
-        outlook: Callable[[Diagnosis], None] | None,
         *,
         kinematics: Callable[[], Sequence[tuple[str, ...]]] | None,
     ) -> Diagnosis: ...

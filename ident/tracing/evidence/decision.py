@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -113,8 +113,18 @@ def searched(problem: TraceProblem, discrepancy: Traceable | None = None) -> Sea
     return Search(problem, causes, title="white noise", discrepancy=discrepancy).run()
 
 
+LeavesNoise = Callable[[FittedModel], bool]
+
+
+def nothing_held_out(fitted: FittedModel) -> bool:
+    """There are no further data to hold a set against."""
+    return True
+
+
 def decided(
-    search: Search, discrepancy: Traceable | None = None, *, noise: bool = True
+    search: Search,
+    discrepancy: Traceable | None = None,
+    leaves_noise: LeavesNoise = nothing_held_out,
 ) -> Decision:
     """The decision (``_decided``) less names that stand for a cause outside the library.
 
@@ -124,9 +134,9 @@ def decided(
     Parameters
     ----------
     search : without a discrepancy (``searched``). discrepancy : None decides without one.
-    noise : False where what the best set leaves of data that were not fitted is known not to be.
+    leaves_noise : whether what a fitted set leaves is noise, of data that were not fitted too.
     """
-    found = _decided(search, discrepancy, noise)
+    found = _decided(search, discrepancy, leaves_noise)
     effects = {each.name: each for each in found.best.effects}
     names = {each.name for each in found.named}
     doubted = {
@@ -182,34 +192,37 @@ def _acts_when_quiet(found: Decision, name: str) -> bool:
     return quiet_vuong(best.fitted, less.fitted, declared, interval) >= RIVAL
 
 
-def _decided(search: Search, discrepancy: Traceable | None, noise: bool) -> Decision:
+def _decided(search: Search, discrepancy: Traceable | None, leaves_noise: LeavesNoise) -> Decision:
     """Decide, with further searches beside a discrepancy where no set of effects leaves noise.
 
     General forms have no cause of their own: they are tried where nothing with one is named.
 
     Parameters
     ----------
-    search, discrepancy, noise : see ``decided``.
+    search, discrepancy, leaves_noise : see ``decided``.
     """
     problem, best = search.problem, search.best()
-    quiet = noise and is_noise(best.fitted.fit)
-    if quiet and not search.added(best):
-        return _by_sets(search, best)
-    if quiet or discrepancy is None:
-        tried = not quiet or bool(problem.guards & best.names)
-        general = _with_general_forms(search) if tried else None
-        return general or (_by_sets(search, best) if quiet else _undecided(search, best, noise))
+    if is_noise(best.fitted.fit):
+        found = _by_sets(search, best)
+        outside = bool(problem.guards & best.names)
+        general = _with_general_forms(search, leaves_noise) if outside else None
+        if general is not None:
+            return general
+        if not found.named or leaves_noise(found.best):
+            return found
+    if discrepancy is None:
+        return _with_general_forms(search, leaves_noise) or _undecided(search, best)
     base = (discrepancy, *best.fitted.background)
     acting = [each for each in problem.candidates if is_steady(each)]
     steady = Search(problem, acting, base, title="a model discrepancy")
-    beside = _beside_discrepancy(search, steady, spread_search(steady))
+    beside = _beside_discrepancy(search, steady, _other_forms(steady, spread_search(steady)))
     forms = {each.name for each in problem.candidates if each.traits.general}
     if beside.named and not forms & {each.name for each in beside.named}:
         return beside
-    return _with_general_forms(search) or beside
+    return _with_general_forms(search, leaves_noise) or beside
 
 
-def _with_general_forms(search: Search) -> Decision | None:
+def _with_general_forms(search: Search, leaves_noise: LeavesNoise) -> Decision | None:
     """The decision with general forms among the candidates; None where they do not leave noise."""
     problem = search.problem
     if len(problem.candidates) == len(search.candidates):
@@ -219,9 +232,35 @@ def _with_general_forms(search: Search) -> Decision | None:
     best = general.best()
     # A guard may be the same as a form: it gives way only where that is clearly likelier.
     guarded = search.best().names & problem.guards
-    if not is_noise(best.fitted.fit) or (guarded and best.weight < search.best().weight + CLEAR):
+    if guarded and best.weight < search.best().weight + CLEAR:
+        return None
+    if not (is_noise(best.fitted.fit) and leaves_noise(best.fitted)):
         return None
     return replace(_by_sets(general, best), searches=(search, general))
+
+
+def _other_forms(search: Search, best: WeighedSet) -> WeighedSet:
+    """Beside a discrepancy: another fault of the same sensor where that is clearly likelier.
+
+    The relations between the sensors know few forms of a fault (a scale, a delay, an arm) and name
+    the nearest of them. A threshold or a play is none of these.
+    """
+    for name in sorted(search.added(best) & search.problem.named_by_kinematics):
+        (effect,) = [each for each in best.fitted.effects if each.name == name]
+        channel = getattr(effect, "channel", None)
+        others = {
+            each.name
+            for each in search.candidates
+            if each.station is Station.SENSOR_PATH and getattr(each, "channel", None) == channel
+        }
+        less = search.less(best, name)
+        if channel is None or less is None:
+            continue
+        found = search.in_the_place_of(less, others - {name})
+        other = max(found, key=lambda one: one.weight, default=None)
+        if other is not None and other.weight > best.weight + CLEAR:
+            best = other
+    return best
 
 
 def _is_cause(effect: Traceable, found: WeighedSet, interval: float) -> bool:
@@ -345,10 +384,10 @@ def _alike(
     return {name: share for name, share in found.items() if share > least or name in equal}
 
 
-def _undecided(search: Search, best: WeighedSet, fitted: bool) -> Decision:
-    """No name: what the best set leaves, of ``fitted`` records or of others, is not noise."""
+def _undecided(search: Search, best: WeighedSet) -> Decision:
+    """No name: what the best set leaves is not noise."""
     inclusion = inclusion_of(probabilities(search))
-    where = "" if fitted else " of data that were not fitted"
+    where = " of data that were not fitted" if is_noise(best.fitted.fit) else ""
     why = f"with all that was found the residual{where} is not noise"
     hints = tuple(Named(name, inclusion[name], {}, reason=why) for name in sorted(best.names))
     root = search.root.fitted
@@ -359,7 +398,7 @@ def _beside_discrepancy(white: Search, search: Search, best: WeighedSet) -> Deci
     """Beside a discrepancy: what is spread over the records, with the rivals of each."""
     guards, root = search.problem.guards, search.root.fitted
     searches = (white, search)
-    best, spread = _all_spread(search, best)
+    best, spread = _by_kinematics(search, *_all_spread(search, best))
     named = []
     for name, z in spread.items():
         rivals = _rivals(search, best, name)
@@ -390,6 +429,28 @@ def _all_spread(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str,
         if less is None or spread[least] >= spread_asked(search, least):
             return best, spread
         best = less
+
+
+def _by_kinematics(
+    search: Search, best: WeighedSet, spread: dict[str, float]
+) -> tuple[WeighedSet, dict[str, float]]:
+    """Of effects that the records do not tell apart, those that the relations between the sensors
+    name: their prior odds are larger. Also z of the members.
+    """
+    known = search.problem.named_by_kinematics
+    for name in sorted(set(spread) - known):
+        rest = best.names - {name}
+        rivals = [
+            one
+            for key, one in search.visited.items()
+            if rest < key
+            and len(key) == len(best.names)
+            and key - rest <= known
+            and vuong(best, one, search.context.interval) < RIVAL
+        ]
+        if rivals:
+            return _all_spread(search, max(rivals, key=lambda one: one.weight))
+    return best, spread
 
 
 def _rivals(search: Search, best: WeighedSet, name: str) -> dict[str, float]:

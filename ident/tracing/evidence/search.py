@@ -326,8 +326,15 @@ class Search:
                 continue
             less = less or self.without(best, effect.name)
             if less is not None:
-                for proposed in self._proposed(less, 1, 0, wanted)[:SWAPS]:
-                    self.child(less, proposed)
+                self.in_the_place_of(less, wanted)
+
+    def in_the_place_of(self, less: WeighedSet, wanted: Collection[str]) -> list[WeighedSet]:
+        """Sets with one of the ``wanted`` effects beside those of ``less``: those that promise
+        most in the linear world.
+        """
+        proposed = self._proposed(less, 1, 0, wanted)[:SWAPS]
+        made = (self.child(less, each) for each in proposed)
+        return [each for each in made if each is not None]
 
     def _with_equivalents(self) -> None:
         """The best set with each effect that no record tells from a member in its place."""

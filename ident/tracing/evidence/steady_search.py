@@ -36,8 +36,12 @@ CLEAR = 30.0  # log likelihood, beyond what a prior can take
 
 
 def is_steady(effect: Traceable) -> bool:
-    """Whether an effect acts all along and alike in all records."""
-    return not (belongs_to_record(effect) or effect.traits.onset or effect.traits.background)
+    """Whether an effect acts all along and alike in all records.
+
+    Of a channel that is held between updates each record has its own phase, which is tried.
+    """
+    alike = not belongs_to_record(effect) or bool(effect.traits.tried)
+    return alike and not (effect.traits.onset or effect.traits.background)
 
 
 def log_densities(fitted: FittedModel) -> list[np.ndarray]:

@@ -352,29 +352,6 @@ def test_progress_is_told_from_nothing_to_all() -> None:
     assert told == sorted(told) and told[-1] <= 1.0
 
 
-@pytest.mark.parametrize("planted_effect", [False, True])
-def test_what_comes_out_if_nothing_is_found_is_told_before_the_search_where_noise_is_left(
-    planted_effect: bool,
-) -> None:
-    told: list[Diagnosis] = []
-    flown = lagged if planted_effect else lambda seed: planted([], {}, seed)
-    found = diagnose(
-        [flown(1)], declared(), CANDIDATES, (), [flown(2)], SETTINGS, outlook=told.append
-    )
-    assert len(told) == (0 if planted_effect else 1)
-    for likely in told:
-        assert (
-            likely.verdict is found.verdict is Verdict.CONSISTENT
-            and not likely.candidates
-            and found.candidates
-        )
-        left = {
-            name: getattr(likely, name)
-            for name in ("candidates", "seconds", "stopped", "steps", "tests_after")
-        }
-        assert dict(numbers(likely, "")) == dict(numbers(dataclasses.replace(found, **left), ""))
-
-
 def test_a_record_without_any_output_is_refused() -> None:
     record = planted()
     other = Record(

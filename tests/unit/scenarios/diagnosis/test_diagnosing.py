@@ -43,7 +43,6 @@ class Loop:
         validation,
         settings,
         progress,
-        outlook,
         kinematics=None,
     ) -> Diagnosis:
         self.given = {

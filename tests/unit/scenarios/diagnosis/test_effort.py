@@ -52,7 +52,6 @@ def test_the_request_sets_what_the_loop_is_given(
         validation,
         settings: TraceSettings,
         progress,
-        outlook,
         kinematics=None,
     ) -> Diagnosis:
         given.append(settings)

@@ -56,7 +56,6 @@ class Overwriting:
         validation,
         settings,
         progress,
-        outlook,
         kinematics=None,
     ) -> Diagnosis:
         for file in self.files:

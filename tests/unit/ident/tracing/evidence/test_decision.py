@@ -190,6 +190,6 @@ def test_names_need_a_residual_that_is_noise_on_data_that_were_not_fitted() -> N
         offered([planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=2)])
     )
     assert [each.name for each in decided(search).named] == [LATE]
-    doubted = decided(search, noise=False)
+    doubted = decided(search, leaves_noise=lambda fitted: False)
     assert doubted.verdict is Verdict.UNEXPLAINED and doubted.named == ()
     assert "not fitted" in doubted.hints[0].reason
