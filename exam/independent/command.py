@@ -19,7 +19,16 @@ from typing import Any
 
 import numpy as np
 
-from exam.independent.grading import FEW_SIGMAS, Answer, Grade, grade, held_out, predictable, sizes
+from exam.independent.grading import (
+    FEW_SIGMAS,
+    Answer,
+    Grade,
+    grade,
+    held_out,
+    predictable,
+    said_with,
+    sizes,
+)
 from exam.scoring import share_of_flights
 
 ROOT = Path(__file__).parents[2]
@@ -32,11 +41,13 @@ FIELDS = (
     "grade",
     "answer",
     "sizes",
+    "probabilities",
     "before",
     "after",
     "predictable",
     "seconds",
 )
+RELIABILITY = ((0.0, 0.5), (0.5, 0.95), (0.95, 1.01))  # probabilities that names are said with
 NOTHING = "nothing"  # what is hidden in a clean flight
 MOST_ERROR = 1.1  # of the noise, on the held-out record
 SIMULATORS, HALVES = ("jsbsim", "own"), ("tuning", "kept")
@@ -205,6 +216,10 @@ def row_of(folder: Path, study: Path, command: Sequence[str]) -> dict[str, Any]:
         "grade": found.value,
         "answer": why,
         "sizes": " ".join(f"{distance:.2f}" for distance in sizes(truth, answer)),
+        "probabilities": " ".join(
+            f"{share:.3f}:{'right' if right else 'wrong'}"
+            for share, right in said_with(truth, answer)
+        ),
         "before": held_out(folder, study, truth, "before"),
         "after": held_out(folder, study, truth),
         "predictable": predictable(truth),
@@ -261,6 +276,10 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
             [each <= FEW_SIGMAS for each in distances],
         )
     )
+    said = [each.split(":") for row in rows for each in row["probabilities"].split()]
+    for low, high in RELIABILITY:
+        hits = [right == "right" for share, right in said if low <= float(share) < high]
+        lines.append(_share(f"Names said with {low:.0%} to {min(high, 1.0):.0%}, right", hits))
     within = [row["after"] <= MOST_ERROR for row in rows if row["predictable"] and not _clean(row)]
     lines.append(
         _share(f"Held-out error at most {MOST_ERROR} times the noise, cause in the library", within)

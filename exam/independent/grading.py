@@ -122,6 +122,21 @@ def sizes(truth: Mapping[str, Any], answer: Answer) -> list[float]:
     return distances
 
 
+def said_with(truth: Mapping[str, Any], answer: Answer) -> list[tuple[float, bool]]:
+    """Probability that each claim is said with, and whether it names a cause or is harmless."""
+    causes, harmless = truth["accepted"], set(truth["harmless"])
+    harmless |= {name for cause in causes if not cause["right"] for name in cause["near"]}
+    known = [cause for cause in causes if cause["right"]]
+    return [
+        (
+            float(claim["probability"][claim["name"]]),
+            claim["name"] in harmless or any(says(claim, cause) for cause in known),
+        )
+        for claim in answer.claims
+        if claim["name"] in (claim.get("probability") or {})
+    ]
+
+
 def _columns(path: Path) -> dict[str, np.ndarray]:
     with path.open(encoding="utf-8", newline="") as file:
         header, *rows = list(csv.reader(file))

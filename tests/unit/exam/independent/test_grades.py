@@ -24,7 +24,15 @@ from exam.independent.causes import (
     with_play,
 )
 from exam.independent.folders import Recorder, recorded
-from exam.independent.grading import Answer, Grade, grade, held_out, predictable, sizes
+from exam.independent.grading import (
+    Answer,
+    Grade,
+    grade,
+    held_out,
+    predictable,
+    said_with,
+    sizes,
+)
 
 LATE = {
     "right": ["sensor-delay:alpha", "sensor-lag:alpha"],
@@ -200,3 +208,12 @@ def test_a_request_that_makes_no_sense_is_one_line(
 ) -> None:
     assert command.main(line) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_names_are_counted_with_the_probability_that_they_are_said_with() -> None:
+    late = {"name": "sensor-lag:alpha", "probability": {"sensor-lag:alpha": 0.97}}
+    scale = {"name": "sensor-scale:nz", "probability": {"sensor-scale:nz": 0.6}}
+    slow = {"name": "phugoid", "probability": {"phugoid": 1.0}}
+    plain = {"name": "sensor-drift:q"}
+    said = said_with(truth(LATE), answer("partial", late, scale, slow, plain, HINT))
+    assert said == [(0.97, True), (0.6, False), (1.0, True)]
