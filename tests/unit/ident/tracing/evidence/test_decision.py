@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Verdict
-from ident.tracing.evidence.decision import decided, searched
+from ident.tracing.evidence.decision import _by_kinematics, _other_forms, decided, searched
+from ident.tracing.evidence.search import Search
 from ident.tracing.evidence.steady_search import quiet_vuong
 from ident.tracing.loop import diagnose
 from ident.tracing.validation.whiteness import is_noise
@@ -193,3 +196,59 @@ def test_names_need_a_residual_that_is_noise_on_data_that_were_not_fitted() -> N
     doubted = decided(search, leaves_noise=lambda fitted: False)
     assert doubted.verdict is Verdict.UNEXPLAINED and doubted.named == ()
     assert "not fitted" in doubted.hints[0].reason
+
+
+def late(record: Record, channel: str, samples: int) -> Record:
+    """The record with one output that shows earlier values."""
+    values = record[channel].values
+    moved = np.concatenate([np.full(samples, values[0]), values[:-samples]])
+    return with_output(record, channel, moved)
+
+
+def test_a_late_gyro_is_late_for_gusts_too() -> None:
+    """A filter that takes random motion as not late has no evidence for the delay."""
+    record = late(rough_record(np.random.default_rng(3), 801, intensity=1.5), "q", 5)
+    problem = offered([record])
+    gust, delay = effect("gust-turbulence"), effect("sensor-delay:q")
+    search = Search(problem, (gust, delay))
+    rough = search.fit((gust,), search.declared)
+    assert rough is not None
+    both = search.fit((gust, delay), rough)
+    assert both is not None
+    gain = search.kept(both).evidence - search.kept(rough).evidence
+    assert gain > 30.0
+    assert both.values.shared["sensor-delay:q.delay"] == pytest.approx(0.1, abs=0.02)
+
+
+def test_another_fault_of_the_sensor_takes_the_place_of_what_kinematics_name() -> None:
+    """A gyro's threshold: kinematics know a scale of it, but the threshold is likelier."""
+    shown = effect("sensor-deadband:q")
+    record = planted([shown], {"sensor-deadband:q.half_width": 0.02}, seed=7)
+    scale = effect("sensor-scale:q")
+    problem = replace(
+        problem_of([record], [shown, scale], model=declared()), kinematic=(("sensor-scale:q",),)
+    )
+    discrepancy = discrepancy_for(effects_for(declared().equations))
+    assert discrepancy is not None
+    search = Search(problem, (shown, scale), (discrepancy,))
+    named = search.seeded()
+    assert named is not None and search.added(named) == {"sensor-scale:q"}
+    assert search.added(_other_forms(search, named)) == {"sensor-deadband:q"}
+
+
+def test_kinematics_choose_among_effects_that_are_not_told_apart() -> None:
+    """A late vane: the arm of a vane fits as well, and is named where kinematics name it."""
+    record = planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.02}, seed=11)
+    offered_both = [effect(LATE), effect(ARM)]
+    plain = problem_of([record], offered_both, model=declared())
+    names = {}
+    for group in ((), ((LATE,),), ((ARM,),)):
+        search = Search(replace(plain, kinematic=group), offered_both)
+        one, other = (search.fit((each,), search.declared) for each in offered_both)
+        assert one is not None and other is not None
+        best = max(search.kept(one), search.kept(other), key=lambda each: each.weight)
+        _ = search.root
+        found, spread = _by_kinematics(search, best, {name: 9.0 for name in best.names})
+        assert set(spread) == set(found.names)
+        names[group] = set(found.names)
+    assert names[((LATE,),)] == {LATE} and names[((ARM,),)] == {ARM}
