@@ -190,7 +190,9 @@ def refuse_unphysical(aircraft: Aircraft) -> None:
     for name in (*CONSTANTS,)[:7] + ("air_density", "speed_of_sound"):
         if not c[name] > 0.0:
             remedy = "give a positive number"
-            raise DeclarationError(f"{name} = {c[name]:g} is not positive", where, remedy)
+            raise DeclarationError(
+                f"{name} = {c[name]:g} is not positive", where=where, remedy=remedy
+            )
     inertias = [c["roll_inertia"], c["pitch_inertia"], c["yaw_inertia"]]
     if 2.0 * max(inertias) > sum(inertias):
         raise DeclarationError(
@@ -214,7 +216,8 @@ def refuse_unphysical(aircraft: Aircraft) -> None:
     for axis in (*aircraft.forces, *MOMENTS):
         if not aircraft.coefficients.get(axis):
             remedy = f'add [aerodynamics.{axis}] with "1" = 0.0 at least'
-            raise DeclarationError(f"the coefficient {axis} has no term", where, remedy)
+            what = f"the coefficient {axis} has no term"
+            raise DeclarationError(what, where=where, remedy=remedy)
 
 
 def aircraft_model(aircraft: Aircraft) -> Model:
