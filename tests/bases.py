@@ -18,9 +18,11 @@ from sim.declaration.model import Model, Noise, System
 from sim.maths import G0
 from sim.propagation import Step, drive_from_record, make_grid, rk4_step, simulate
 from sim.record import Hold
+from sim.vehicles.aircraft import aircraft_model
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.factory import model_from_constants
 from sim.vehicles.short_period import ShortPeriod
+from tests.airliner import AIRLINER, ELEVATOR, THRUST
 
 RIGID_VALUES = {
     "mass": 130642.0,
@@ -269,6 +271,16 @@ def multirotor_flight(duration: float = 4.0, rate: float = 25.0) -> Flight:
     return Flight(time, np.array([*moments, 0.38 + 0.05 * (time >= 2.6 - 1e-9)]), max_step=0.04)
 
 
+def airliner_flight(duration: float = 4.0, rate: float = 25.0) -> Flight:
+    """Surfaces moved one after the other about a trim of the airliner."""
+    time = np.arange(round(duration * rate) + 1) / rate
+    elevator = ELEVATOR + 0.03 * ((time >= 0.4) * (time < 1.2) - (time >= 1.2) * (time < 1.6))
+    aileron = 0.04 * ((time >= 1.2) * (time < 2.0) - (time >= 2.0) * (time < 2.8))
+    rudder = 0.04 * ((time >= 0.8) * (time < 2.4) - (time >= 2.4) * (time < 3.2))
+    thrust = np.full(len(time), THRUST)
+    return Flight(time, np.array([elevator, aileron, rudder, thrust]), max_step=0.04)
+
+
 def base_for(equations: str) -> tuple[Model, Flight]:
     """Model and flight by the name of the equations."""
     return {
@@ -278,6 +290,7 @@ def base_for(equations: str) -> tuple[Model, Flight]:
         "lateral": (lateral_model(), lateral_flight()),
         "longitudinal": (longitudinal_model(), longitudinal_flight()),
         "multirotor": (multirotor_model(), multirotor_flight()),
+        "aircraft": (aircraft_model(AIRLINER), airliner_flight()),
     }[equations]
 
 

@@ -32,7 +32,7 @@ FIXED_NAMES = {
     "input-recorded-late",
     Station.DYNAMICS: "moment-nonlinearity lift-nonlinearity control-nonlinearity derivative-jump elastic-mode flow-separation "  # noqa: E501
     "density-scale-height drag-mach drag-jump yaw-nonlinearity roll-nonlinearity "
-    "side-force-nonlinearity drag-nonlinearity varies",
+    "side-force-nonlinearity drag-nonlinearity varies missing-term",
     Station.DISTURBANCE: (
         "gust-turbulence gust-discrete gust-horizontal speed-variation unmeasured-input phugoid"
     ),
