@@ -79,6 +79,7 @@ def _schema() -> type[BaseModel]:
         sensors=(sensors | None, None),
         thrust=(thrust | None, None),
         wind=(bool, False),
+        trim=(dict[str, float], {}),
         columns=(texts, []),
         states=(texts, []),
         biases=(texts, list(BIASED)),
@@ -174,6 +175,13 @@ def _refuse_names(vehicle: Mapping[str, Any], path: Path) -> None:
                 raise DeclarationError(
                     f"{name} cannot stand there", where=where, remedy=closest(name, known)
                 )
+    thrust = vehicle.get("thrust", {}).get("input", "none")
+    moved = [*surfaces, *([thrust] if thrust != "none" else [])]
+    for name in vehicle["trim"]:
+        if name not in moved:
+            where = f"{path}, key trim"
+            remedy = closest(name, moved)
+            raise DeclarationError(f"{name} is no input", where=where, remedy=remedy)
     if vehicle["wind"] and "psi" not in vehicle["states"]:
         raise DeclarationError(
             "wind is recorded from the north and the east, and the heading is no state",
@@ -194,6 +202,7 @@ def _declared(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str) -
         for name, place in vehicle.get("sensors", {}).items()
     }
     begin = {
+        **vehicle["trim"],
         "airspeed": vehicle["airspeed"],
         "alpha": vehicle["trim_alpha"],
         "theta": vehicle["trim_theta"],
@@ -269,6 +278,9 @@ def written(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> st
     ):
         lines.append(f"{key} = [{', '.join(f'{name!r}' for name in names)}]".replace("'", '"'))
     lines.append(f"wind = {str(aircraft.wind).lower()}")
+    rest = [name for name in (*aircraft.surfaces, aircraft.thrust.signal) if name in start]
+    if rest:
+        lines += ["", "[trim]", *(f"{name} = {float(start[name])!r}" for name in rest)]
     lines += ["", "[surfaces]", *(f'{n} = "{unit}"' for n, unit in aircraft.surfaces.items())]
     for name, parts in aircraft.mixes.items():
         lines += ["", f"[mixes.{name}]", *(f"{n} = {float(v)!r}" for n, v in parts.items())]
