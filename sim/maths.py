@@ -106,6 +106,13 @@ def asinh(x: Any) -> Any:
     return cmath.asinh(x) if isinstance(x, complex) else np.arcsinh(x)
 
 
+def arctan(x: Any) -> Any:
+    """Inverse tangent of a float, complex number or array."""
+    if isinstance(x, float):
+        return math.atan(x)
+    return cmath.atan(x) if isinstance(x, complex) else np.arctan(x)
+
+
 def where(condition: Any, yes: Any, no: Any) -> Any:
     """Choose by a condition on real parts; both branches are evaluated by the caller."""
     if isinstance(condition, (bool, np.bool_)):

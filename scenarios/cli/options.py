@@ -20,7 +20,16 @@ from scenarios.report.figure_formats import Formats
 
 # Said here once more, so that neither help nor completion loads what computes; a test holds both
 # against the lists that count.
-MODEL_NAMES = ("ballistic", "rigid", "flexible", "loes", "lateral", "longitudinal", "multirotor")
+MODEL_NAMES = (
+    "ballistic",
+    "rigid",
+    "flexible",
+    "loes",
+    "lateral",
+    "longitudinal",
+    "multirotor",
+    "aircraft",
+)
 METHOD_NAMES = ("output-error", "filter-error", "frequency-domain", "equation-error", "ekf", "ukf")
 
 

@@ -182,7 +182,8 @@ def _example(target: str) -> str:
     )
 
 
-def _number(target: str, gt: float | None = None, ge: float | None = None) -> Any:
+def number_of(target: str, gt: float | None = None, ge: float | None = None) -> Any:
+    """The type of a number, or of a text with a unit, in the unit ``target``."""
     return Annotated[float, BeforeValidator(quantity_in(target)), Field(gt=gt, ge=ge)]
 
 
@@ -190,43 +191,48 @@ def _required(kinds: Mapping[str, Any]) -> dict[str, Any]:
     return {name: (kind, ...) for name, kind in kinds.items()}
 
 
-def _vehicles_schema_table(title: str, **fields: Any) -> type[BaseModel]:
+def table_of(title: str, **fields: Any) -> type[BaseModel]:
+    """A strict schema of a table of a vehicle file."""
     return create_model(title, __config__=VEHICLES_SCHEMA_STRICT, **fields)
 
 
 _NAME = (Annotated[str, Field(min_length=1)] | None, None)
-_PURE, _PER_ANGLE = _number("1"), _number("1/rad")
+_PURE, _PER_ANGLE = number_of("1"), number_of("1/rad")
 _AIRFRAME = _required(
     {
-        "mass": _number("kg", gt=0.0),
-        "wing_area": _number("m2", gt=0.0),
-        "chord": _number("m", gt=0.0),
-        "pitch_inertia": _number("kg m2", gt=0.0),
-        "airspeed": _number("m/s", gt=0.0),
-        "air_density": _number("kg/m3", gt=0.0),
+        "mass": number_of("kg", gt=0.0),
+        "wing_area": number_of("m2", gt=0.0),
+        "chord": number_of("m", gt=0.0),
+        "pitch_inertia": number_of("kg m2", gt=0.0),
+        "airspeed": number_of("m/s", gt=0.0),
+        "air_density": number_of("kg/m3", gt=0.0),
     }
 )
-_RIGID_STARTS = _vehicles_schema_table(
+_RIGID_STARTS = table_of(
     "RigidDerivatives",
     **_required({f"C{axis}_{by}": _PER_ANGLE for axis in "Lm" for by in ("alpha", "q", "de")}),
 )
-_LOES_STARTS = _vehicles_schema_table(
+_LOES_STARTS = table_of(
     "LoesDerivatives",
     **_required(
         {
-            "L_alpha": _number("1/s"),
-            "M_alpha": _number("1/s2"),
-            "L_delta": _number("1/s"),
-            "M_delta": _number("1/s2"),
+            "L_alpha": number_of("1/s"),
+            "M_alpha": number_of("1/s2"),
+            "L_delta": number_of("1/s"),
+            "M_delta": number_of("1/s2"),
             "L_q": _PURE,
         }
     ),
     **_required(
-        {"M_q": _number("1/s"), "inv_tau": _number("1/s", gt=0.0), "delay": _number("s", ge=0.0)}
+        {
+            "M_q": number_of("1/s"),
+            "inv_tau": number_of("1/s", gt=0.0),
+            "delay": number_of("s", ge=0.0),
+        }
     ),
 )
-_BALLISTIC_STARTS = _vehicles_schema_table(
-    "BallisticDerivatives", **_required({"beta": _number("kg/m2", gt=0.0)})
+_BALLISTIC_STARTS = table_of(
+    "BallisticDerivatives", **_required({"beta": number_of("kg/m2", gt=0.0)})
 )
 
 
@@ -245,27 +251,27 @@ def _whole_axes(model: str) -> type[BaseModel]:
     _, constants, derivatives = WHOLE_AXES[model]
     title = model.capitalize()
     lowest = dict.fromkeys((LAG, DELAY), 0.0)
-    starts = _vehicles_schema_table(
+    starts = table_of(
         f"{title}Derivatives",
         **{
-            name: (_number(unit, ge=lowest.get(name)) | None, None)
+            name: (number_of(unit, ge=lowest.get(name)) | None, None)
             for name, unit in derivatives.items()
         },
     )
     kinds = {
-        name: _number(unit, gt=0.0 if name in ABOVE_ZERO else None)
+        name: number_of(unit, gt=0.0 if name in ABOVE_ZERO else None)
         for name, unit in constants.items()
     }
-    return _vehicles_schema_table(
+    return table_of(
         f"{title}Vehicle", name=_NAME, **_required(kinds), **_FLOWN, derivatives=(starts, ...)
     )
 
 
 SCHEMAS: Mapping[str, type[BaseModel]] = {
-    "rigid": _vehicles_schema_table(
+    "rigid": table_of(
         "RigidVehicle", name=_NAME, **_AIRFRAME, **_FLOWN, derivatives=(_RIGID_STARTS, ...)
     ),
-    "flexible": _vehicles_schema_table(
+    "flexible": table_of(
         "FlexibleVehicle",
         name=_NAME,
         **_AIRFRAME,
@@ -273,22 +279,22 @@ SCHEMAS: Mapping[str, type[BaseModel]] = {
         derivatives=(_RIGID_STARTS, ...),
         modes=(list[dict[str, Any]], ...),
     ),
-    "loes": _vehicles_schema_table(
+    "loes": table_of(
         "LoesVehicle",
         name=_NAME,
-        **_required({"airspeed": _number("m/s", gt=0.0), "gravity": _number("m/s2", gt=0.0)}),
-        vane_arm=(_number("m") | None, None),
+        **_required({"airspeed": number_of("m/s", gt=0.0), "gravity": number_of("m/s2", gt=0.0)}),
+        vane_arm=(number_of("m") | None, None),
         **_FLOWN,
         derivatives=(_LOES_STARTS, ...),
     ),
-    "ballistic": _vehicles_schema_table(
+    "ballistic": table_of(
         "BallisticVehicle",
         name=_NAME,
         **_required(
             {
-                "air_density_reference": _number("kg/m3", gt=0.0),
-                "density_scale_height": _number("m", gt=0.0),
-                "gravity": _number("m/s2", gt=0.0),
+                "air_density_reference": number_of("kg/m3", gt=0.0),
+                "density_scale_height": number_of("m", gt=0.0),
+                "gravity": number_of("m/s2", gt=0.0),
             }
         ),
         derivatives=(_BALLISTIC_STARTS, ...),
@@ -302,9 +308,9 @@ def mode_schema(number: int, count: int) -> type[BaseModel]:
     other modes are not.
     """
     own = {
-        "frequency": _number("rad/s", gt=0.0),
-        "damping": _number("1", ge=0.0),
-        "generalized_mass": _number("kg m2", gt=0.0),
+        "frequency": number_of("rad/s", gt=0.0),
+        "damping": number_of("1", ge=0.0),
+        "generalized_mass": number_of("kg m2", gt=0.0),
     }
     starts = [f"CL_eta{number}", f"CL_etadot{number}", f"Cm_eta{number}", f"Cm_etadot{number}"]
     starts += [
@@ -317,7 +323,7 @@ def mode_schema(number: int, count: int) -> type[BaseModel]:
         for by in ("eta", "etadot")
     ]
     optional: dict[str, Any] = {key: (_PURE | None, None) for key in couplings}
-    return _vehicles_schema_table(
+    return table_of(
         f"Mode{number}", **_required({**own, **{key: _PURE for key in starts}}), **optional
     )
 

@@ -351,6 +351,7 @@ def _number(value: object, unit: str, where: str) -> float:
 # ---- A user's own model
 
 SUFFIX = ".py"
+AIRCRAFT_SUFFIX = ".toml"  # a vehicle file of the model aircraft declares its equations, too
 # of a vehicle file, which a constant's would hide
 NOT_KEYS = ("name", "derivatives", "fixed", "bounds", "tied")
 SHORT_PERIOD = ("alpha", "q", "nz")  # channels that the kinematics of pitching join
@@ -371,7 +372,8 @@ def is_model_file(name: str | OwnModel) -> bool:
     """Whether ``--model`` names a user's file: one that ends in .py, or a path; a model in memory
     is as good.
     """
-    return isinstance(name, OwnModel) or name.endswith(SUFFIX) or "/" in name or "\\" in name
+    ends = (SUFFIX, AIRCRAFT_SUFFIX)
+    return isinstance(name, OwnModel) or name.endswith(ends) or "/" in name or "\\" in name
 
 
 def is_own(model: Model) -> bool:
@@ -437,6 +439,8 @@ def read_user_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnMode
     ``own_model`` did not make or that has the
         name of one ``built_in``.
     """
+    if str(path).endswith(AIRCRAFT_SUFFIX):
+        return _read_aircraft_model(path)
     source = read_source(path, DeclarationError, WANTED)
     where = str(source.path)
     module = run_python(source, "model")
@@ -451,6 +455,16 @@ def read_user_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnMode
         replace(model, equations=replace(equations, explanation=(module.__doc__ or "").strip())),
         source.identity,
     )
+
+
+def _read_aircraft_model(path: str | Path) -> OwnModel:
+    """The model that a vehicle file of an aircraft declares."""
+    from scenarios.files.aircraft_files import model_of_file
+    from scenarios.files.declarations import read_toml_source
+
+    source = read_toml_source(path)
+    _, model, laid_down = model_of_file(source)
+    return OwnModel(constrained(model, laid_down), source.identity)
 
 
 def model_in_memory(model: object, built_in: tuple[str, ...] = ()) -> OwnModel:

@@ -25,8 +25,18 @@ from scenarios.files.user_models import (
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
 
-MODELS = ("ballistic", "rigid", "flexible", "loes", "lateral", "longitudinal", "multirotor")
+MODELS = (
+    "ballistic",
+    "rigid",
+    "flexible",
+    "loes",
+    "lateral",
+    "longitudinal",
+    "multirotor",
+    "aircraft",
+)
 BESIDE = "vehicle.toml"
+AIRCRAFT = "aircraft"
 FLOWN = ("aircraft_class", "flight_phase")
 # Model -> keys at the top of its file that are there, or are not, in files of no other model; a
 # file without these is a rigid aircraft's.
@@ -171,12 +181,37 @@ def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
     )
 
 
+def aircraft_vehicle(source: Source) -> VehicleFile:
+    """A file of the model ``aircraft``. Raises DeclarationError as ``vehicle_of``."""
+    from scenarios.files.aircraft_files import model_of_file
+
+    name, model, laid_down = model_of_file(source)
+    constants, starts = (
+        {item.name: item.value for item in model.parameters if item.free is free}
+        for free in (False, True)
+    )
+    return VehicleFile(
+        name,
+        model.name,
+        constants,
+        starts,
+        (),
+        source.identity,
+        model,
+        source.identity,
+        constraints=laid_down,
+        text=source.content.decode("utf-8-sig"),
+    )
+
+
 def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
     """A vehicle file of whichever model of an aircraft it is written for. Raises DeclarationError
     where it is for none, or wrong.
     """
     source = read_toml_source(path)
     content = toml_of(source)
+    if "aerodynamics" in content:
+        return aircraft_vehicle(source)
     if "density_scale_height" in content or "air_density_reference" in content:
         raise DeclarationError(
             "this is a falling body's file, without an airspeed",
@@ -207,6 +242,8 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
     DeclarationError : one line with file, key and remedy: not TOML, an unknown or missing key, a
     value of the wrong kind, unit or sign.
     """
+    if model == AIRCRAFT:
+        return aircraft_vehicle(source)
     from scenarios.files.schemas import SCHEMAS, mode_schema, refuse_unusable, units_of_starts
 
     path, content = source.path, toml_of(source)

@@ -1,0 +1,302 @@
+"""Vehicle files of the model ``aircraft``: airframe, surfaces, sensors, and the terms of each
+coefficient; read and written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from scenarios.files.declarations import checked, closest, toml_of
+from scenarios.files.sources import Source
+from scenarios.files.user_models import TABLES as CONSTRAINTS
+from scenarios.files.user_models import Constraints, refuse_nothing_left, take_constraints
+from sim.aerodynamics.terms import parse_term
+from sim.errors import DeclarationError
+from sim.vehicles.aircraft import (
+    BIASED,
+    BODY_AXES,
+    CONSTANTS,
+    DEFAULTS,
+    FURTHER,
+    MOMENTS,
+    OUTPUTS,
+    SENSORS,
+    VARYING_ALL,
+    WIND_AXES,
+    Aircraft,
+    Point,
+    Thrust,
+    aircraft_model,
+)
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+    from sim.declaration.model import Model
+
+AXES = tuple(dict.fromkeys((*BODY_AXES, *WIND_AXES, *MOMENTS)))
+SURFACE_UNITS = ("rad", "1")
+START = {"airspeed": "m/s", "trim_alpha": "rad", "trim_theta": "rad"}
+
+
+@cache
+def _schema() -> type[BaseModel]:
+    """The keys of a file beside its tables of terms, with their units."""
+    from scenarios.files.schemas import number_of, table_of
+
+    texts: Any = list[str]
+    place: Any = table_of("Place", **{axis: (number_of("m"), 0.0) for axis in "xyz"})
+    sensors: Any = table_of("Sensors", **{name: (place | None, None) for name in SENSORS})
+    thrust: Any = table_of(
+        "Thrust",
+        input=(str, "thrust"),
+        arm=(number_of("m"), 0.0),
+        angle=(number_of("rad"), 0.0),
+        maximum=(number_of("N", gt=0.0) | None, None),
+        throttle=(list[float] | None, None),
+        force=(list[float] | None, None),
+    )
+    inside = {name: CONSTANTS[name] for name in CONSTANTS if not name.startswith(("cg_", "thrust"))}
+    positive = {*inside} - {"cross_inertia"}
+    numbers: dict[str, Any] = {
+        name: (number_of(unit, gt=0.0 if name in positive else None), DEFAULTS.get(name, ...))
+        for name, unit in inside.items()
+    }
+    return table_of(
+        "AircraftVehicle",
+        name=(str | None, None),
+        **numbers,
+        airspeed=(number_of("m/s", gt=0.0), ...),
+        trim_alpha=(number_of("rad"), 0.0),
+        trim_theta=(number_of("rad"), 0.0),
+        surfaces=(dict[str, str], ...),
+        mixes=(dict[str, dict[str, float]], {}),
+        center_of_gravity=(place | None, None),
+        sensors=(sensors | None, None),
+        thrust=(thrust | None, None),
+        wind=(bool, False),
+        trim=(dict[str, float], {}),
+        columns=(texts, []),
+        states=(texts, []),
+        biases=(texts, list(BIASED)),
+    )
+
+
+def read_aircraft(source: Source) -> tuple[Aircraft, Constraints]:
+    """An aircraft's file that was read, and what it fixes, bounds or ties.
+
+    Parameters
+    ----------
+    source : the file. Numbers are SI, or texts with a unit, ``"24200 lb"``. Coefficients of terms
+        stand under ``[aerodynamics.Cm]`` and so on as ``"alpha*elevator" = -0.3``, per radian.
+
+    Raises
+    ------
+    DeclarationError : one line with file, key and remedy.
+    """
+    path, content = source.path, toml_of(source)
+    content.pop("model", None)
+    coefficients = _aerodynamics(content.pop("aerodynamics", {}), path)
+    laid_down = {key: content.pop(key) for key in CONSTRAINTS if key in content}
+    vehicle = checked(_schema(), content, path).model_dump(exclude_none=True)
+    _refuse_names(vehicle, path)
+    signals_of = _declared(vehicle, {}, path.stem)
+    terms = {
+        axis: {
+            parse_term(text, signals_of.signals, f"{path}, key aerodynamics.{axis}"): value
+            for text, value in table.items()
+        }
+        for axis, table in coefficients.items()
+    }
+    aircraft = _declared(vehicle, terms, path.stem)
+    units = {name: unit for name, (_, unit) in aircraft.parameters.items()}
+    starts = {name: value for name, (value, _) in aircraft.parameters.items()}
+    with_starts = {**laid_down, "derivatives": dict(starts)}
+    constraints = take_constraints(with_starts, units, path)
+    refuse_nothing_left(constraints, list(units), path)
+    return aircraft.with_values(with_starts["derivatives"]), constraints
+
+
+def model_of_file(source: Source) -> tuple[str, Model, Constraints]:
+    """Name, model and constraints of an aircraft's file; raises as ``read_aircraft``."""
+    aircraft, constraints = read_aircraft(source)
+    return aircraft.name, aircraft_model(aircraft), constraints
+
+
+def _aerodynamics(table: object, path: Path) -> dict[str, dict[str, float]]:
+    """Texts of terms and their values, by coefficient."""
+    from scenarios.files.schemas import number_in
+
+    where = f"{path}, key aerodynamics"
+    if not isinstance(table, dict) or not table:
+        remedy = 'write [aerodynamics.Cm] with "1" = 0.05, "alpha" = -0.9 and so on'
+        raise DeclarationError("there are no terms", where=where, remedy=remedy)
+    found = {}
+    for axis, terms in table.items():
+        if axis not in AXES:
+            raise DeclarationError(
+                f"there is no coefficient {axis}", where=where, remedy=closest(axis, AXES)
+            )
+        if not isinstance(terms, dict):
+            remedy = f'write [aerodynamics.{axis}] and lines such as "alpha" = 0.1'
+            raise DeclarationError("this is no table", where=f"{where}.{axis}", remedy=remedy)
+        found[axis] = {
+            text: number_in(value, "1", f"{where}.{axis}.{text}") for text, value in terms.items()
+        }
+    return found
+
+
+def _refuse_names(vehicle: Mapping[str, Any], path: Path) -> None:
+    """Raise DeclarationError for a name that stands for nothing."""
+    surfaces = vehicle["surfaces"]
+    for name, unit in surfaces.items():
+        if unit not in SURFACE_UNITS:
+            where = f"{path}, key surfaces.{name}"
+            remedy = 'write "rad" for a deflection, "1" for a share'
+            raise DeclarationError(f"{unit!r} is no unit of a surface", where=where, remedy=remedy)
+    for name, parts in vehicle["mixes"].items():
+        for part in parts:
+            if part not in surfaces:
+                where = f"{path}, key mixes.{name}"
+                what = f"{part} is no surface"
+                raise DeclarationError(what, where=where, remedy=closest(part, surfaces))
+    for key, known in (
+        ("columns", VARYING_ALL),
+        ("states", tuple(FURTHER)),
+        ("biases", (*OUTPUTS, *FURTHER)),
+    ):
+        for name in vehicle[key]:
+            if name not in known:
+                where = f"{path}, key {key}"
+                raise DeclarationError(
+                    f"{name} cannot stand there", where=where, remedy=closest(name, known)
+                )
+    thrust = vehicle.get("thrust", {}).get("input", "none")
+    moved = [*surfaces, *([thrust] if thrust != "none" else [])]
+    for name in vehicle["trim"]:
+        if name not in moved:
+            where = f"{path}, key trim"
+            remedy = closest(name, moved)
+            raise DeclarationError(f"{name} is no input", where=where, remedy=remedy)
+    if vehicle["wind"] and "psi" not in vehicle["states"]:
+        raise DeclarationError(
+            "wind is recorded from the north and the east, and the heading is no state",
+            where=f"{path}, key wind",
+            remedy='add states = ["psi"]',
+        )
+
+
+def _declared(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str) -> Aircraft:
+    """The aircraft of a checked file."""
+    thrust = vehicle.get("thrust", {"input": "none", "arm": 0.0, "angle": 0.0})
+    cg = vehicle.get("center_of_gravity", {})
+    constants = {name: vehicle[name] for name in CONSTANTS if name in vehicle}
+    constants |= {f"cg_{axis}": cg.get(axis, 0.0) for axis in "xyz"}
+    constants |= {"thrust_arm": thrust["arm"], "thrust_angle": thrust["angle"]}
+    sensors: dict[str, Point] = {
+        name: (place["x"], place["y"], place["z"])
+        for name, place in vehicle.get("sensors", {}).items()
+    }
+    begin = {
+        **vehicle["trim"],
+        "airspeed": vehicle["airspeed"],
+        "alpha": vehicle["trim_alpha"],
+        "theta": vehicle["trim_theta"],
+    }
+    return Aircraft(
+        vehicle.get("name") or stem,
+        constants,
+        vehicle["surfaces"],
+        terms,
+        vehicle["mixes"],
+        sensors,
+        _thrust(thrust, stem),
+        vehicle["wind"],
+        tuple(vehicle["columns"]),
+        begin,
+        tuple(vehicle["biases"]),
+        tuple(vehicle["states"]),
+    )
+
+
+def _thrust(table: Mapping[str, Any], stem: str) -> Thrust:
+    """What the table ``[thrust]`` says; without it there is none."""
+    where = f"{stem}, key thrust"
+    kind = table["input"]
+    if kind == "none":
+        return Thrust("")
+    if kind == "thrust":
+        return Thrust()
+    if kind != "throttle":
+        remedy = 'write input = "thrust", "throttle" or "none"'
+        raise DeclarationError(f"{kind!r} is no input", where=where, remedy=remedy)
+    shares, forces = table.get("throttle"), table.get("force")
+    if shares is None and forces is None and "maximum" in table:
+        shares, forces = [0.0, 1.0], [0.0, table["maximum"]]
+    if not shares or not forces or len(shares) != len(forces) or len(shares) < 2:
+        raise DeclarationError(
+            "a throttle needs the thrust that it gives",
+            where=where,
+            remedy="give maximum in N, or throttle = [0, ...] and force = [0, ...] of one length",
+        )
+    if any(later <= earlier for earlier, later in pairwise(shares)):
+        remedy = "let throttle increase"
+        raise DeclarationError("the table of thrust is in disorder", where=where, remedy=remedy)
+    return Thrust("throttle", (tuple(shares), tuple(forces)))
+
+
+def written(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> str:
+    """An aircraft as a vehicle file, with the standard deviations of values as comments.
+
+    Parameters
+    ----------
+    aircraft : what to write. sigmas : by parameter, where they are known.
+
+    Returns
+    -------
+    Text in TOML, which ``read_aircraft`` reads back to the same numbers.
+    """
+    c = aircraft.constants
+    lines = [f'model = "aircraft"\nname = "{aircraft.name}"']
+    lines += [
+        f"{name} = {c[name]!r}" for name in CONSTANTS if not name.startswith(("cg_", "thrust"))
+    ]
+    start = aircraft.start
+    lines += [
+        f"airspeed = {float(start.get('airspeed', 1.0))!r}",
+        f"trim_alpha = {float(start.get('alpha', 0.0))!r}",
+        f"trim_theta = {float(start.get('theta', 0.0))!r}",
+    ]
+    for key, names in (
+        ("columns", aircraft.varying),
+        ("states", aircraft.further),
+        ("biases", aircraft.biases),
+    ):
+        lines.append(f"{key} = [{', '.join(f'{name!r}' for name in names)}]".replace("'", '"'))
+    lines.append(f"wind = {str(aircraft.wind).lower()}")
+    rest = [name for name in (*aircraft.surfaces, aircraft.thrust.signal) if name in start]
+    if rest:
+        lines += ["", "[trim]", *(f"{name} = {float(start[name])!r}" for name in rest)]
+    lines += ["", "[surfaces]", *(f'{n} = "{unit}"' for n, unit in aircraft.surfaces.items())]
+    for name, parts in aircraft.mixes.items():
+        lines += ["", f"[mixes.{name}]", *(f"{n} = {float(v)!r}" for n, v in parts.items())]
+    lines += ["", "[thrust]", f'input = "{aircraft.thrust.signal or "none"}"']
+    lines += [f"arm = {c['thrust_arm']!r}", f"angle = {c['thrust_angle']!r}"]
+    if aircraft.thrust.signal == "throttle":
+        shares, forces = aircraft.thrust.table
+        lines += [f"throttle = {list(shares)!r}", f"force = {list(forces)!r}"]
+    lines += ["", "[center_of_gravity]", *(f"{axis} = {c[f'cg_{axis}']!r}" for axis in "xyz")]
+    for name, place in aircraft.sensors.items():
+        pairs = zip("xyz", place, strict=True)
+        lines += ["", f"[sensors.{name}]", *(f"{a} = {float(v)!r}" for a, v in pairs)]
+    for axis, terms in aircraft.coefficients.items():
+        lines += ["", f"[aerodynamics.{axis}]"]
+        for term, value in terms.items():
+            sigma = (sigmas or {}).get(f"{axis}_{term.label}")
+            told = f"  # +- {sigma:.2g}" if sigma is not None else ""
+            lines.append(f'"{term.text}" = {float(value)!r}{told}')
+    return "\n".join(lines) + "\n"

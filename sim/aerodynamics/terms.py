@@ -1,0 +1,216 @@
+"""A term of an aerodynamic coefficient: a product of powers and splines of signals.
+
+Written as in a vehicle file: ``"1"``, ``"alpha"``, ``"alpha^2"``, ``"alpha*elevator"``,
+``"beta*abs(beta)"``, ``"spline(alpha, 0.2, 1)"``, which is (alpha - 0.2)^1 above 0.2 rad and zero
+below [1]_. Rates stand for non-dimensional ones: p b/(2V), q c/(2V), r b/(2V).
+
+References
+----------
+.. [1] V. Klein and E. A. Morelli, Aircraft System Identification, AIAA 2006, sections 5.3 and 6.2.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sim.errors import DeclarationError
+from sim.maths import absolute, maximum
+
+ANGLES = ("alpha", "beta")
+RATES = ("p", "q", "r")
+FLOW = (*ANGLES, "mach", *RATES)  # signals that every aircraft has; surfaces are the file's
+HIGHEST = 9  # power
+AS_TERM = "term_"  # what the name of a signal begins with as it stands in terms
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_NAME = r"[A-Za-z]\w*"
+_SPLINE = re.compile(rf"spline\(({_NAME}),({_NUMBER}),(\d)\)")
+_ABSOLUTE = re.compile(rf"abs\(({_NAME})\)")
+_POWER = re.compile(rf"({_NAME})(?:\^(\d))?")
+_FORMS = 'write "alpha", "alpha^2", "alpha*elevator", "abs(beta)" or "spline(alpha, 0.2, 1)"'
+
+
+@dataclass(frozen=True, order=True)
+class Factor:
+    """A power of a signal.
+
+    Attributes
+    ----------
+    signal : its name. power : 1 to 9, of a spline 0 to 9. absolute : of its absolute value.
+    knot : of a spline, in the signal's unit: what exceeds it is raised to the power. None else.
+    """
+
+    signal: str
+    power: int = 1
+    absolute: bool = False
+    knot: float | None = None
+
+    @property
+    def text(self) -> str:
+        """As a vehicle file has it."""
+        if self.knot is not None:
+            return f"spline({self.signal}, {self.knot:g}, {self.power})"
+        if self.absolute:
+            return f"abs({self.signal})"
+        return self.signal if self.power == 1 else f"{self.signal}^{self.power}"
+
+    @property
+    def label(self) -> str:
+        """As part of a parameter's name: letters, digits and underscores."""
+        if self.knot is not None:
+            number = f"{self.knot:g}".replace("-", "m").replace(".", "p").replace("+", "")
+            return f"{self.signal}_above_{number}" + (f"_{self.power}" if self.power != 1 else "")
+        if self.absolute:
+            return f"abs_{self.signal}"
+        return self.signal if self.power == 1 else f"{self.signal}{self.power}"
+
+    def of(self, value: Any) -> Any:
+        """The factor where its signal has a value; takes complex numbers and arrays.
+
+        Parameters
+        ----------
+        value : of the signal, its unit; rates non-dimensional.
+        """
+        if self.absolute:
+            return absolute(value)
+        if self.knot is None:
+            return _raised(value, self.power)
+        if self.power == 0:
+            return 0.0 * value + (value > self.knot)
+        return _raised(maximum(value - self.knot, 0.0 * value), self.power)
+
+
+def _raised(value: Any, power: int) -> Any:
+    out = value
+    for _ in range(power - 1):
+        out = out * value
+    return out
+
+
+@dataclass(frozen=True, order=True)
+class Term:
+    """A product of factors; without any the constant term.
+
+    Examples
+    --------
+    >>> term = parse_term("alpha * elevator", ("alpha", "elevator"))
+    >>> term.text, term.label
+    ('alpha*elevator', 'alpha_elevator')
+    >>> term.of({"alpha": 0.1, "elevator": -0.05})
+    -0.005000000000000001
+    """
+
+    factors: tuple[Factor, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """As a vehicle file has it."""
+        return "*".join(factor.text for factor in self.factors) or "1"
+
+    @property
+    def label(self) -> str:
+        """As part of a parameter's name; ``0`` of the constant."""
+        return "_".join(factor.label for factor in self.factors) or "0"
+
+    @property
+    def signals(self) -> frozenset[str]:
+        """Names of the signals in it."""
+        return frozenset(factor.signal for factor in self.factors)
+
+    def unit(self, angles: Collection[str]) -> str:
+        """Unit of the term's coefficient: ``1/rad2`` for two factors of angles.
+
+        Parameters
+        ----------
+        angles : signals in rad, rates among them: derivatives by these are told per radian.
+        """
+        power = sum(factor.power for factor in self.factors if factor.signal in angles)
+        return "1" if power == 0 else "1/rad" if power == 1 else f"1/rad{power}"
+
+    def of(self, values: Mapping[str, Any]) -> Any:
+        """The term's value.
+
+        Parameters
+        ----------
+        values : signals by name, numbers or arrays of one shape, complex ones as well.
+        """
+        out: Any = 1.0
+        for place, factor in enumerate(self.factors):
+            value = factor.of(values[factor.signal])
+            out = value if place == 0 else out * value
+        return out
+
+
+def parse_term(text: str, signals: Collection[str], where: str = "term") -> Term:
+    """A term from its text.
+
+    Parameters
+    ----------
+    text : see the module. signals : names that may stand in it. where : for messages.
+
+    Raises
+    ------
+    DeclarationError : no term, or one with an unknown signal.
+
+    Examples
+    --------
+    >>> parse_term("spline(alpha, 0.2, 1)*beta", ("alpha", "beta")).label
+    'alpha_above_0p2_beta'
+    """
+    plain = re.sub(r"\s+", "", text)
+    if plain == "1":
+        return Term()
+    factors: dict[tuple[str, bool, float | None, int], Factor] = {}
+    for part in _parts(plain):
+        factor = _factor(part, text, where)
+        if factor.signal not in signals:
+            raise DeclarationError(
+                f"the term {text!r} has the unknown signal {factor.signal}",
+                where=where,
+                remedy=f"use {', '.join(signals)}, or declare it under [surfaces]",
+            )
+        plain_power = factor.knot is None and not factor.absolute
+        key = (factor.signal, factor.absolute, factor.knot, 0 if plain_power else factor.power)
+        if key in factors and plain_power:
+            factor = Factor(factor.signal, factor.power + factors[key].power)
+        if (key in factors and not plain_power) or factor.power > HIGHEST:
+            raise DeclarationError(
+                f"the term {text!r} is no product of powers up to {HIGHEST}",
+                where=where,
+                remedy="write each factor once",
+            )
+        factors[key] = factor
+    return Term(tuple(sorted(factors.values(), key=_order)))
+
+
+def _order(factor: Factor) -> tuple[int, str, bool, float, int]:
+    """Signals of the air first, then surfaces by name: a product has one name."""
+    place = FLOW.index(factor.signal) if factor.signal in FLOW else len(FLOW)
+    knot = -math.inf if factor.knot is None else factor.knot
+    return place, factor.signal, factor.absolute, knot, factor.power
+
+
+def _parts(plain: str) -> list[str]:
+    """The text between the stars that are outside of brackets."""
+    parts, depth = [""], 0
+    for letter in plain:
+        depth += (letter == "(") - (letter == ")")
+        if letter == "*" and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return parts
+
+
+def _factor(part: str, text: str, where: str) -> Factor:
+    if found := _SPLINE.fullmatch(part):
+        return Factor(found[1], int(found[3]), knot=float(found[2]))
+    if found := _ABSOLUTE.fullmatch(part):
+        return Factor(found[1], absolute=True)
+    found = _POWER.fullmatch(part)
+    if found is None or found[2] == "0":
+        raise DeclarationError(f"{text!r} is no term", where=where, remedy=_FORMS)
+    return Factor(found[1], int(found[2] or 1))

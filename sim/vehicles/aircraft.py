@@ -1,0 +1,470 @@
+"""A rigid aircraft with six degrees of freedom and coefficients that are sums of named terms.
+
+Body axes, x forward, y to the right, z down. With the components u, v, w of the velocity, surfaces
+and non-dimensional rates as signals of the terms (see `sim.aerodynamics.terms`),
+
+    u_dot = r v - q w - g sin(theta) + (qS CX + T cos(e))/m
+    v_dot = p w - r u + g cos(theta) sin(phi) + qS CY/m
+    w_dot = q u - p v + g cos(theta) cos(phi) + (qS CZ - T sin(e))/m
+
+and Euler's equations with Ixz [1]_. States are the airspeed V, alpha and beta in the place of u, v,
+w. Coefficients of lift and drag, CL and CD, are turned by alpha into CZ and CX. Moments of the
+coefficients are about a reference point, from which the centre of gravity lies at ``cg``.
+
+References
+----------
+.. [1] B. L. Stevens, F. L. Lewis and E. N. Johnson, Aircraft Control and Simulation, 3rd ed.,
+   Wiley, 2016, sections 1.7 and 2.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from sim.aerodynamics.terms import AS_TERM, FLOW, RATES, Term
+from sim.declaration.model import Model
+from sim.declaration.user_equations import OwnEquations
+from sim.declaration.user_model import own_model
+from sim.errors import DeclarationError, ModelError
+from sim.maths import G0, arctan, cos, interpolate, plus, sin, sqrt
+
+NAME = "aircraft"
+BODY_AXES, WIND_AXES = ("CX", "CY", "CZ"), ("CD", "CY", "CL")
+MOMENTS = ("Cl", "Cm", "Cn")
+FORCES = tuple(dict.fromkeys((*BODY_AXES, *WIND_AXES)))
+CONSTANTS: Mapping[str, str] = MappingProxyType(
+    {
+        "mass": "kg",
+        "wing_area": "m2",
+        "chord": "m",
+        "span": "m",
+        "roll_inertia": "kg m2",
+        "pitch_inertia": "kg m2",
+        "yaw_inertia": "kg m2",
+        "cross_inertia": "kg m2",
+        "air_density": "kg/m3",
+        "speed_of_sound": "m/s",
+        "cg_x": "m",
+        "cg_y": "m",
+        "cg_z": "m",
+        "thrust_arm": "m",
+        "thrust_angle": "rad",
+    }
+)
+VARYING = ("mass", "roll_inertia", "pitch_inertia", "yaw_inertia", "cross_inertia", "air_density")
+VARYING_ALL = (*VARYING, "cg_x", "cg_y", "cg_z")  # constants that may be columns of the record
+DEFAULTS: Mapping[str, float] = MappingProxyType(
+    {
+        "cross_inertia": 0.0,
+        "speed_of_sound": 340.294,
+        **dict.fromkeys(("cg_x", "cg_y", "cg_z", "thrust_arm", "thrust_angle"), 0.0),
+    }
+)
+STATES: Mapping[str, str] = MappingProxyType(
+    {
+        "airspeed": "m/s",
+        "alpha": "rad",
+        "beta": "rad",
+        "p": "rad/s",
+        "q": "rad/s",
+        "r": "rad/s",
+        "phi": "rad",
+        "theta": "rad",
+    }
+)
+FURTHER: Mapping[str, str] = MappingProxyType({"psi": "rad", "altitude": "m"})
+OUTPUTS: Mapping[str, str] = MappingProxyType({**STATES, "ax": "m/s2", "ay": "m/s2", "az": "m/s2"})
+WIND: Mapping[str, str] = MappingProxyType(
+    {"wind_north": "m/s", "wind_east": "m/s", "wind_down": "m/s"}
+)
+SENSORS = ("airspeed", "alpha", "beta", "accelerometer")
+BIASED = ("p", "q", "r")
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Thrust:
+    """What pulls along the body.
+
+    Attributes
+    ----------
+    signal : ``thrust`` in N, ``throttle`` from 0 to 1, or empty for a glider.
+    table : of a throttle, shares and the thrust there, N.
+    """
+
+    signal: str = "thrust"
+    table: tuple[tuple[float, ...], tuple[float, ...]] = ((0.0, 1.0), (0.0, 0.0))
+
+
+@dataclass(frozen=True)
+class Aircraft:
+    """What a vehicle file of an aircraft declares, in SI.
+
+    Attributes
+    ----------
+    name : of the vehicle. constants : see ``CONSTANTS``. surfaces : recorded inputs with their
+        units. mixes : signals of terms that are sums of recorded inputs, with their factors.
+    coefficients : of CX CY CZ or CD CY CL, Cl Cm Cn, terms and their values.
+    sensors : places of ``SENSORS``, m from the centre of gravity, body axes.
+    thrust : see ``Thrust``. wind : whether its components are recorded inputs.
+    varying : constants that are columns of the record. start : states at the start.
+    biases : outputs with a free constant bias. further : states beyond ``STATES``.
+    """
+
+    name: str
+    constants: Mapping[str, float]
+    surfaces: Mapping[str, str]
+    coefficients: Mapping[str, Mapping[Term, float]]
+    mixes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    sensors: Mapping[str, Point] = field(default_factory=dict)
+    thrust: Thrust = Thrust()
+    wind: bool = False
+    varying: tuple[str, ...] = ()
+    start: Mapping[str, float] = field(default_factory=dict)
+    biases: tuple[str, ...] = BIASED
+    further: tuple[str, ...] = ()
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Names that may stand in terms."""
+        return (*FLOW, *dict.fromkeys((*self.surfaces, *self.mixes)))
+
+    @property
+    def angles(self) -> frozenset[str]:
+        """Signals by which derivatives are told per radian."""
+        mixed = {
+            name
+            for name, parts in self.mixes.items()
+            if all(self.surfaces.get(part) == "rad" for part in parts)
+        }
+        return frozenset(
+            {"alpha", "beta", *RATES, *(n for n, unit in self.surfaces.items() if unit == "rad")}
+            | mixed
+        )
+
+    @property
+    def forces(self) -> tuple[str, ...]:
+        """Names of the three force coefficients."""
+        return WIND_AXES if {"CD", "CL"} & set(self.coefficients) else BODY_AXES
+
+    @property
+    def parameters(self) -> dict[str, tuple[float, str]]:
+        """Value and unit of each term's coefficient, by the parameter's name."""
+        return {
+            f"{axis}_{term.label}": (value, term.unit(self.angles))
+            for axis, terms in self.coefficients.items()
+            for term, value in terms.items()
+        }
+
+    @property
+    def terms(self) -> dict[str, tuple[str, Term]]:
+        """Coefficient and term of each parameter."""
+        return {
+            f"{axis}_{term.label}": (axis, term)
+            for axis, terms in self.coefficients.items()
+            for term in terms
+        }
+
+    def with_values(self, values: Mapping[str, float]) -> Aircraft:
+        """The same with other values of some parameters."""
+        return replace(
+            self,
+            coefficients={
+                axis: {term: values.get(f"{axis}_{term.label}", old) for term, old in terms.items()}
+                for axis, terms in self.coefficients.items()
+            },
+        )
+
+
+def refuse_unphysical(aircraft: Aircraft) -> None:
+    """Raise DeclarationError for a mass, inertias or coefficients that no aircraft has."""
+    where = f"vehicle {aircraft.name}"
+    c = aircraft.constants
+    for name in CONSTANTS:
+        if name not in c:
+            raise DeclarationError(f"the number {name} is missing", where=where, remedy="give it")
+    for name in (*CONSTANTS,)[:7] + ("air_density", "speed_of_sound"):
+        if not c[name] > 0.0:
+            remedy = "give a positive number"
+            raise DeclarationError(
+                f"{name} = {c[name]:g} is not positive", where=where, remedy=remedy
+            )
+    inertias = [c["roll_inertia"], c["pitch_inertia"], c["yaw_inertia"]]
+    if 2.0 * max(inertias) > sum(inertias):
+        raise DeclarationError(
+            "the largest inertia is larger than the sum of the other two, which no body has",
+            where=where,
+            remedy="check roll_inertia, pitch_inertia and yaw_inertia and their units",
+        )
+    if c["cross_inertia"] ** 2 >= c["roll_inertia"] * c["yaw_inertia"]:
+        raise DeclarationError(
+            f"cross_inertia = {c['cross_inertia']:g} kg m2 is too large",
+            where=where,
+            remedy="its square is below roll_inertia yaw_inertia",
+        )
+    both = {"CD", "CL"} & set(aircraft.coefficients), {"CX", "CZ"} & set(aircraft.coefficients)
+    if all(both):
+        raise DeclarationError(
+            "forces are given in body axes and in wind axes",
+            where=where,
+            remedy="give CX, CY and CZ, or CD, CY and CL",
+        )
+    for axis in (*aircraft.forces, *MOMENTS):
+        if not aircraft.coefficients.get(axis):
+            remedy = f'add [aerodynamics.{axis}] with "1" = 0.0 at least'
+            what = f"the coefficient {axis} has no term"
+            raise DeclarationError(what, where=where, remedy=remedy)
+
+
+def aircraft_model(aircraft: Aircraft) -> Model:
+    """The model of a declared aircraft: constants held, all coefficients of terms free.
+
+    Parameters
+    ----------
+    aircraft : the declaration.
+
+    Returns
+    -------
+    Model with the states airspeed, alpha, beta, p, q, r, phi, theta and those of ``further``; the
+    outputs are these and ax, ay, az (m/s2, what accelerometers read, without gravity), each where
+    its sensor is. Ports ``CX`` ... ``Cn`` add to the coefficients.
+
+    Raises
+    ------
+    DeclarationError : see ``refuse_unphysical``.
+    """
+    refuse_unphysical(aircraft)
+    thrust = {} if not aircraft.thrust.signal else {aircraft.thrust.signal: "N"}
+    if aircraft.thrust.signal == "throttle":
+        thrust = {"throttle": "1"}
+    driven = {
+        **aircraft.surfaces,
+        **thrust,
+        **(WIND if aircraft.wind else {}),
+        **{name: CONSTANTS[name] for name in aircraft.varying},
+    }
+    constants = {
+        name: (value, CONSTANTS[name])
+        for name, value in aircraft.constants.items()
+        if name not in aircraft.varying
+    }
+    further = {name: FURTHER[name] for name in FURTHER if name in aircraft.further}
+    rest = {name: aircraft.constants[name] for name in aircraft.varying}
+    motion = _Motion(aircraft)
+    try:
+        model = own_model(
+            NAME,
+            {**STATES, **further},
+            driven,
+            {**OUTPUTS, **further},
+            aircraft.parameters,
+            motion.rates,
+            motion.readings,
+            constants,
+            dict.fromkeys((*aircraft.forces, *MOMENTS), "1"),
+            motion.flow,
+            {**aircraft.start, **rest},
+            biases=aircraft.biases,
+        )
+    except ModelError as error:
+        where = f"vehicle {aircraft.name}"
+        raise DeclarationError(error.what, where=where, remedy=error.remedy) from error
+    assert isinstance(model.equations, OwnEquations)
+    terms = tuple((axis, term.text) for axis, term in aircraft.terms.values())
+    return replace(model, equations=replace(model.equations, terms=terms))
+
+
+class _Motion:
+    """The functions of an aircraft's equations."""
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        self.aircraft = aircraft
+        self.sums = [
+            (axis, [(f"{axis}_{term.label}", term) for term in aircraft.coefficients[axis]])
+            for axis in (*aircraft.forces, *MOMENTS)
+        ]
+        self.needs_mach = any("mach" in term.signals for _, (_, term) in aircraft.terms.items())
+        self.places = {name: aircraft.sensors.get(name, (0.0, 0.0, 0.0)) for name in SENSORS}
+
+    def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
+        """Velocity against the air, dynamic pressure times area, and the sums of terms."""
+        c = self._constants(s, p)
+        u, v, w = _velocity(s)
+        if self.aircraft.wind:
+            u, v, w = (
+                own - wind for own, wind in zip((u, v, w), _to_body(s, *self._wind(s)), strict=True)
+            )
+        V = sqrt(u * u + v * v + w * w) if self.aircraft.wind else s.airspeed
+        alpha = _angle(w, u) if self.aircraft.wind else s.alpha
+        beta = _arcsine(v / V) if self.aircraft.wind else s.beta
+        half = 0.5 / V
+        values = {
+            "alpha": alpha,
+            "beta": beta,
+            "p": s.p * c["span"] * half,
+            "q": s.q * c["chord"] * half,
+            "r": s.r * c["span"] * half,
+            **{name: getattr(s, name) for name in self.aircraft.surfaces},
+        }
+        if self.needs_mach:
+            values["mach"] = V / c["speed_of_sound"]
+        for name, parts in self.aircraft.mixes.items():
+            values[name] = sum(factor * getattr(s, each) for each, factor in parts.items())
+        found = {
+            "u_air": u,
+            "v_air": v,
+            "w_air": w,
+            "alpha_air": alpha,
+            "pressure_area": 0.5 * c["air_density"] * V * V * c["wing_area"],
+            "thrust_force": self._thrust(s),
+            **{AS_TERM + name: value for name, value in values.items()},
+        }
+        known: dict[Term, Any] = {}
+        for axis, terms in self.sums:
+            total: Any = 0.0
+            for name, term in terms:
+                if term not in known:
+                    known[term] = term.of(values)
+                total = total + getattr(p, name) * known[term]
+            found[f"{axis}_terms"] = total
+        return found
+
+    def rates(self, s: Any, p: Any) -> Mapping[str, Any]:
+        """Rates of all states."""
+        c = self._constants(s, p)
+        (X, Y, Z), (L, M, N) = self._loads(s, c)
+        u, v, w = _velocity(s)
+        sin_phi, cos_phi = sin(s.phi), cos(s.phi)
+        sin_theta, cos_theta = sin(s.theta), cos(s.theta)
+        u_dot = s.r * v - s.q * w - G0 * sin_theta + X / c["mass"]
+        v_dot = s.p * w - s.r * u + G0 * cos_theta * sin_phi + Y / c["mass"]
+        w_dot = s.q * u - s.p * v + G0 * cos_theta * cos_phi + Z / c["mass"]
+        V, plane = s.airspeed, u * u + w * w
+        V_dot = (u * u_dot + v * v_dot + w * w_dot) / V
+        found = {
+            "airspeed": V_dot,
+            "alpha": (u * w_dot - w * u_dot) / plane,
+            "beta": (V * v_dot - v * V_dot) / (V * sqrt(plane)),
+            **_angular_accelerations(s, c, L, M, N),
+            "phi": s.p + sin_theta / cos_theta * (s.q * sin_phi + s.r * cos_phi),
+            "theta": s.q * cos_phi - s.r * sin_phi,
+            "psi": (s.q * sin_phi + s.r * cos_phi) / cos_theta,
+            "altitude": u * sin_theta - v * sin_phi * cos_theta - w * cos_phi * cos_theta,
+        }
+        return {name: found[name] for name in (*STATES, *self.aircraft.further)}
+
+    def readings(self, s: Any, p: Any) -> Mapping[str, Any]:
+        """What the sensors read where they are."""
+        c = self._constants(s, p)
+        (X, Y, Z), (L, M, N) = self._loads(s, c)
+        found = {name: getattr(s, name) for name in (*STATES, *self.aircraft.further)}
+        for name in ("airspeed", "alpha", "beta"):
+            u, v, w = self._velocity_at(s, self.places[name])
+            if name == "alpha":
+                found[name] = _angle(w, u)
+            else:
+                V = sqrt(u * u + v * v + w * w)
+                found[name] = V if name == "airspeed" else _arcsine(v / V)
+        x, y, z = self.places["accelerometer"]
+        found |= {"ax": X / c["mass"], "ay": Y / c["mass"], "az": Z / c["mass"]}
+        if (x, y, z) != (0.0, 0.0, 0.0):
+            turn = _angular_accelerations(s, c, L, M, N)
+            P, Q, R = s.p, s.q, s.r
+            found["ax"] += -x * (Q * Q + R * R) + y * (P * Q - turn["r"]) + z * (P * R + turn["q"])
+            found["ay"] += x * (P * Q + turn["r"]) - y * (P * P + R * R) + z * (Q * R - turn["p"])
+            found["az"] += x * (P * R - turn["q"]) + y * (Q * R + turn["p"]) - z * (P * P + Q * Q)
+        return found
+
+    def _constants(self, s: Any, p: Any) -> dict[str, Any]:
+        varying = self.aircraft.varying
+        return {name: getattr(s if name in varying else p, name) for name in CONSTANTS}
+
+    def _wind(self, s: Any) -> tuple[Any, Any, Any]:
+        return s.wind_north, s.wind_east, s.wind_down
+
+    def _thrust(self, s: Any) -> Any:
+        source = self.aircraft.thrust
+        if not source.signal:
+            return 0.0
+        if source.signal == "thrust":
+            return s.thrust
+        shares, forces = (np.array(each) for each in source.table)
+        return interpolate(s.throttle, shares, forces)
+
+    def _velocity_at(self, s: Any, place: Point) -> tuple[Any, Any, Any]:
+        """Against the air, of a point of the aircraft."""
+        x, y, z = place
+        if place == (0.0, 0.0, 0.0):
+            return s.u_air, s.v_air, s.w_air
+        return (
+            s.u_air + s.q * z - s.r * y,
+            s.v_air + s.r * x - s.p * z,
+            s.w_air + s.p * y - s.q * x,
+        )
+
+    def _loads(
+        self, s: Any, c: Mapping[str, Any]
+    ) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]:
+        """Forces N and moments N m about the centre of gravity, without weight, body axes."""
+        qS = s.pressure_area
+        first, side, third = (
+            plus(getattr(s, f"{axis}_terms"), getattr(s, axis)) for axis in self.aircraft.forces
+        )
+        roll, pitch, yaw = (plus(getattr(s, f"{a}_terms"), getattr(s, a)) for a in MOMENTS)
+        if self.aircraft.forces == WIND_AXES:
+            sine, cosine = sin(s.alpha_air), cos(s.alpha_air)
+            first, third = third * sine - first * cosine, -(first * sine + third * cosine)
+        X, Y, Z = qS * first, qS * side, qS * third
+        x, y, z = c["cg_x"], c["cg_y"], c["cg_z"]
+        L = qS * c["span"] * roll - (y * Z - z * Y)
+        M = qS * c["chord"] * pitch - (z * X - x * Z)
+        N = qS * c["span"] * yaw - (x * Y - y * X)
+        T = s.thrust_force
+        M = M + T * c["thrust_arm"]
+        return (X + T * cos(c["thrust_angle"]), Y, Z - T * sin(c["thrust_angle"])), (L, M, N)
+
+
+def _velocity(s: Any) -> tuple[Any, Any, Any]:
+    """u, v, w of the states, m/s."""
+    across = s.airspeed * cos(s.beta)
+    return across * cos(s.alpha), s.airspeed * sin(s.beta), across * sin(s.alpha)
+
+
+def _angular_accelerations(s: Any, c: Mapping[str, Any], L: Any, M: Any, N: Any) -> dict[str, Any]:
+    """p_dot, q_dot, r_dot by Euler's equations, rad/s2."""
+    Ix, Iy, Iz, Ixz = (
+        c[name] for name in ("roll_inertia", "pitch_inertia", "yaw_inertia", "cross_inertia")
+    )
+    P, Q, R = s.p, s.q, s.r
+    bound = Ix * Iz - Ixz * Ixz
+    sum_ = Ix - Iy + Iz
+    roll = Ixz * sum_ * P * Q - (Iz * (Iz - Iy) + Ixz * Ixz) * Q * R + Iz * L + Ixz * N
+    yaw = (Ix * (Ix - Iy) + Ixz * Ixz) * P * Q - Ixz * sum_ * Q * R + Ixz * L + Ix * N
+    pitch = (Iz - Ix) * P * R - Ixz * (P * P - R * R) + M
+    return {"p": roll / bound, "q": pitch / Iy, "r": yaw / bound}
+
+
+def _to_body(s: Any, north: Any, east: Any, down: Any) -> tuple[Any, Any, Any]:
+    """Components of a vector in body axes."""
+    a, b = sin(s.phi), cos(s.phi)
+    c, d = sin(s.theta), cos(s.theta)
+    e, f = sin(s.psi), cos(s.psi)
+    return (
+        d * f * north + d * e * east - c * down,
+        (a * c * f - b * e) * north + (a * c * e + b * f) * east + a * d * down,
+        (b * c * f + a * e) * north + (b * c * e - a * f) * east + b * d * down,
+    )
+
+
+def _angle(y: Any, x: Any) -> Any:
+    """The angle whose tangent is y/x, x positive; keeps complex steps."""
+    return arctan(y / x)
+
+
+def _arcsine(x: Any) -> Any:
+    return arctan(x / sqrt(1.0 - x * x))
