@@ -18,9 +18,11 @@ from sim.declaration.model import Model, Noise, System
 from sim.maths import G0
 from sim.propagation import Step, drive_from_record, make_grid, rk4_step, simulate
 from sim.record import Hold
+from sim.vehicles.aircraft import aircraft_model
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.factory import model_from_constants
 from sim.vehicles.short_period import ShortPeriod
+from tests.airliner import AIRLINER, ELEVATOR, THRUST
 
 RIGID_VALUES = {
     "mass": 130642.0,
@@ -269,6 +271,29 @@ def multirotor_flight(duration: float = 4.0, rate: float = 25.0) -> Flight:
     return Flight(time, np.array([*moments, 0.38 + 0.05 * (time >= 2.6 - 1e-9)]), max_step=0.04)
 
 
+AIRLINER_NOISE = Noise(
+    {
+        "airspeed": 0.2,
+        **dict.fromkeys(("alpha", "beta", "phi", "theta", "p", "q", "r"), 0.002),
+        **dict.fromkeys(("ax", "ay", "az"), 0.03),
+    }
+)
+
+
+def airliner_flight(duration: float = 4.0, rate: float = 25.0) -> Flight:
+    """Surfaces moved one after the other about a trim of the airliner."""
+    time = np.arange(round(duration * rate) + 1) / rate
+
+    def doublet(size: float, *times: float) -> np.ndarray:
+        edges = np.searchsorted(times, time + 1e-9)
+        return size * np.array([0.0, 1.0, -1.0, 0.0])[edges]
+
+    elevator = ELEVATOR + doublet(0.03, 0.4, 1.2, 1.6)
+    aileron, rudder = doublet(0.04, 1.2, 2.0, 2.8), doublet(0.04, 0.8, 2.4, 3.2)
+    thrust = np.full(len(time), THRUST)
+    return Flight(time, np.array([elevator, aileron, rudder, thrust]), max_step=0.04)
+
+
 def base_for(equations: str) -> tuple[Model, Flight]:
     """Model and flight by the name of the equations."""
     return {
@@ -278,6 +303,7 @@ def base_for(equations: str) -> tuple[Model, Flight]:
         "lateral": (lateral_model(), lateral_flight()),
         "longitudinal": (longitudinal_model(), longitudinal_flight()),
         "multirotor": (multirotor_model(), multirotor_flight()),
+        "aircraft": (aircraft_model(AIRLINER).with_noise(AIRLINER_NOISE), airliner_flight()),
     }[equations]
 
 

@@ -6,18 +6,22 @@ from __future__ import annotations
 
 from sim.declaration.effect import Effect, Station
 from sim.declaration.model import Equations
+from sim.effects.dynamics.missing_term import MissingTerm
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.library import catch_all_terms_for, effects_for, library
+from sim.vehicles.aircraft import aircraft_model
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.lateral import Lateral
 from sim.vehicles.loes import Loes
 from sim.vehicles.longitudinal import Longitudinal
 from sim.vehicles.multirotor import Multirotor
 from sim.vehicles.short_period import ShortPeriod
+from tests.airliner import AIRLINER
 
 # Every instance on these is held to every law; on the whole axes those of ``representatives``.
 VEHICLES: tuple[Equations, ...] = (ShortPeriod(), Loes(), Ballistic())
 WHOLE_AXES: tuple[Equations, ...] = (Lateral(), Longitudinal(), Multirotor())
+AIRCRAFT = aircraft_model(AIRLINER).equations
 ALL_VEHICLES = (*VEHICLES, *WHOLE_AXES)
 
 
@@ -62,7 +66,8 @@ def representatives() -> list[tuple[Effect, str]]:
             covered.add(effect)
             seen.add(key)
             found.append((effect, vehicle.name))
-    return found
+    terms = [each for each in effects_for(AIRCRAFT) if isinstance(each, MissingTerm)]
+    return found + [(each, AIRCRAFT.name) for each in (terms[0], terms[-1])]
 
 
 def made() -> list[Effect]:

@@ -24,6 +24,7 @@ ANGLES = ("alpha", "beta")
 RATES = ("p", "q", "r")
 FLOW = (*ANGLES, "mach", *RATES)  # signals that every aircraft has; surfaces are the file's
 HIGHEST = 9  # power
+AS_TERM = "term_"  # what the name of a signal begins with as it stands in terms
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _NAME = r"[A-Za-z]\w*"
 _SPLINE = re.compile(rf"spline\(({_NAME}),({_NUMBER}),(\d)\)")

@@ -150,7 +150,8 @@ class OwnEquations:
     free constant bias. ``resting``: inputs about which they are tried. ``explanation``: what the
     file says of the equations. ``multiplying``: estimated parameters that multiply signals, with
     their units. ``products``: port, signal and estimated parameter, where the parameter multiplies
-    the signal in a rate to which the port adds.
+    the signal in a rate to which the port adds. ``terms``: of equations whose ports are
+    coefficients that are sums of terms, coefficient and text of each (`sim.aerodynamics.terms`).
 
     A number beyond the range of floats, or a division by zero, makes the answer NaN, which an
     estimator steps back from; every other error in a function is a ModelError that names file and
@@ -173,6 +174,7 @@ class OwnEquations:
     explanation: str = ""
     multiplying: tuple[tuple[str, str], ...] = ()
     products: tuple[tuple[str, str, str], ...] = ()
+    terms: tuple[tuple[str, str], ...] = ()
 
     @property
     def factors(self) -> dict[str, str]:

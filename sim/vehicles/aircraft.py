@@ -26,8 +26,9 @@ from typing import Any
 
 import numpy as np
 
-from sim.aerodynamics.terms import FLOW, RATES, Term
+from sim.aerodynamics.terms import AS_TERM, FLOW, RATES, Term
 from sim.declaration.model import Model
+from sim.declaration.user_equations import OwnEquations
 from sim.declaration.user_model import own_model
 from sim.errors import DeclarationError, ModelError
 from sim.maths import G0, arctan, cos, interpolate, plus, sin, sqrt
@@ -256,7 +257,7 @@ def aircraft_model(aircraft: Aircraft) -> Model:
     rest = {name: aircraft.constants[name] for name in aircraft.varying}
     motion = _Motion(aircraft)
     try:
-        return own_model(
+        model = own_model(
             NAME,
             {**STATES, **further},
             driven,
@@ -273,6 +274,9 @@ def aircraft_model(aircraft: Aircraft) -> Model:
     except ModelError as error:
         where = f"vehicle {aircraft.name}"
         raise DeclarationError(error.what, where=where, remedy=error.remedy) from error
+    assert isinstance(model.equations, OwnEquations)
+    terms = tuple((axis, term.text) for axis, term in aircraft.terms.values())
+    return replace(model, equations=replace(model.equations, terms=terms))
 
 
 class _Motion:
@@ -318,6 +322,7 @@ class _Motion:
             "alpha_air": alpha,
             "pressure_area": 0.5 * c["air_density"] * V * V * c["wing_area"],
             "thrust_force": self._thrust(s),
+            **{AS_TERM + name: value for name, value in values.items()},
         }
         known: dict[Term, Any] = {}
         for axis, terms in self.sums:

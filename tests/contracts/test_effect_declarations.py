@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+from sim.aerodynamics.terms import FLOW, parse_term
 from sim.declaration.effect import (
     ClockEffect,
     DynamicsEffect,
@@ -23,7 +24,7 @@ from sim.declaration.effect import (
 from sim.declaration.model import Multiplying
 from sim.effects.library import applies
 from tests.effect_cases import every_effect
-from tests.offered import ALL_VEHICLES, VARYING
+from tests.offered import AIRCRAFT, ALL_VEHICLES, VARYING
 
 # Names that other programs read; where a colon follows, an output channel (spikes: also an input),
 # an input, a port or a number.
@@ -32,7 +33,7 @@ FIXED_NAMES = {
     "input-recorded-late",
     Station.DYNAMICS: "moment-nonlinearity lift-nonlinearity control-nonlinearity derivative-jump elastic-mode flow-separation "  # noqa: E501
     "density-scale-height drag-mach drag-jump yaw-nonlinearity roll-nonlinearity "
-    "side-force-nonlinearity drag-nonlinearity varies",
+    "side-force-nonlinearity drag-nonlinearity varies missing-term",
     Station.DISTURBANCE: (
         "gust-turbulence gust-discrete gust-horizontal speed-variation unmeasured-input phugoid"
     ),
@@ -74,7 +75,7 @@ def test_declares_what_the_protocol_wants(effect: Effect) -> None:
         assert low <= value <= high
         assert values[name].value != value, "a starting value is where the effect acts"
     assert effect.name not in effect.aliases
-    assert any(applies(effect, vehicle) for vehicle in ALL_VEHICLES), (
+    assert any(applies(effect, vehicle) for vehicle in (*ALL_VEHICLES, AIRCRAFT)), (
         "no vehicle here can carry it: extend tests/offered.py and tests/bases.py"
     )
 
@@ -110,6 +111,10 @@ def test_name_follows_the_design(effect: Effect) -> None:
     if stem == VARYING:
         of, over = re.fullmatch(r"(\w+)\((\w+)\)", suffix).groups()  # type: ignore[union-attr]
         assert of in FACTORS and over in names("states", "inputs")
+    elif stem == "missing-term":
+        axis, term = re.fullmatch(r"(C\w)\((.+)\)", suffix).groups()  # type: ignore[union-attr]
+        assert axis in {port.name for port in AIRCRAFT.ports}
+        assert parse_term(term, (*FLOW, *(each.name for each in AIRCRAFT.inputs))).text == term
     elif colon:
         assert suffix in LABELS[effect.station] or (
             effect.station is Station.DYNAMICS and suffix.isdigit()

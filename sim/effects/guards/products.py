@@ -138,7 +138,7 @@ def made_for(equations: Equations) -> tuple[Traceable, ...]:
     Where one does, the product is that parameter growing with the other signal, which ``varies``
     says by name.
     """
-    if not isinstance(equations, OwnEquations):
+    if not isinstance(equations, OwnEquations) or equations.terms:
         return ()
     ports, signals, found = (
         ports_without(GUARDS, equations),

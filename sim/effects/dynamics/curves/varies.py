@@ -210,6 +210,8 @@ def made_for(equations: Equations) -> tuple[Varies, ...]:
     """An instance for each parameter that multiplies a signal over each state, control and recorded
     airspeed, but for those of a named curve.
     """
+    if isinstance(equations, OwnEquations) and equations.terms:
+        return ()  # missing terms say it
     named = other_names(equations)
     made = {effect.name: effect for effect in _every(equations) if effect.name not in named}
     return tuple(

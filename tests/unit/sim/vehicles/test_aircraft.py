@@ -1,0 +1,182 @@
+"""Six degrees of freedom against Newton and Euler written with matrices."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sim.declaration.compile import compile_model
+from sim.declaration.model import System
+from sim.errors import DeclarationError
+from sim.maths import G0
+from sim.vehicles.aircraft import Aircraft, Thrust, aircraft_model
+from tests.airliner import AIRLINER, ALPHA, COEFFICIENTS, CONSTANTS, ELEVATOR, THRUST
+
+X = [125.0, 0.08, -0.06, 0.3, -0.12, 0.2, 0.4, 0.1]
+U = [0.05, -0.04, 0.03, 15e3]
+CG = {"cg_x": 0.4, "cg_y": -0.1, "cg_z": 0.2, "thrust_arm": 0.5, "thrust_angle": 0.05}
+OFF_CENTRE = replace(AIRLINER, constants={**CONSTANTS, **CG})
+BODY_COEFFICIENTS = {"CX": 0.03, "CZ": -0.7}
+
+
+def system_of(aircraft: Aircraft) -> System:
+    return compile_model(aircraft_model(aircraft))
+
+
+def rotation(phi: float, theta: float, psi: float) -> np.ndarray:
+    """From the Earth's axes to the body's: yaw, then pitch, then roll."""
+    c, s = np.cos, np.sin
+    roll = np.array([[1, 0, 0], [0, c(phi), s(phi)], [0, -s(phi), c(phi)]])
+    pitch = np.array([[c(theta), 0, -s(theta)], [0, 1, 0], [s(theta), 0, c(theta)]])
+    yaw = np.array([[c(psi), s(psi), 0], [-s(psi), c(psi), 0], [0, 0, 1]])
+    return roll @ pitch @ yaw
+
+
+def oracle(aircraft: Aircraft, x: list[float], u: list[float]) -> dict[str, np.ndarray]:
+    """Accelerations in body axes, linear (with and without weight) and angular."""
+    k = aircraft.constants
+    V, alpha, beta, p, q, r, phi, theta = x
+    elevator, aileron, rudder, thrust = u
+    half = 1.0 / (2.0 * V)
+    signals = {
+        "1": 1.0,
+        "alpha": alpha,
+        "alpha^2": alpha**2,
+        "beta": beta,
+        "p": p * k["span"] * half,
+        "q": q * k["chord"] * half,
+        "r": r * k["span"] * half,
+        "elevator": elevator,
+        "aileron": aileron,
+        "rudder": rudder,
+    }
+    C = {a: sum(v * signals[t] for t, v in terms.items()) for a, terms in COEFFICIENTS.items()}
+    qS = 0.5 * k["air_density"] * V**2 * k["wing_area"]
+    turn = np.array(
+        [[np.cos(alpha), 0, -np.sin(alpha)], [0, 1, 0], [np.sin(alpha), 0, np.cos(alpha)]]
+    )
+    air = qS * turn @ np.array([-C["CD"], C["CY"], -C["CL"]])
+    pull = thrust * np.array([np.cos(k["thrust_angle"]), 0.0, -np.sin(k["thrust_angle"])])
+    cg = np.array([k["cg_x"], k["cg_y"], k["cg_z"]])
+    lengths = np.array([k["span"], k["chord"], k["span"]])
+    moment = qS * lengths * np.array([C["Cl"], C["Cm"], C["Cn"]]) - np.cross(cg, air)
+    moment[1] += thrust * k["thrust_arm"]
+    inertia = np.diag([k["roll_inertia"], k["pitch_inertia"], k["yaw_inertia"]])
+    inertia[0, 2] = inertia[2, 0] = -k["cross_inertia"]
+    omega = np.array([p, q, r])
+    velocity = V * np.array(
+        [np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)]
+    )
+    felt = (air + pull) / k["mass"]
+    weight = rotation(phi, theta, 0.0) @ np.array([0.0, 0.0, G0])
+    return {
+        "felt": felt,
+        "linear": felt + weight - np.cross(omega, velocity),
+        "angular": np.linalg.solve(inertia, moment - np.cross(omega, inertia @ omega)),
+        "velocity": velocity,
+        "omega": omega,
+    }
+
+
+@pytest.mark.parametrize("aircraft", [AIRLINER, OFF_CENTRE], ids=["plain", "off centre"])
+def test_rates_are_newtons_and_eulers(aircraft: Aircraft) -> None:
+    system = system_of(aircraft)
+    p = system.parameters.values().tolist()
+    rates = dict(zip(system.state_names, system.f(0.0, X, U, p), strict=True))
+    true = oracle(aircraft, X, U)
+    assert [rates[name] for name in "pqr"] == pytest.approx(true["angular"].tolist(), rel=1e-12)
+    # The velocity's rate by differences of the state's.
+    step = 1e-6
+    ends = []
+    for sign in (1.0, -1.0):
+        V, a, b = (
+            X[i] + sign * step * rates[n] for i, n in enumerate(("airspeed", "alpha", "beta"))
+        )
+        ends.append(V * np.array([np.cos(a) * np.cos(b), np.sin(b), np.sin(a) * np.cos(b)]))
+    assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(true["linear"], rel=1e-6)
+    # Attitude: the matrix turns at -omega x.
+    Q, R, phi, theta = X[4:]
+    psi_dot = (Q * np.sin(phi) + R * np.cos(phi)) / np.cos(theta)
+    turned = [
+        rotation(phi + s * rates["phi"], theta + s * rates["theta"], s * psi_dot)
+        for s in (step, -step)
+    ]
+    skew = np.cross(true["omega"], np.eye(3)).T
+    expected = -skew @ rotation(phi, theta, 0.0)
+    assert (turned[0] - turned[1]) / (2 * step) == pytest.approx(expected, abs=1e-6)
+
+
+def test_sensors_read_where_they_are() -> None:
+    system = system_of(OFF_CENTRE)
+    p = system.parameters.values().tolist()
+    read = dict(zip(system.output_names, system.h(0.0, X, U, p), strict=True))
+    true = oracle(OFF_CENTRE, X, U)
+    at = {name: np.array(place) for name, place in AIRLINER.sensors.items()}
+    u, v, w = true["velocity"] + np.cross(true["omega"], at["alpha"])
+    assert read["alpha"] == pytest.approx(np.arctan2(w, u), rel=1e-12)
+    u, v, w = true["velocity"] + np.cross(true["omega"], at["beta"])
+    assert read["beta"] == pytest.approx(np.arcsin(v / np.sqrt(u * u + v * v + w * w)), rel=1e-12)
+    arm, omega = at["accelerometer"], true["omega"]
+    felt = true["felt"] + np.cross(true["angular"], arm) + np.cross(omega, np.cross(omega, arm))
+    assert [read[name] for name in ("ax", "ay", "az")] == pytest.approx(felt.tolist(), rel=1e-12)
+
+
+def test_level_flight_stays_level() -> None:
+    system = system_of(AIRLINER)
+    x = [130.0, ALPHA, 0.0, 0.0, 0.0, 0.0, 0.0, ALPHA]
+    rates = system.f(0.0, x, [ELEVATOR, 0.0, 0.0, THRUST], system.parameters.values().tolist())
+    assert np.abs(rates) == pytest.approx(np.zeros(8), abs=1e-5)
+
+
+def test_wind_is_taken_off_the_velocity() -> None:
+    windy = replace(AIRLINER, wind=True, further=("psi",), sensors={})
+    system = system_of(windy)
+    p = system.parameters.values().tolist()
+    psi, wind = 0.7, np.array([8.0, -5.0, 2.0])
+    inputs = dict(zip(system.input_names, [0.0] * len(system.inputs), strict=True))
+    inputs |= dict(zip(("wind_north", "wind_east", "wind_down"), wind, strict=True))
+    read = dict(
+        zip(system.output_names, system.h(0.0, [*X, psi], [*inputs.values()], p), strict=True)
+    )
+    body = oracle(AIRLINER, X, U)["velocity"] - rotation(X[6], X[7], psi) @ wind
+    assert read["airspeed"] == pytest.approx(float(np.linalg.norm(body)), rel=1e-12)
+    assert read["alpha"] == pytest.approx(np.arctan2(body[2], body[0]), rel=1e-12)
+
+
+def test_a_throttle_a_mass_column_and_mixed_surfaces() -> None:
+    aircraft = replace(
+        AIRLINER,
+        surfaces={"left": "rad", "right": "rad", "rudder": "rad"},
+        mixes={
+            "elevator": {"left": 0.5, "right": 0.5},
+            "aileron": {"left": 0.5, "right": -0.5},
+        },
+        thrust=Thrust("throttle", ((0.0, 0.5, 1.0), (0.0, 8e3, 20e3))),
+        varying=("mass",),
+    )
+    system, plain = system_of(aircraft), system_of(AIRLINER)
+    given = {"left": 0.02, "right": 0.08, "rudder": 0.03, "throttle": 0.75, "mass": 17600.0}
+    values = [given[name] for name in system.input_names]
+    p, q = (each.parameters.values().tolist() for each in (system, plain))
+    same = plain.f(0.0, X, [0.05, -0.03, 0.03, 14e3], q)
+    assert system.f(0.0, X, values, p) == pytest.approx(same, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"constants": {**CONSTANTS, "yaw_inertia": 900e3}}, "which no body has"),
+        ({"constants": {**CONSTANTS, "cross_inertia": 3e5}}, "too large"),
+        ({"constants": {**CONSTANTS, "mass": 0.0}}, "mass = 0 is not positive"),
+        ({"coefficients": {**AIRLINER.coefficients, "CX": {}}}, None),
+        ({"coefficients": {**AIRLINER.coefficients, "Cm": {}}}, "Cm has no term"),
+    ],
+)
+def test_what_no_aircraft_has_is_refused(changed: dict, told: str | None) -> None:
+    aircraft = replace(AIRLINER, **changed)
+    if told is None:
+        told = "body axes and in wind axes"
+    with pytest.raises(DeclarationError, match=told):
+        aircraft_model(aircraft)
