@@ -125,7 +125,7 @@ def predict_record(asked: PredictionRequest) -> PredictionResult:
     named, or is another one. RecordError : anything in the record that keeps it from being used.
     """
     file = read_kept(asked.study)
-    vehicle = _vehicle(file, asked.model)
+    vehicle = vehicle_of_study(file, asked.model)
     model = model_of_file(vehicle)
     kept = file.model(_own_effects(file, asked.effects, model))
     source = opened(asked.record)
@@ -227,7 +227,7 @@ def _by_diagnosis(
     )
 
 
-def _vehicle(file: KeptFile, model: Path | OwnModel | None) -> VehicleFile:
+def vehicle_of_study(file: KeptFile, model: Path | OwnModel | None) -> VehicleFile:
     """The study's vehicle, from the text that it keeps; of a user's own model with the file that is
     named again.
     """

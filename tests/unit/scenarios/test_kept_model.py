@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from scenarios.kept import NAME, SCHEMA, KeptFile, read_kept
-from scenarios.prediction import _vehicle
+from scenarios.prediction import vehicle_of_study
 from sim.errors import DeclarationError
 
 VEHICLE = "mass = 10.0"
@@ -59,5 +59,5 @@ def test_the_vehicle_of_a_foreign_study_is_written_nowhere_else(
         tmp_path, files={"vehicle": {"name": given, "sha256": ""}}, vehicle_text="nothing = ["
     )
     with pytest.raises(DeclarationError, match="TOML"):
-        _vehicle(file, None)
+        vehicle_of_study(file, None)
     assert {path.name for path in tmp_path.rglob("*")} == {"scratch", NAME}

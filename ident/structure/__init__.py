@@ -1,0 +1,1 @@
+"""Aerodynamic coefficients from measured motion, and which terms of signals they consist of."""

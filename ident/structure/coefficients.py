@@ -1,0 +1,352 @@
+"""Histories of the aerodynamic coefficients from measured motion.
+
+Accelerometers give the forces without weight. Angular accelerations are slopes of local parabolas
+through the measured rates (Savitzky and Golay); such a slope is a weighted mean of the true angular
+acceleration, and everything else in the equations is averaged with the same weights, so that
+smoothing biases nothing [1]_. With forces and moments in body axes,
+
+    CX = (m ax - X_T) / (q S),   Cl = (Ix p' - Ixz (p q + r') + (Iz - Iy) q r) / (q S b)
+
+and so on, moments moved from the centre of gravity to the reference point [2]_.
+
+References
+----------
+.. [1] A. Savitzky and M. J. E. Golay, Analytical Chemistry 36(8), 1964.
+.. [2] V. Klein and E. A. Morelli, Aircraft System Identification, AIAA 2006, section 5.2 and
+   appendix B.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from sim.errors import RecordError
+
+BODY, WIND, MOMENTS = ("CX", "CY", "CZ"), ("CD", "CY", "CL"), ("Cl", "Cm", "Cn")
+BANDWIDTH = 3.0  # Hz, of the smoothed derivative, where it is half in power
+NEEDED = ("airspeed", "alpha", "beta", "p", "q", "r", "ax", "ay", "az")
+_ZERO = (0.0, 0.0, 0.0)
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Airframe:
+    """Numbers by which motion becomes coefficients; SI, body axes x forward, y right, z down.
+
+    Attributes
+    ----------
+    constants : mass, wing_area, chord, span, the four inertias, air_density, speed_of_sound, cg_x,
+        cg_y, cg_z (from the reference point), thrust_arm, thrust_angle; numbers or ``(N,)``.
+    sensors : places of ``airspeed``, ``alpha``, ``beta`` and ``accelerometer``, m from the centre
+        of gravity.
+    wind_axes : forces as CD, CY, CL in place of CX, CY, CZ.
+    """
+
+    constants: Mapping[str, Any]
+    sensors: Mapping[str, Point] = field(default_factory=dict)
+    wind_axes: bool = False
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The six coefficients in order."""
+        return (*(WIND if self.wind_axes else BODY), *MOMENTS)
+
+
+@dataclass(frozen=True, eq=False)
+class Histories:
+    """Coefficients of one maneuver at ``M`` times, windows half overlapping.
+
+    Attributes
+    ----------
+    name : of the record. time : ``(M,)``, s.
+    signals : by name the signals of terms, ``(N,)`` at the samples; rates non-dimensional.
+    coefficients : by name, ``(M,)``. sigma : standard deviation of their noise, ``(M,)``.
+    averaging : ``(W,)`` weights over a window, one in sum; rows : ``(M,)`` first samples.
+    bandwidth : of the averaging, Hz.
+    """
+
+    name: str
+    time: np.ndarray
+    signals: Mapping[str, np.ndarray]
+    coefficients: Mapping[str, np.ndarray]
+    sigma: Mapping[str, np.ndarray]
+    averaging: np.ndarray
+    rows: np.ndarray
+    bandwidth: float
+
+    def averaged(self, values: np.ndarray) -> np.ndarray:
+        """Weighted means over the windows, ``(M,)``, of values ``(N,)`` at the samples."""
+        return _windows(np.asarray(values, dtype=float), len(self.averaging), self.rows) @ (
+            self.averaging
+        )
+
+
+def half_width(rate: float, bandwidth: float) -> int:
+    """Samples on each side of a window whose slope has the bandwidth.
+
+    Parameters
+    ----------
+    rate : samples a second. bandwidth : Hz, where the averaging has half its power.
+    """
+    best = 1
+    for half in range(1, 2000):
+        if bandwidth_of(half, rate) < bandwidth:
+            break
+        best = half
+    return best
+
+
+def bandwidth_of(half: int, rate: float) -> float:
+    """Frequency, Hz, at which the averaging of slopes over ``2 half + 1`` samples has half power."""
+    kernel = _averaging(half)
+    f = np.linspace(0.0, 0.5, 2001)
+    n = np.arange(len(kernel)) - (len(kernel) - 1) / 2.0
+    gain = np.abs(np.cos(2.0 * np.pi * np.outer(f, n)) @ kernel)
+    below = np.nonzero(gain < math.sqrt(0.5))[0]
+    return rate * float(f[below[0]]) if len(below) else 0.5 * rate
+
+
+def _slopes(half: int) -> np.ndarray:
+    """Weights ``(2 half + 1,)`` of the slope of a local parabola, per sample."""
+    n = np.arange(-half, half + 1, dtype=float)
+    return n / float(n @ n)
+
+
+def _averaging(half: int) -> np.ndarray:
+    """Weights ``(2 half,)`` of the increments between samples in a slope."""
+    return -np.cumsum(_slopes(half))[:-1]
+
+
+def _windows(values: np.ndarray, width: int, rows: np.ndarray) -> np.ndarray:
+    return np.lib.stride_tricks.sliding_window_view(values, width)[rows]
+
+
+def noise_of(values: np.ndarray) -> float:
+    """Standard deviation of a channel's white noise, from what local cubics leave.
+
+    Parameters
+    ----------
+    values : ``(N,)`` at equal steps. The median makes single jumps harmless.
+    """
+    from scipy.signal import savgol_coeffs, savgol_filter
+
+    width = 9
+    if len(values) < 3 * width:
+        return float(np.std(np.diff(values)) / math.sqrt(2.0))
+    left = values - savgol_filter(values, width, 4)
+    share = 1.0 - float(savgol_coeffs(width, 4)[width // 2])
+    return float(1.4826 * np.median(np.abs(left)) / math.sqrt(share))
+
+
+def histories_of(
+    name: str,
+    time: np.ndarray,
+    channels: Mapping[str, np.ndarray],
+    airframe: Airframe,
+    surfaces: Mapping[str, np.ndarray],
+    thrust: np.ndarray | float = 0.0,
+    bandwidth: float = BANDWIDTH,
+) -> Histories:
+    """Coefficients of a maneuver from its channels.
+
+    Parameters
+    ----------
+    name : for messages. time : ``(N,)``, s, equal steps.
+    channels : ``NEEDED`` by name, ``(N,)``, finite: m/s, rad, rad/s, m/s2 (without weight).
+    airframe : see `Airframe`. surfaces : further signals of terms, ``(N,)``.
+    thrust : N. bandwidth : Hz, of the angular accelerations.
+
+    Returns
+    -------
+    Histories, moments about the reference point.
+
+    Raises
+    ------
+    RecordError : a channel is missing, or the record is too short for the bandwidth.
+    """
+    for channel in NEEDED:
+        if channel not in channels:
+            raise RecordError(
+                f"it has no {channel}, without which there are no coefficients",
+                where=name,
+                remedy="record it, or map its column with --channels",
+            )
+    step = float(np.median(np.diff(time)))
+    half = half_width(1.0 / step, bandwidth)
+    if len(time) < 8 * half + 1:
+        raise RecordError(
+            f"{len(time)} samples are too few for slopes with a bandwidth of {bandwidth:g} Hz",
+            where=name,
+            remedy="give a longer record or a larger --bandwidth",
+        )
+    s = _at_cg(_smooth(channels, half), airframe, step)
+    c = {key: np.broadcast_to(np.asarray(v, float), time.shape) for key, v in _constants(airframe)}
+    rows = np.arange(0, len(time) - 2 * half, half)
+    kernel = _averaging(half)
+    at = rows + half
+    slope = _slopes(half) / step
+    turn = {rate: _windows(channels[rate], len(slope), rows) @ slope for rate in ("p", "q", "r")}
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        between = 0.5 * (values[1:] + values[:-1])  # increments lie between samples
+        return _windows(between, len(kernel), rows) @ kernel
+
+    signals = {
+        "alpha": s["alpha"],
+        "beta": s["beta"],
+        "mach": s["airspeed"] / c["speed_of_sound"],
+        "p": s["p"] * c["span"] / (2.0 * s["airspeed"]),
+        "q": s["q"] * c["chord"] / (2.0 * s["airspeed"]),
+        "r": s["r"] * c["span"] / (2.0 * s["airspeed"]),
+        **surfaces,
+    }
+    found, sigma = _coefficients(s, c, turn, mean, at, np.asarray(thrust), airframe)
+    noises = {key: noise_of(channels[key]) for key in NEEDED}
+    scatter = _scatter(noises, kernel, slope, c, s, at)
+    sigma = {axis: scatter[axis] for axis in sigma}
+    whole = np.convolve(kernel, (0.5, 0.5))
+    return Histories(
+        name, time[at], signals, found, sigma, whole, rows, bandwidth_of(half, 1.0 / step)
+    )
+
+
+def _constants(airframe: Airframe) -> list[tuple[str, Any]]:
+    defaults = {"cg_x": 0.0, "cg_y": 0.0, "cg_z": 0.0, "thrust_arm": 0.0, "thrust_angle": 0.0}
+    return list({**defaults, "speed_of_sound": 340.294, **airframe.constants}.items())
+
+
+def _smooth(channels: Mapping[str, np.ndarray], half: int) -> dict[str, np.ndarray]:
+    """Channels less the noise above the bandwidth, by local polynomials of the fourth degree."""
+    from scipy.signal import savgol_filter
+
+    width = max(2 * half + 1, 7)
+    flown = ("airspeed", "alpha", "beta", "p", "q", "r")
+    return {
+        **channels,
+        **{name: savgol_filter(channels[name], width, 4) for name in flown},
+    }
+
+
+def _at_cg(s: dict[str, np.ndarray], airframe: Airframe, step: float) -> dict[str, np.ndarray]:
+    """Channels as sensors at the centre of gravity would read them."""
+    s = dict(s)
+    p, q, r = s["p"], s["q"], s["r"]
+    V = s["airspeed"]
+    for name in ("alpha", "beta"):
+        x, y, z = airframe.sensors.get(name, _ZERO)
+        if (x, y, z) == _ZERO:
+            continue
+        if name == "alpha":
+            s[name] = np.arctan(np.tan(s[name]) - (p * y - q * x) / (V * np.cos(s[name])))
+        else:
+            s[name] = s[name] - (r * x - p * z) / V
+    x, y, z = airframe.sensors.get("accelerometer", _ZERO)
+    if (x, y, z) != _ZERO:
+        dp, dq, dr = (np.gradient(rate, step) for rate in (p, q, r))
+        s["ax"] = s["ax"] + x * (q * q + r * r) - y * (p * q - dr) - z * (p * r + dq)
+        s["ay"] = s["ay"] - x * (p * q + dr) + y * (p * p + r * r) - z * (q * r - dp)
+        s["az"] = s["az"] - x * (p * r - dq) - y * (q * r + dp) + z * (p * p + q * q)
+    return s
+
+
+def _coefficients(
+    s: Mapping[str, np.ndarray],
+    c: Mapping[str, np.ndarray],
+    turn: Mapping[str, np.ndarray],
+    mean: Any,
+    at: np.ndarray,
+    thrust: np.ndarray,
+    airframe: Airframe,
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """The six coefficients at the windows, and a place for their noise."""
+    p, q, r = s["p"], s["q"], s["r"]
+    Ix, Iy, Iz, Ixz = (
+        c[name] for name in ("roll_inertia", "pitch_inertia", "yaw_inertia", "cross_inertia")
+    )
+    qS = 0.5 * c["air_density"] * s["airspeed"] ** 2 * c["wing_area"]
+    T = np.broadcast_to(thrust, qS.shape)
+    X = c["mass"] * s["ax"] - T * np.cos(c["thrust_angle"])
+    Y = c["mass"] * s["ay"]
+    Z = c["mass"] * s["az"] + T * np.sin(c["thrust_angle"])
+    force = {"CX": X / qS, "CY": Y / qS, "CZ": Z / qS}
+    if airframe.wind_axes:
+        sine, cosine = np.sin(s["alpha"]), np.cos(s["alpha"])
+        CX, CZ = force["CX"], force["CZ"]
+        force = {"CD": -CX * cosine - CZ * sine, "CY": Y / qS, "CL": CX * sine - CZ * cosine}
+    found = {axis: mean(row) for axis, row in force.items()}
+    Qs = qS[at]
+    # about the reference point: what the forces do there is taken off
+    x, y, z = c["cg_x"], c["cg_y"], c["cg_z"]
+    rest = {
+        "Cl": (Iz - Iy) * q * r - Ixz * p * q + (y * Z - z * Y),
+        "Cm": (Ix - Iz) * p * r + Ixz * (p * p - r * r) - T * c["thrust_arm"] + (z * X - x * Z),
+        "Cn": (Iy - Ix) * p * q + Ixz * q * r + (x * Y - y * X),
+    }
+    found["Cl"] = (Ix[at] * turn["p"] - Ixz[at] * turn["r"]) / (Qs * c["span"][at])
+    found["Cm"] = Iy[at] * turn["q"] / (Qs * c["chord"][at])
+    found["Cn"] = (Iz[at] * turn["r"] - Ixz[at] * turn["p"]) / (Qs * c["span"][at])
+    for axis, row in rest.items():
+        found[axis] = found[axis] + mean(row / (qS * c["chord" if axis == "Cm" else "span"]))
+    return found, dict.fromkeys(found, np.zeros(len(at)))
+
+
+def _scatter(
+    noise: Mapping[str, float],
+    kernel: np.ndarray,
+    slope: np.ndarray,
+    c: Mapping[str, np.ndarray],
+    s: Mapping[str, np.ndarray],
+    at: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """Standard deviations of the coefficients by the white noise of the channels."""
+    Qs = (0.5 * c["air_density"] * s["airspeed"] ** 2 * c["wing_area"])[at]
+    averaged = math.sqrt(float(np.sum(np.convolve(kernel, (0.5, 0.5)) ** 2)))
+    sloped = math.sqrt(float(slope @ slope))
+    m = c["mass"][at]
+    ax, ay, az = (m * noise[name] * averaged / Qs for name in ("ax", "ay", "az"))
+    Ix, Iy, Iz, Ixz = (
+        c[name][at] for name in ("roll_inertia", "pitch_inertia", "yaw_inertia", "cross_inertia")
+    )
+    b, chord = c["span"][at], c["chord"][at]
+    x, y, z = (c[name][at] for name in ("cg_x", "cg_y", "cg_z"))
+    sine, cosine = np.sin(s["alpha"][at]), np.cos(s["alpha"][at])
+    roll = np.hypot(Ix * noise["p"], Ixz * noise["r"]) * sloped / (Qs * b)
+    yaw = np.hypot(Iz * noise["r"], Ixz * noise["p"]) * sloped / (Qs * b)
+    pitch = Iy * noise["q"] * sloped / (Qs * chord)
+    return {
+        "CX": ax,
+        "CY": ay,
+        "CZ": az,
+        "CD": np.hypot(ax * cosine, az * sine),
+        "CL": np.hypot(ax * sine, az * cosine),
+        "Cl": np.sqrt(roll**2 + (y * az / b) ** 2 + (z * ay / b) ** 2),
+        "Cm": np.sqrt(pitch**2 + (z * ax / chord) ** 2 + (x * az / chord) ** 2),
+        "Cn": np.sqrt(yaw**2 + (x * ay / b) ** 2 + (y * ax / b) ** 2),
+    }
+
+
+def filled(values: np.ndarray, valid: np.ndarray, name: str, where: str) -> np.ndarray:
+    """A channel with straight lines over missing samples.
+
+    Raises
+    ------
+    RecordError : less than half of it is there.
+    """
+    if int(np.sum(valid)) * 2 < len(valid):
+        raise RecordError(
+            f"more than half of {name} is missing", where=where, remedy="give a better record"
+        )
+    if valid.all():
+        return np.asarray(values, dtype=float)
+    n = np.arange(len(values))
+    return np.interp(n, n[valid], values[valid])
+
+
+def stacked(histories: Sequence[Histories], axis: str) -> np.ndarray:
+    """A coefficient of all maneuvers, one after the other, ``(sum of M,)``."""
+    return np.concatenate([each.coefficients[axis] for each in histories])

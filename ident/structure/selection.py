@@ -1,0 +1,378 @@
+"""Terms of a coefficient chosen by stepwise regression or by orthogonal functions.
+
+Both work on the products of all columns summed over each maneuver, so that fifty maneuvers cost as
+much as one, and whole maneuvers are left out by subtraction. Stepwise regression adds the term with
+the largest partial F ratio while that exceeds a threshold, and removes terms whose ratio falls below
+it [1]_. The orthogonal functions are those of the offered terms, each made orthogonal to those before
+it; they enter in the order of what they explain, as many as make the predicted squared error
+
+    PSE = SSE / N + s2_max n / N,   s2_max = sum (z - mean z)^2 / N
+
+smallest [2]_.
+
+References
+----------
+.. [1] N. R. Draper and H. Smith, Applied Regression Analysis, 3rd ed., Wiley 1998, chapter 15.
+.. [2] E. A. Morelli, Global nonlinear aerodynamic modeling using multivariate orthogonal functions,
+   Journal of Aircraft 32(2), 1995.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.structure.coefficients import Histories
+from sim.aerodynamics.terms import Term
+
+F_IN = 20.0  # partial F ratio: Klein and Morelli, section 5.4, for many samples
+LEAST = 2e-4  # share of the variance that a term has to explain
+ALIKE = 1e-9  # share of a column that the others leave, below which it is no column of its own
+STEPWISE, ORTHOGONAL = "stepwise", "orthogonal"
+
+
+@dataclass(frozen=True, eq=False)
+class Products:
+    """Sums of products over maneuvers: of all columns with each other and with the coefficient.
+
+    Attributes
+    ----------
+    terms : k columns. gram : ``(g, k, k)`` by maneuver; cross : ``(g, k)`` with the coefficient;
+        total, squares : ``(g,)`` its sum and sum of squares; counts : ``(g,)`` samples.
+    """
+
+    terms: tuple[Term, ...]
+    gram: np.ndarray
+    cross: np.ndarray
+    total: np.ndarray
+    squares: np.ndarray
+    counts: np.ndarray
+
+    @property
+    def spread(self) -> float:
+        """Sum of squares about the mean, over all maneuvers."""
+        n = float(self.counts.sum())
+        return float(self.squares.sum()) - float(self.total.sum()) ** 2 / n
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of a selection.
+
+    Attributes
+    ----------
+    term : that came or went. added : False where it went. F : its partial F ratio.
+    r2 : of the model after the step. pse : predicted squared error. held_out : R2 on maneuvers left
+        out, each predicted by the others; NaN with one maneuver.
+    """
+
+    term: Term
+    added: bool
+    F: float
+    r2: float
+    pse: float
+    held_out: float
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """The terms chosen for a coefficient.
+
+    Attributes
+    ----------
+    axis : its name. method : ``stepwise`` or ``orthogonal``. steps : in order.
+    terms, values, sigma : chosen, ``(n,)``. covariance : ``(n, n)``.
+    r2, held_out : of the chosen model. rms : of the residual. noise : rms of the noise that the
+        sensors explain.
+    lacking : terms that were not offered and would explain the residual, with their F ratios.
+    """
+
+    axis: str
+    method: str
+    steps: tuple[Step, ...]
+    terms: tuple[Term, ...]
+    values: np.ndarray
+    sigma: np.ndarray
+    covariance: np.ndarray
+    r2: float
+    held_out: float
+    rms: float
+    noise: float
+    lacking: tuple[tuple[Term, float, float], ...] = ()
+
+    @property
+    def table(self) -> dict[Term, float]:
+        """Values by term."""
+        return dict(zip(self.terms, self.values.tolist(), strict=True))
+
+    @property
+    def ratio(self) -> float:
+        """Residual over noise."""
+        return self.rms / self.noise if self.noise > 0.0 else math.inf
+
+
+def columns_of(history: Histories, terms: Sequence[Term]) -> np.ndarray:
+    """Averaged values of terms, ``(M, k)``."""
+    size = len(history.signals["alpha"])
+    return np.stack(
+        [history.averaged(np.broadcast_to(t.of(history.signals), (size,))) for t in terms], axis=1
+    )
+
+
+def products_of(
+    blocks: Sequence[np.ndarray], rows: Sequence[np.ndarray], terms: Sequence[Term]
+) -> Products:
+    """Products of columns ``(M, k)`` and a coefficient ``(M,)``, by maneuver."""
+    return Products(
+        tuple(terms),
+        np.array([block.T @ block for block in blocks]),
+        np.array([block.T @ row for block, row in zip(blocks, rows, strict=True)]),
+        np.array([row.sum() for row in rows]),
+        np.array([row @ row for row in rows]),
+        np.array([len(row) for row in rows]),
+    )
+
+
+def stepwise(
+    products: Products, f_in: float = F_IN, least: float = LEAST
+) -> tuple[list[int], list[Step]]:
+    """Columns chosen by stepwise regression, and the steps.
+
+    Parameters
+    ----------
+    products : the constant term's column, if offered, begins in the model.
+    f_in : least partial F ratio of a term. least : share of the variance that it explains at least.
+    """
+    chosen = [i for i, term in enumerate(products.terms) if not term.factors]
+    steps: list[Step] = []
+    seen: set[frozenset[int]] = set()
+    while frozenset(chosen) not in seen:
+        seen.add(frozenset(chosen))
+        gains, sse = _gains(products, chosen)
+        best = int(np.argmax(gains)) if len(gains) else -1
+        F = _ratio(products, gains[best], sse - gains[best], len(chosen) + 1)
+        if best < 0 or F < f_in or gains[best] < least * products.spread:
+            break
+        chosen = [*chosen, best]
+        steps.append(_step(products, chosen, best, True, F))
+        while len(chosen) > 2:
+            losses, sse = _losses(products, chosen)
+            losses = [
+                math.inf if not products.terms[i].factors else loss
+                for i, loss in zip(chosen, losses, strict=True)
+            ]
+            worst = int(np.argmin(losses))
+            F = _ratio(products, losses[worst], sse, len(chosen))
+            if F >= f_in and losses[worst] >= 0.5 * least * products.spread:
+                break
+            gone = chosen[worst]
+            chosen = [i for i in chosen if i != gone]
+            steps.append(_step(products, chosen, gone, False, F))
+    return chosen, steps
+
+
+def orthogonal(products: Products) -> tuple[list[int], list[Step]]:
+    """Columns whose orthogonal functions make the predicted squared error smallest, and the steps."""
+    chosen = [i for i, term in enumerate(products.terms) if not term.factors]
+    best, kept, steps = math.inf, list(chosen), []
+    counted = 0
+    most = min(len(products.terms), int(products.counts.sum()) // 4)
+    while len(chosen) < most:
+        gains, sse = _gains(products, chosen)
+        place = int(np.argmax(gains))
+        if not gains[place] > 0.0:
+            break
+        F = _ratio(products, gains[place], sse - gains[place], len(chosen) + 1)
+        chosen = [*chosen, place]
+        steps.append(_step(products, chosen, place, True, F))
+        if steps[-1].pse < best:
+            best, kept, counted = steps[-1].pse, list(chosen), len(steps)
+        elif len(steps) > counted + 3:
+            break
+    return kept, steps[:counted]
+
+
+_METHODS: Mapping[str, Callable[[Products], tuple[list[int], list[Step]]]] = {
+    STEPWISE: stepwise,
+    ORTHOGONAL: orthogonal,
+}
+
+
+def select(
+    histories: Sequence[Histories],
+    axis: str,
+    terms: Sequence[Term],
+    method: str = STEPWISE,
+    further: Sequence[Term] = (),
+    blocks: Sequence[np.ndarray] | None = None,
+) -> Selection:
+    """The terms of one coefficient.
+
+    Parameters
+    ----------
+    histories : of all maneuvers. axis : the coefficient. terms : offered; the constant first.
+    method : ``stepwise`` or ``orthogonal``. further : terms that are not offered, by which a
+        residual is explained that is larger than the noise.
+    blocks : values of ``terms`` by maneuver where they are known.
+
+    Returns
+    -------
+    Selection, its standard deviations corrected for residuals that are not white [1]_.
+
+    References
+    ----------
+    .. [1] E. A. Morelli and V. Klein, Accuracy of aerodynamic model parameters estimated from
+       flight test data, Journal of Guidance, Control, and Dynamics 20(1), 1997.
+    """
+    blocks = [columns_of(h, terms) for h in histories] if blocks is None else blocks
+    rows = [h.coefficients[axis] for h in histories]
+    products = products_of(blocks, rows, terms)
+    chosen, steps = _METHODS[method](products)
+    values, held = _solve(products, chosen), _held_out(products, chosen)
+    parts = [block[:, chosen] for block in blocks]
+    residuals = [row - part @ values for row, part in zip(rows, parts, strict=True)]
+    covariance = _covariance(parts, residuals, len(chosen))
+    sse = sum(float(e @ e) for e in residuals)
+    n = float(products.counts.sum())
+    noise = math.sqrt(sum(float(h.sigma[axis] @ h.sigma[axis]) for h in histories) / n)
+    rms = math.sqrt(sse / max(n - len(chosen), 1.0))
+    found = Selection(
+        axis,
+        method,
+        tuple(steps),
+        tuple(terms[i] for i in chosen),
+        values,
+        np.sqrt(np.diag(covariance)),
+        covariance,
+        1.0 - sse / products.spread if products.spread > 0.0 else 0.0,
+        held,
+        rms,
+        noise,
+    )
+    if not further or rms < 1.3 * noise:
+        return found
+    return _with_lacking(found, histories, parts, rows, further, products.spread)
+
+
+def _with_lacking(
+    found: Selection,
+    histories: Sequence[Histories],
+    parts: Sequence[np.ndarray],
+    rows: Sequence[np.ndarray],
+    further: Sequence[Term],
+    spread: float,
+) -> Selection:
+    """The same with the terms, not offered, that explain the residual best."""
+    from dataclasses import replace
+
+    every = (*found.terms, *further)
+    blocks = [
+        np.hstack([part, columns_of(h, further)]) for part, h in zip(parts, histories, strict=True)
+    ]
+    products = products_of(blocks, rows, every)
+    gains, sse = _gains(products, list(range(len(found.terms))))
+    told = [
+        (every[i], _ratio(products, gains[i], sse - gains[i], len(found.terms) + 1), gains[i] / sse)
+        for i in np.argsort(gains)[::-1][:3]
+        if gains[i] > 0.03 * sse and gains[i] > 0.1 * LEAST * spread
+    ]
+    return replace(found, lacking=tuple(each for each in told if each[1] > F_IN))
+
+
+# ---- Least squares on sums of products
+
+
+def _solve(products: Products, chosen: Sequence[int], without: int | None = None) -> np.ndarray:
+    """Values of the chosen columns; without one maneuver where it is named."""
+    gram, cross = products.gram.sum(axis=0), products.cross.sum(axis=0)
+    if without is not None:
+        gram, cross = gram - products.gram[without], cross - products.cross[without]
+    part = gram[np.ix_(chosen, chosen)]
+    scale = np.sqrt(np.maximum(np.diag(part), 1e-300))
+    found = np.linalg.lstsq(part / np.outer(scale, scale), cross[chosen] / scale, rcond=1e-12)[0]
+    return np.asarray(found / scale)
+
+
+def _gains(products: Products, chosen: Sequence[int]) -> tuple[np.ndarray, float]:
+    """Sum of squares that each further column would explain, ``(k,)``, and what is left now."""
+    gram, cross = products.gram.sum(axis=0), products.cross.sum(axis=0)
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    gram, cross = gram / np.outer(scale, scale), cross / scale
+    squares = float(products.squares.sum())
+    if chosen:
+        inverse = np.linalg.pinv(gram[np.ix_(chosen, chosen)], rcond=1e-12, hermitian=True)
+        weights = inverse @ gram[chosen]
+        left = 1.0 - np.einsum("ij,ij->j", gram[chosen], weights)
+        part = cross - cross[chosen] @ weights
+        sse = squares - float(cross[chosen] @ inverse @ cross[chosen])
+    else:
+        left, part, sse = np.ones(len(cross)), cross, squares
+    gains = np.where(left > ALIKE, part**2 / np.maximum(left, ALIKE), 0.0)
+    gains[list(chosen)] = 0.0
+    return gains, max(sse, 0.0)
+
+
+def _losses(products: Products, chosen: Sequence[int]) -> tuple[list[float], float]:
+    """What each chosen column explains that the others do not, and what is left now."""
+    values = _solve(products, chosen)
+    part = products.gram.sum(axis=0)[np.ix_(chosen, chosen)]
+    scale = np.sqrt(np.maximum(np.diag(part), 1e-300))
+    inverse = np.linalg.pinv(part / np.outer(scale, scale), rcond=1e-12, hermitian=True)
+    losses = (values * scale) ** 2 / np.maximum(np.diag(inverse), 1e-300)
+    return losses.tolist(), _left(products, chosen)
+
+
+def _left(products: Products, chosen: Sequence[int]) -> float:
+    cross = products.cross.sum(axis=0)[chosen]
+    return max(float(products.squares.sum()) - float(cross @ _solve(products, chosen)), 0.0)
+
+
+def _ratio(products: Products, gain: float, sse: float, count: int) -> float:
+    """Partial F ratio of a term."""
+    freedom = float(products.counts.sum()) - count
+    return float(gain / max(sse / max(freedom, 1.0), 1e-300))
+
+
+def _step(products: Products, chosen: list[int], place: int, added: bool, F: float) -> Step:
+    n, sse = float(products.counts.sum()), _left(products, chosen)
+    spread = max(products.spread, 1e-300)
+    pse = sse / n + spread / n * len(chosen) / n
+    held = _held_out(products, chosen)
+    return Step(products.terms[place], added, F, 1.0 - sse / spread, pse, held)
+
+
+def _held_out(products: Products, chosen: list[int]) -> float:
+    """R2 of maneuvers that the others predict; NaN with one maneuver."""
+    groups = len(products.counts)
+    if groups < 2:
+        return math.nan
+    error = 0.0
+    for g in range(groups):
+        values = _solve(products, chosen, g)
+        part = products.gram[g][np.ix_(chosen, chosen)]
+        error += float(
+            products.squares[g] - 2.0 * values @ products.cross[g][chosen] + values @ part @ values
+        )
+    return 1.0 - error / max(products.spread, 1e-300)
+
+
+def _covariance(
+    parts: Sequence[np.ndarray], residuals: Sequence[np.ndarray], count: int, lags: int = 8
+) -> np.ndarray:
+    """Covariance of the values with the autocorrelation of the residuals up to some lags."""
+    gram = sum(part.T @ part for part in parts)
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    inverse = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-12, hermitian=True)
+    n = sum(len(e) for e in residuals)
+    freedom = max(n - count, 1)
+    middle = np.zeros_like(inverse)
+    for lag in range(min(lags, min(len(e) for e in residuals) - 1) + 1):
+        together = sum(float(e[: len(e) - lag] @ e[lag:]) for e in residuals) / freedom
+        taper = 1.0 - lag / (lags + 1.0)  # Bartlett's, so that no variance is negative
+        cross = sum(part[: len(part) - lag].T @ part[lag:] for part in parts)
+        cross = cross / np.outer(scale, scale)
+        middle += taper * together * (cross if lag == 0 else cross + cross.T)
+    return np.asarray(inverse @ middle @ inverse / np.outer(scale, scale))

@@ -1,0 +1,379 @@
+"""A model as a functional mock-up unit: FMI 2.0 for co-simulation, C source and, where a compiler is
+found, the compiled library [1]_.
+
+The unit integrates with classical Runge-Kutta steps; inputs are constant over a communication step.
+
+References
+----------
+.. [1] Modelica Association, Functional Mock-up Interface for Model Exchange and Co-Simulation,
+   version 2.0.3, 2021.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import uuid
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+from xml.sax.saxutils import quoteattr
+
+from scenarios.export.expressions import Formulas, Operation, formulas_of, statements
+from scenarios.export.model import ExportedModel
+
+MAX_STEP = 0.01
+_NAMESPACE = uuid.UUID("6ff2cb6d-0d0b-4d94-9d7a-33a3a5a8f1c4")
+_CALLS = {"maximum": "fmax", "minimum": "fmin", "abs": "fabs", "power": "pow"}
+
+
+class Variable(NamedTuple):
+    """A variable of the unit; its place in the list is its value reference."""
+
+    name: str
+    unit: str
+    kind: str  # state, input, parameter, output, time
+    start: float | None
+
+
+def variables_of(model: ExportedModel) -> list[Variable]:
+    """Starting values of the states (``NAME_start``), inputs, parameters and outputs, in order."""
+    system = model.system
+    starts = {item.name: item.value for item in system.initial}
+    found = [Variable(f"{s.name}_start", s.unit, "state", starts[s.name]) for s in system.states]
+    found += [Variable(s.name, s.unit, "input", 0.0) for s in system.inputs]
+    found += [Variable(f"{i.name}", i.unit, "parameter", i.value) for i in system.parameters]
+    taken = {each.name for each in found}
+    for signal in system.outputs:
+        name = signal.name if signal.name not in taken else f"{signal.name}_measured"
+        found.append(Variable(name, signal.unit, "output", None))
+    return found
+
+
+def c_source(model: ExportedModel, guid: str) -> str:
+    """The unit in one C file."""
+    formulas = formulas_of(model.system)
+    variables = variables_of(model)
+    counts = [sum(each.kind == k for each in variables) for k in ("state", "input", "parameter")]
+    starts = ", ".join(repr(each.start or 0.0) for each in variables)
+    tables: list[str] = []
+    rates = _function("rates", formulas, formulas.rates, tables)
+    readings = _function("readings", formulas, formulas.outputs, tables)
+    head = [
+        f"#define GUID {_text(guid)}",
+        f"#define NX {counts[0]}",
+        f"#define NU {counts[1]}",
+        f"#define NP {counts[2]}",
+        f"#define NY {len(model.system.outputs)}",
+        "#define NV (NX + NU + NP + NY)",
+        f"#define MAX_STEP {MAX_STEP!r}",
+        f"static const double STARTS[NV] = {{{starts}}};",
+    ]
+    return "\n".join([_INCLUDES, *head, _HELPERS, *tables, rates, readings, _INTERFACE])
+
+
+def description(model: ExportedModel, guid: str) -> str:
+    """``modelDescription.xml``."""
+    variables = variables_of(model)
+    causes = {
+        "state": 'causality="parameter" variability="fixed" initial="exact"',
+        "input": 'causality="input" variability="continuous"',
+        "parameter": 'causality="parameter" variability="fixed" initial="exact"',
+        "output": 'causality="output" variability="continuous" initial="calculated"',
+    }
+    units = sorted({each.unit for each in variables})
+    lines = ['<?xml version="1.0" encoding="UTF-8"?>']
+    about = " ".join((f"Model {model.model}, SI and radians.", *model.remarks))
+    lines += [
+        f'<fmiModelDescription fmiVersion="2.0" modelName={quoteattr(model.name)} '
+        f'guid="{guid}" description={quoteattr(about)} generationTool="flightid export" '
+        'variableNamingConvention="flat">',
+        f'  <CoSimulation modelIdentifier="{model.identifier}" '
+        'canHandleVariableCommunicationStepSize="true">',
+        '    <SourceFiles><File name="model.c"/></SourceFiles>',
+        "  </CoSimulation>",
+        "  <UnitDefinitions>",
+        *(f"    <Unit name={quoteattr(unit)}/>" for unit in units),
+        "  </UnitDefinitions>",
+        "  <ModelVariables>",
+    ]
+    for place, each in enumerate(variables):
+        start = "" if each.start is None else f' start="{each.start!r}"'
+        lines += [
+            f'    <ScalarVariable name={quoteattr(each.name)} valueReference="{place}" '
+            f"{causes[each.kind]}>",
+            f"      <Real unit={quoteattr(each.unit)}{start}/>",
+            "    </ScalarVariable>",
+        ]
+    outputs = [i + 1 for i, each in enumerate(variables) if each.kind == "output"]
+    unknowns = "".join(f'      <Unknown index="{i}"/>\n' for i in outputs)
+    lines += [
+        "  </ModelVariables>",
+        "  <ModelStructure>",
+        f"    <Outputs>\n{unknowns}    </Outputs>",
+        f"    <InitialUnknowns>\n{unknowns}    </InitialUnknowns>",
+        "  </ModelStructure>",
+        "</fmiModelDescription>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def fmu(model: ExportedModel) -> tuple[bytes, str]:
+    """The unit as a zip archive, and a sentence on its library.
+
+    Returns
+    -------
+    The archive with ``modelDescription.xml``, ``sources/model.c`` and, where ``cc`` compiles it, the
+    library of this platform.
+    """
+    source = c_source(model, "GUID")
+    guid = f"{{{uuid.uuid5(_NAMESPACE, source)}}}"
+    source = c_source(model, guid)
+    store = io.BytesIO()
+    with zipfile.ZipFile(store, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("modelDescription.xml", description(model, guid))
+        archive.writestr("sources/model.c", source)
+        library, told = _compiled(source, model.identifier)
+        if library is not None:
+            archive.writestr(f"binaries/{library[0]}", library[1])
+    return store.getvalue(), told
+
+
+def _compiled(source: str, identifier: str) -> tuple[tuple[str, bytes] | None, str]:
+    """Path inside ``binaries`` and content of the library; None without a compiler."""
+    compiler = shutil.which(os.environ.get("CC") or "cc") or shutil.which("gcc")
+    bits = "64" if sys.maxsize > 2**32 else "32"
+    system = {"Linux": ("linux", ".so"), "Darwin": ("darwin", ".dylib")}.get(platform.system())
+    if compiler is None or system is None:
+        return None, "no C compiler was found: the unit holds its source alone"
+    with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
+        path, made = Path(folder) / "model.c", Path(folder) / "model"
+        path.write_text(source, encoding="utf-8")
+        command = [compiler, "-O2", "-fPIC", "-shared", "-o", str(made), str(path), "-lm"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode or not made.exists():
+            first = (done.stderr.strip().splitlines() or ["no reason given"])[0]
+            return None, f"the C compiler failed ({first}): the unit holds its source alone"
+        name = f"{system[0]}{bits}/{identifier}{system[1]}"
+        return (name, made.read_bytes()), f"with its library for {system[0]}{bits}"
+
+
+def _function(name: str, formulas: Formulas, results: Sequence[int], tables: list[str]) -> str:
+    """A C function that writes the results into ``out``."""
+    system = formulas.system
+    names = {"t": "t"}
+    for kind, signals in (
+        ("x", system.state_names),
+        ("u", system.input_names),
+        ("p", [item.name for item in system.parameters]),
+    ):
+        names |= {f"{kind}:{each}": f"{kind}[{i}]" for i, each in enumerate(signals)}
+
+    def special(operation: Operation, arguments: Sequence[str]) -> str:
+        if operation.name == "choose":
+            return f"{arguments[0]} ? {arguments[1]} : {arguments[2]}"
+        if operation.name == "interpolate":
+            number = len(tables) // 2
+            for label, row in zip(("KNOTS", "VALUES"), operation.value, strict=True):
+                cells = ", ".join(map(repr, row))
+                tables.append(f"static const double {label}{number}[{len(row)}] = {{{cells}}};")
+            return (
+                f"interpolate({arguments[0]}, KNOTS{number}, VALUES{number}, "
+                f"{len(operation.value[0])})"
+            )
+        return f"{_CALLS.get(operation.name, operation.name)}({', '.join(arguments)})"
+
+    made, found = statements(formulas, results, names, special)
+    lines = [
+        f"static void {name}(double t, const double *x, const double *u, const double *p, "
+        "double *out)",
+        "{",
+        *(f"    const double {variable} = {formula};" for variable, formula in made),
+        *(f"    out[{i}] = {text};" for i, text in enumerate(found)),
+        "}",
+    ]
+    return "\n".join(lines)
+
+
+def _text(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+_INCLUDES = """/* Written by flightid export: FMI 2.0 co-simulation, SI and radians. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#if defined(_WIN32)
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+"""
+_HELPERS = """
+static double interpolate(double x, const double *knots, const double *values, int n)
+{
+    int i = 0;
+    if (x <= knots[0]) return values[0];
+    if (x >= knots[n - 1]) return values[n - 1];
+    while (i < n - 2 && x >= knots[i + 1]) ++i;
+    return values[i] + (x - knots[i]) / (knots[i + 1] - knots[i]) * (values[i + 1] - values[i]);
+}
+"""
+_INTERFACE = """
+typedef struct { double t, x[NX], v[NV]; int started; } Unit;
+typedef void *Component;
+typedef int Status; /* 0 OK, 3 error */
+typedef unsigned int Reference;
+
+static void restart(Unit *c)
+{
+    memcpy(c->x, c->v, sizeof c->x);
+}
+
+static void read_outputs(Unit *c)
+{
+    readings(c->t, c->x, c->v + NX, c->v + NX + NU, c->v + NX + NU + NP);
+}
+
+EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
+EXPORT const char *fmi2GetVersion(void) { return "2.0"; }
+
+EXPORT Component fmi2Instantiate(const char *name, int type, const char *guid, const char *place,
+                                 const void *functions, int visible, int logging)
+{
+    Unit *c;
+    (void)name; (void)place; (void)functions; (void)visible; (void)logging;
+    if (type != 1 || guid == NULL || strcmp(guid, GUID) != 0) return NULL;
+    c = calloc(1, sizeof *c);
+    if (c == NULL) return NULL;
+    memcpy(c->v, STARTS, sizeof c->v);
+    restart(c);
+    return c;
+}
+
+EXPORT void fmi2FreeInstance(Component c) { free(c); }
+
+EXPORT Status fmi2SetupExperiment(Component component, int given, double tolerance, double start,
+                                  int stops, double stop)
+{
+    (void)given; (void)tolerance; (void)stops; (void)stop;
+    ((Unit *)component)->t = start;
+    return 0;
+}
+
+EXPORT Status fmi2EnterInitializationMode(Component component) { (void)component; return 0; }
+
+EXPORT Status fmi2ExitInitializationMode(Component component)
+{
+    Unit *c = component;
+    restart(c);
+    c->started = 1;
+    return 0;
+}
+
+EXPORT Status fmi2Terminate(Component component) { (void)component; return 0; }
+
+EXPORT Status fmi2Reset(Component component)
+{
+    Unit *c = component;
+    memset(c, 0, sizeof *c);
+    memcpy(c->v, STARTS, sizeof c->v);
+    restart(c);
+    return 0;
+}
+
+EXPORT Status fmi2SetReal(Component component, const Reference *which, size_t n, const double *values)
+{
+    Unit *c = component;
+    size_t i;
+    for (i = 0; i < n; ++i) {
+        if (which[i] >= NX + NU + NP) return 3;
+        c->v[which[i]] = values[i];
+    }
+    if (!c->started) restart(c);
+    return 0;
+}
+
+EXPORT Status fmi2GetReal(Component component, const Reference *which, size_t n, double *values)
+{
+    Unit *c = component;
+    size_t i;
+    read_outputs(c);
+    for (i = 0; i < n; ++i) {
+        if (which[i] >= NV) return 3;
+        values[i] = c->v[which[i]];
+    }
+    return 0;
+}
+
+EXPORT Status fmi2DoStep(Component component, double now, double step, int keeps)
+{
+    Unit *c = component;
+    const double *u = c->v + NX, *p = c->v + NX + NU;
+    double k[4][NX], y[NX], dt;
+    int i, j, steps = (int)ceil(step / MAX_STEP - 1e-9);
+    (void)keeps;
+    if (steps < 1) steps = 1;
+    dt = step / steps;
+    c->t = now;
+    for (i = 0; i < steps; ++i) {
+        rates(c->t, c->x, u, p, k[0]);
+        for (j = 0; j < NX; ++j) y[j] = c->x[j] + dt / 2 * k[0][j];
+        rates(c->t + dt / 2, y, u, p, k[1]);
+        for (j = 0; j < NX; ++j) y[j] = c->x[j] + dt / 2 * k[1][j];
+        rates(c->t + dt / 2, y, u, p, k[2]);
+        for (j = 0; j < NX; ++j) y[j] = c->x[j] + dt * k[2][j];
+        rates(c->t + dt, y, u, p, k[3]);
+        for (j = 0; j < NX; ++j)
+            c->x[j] += dt / 6 * (k[0][j] + 2 * k[1][j] + 2 * k[2][j] + k[3][j]);
+        c->t = now + (i + 1) * dt;
+    }
+    for (j = 0; j < NX; ++j) if (!isfinite(c->x[j])) return 3;
+    return 0;
+}
+
+EXPORT Status fmi2SetDebugLogging(Component c, int on, size_t n, const char *const *what)
+{ (void)c; (void)on; (void)n; (void)what; return 0; }
+EXPORT Status fmi2CancelStep(Component c) { (void)c; return 3; }
+#define TYPED(TYPE, NAME) \\
+    EXPORT Status fmi2Get##NAME(Component c, const Reference *r, size_t n, TYPE *v) \\
+    { (void)c; (void)r; (void)v; return n ? 3 : 0; } \\
+    EXPORT Status fmi2Set##NAME(Component c, const Reference *r, size_t n, const TYPE *v) \\
+    { (void)c; (void)r; (void)v; return n ? 3 : 0; }
+TYPED(int, Integer)
+TYPED(int, Boolean)
+TYPED(const char *, String)
+EXPORT Status fmi2GetFMUstate(Component c, void **s) { (void)c; (void)s; return 3; }
+EXPORT Status fmi2SetFMUstate(Component c, void *s) { (void)c; (void)s; return 3; }
+EXPORT Status fmi2FreeFMUstate(Component c, void **s) { (void)c; (void)s; return 3; }
+EXPORT Status fmi2SerializedFMUstateSize(Component c, void *s, size_t *n)
+{ (void)c; (void)s; (void)n; return 3; }
+EXPORT Status fmi2SerializeFMUstate(Component c, void *s, char b[], size_t n)
+{ (void)c; (void)s; (void)b; (void)n; return 3; }
+EXPORT Status fmi2DeSerializeFMUstate(Component c, const char b[], size_t n, void **s)
+{ (void)c; (void)b; (void)n; (void)s; return 3; }
+EXPORT Status fmi2GetDirectionalDerivative(Component c, const Reference *a, size_t m,
+                                           const Reference *b, size_t n, const double *d, double *r)
+{ (void)c; (void)a; (void)m; (void)b; (void)n; (void)d; (void)r; return 3; }
+EXPORT Status fmi2SetRealInputDerivatives(Component c, const Reference *r, size_t n, const int *o,
+                                          const double *v)
+{ (void)c; (void)r; (void)n; (void)o; (void)v; return 3; }
+EXPORT Status fmi2GetRealOutputDerivatives(Component c, const Reference *r, size_t n, const int *o,
+                                           double *v)
+{ (void)c; (void)r; (void)n; (void)o; (void)v; return 3; }
+EXPORT Status fmi2GetStatus(Component c, int kind, Status *v) { (void)c; (void)kind; (void)v; return 3; }
+EXPORT Status fmi2GetRealStatus(Component c, int kind, double *v)
+{ (void)c; (void)kind; (void)v; return 3; }
+EXPORT Status fmi2GetIntegerStatus(Component c, int kind, int *v)
+{ (void)c; (void)kind; (void)v; return 3; }
+EXPORT Status fmi2GetBooleanStatus(Component c, int kind, int *v)
+{ (void)c; (void)kind; (void)v; return 3; }
+EXPORT Status fmi2GetStringStatus(Component c, int kind, const char **v)
+{ (void)c; (void)kind; (void)v; return 3; }
+"""

@@ -1,0 +1,155 @@
+"""A model written as a Python module and as an FMU flies as it does here."""
+
+from __future__ import annotations
+
+import ctypes
+import io
+import shutil
+import xml.etree.ElementTree as ET
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scenarios.export.fmu import MAX_STEP, c_source, fmu
+from scenarios.export.model import ExportedModel, exported
+from scenarios.export.python_module import python_module
+from sim.declaration.user_model import own_model
+from sim.errors import DeclarationError
+from sim.maths import interpolate, where
+from tests.bases import base_for, fly
+
+BASES = ("ballistic", "rigid", "lateral", "longitudinal", "multirotor")
+
+
+def case(equations: str) -> tuple[ExportedModel, Any, np.ndarray]:
+    model, flight = base_for(equations)
+    written = exported(equations, model)
+    rows = fly(written.system, flight)
+    return written, flight, np.array([np.broadcast_to(row, flight.time.shape) for row in rows])
+
+
+def module_of(written: ExportedModel) -> ModuleType:
+    module = ModuleType("written")
+    exec(compile(python_module(written), "written.py", "exec"), module.__dict__)
+    return module
+
+
+@pytest.mark.parametrize("equations", BASES)
+def test_the_python_module_flies_the_same(equations: str) -> None:
+    written, flight, expected = case(equations)
+    module = module_of(written)
+    found, states = module.simulate(
+        flight.time, flight.u, hold=flight.hold.value == "previous", max_step=flight.max_step
+    )
+    scale = np.abs(expected).max(axis=1, keepdims=True) + 1e-12
+    assert np.abs((found - expected) / scale).max() < 1e-9
+    assert states.shape == (len(module.STATES), len(flight.time))
+    assert tuple(module.OUTPUTS) == written.system.output_names
+
+
+def test_a_parameter_of_the_module_may_be_changed() -> None:
+    written, flight, expected = case("rigid")
+    module = module_of(written)
+    name = "Cm_alpha"
+    value = 0.5 * module.PARAMETERS[name]
+    found, _ = module.simulate(
+        flight.time, flight.u, parameters={name: value}, max_step=flight.max_step
+    )
+    p = [value if item.name == name else item.value for item in written.system.parameters]
+    other = np.array(fly(written.system, flight, p))
+    assert np.allclose(found, other, rtol=1e-9, atol=1e-12)
+    assert not np.allclose(found, expected, rtol=1e-3)
+
+
+@pytest.mark.parametrize("equations", BASES)
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_the_unit_flies_the_same(equations: str, tmp_path: Path) -> None:
+    written, flight, _ = case(equations)
+    flight = replace(flight, hold=type(flight.hold)("previous"), max_step=MAX_STEP)
+    expected = np.array(
+        [np.broadcast_to(row, flight.time.shape) for row in fly(written.system, flight)]
+    )
+    content, told = fmu(written)
+    assert "library" in told
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        tree = ET.fromstring(archive.read("modelDescription.xml"))
+        (name,) = [each for each in archive.namelist() if each.startswith("binaries/")]
+        path = tmp_path / "unit.so"
+        path.write_bytes(archive.read(name))
+    found = flown(ctypes.CDLL(str(path)), tree, flight)
+    scale = np.abs(expected).max(axis=1, keepdims=True) + 1e-12
+    assert np.abs((found - expected) / scale).max() < 1e-9
+
+
+def flown(unit: ctypes.CDLL, tree: ET.Element, flight: Any) -> np.ndarray:
+    """Outputs at the samples, as a master program steps through the unit."""
+    variables = tree.findall("ModelVariables/ScalarVariable")
+    outputs, inputs = (
+        [int(v.get("valueReference", "")) for v in variables if v.get("causality") == cause]
+        for cause in ("output", "input")
+    )
+    unit.fmi2Instantiate.restype = ctypes.c_void_p
+    guid = tree.get("guid", "").encode()
+    assert not unit.fmi2Instantiate(b"", 1, b"another", None, None, 0, 0)
+    c = ctypes.c_void_p(unit.fmi2Instantiate(b"", 1, guid, None, None, 0, 0))
+    zero = ctypes.c_double(float(flight.time[0]))
+    assert unit.fmi2SetupExperiment(c, 0, ctypes.c_double(0), zero, 0, ctypes.c_double(0)) == 0
+    assert unit.fmi2EnterInitializationMode(c) == unit.fmi2ExitInitializationMode(c) == 0
+    refs_in = (ctypes.c_uint * len(inputs))(*inputs)
+    refs_out = (ctypes.c_uint * len(outputs))(*outputs)
+    values = (ctypes.c_double * len(outputs))()
+    rows = []
+    for k, t in enumerate(flight.time):
+        u = (ctypes.c_double * len(inputs))(*flight.u[:, k])
+        assert unit.fmi2SetReal(c, refs_in, ctypes.c_size_t(len(inputs)), u) == 0
+        assert unit.fmi2GetReal(c, refs_out, ctypes.c_size_t(len(outputs)), values) == 0
+        rows.append(list(values))
+        if k + 1 < len(flight.time):
+            dt = ctypes.c_double(flight.time[k + 1] - t)
+            assert unit.fmi2DoStep(c, ctypes.c_double(t), dt, 1) == 0
+    unit.fmi2FreeInstance(c)
+    return np.array(rows).T
+
+
+def test_choices_and_tables_are_written() -> None:
+    knots, values = np.array([-1.0, 0.0, 2.0]), np.array([1.0, 0.5, 3.0])
+    model = own_model(
+        "tables",
+        {"a": "1"},
+        {"e": "1"},
+        {"a": "1"},
+        {"k": (0.7, "1/s")},
+        lambda s, p: {
+            "a": -p.k * interpolate(s.a, knots, values) * where(s.a > 1.0, 2.0, 1.0) + p.k * s.e
+        },
+        lambda s, p: {"a": s.a},
+        initial={"a": 1.5},
+    )
+    written = exported("tables", model)
+    module = module_of(written)
+    for a in (-2.0, -0.3, 0.4, 1.2, 2.5):
+        expected = -0.7 * np.interp(a, knots, values) * (2.0 if a > 1.0 else 1.0) + 0.7 * 0.2
+        assert module.derivatives(0.0, [a], [0.2])[0] == pytest.approx(expected)
+    assert "interpolate(" in c_source(written, "x")
+
+
+def test_a_delay_that_acts_on_whole_records_is_told() -> None:
+    written = exported("loes", base_for("loes")[0])
+    assert any("Left out" in remark for remark in written.remarks)
+    assert "Left out" in python_module(written)
+
+
+def test_equations_that_decide_are_refused() -> None:
+    def rates(s: Any, p: Any) -> dict[str, Any]:
+        return {"a": -p.k * s.a if np.all(np.real(s.a) > 0.0) else 0.0 * s.a}
+
+    model = own_model(
+        "deciding", {"a": "1"}, {}, {"a": "1"}, {"k": (0.7, "1/s")}, rates, lambda s, p: {"a": s.a}
+    )
+    with pytest.raises(DeclarationError, match="cannot be written as formulas"):
+        python_module(exported("deciding", model))
