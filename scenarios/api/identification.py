@@ -194,7 +194,7 @@ class Identification:
         return self.parameters.to_latex()
 
     def to_excel(self, path: str | PathLike[str]) -> Path:
-        """Write the parameters and biases as an XLSX workbook with full precision; returns the path.
+        """Write parameters and biases as an XLSX workbook with full precision; returns the path.
         Needs openpyxl.
         """
         return write_sheets(path, {"parameters": self.parameters, "biases": self.biases})
