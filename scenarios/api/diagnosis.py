@@ -33,6 +33,7 @@ from scenarios.api.shown import (
     claimed_effects,
     prediction_of,
     write_report,
+    write_sheets,
 )
 from scenarios.api.vehicle import Vehicle
 from scenarios.diagnosis.diagnose import diagnose_files
@@ -189,6 +190,20 @@ class Diagnosis:
             ],
             columns=list(keys),
         )
+
+    def to_markdown(self) -> str:
+        """The parameters as a Markdown table, with the digits that their sigmas make sensible."""
+        return self.parameters.to_markdown()
+
+    def to_latex(self) -> str:
+        """The parameters as a LaTeX ``tabular`` with the rules of the package ``booktabs``."""
+        return self.parameters.to_latex()
+
+    def to_excel(self, path: str | PathLike[str]) -> Path:
+        """Write the parameters, before and after, as an XLSX workbook with full precision; returns
+        the path. Needs openpyxl.
+        """
+        return write_sheets(path, {"after": self.parameters, "before": self.before})
 
     def to_dict(self) -> dict[str, Any]:
         """Content of ``diagnosis.json``."""

@@ -31,7 +31,14 @@ from scenarios.api.requests import (
     request_of,
     with_parts,
 )
-from scenarios.api.shown import Parameter, Parameters, errors_of, response_of, write_report
+from scenarios.api.shown import (
+    Parameter,
+    Parameters,
+    errors_of,
+    response_of,
+    write_report,
+    write_sheets,
+)
 from scenarios.api.vehicle import Vehicle
 from scenarios.files.channel_names import TIME
 from scenarios.identification.assessment import Options
@@ -177,6 +184,20 @@ class Identification:
     def to_dataframe(self) -> pandas.DataFrame:
         """One row a parameter: ``unit``, ``value``, ``sigma``, ``start``."""
         return self.parameters.to_dataframe()
+
+    def to_markdown(self) -> str:
+        """The parameters as a Markdown table, with the digits that their sigmas make sensible."""
+        return self.parameters.to_markdown()
+
+    def to_latex(self) -> str:
+        """The parameters as a LaTeX ``tabular`` with the rules of the package ``booktabs``."""
+        return self.parameters.to_latex()
+
+    def to_excel(self, path: str | PathLike[str]) -> Path:
+        """Write parameters and biases as an XLSX workbook with full precision; returns the path.
+        Needs openpyxl.
+        """
+        return write_sheets(path, {"parameters": self.parameters, "biases": self.biases})
 
     def to_dict(self) -> dict[str, Any]:
         """Content of ``comparison.json``."""

@@ -71,7 +71,7 @@ def _identification(name: str, changes: Sequence[str]) -> Runner:
     from scenarios.studies.folder import write_study
     from scenarios.studies.study import StudyResult, fly_repeatedly, run_scenario
     from scenarios.studies.sweep import sweep_flexibility
-    from scenarios.studies.text import print_study
+    from scenarios.studies.text import print_brief, print_study
 
     scenario = load_scenario(name, changes)
 
@@ -81,7 +81,7 @@ def _identification(name: str, changes: Sequence[str]) -> Runner:
         sweep = sweep_flexibility(scenario, study.record, study.seed, progress)
         return replace(study, repeated=fly_repeatedly(scenario, seed, progress), sweep=sweep)
 
-    return Runner(run, write_study, _on_console(print_study), _as_text(print_study))
+    return Runner(run, write_study, _on_console(print_brief), _as_text(print_study))
 
 
 def _trace(name: str, changes: Sequence[str]) -> Runner:

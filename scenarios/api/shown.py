@@ -25,6 +25,8 @@ from sim.errors import DeclarationError
 if TYPE_CHECKING:
     import pandas
 
+    from scenarios.report.document import Table
+
 
 # ---- The page of a result alone, one HTML file that holds its figures
 
@@ -118,6 +120,28 @@ class Parameters(Mapping[str, Parameter]):
             columns["start"] = [math.nan if item.start is None else item.start for item in items]
         return pandas.DataFrame(columns, index=index)
 
+    def to_markdown(self) -> str:
+        """A Markdown table with the digits that the sigmas make sensible."""
+        from scenarios.report.exports import to_markdown
+
+        return to_markdown(self._table("parameters"))
+
+    def to_latex(self) -> str:
+        """A LaTeX ``tabular`` with the rules of the package ``booktabs``."""
+        from scenarios.report.exports import to_latex
+
+        return to_latex(self._table("parameters"))
+
+    def to_excel(self, path: str | PathLike[str]) -> Path:
+        """Write an XLSX workbook with full precision; returns the path. Needs openpyxl."""
+        return write_sheets(path, {"parameters": self})
+
+    def _table(self, caption: str) -> Table:
+        from scenarios.report.exports import estimates
+
+        rows = [(each.name, each.unit, each.value, each.sigma) for each in self._items.values()]
+        return estimates(caption, rows)
+
     def __repr__(self) -> str:
         items = list(self._items.values())
         more = f", and {len(items) - IN_A_LINE} more" if len(items) > IN_A_LINE else ""
@@ -129,6 +153,13 @@ class Parameters(Mapping[str, Parameter]):
 
     def _repr_html_(self) -> str:
         return tables.page("parameters", self.html_table())
+
+
+def write_sheets(path: str | PathLike[str], sheets: Mapping[str, Parameters]) -> Path:
+    """Write parameters as a workbook, a sheet for each set that is not empty; the path."""
+    from scenarios.report.exports import write_workbook
+
+    return write_workbook([each._table(name) for name, each in sheets.items() if each], Path(path))
 
 
 def row_of(item: Parameter) -> tuple[str, str, str, str]:

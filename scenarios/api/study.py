@@ -26,7 +26,7 @@ from scenarios.api.requests import (
     model_of,
     no_progress,
 )
-from scenarios.api.shown import Parameter, Parameters, row_of, write_report
+from scenarios.api.shown import Parameter, Parameters, row_of, write_report, write_sheets
 from scenarios.api.vehicle import Vehicle, source_of
 from scenarios.files.declarations import named_after
 from scenarios.files.user_models import is_own
@@ -198,6 +198,20 @@ class Study:
             frame["sigmas"] = (frame["value"] - frame["true"]) / frame["sigma"]
         return frame
 
+    def to_markdown(self) -> str:
+        """The parameters as a Markdown table, with the digits that their sigmas make sensible."""
+        return self.parameters.to_markdown()
+
+    def to_latex(self) -> str:
+        """The parameters as a LaTeX ``tabular`` with the rules of the package ``booktabs``."""
+        return self.parameters.to_latex()
+
+    def to_excel(self, path: str | PathLike[str]) -> Path:
+        """Write the parameters as an XLSX workbook with full precision; returns the path. Needs
+        openpyxl.
+        """
+        return write_sheets(path, {"parameters": self.parameters})
+
     def to_state_space(self, pade: int = 4) -> control.StateSpace:
         """The model with ``parameters``, as python-control's with named signals; of the main
         method, or of a diagnosis.
@@ -317,7 +331,7 @@ def changes_of(settings: Settings) -> list[str]:
     if settings is None:
         return []
     if isinstance(settings, Mapping):
-        from scenarios.api.vehicle import toml_value
+        from scenarios.files.library_vehicles import toml_value
 
         return [f"{key}={toml_value(value, key)}" for key, value in settings.items()]
     return [settings] if isinstance(settings, str) else list(settings)

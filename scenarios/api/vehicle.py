@@ -4,28 +4,33 @@ files.
 
 from __future__ import annotations
 
-import hashlib
-import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from scenarios.api import tables as html
 from scenarios.files.declarations import read_toml_source, toml_of
-from scenarios.files.sources import InputFile, Source
+from scenarios.files.library_vehicles import (
+    content_of_library,
+    is_library_name,
+    source_of_content,
+    toml_text,
+)
+from scenarios.files.sources import Source
 from sim.errors import DeclarationError
-from sim.vehicles.factory import FAMILIES, MODE_CONSTANTS, mode_units
-from sim.vehicles.library import VehicleData, read_parameter_set, vehicle_names
 
-FILE_KEYS = {"omega": "frequency", "zeta": "damping", "generalized_mass": "generalized_mass"}
+if TYPE_CHECKING:
+    from scenarios.api.vehicle_parameters import VehicleParameters
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(eq=False, repr=False)
 class Vehicle:
     """Constants and starting values of one vehicle, as a vehicle file has them.
+
+    ``vehicle.parameters["Cm_q"]`` is fixed, bounded, tied or freed by its methods, which change
+    this vehicle.
 
     Attributes
     ----------
@@ -49,6 +54,13 @@ class Vehicle:
     def derivatives(self) -> dict[str, Any]:
         """Where the search starts."""
         return dict(self.content.get("derivatives", {}))
+
+    @property
+    def parameters(self) -> VehicleParameters:
+        """What may be estimated, by name: ``vehicle.parameters["Cm_q"].fix(-28.0)``."""
+        from scenarios.api.vehicle_parameters import VehicleParameters
+
+        return VehicleParameters(self)
 
     def __getitem__(self, key: str) -> Any:
         for table in (self.content, self.derivatives):
@@ -75,11 +87,7 @@ class Vehicle:
         """
         if self.source is not None:
             return self.source
-        content = dict(self.content)
-        if "modes" in content and model == "rigid":
-            del content["modes"]
-        raw = toml_text(content).encode()
-        return Source(Path(self.name), raw, InputFile(self.name, hashlib.sha256(raw).hexdigest()))
+        return source_of_content(self.name, self.content, model)
 
     def __repr__(self) -> str:
         derivatives = ", ".join(list(self.derivatives)[:6]) + (
@@ -129,13 +137,8 @@ def vehicle(
         content = source.content if isinstance(source, Vehicle) else source
         return Vehicle(_over(content, numbers))
     path = _path_of(source)
-    if (
-        isinstance(source, str)
-        and not source.endswith(".toml")
-        and "/" not in source
-        and not path.is_file()
-    ):
-        return Vehicle(_over(_of_library(source), numbers))
+    if is_library_name(source):
+        return Vehicle(_over(content_of_library(str(source)), numbers))
     read = read_toml_source(path)
     content = toml_of(read)
     return Vehicle(_over(content, numbers)) if numbers else Vehicle(content, read)
@@ -157,93 +160,6 @@ def source_of(given: Any, model: str) -> Source | None:
     return vehicle(given).source_for(model)
 
 
-def toml_text(content: Mapping[str, Any]) -> str:
-    """A vehicle file's text: plain keys first, then tables, then lists of tables. Raises
-    DeclarationError for a value that TOML does not have.
-    """
-    plain = [
-        f"{_key(key)} = {toml_value(value, key)}"
-        for key, value in content.items()
-        if not _is_table(value)
-    ]
-    out = ["\n".join(plain)]
-    for key, value in content.items():
-        if isinstance(value, Mapping):
-            out.append(
-                "\n".join(
-                    [
-                        f"[{_key(key)}]",
-                        *(
-                            f"{_key(name)} = {toml_value(each, f'{key}.{name}')}"
-                            for name, each in value.items()
-                        ),
-                    ]
-                )
-            )
-        elif _is_table(value):
-            out += [
-                "\n".join(
-                    [
-                        f"[[{_key(key)}]]",
-                        *(
-                            f"{_key(name)} = {toml_value(each, name)}"
-                            for name, each in item.items()
-                        ),
-                    ]
-                )
-                for item in value
-            ]
-    return "\n\n".join(part for part in out if part) + "\n"
-
-
-def _of_library(name: str) -> dict[str, Any]:
-    if name not in vehicle_names():
-        remedy = f"name a file that ends in .toml, or one of {', '.join(vehicle_names())}"
-        raise DeclarationError(f"there is no vehicle {name!r}", where="vehicle", remedy=remedy)
-    return content_of(read_parameter_set(name))
-
-
-def content_of(data: VehicleData) -> dict[str, Any]:
-    """A vehicle of the library with the keys of a vehicle file."""
-    _, constants, derivatives = FAMILIES[data.equations]
-    values = {number.name: number.value for number in data.numbers}
-    out: dict[str, Any] = {
-        "name": data.name,
-        **{key: values[key] for key in constants if key in values},
-    }
-    if (
-        "reference_airspeed" in constants
-        and "reference_airspeed" not in out
-        and "airspeed" in values
-    ):
-        out["reference_airspeed"] = values["airspeed"]
-    out["derivatives"] = {key: values[key] for key in derivatives if key in values}
-    if data.modes:
-        out["modes"] = [_mode(values, number, data.modes) for number in range(1, data.modes + 1)]
-    return out
-
-
-def _mode(values: Mapping[str, float], number: int, modes: int) -> dict[str, float]:
-    """The ``[[modes]]`` table of one elastic mode."""
-    constants = {
-        f"{local}{number}": key for local, key in FILE_KEYS.items() if local in MODE_CONSTANTS
-    }
-    own = [
-        name
-        for name, _, _ in mode_units(modes)
-        if name.startswith((f"CL_eta{number}", f"CL_etadot{number}", f"Cm_eta{number}"))
-    ]
-    own += [
-        name
-        for name, _, _ in mode_units(modes)
-        if name.startswith((f"Cm_etadot{number}", f"Ceta{number}_"))
-    ]
-    return {
-        **{key: values[name] for name, key in constants.items()},
-        **{name: values[name] for name in own if name in values},
-    }
-
-
 def _over(content: Mapping[str, Any], numbers: Mapping[str, Any]) -> dict[str, Any]:
     """The content with ``numbers`` in the place of its own; tables are replaced key by key."""
     merged = {
@@ -253,59 +169,6 @@ def _over(content: Mapping[str, Any], numbers: Mapping[str, Any]) -> dict[str, A
         for key, value in numbers.items()
     }
     return {**content, **merged}
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, Mapping) or (
-        isinstance(value, list | tuple)
-        and bool(value)
-        and all(isinstance(item, Mapping) for item in value)
-    )
-
-
-def _key(key: Any) -> str:
-    text = str(key)
-    return (
-        text
-        if text.isascii() and text.replace("_", "").replace("-", "").isalnum()
-        else _quoted(text)
-    )
-
-
-def toml_value(value: Any, key: Any) -> str:
-    """A value as TOML writes it; ``key`` names it in errors."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return _quoted(value)
-    if isinstance(value, Mapping):
-        return (
-            "{"
-            + ", ".join(f"{_key(name)} = {toml_value(each, name)}" for name, each in value.items())
-            + "}"
-        )
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(toml_value(each, key) for each in value) + "]"
-    if isinstance(value, int):
-        return str(value)
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise DeclarationError(
-            f"a {type(value).__name__} is no value",
-            where=f"key {key}",
-            remedy="give a number or a text",
-        ) from None
-    return (
-        repr(number)
-        if math.isfinite(number)
-        else {math.inf: "inf", -math.inf: "-inf"}.get(number, "nan")
-    )
-
-
-def _quoted(text: str) -> str:
-    """A basic string: as JSON writes it, but for one letter that JSON does not escape."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _shown(value: Any) -> str:

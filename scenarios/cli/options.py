@@ -5,16 +5,19 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated
+from typing import Annotated, TextIO
 
 import typer
 
+from scenarios.files.writing import write_text
 from scenarios.report.figure_formats import Formats
+from scenarios.report.summary import TEXT
 
 # ---- What a shell completes
 
@@ -321,6 +324,67 @@ class OutputOptions:
     progress: bool
 
 
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # of a terminal
+
+
+class _Copied(io.TextIOBase):
+    """A stream that also keeps what is written to it; of all else it is the stream itself."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream, self.kept = stream, io.StringIO()
+
+    def write(self, text: str) -> int:
+        self.kept.write(text)
+        return self._stream.write(text)
+
+    def flush(self) -> None:
+        self._stream.flush()
+
+    def isatty(self) -> bool:
+        return self._stream.isatty()
+
+    def fileno(self) -> int:
+        return self._stream.fileno()
+
+    def writable(self) -> bool:
+        return True
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        return self._stream.encoding
+
+    @property
+    def errors(self) -> str | None:  # type: ignore[override]
+        return self._stream.errors
+
+
+@contextlib.contextmanager
+def keeping_text(out: Path | None) -> Iterator[None]:
+    """What a command prints, kept as ``study.txt`` in its folder, where the command does not write
+    this file itself; a command that ends badly keeps nothing.
+    """
+    if out is None:
+        yield
+        return
+    path = out / TEXT
+    before = _identity(path)
+    copied = _Copied(sys.stdout)
+    with contextlib.redirect_stdout(copied):
+        yield
+    if out.is_dir() and _identity(path) == before:
+        with contextlib.suppress(OSError):  # the study is whole without it
+            write_text(path, _COLOURS.sub("", copied.kept.getvalue()))
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Which file it is and when it was written; None where there is none."""
+    try:
+        told = path.stat()
+    except OSError:
+        return None
+    return told.st_ino, told.st_mtime_ns
+
+
 @contextlib.contextmanager
 def output_options(
     out: Path | None, figures: Formats, *, quiet: bool, as_json: bool, documents: Sequence[str] = ()
@@ -332,8 +396,11 @@ def output_options(
     ``quiet`` nothing but the warnings that its document holds, on stderr. Without a folder it
     writes into one that is gone afterwards.
     """
+    # Studies in folders of their own each have their text already.
+    kept = out if any("/" not in name for name in documents) else None
     if not (quiet or as_json):
-        yield OutputOptions(out, figures, progress=True)
+        with keeping_text(kept):
+            yield OutputOptions(out, figures, progress=True)
         return
     with contextlib.ExitStack() as stack:
         folder = (
@@ -342,7 +409,7 @@ def output_options(
             else Path(stack.enter_context(TemporaryDirectory(prefix="flightid-"))) / "study"
         )
         try:
-            with contextlib.redirect_stdout(io.StringIO()):
+            with contextlib.redirect_stdout(io.StringIO()), keeping_text(kept):
                 yield OutputOptions(folder, figures if out is not None else (), progress=not quiet)
         except KeyboardInterrupt:
             if out is not None:

@@ -344,11 +344,18 @@ def report(
     folders: Annotated[
         list[Path], typer.Argument(metavar="DIR...", help="Folders that --out was given.")
     ],
+    tables: Annotated[
+        bool,
+        typer.Option("--tables", help="Write its tables as Markdown, LaTeX and XLSX as well."),
+    ] = False,
+    pdf: Annotated[
+        bool, typer.Option("--pdf", help="Print it as report.pdf as well, by Chromium or Chrome.")
+    ] = False,
 ) -> None:
-    """The page of a study again, from its folder, without computing anything."""
+    """The page of a study again, from its folder, without computing anything; its tables, a PDF."""
     from scenarios.commands.studies import rebuild_pages
 
-    rebuild_pages(folders)
+    rebuild_pages(folders, tables=tables, pdf=pdf)
 
 
 # ---- flightid list, effects, models and vehicles: what there is

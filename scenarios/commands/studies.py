@@ -450,12 +450,22 @@ def design_maneuver(
 # ---- flightid report: pages made again from what stands in their folders
 
 
-def rebuild_pages(folders: Sequence[Path]) -> None:
-    """Make ``report.html`` of each folder again and say where it is.
+def rebuild_pages(folders: Sequence[Path], *, tables: bool = False, pdf: bool = False) -> None:
+    """Make ``report.html`` of each folder again and say where it is; ``tables``: write its tables
+    as Markdown, LaTeX and XLSX as well; ``pdf``: print it as ``report.pdf``.
 
     Raises FlightidError for the first folder that has no content of a page.
     """
-    from scenarios.report.folder import rebuilt
+    from scenarios.report.folder import rebuilt, stored_page
 
     for folder in folders:
         print(f"written to {rebuilt(folder)}")
+        if tables:
+            from scenarios.report.exports import write_tables
+
+            files = write_tables(stored_page(folder), folder)
+            print(f"tables: {', '.join(map(str, files))}")
+        if pdf:
+            from scenarios.report.exports import write_pdf
+
+            print(f"PDF: {write_pdf(folder)}")

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from scenarios.files.declarations import checked, read_toml_source, toml_of
+from scenarios.files.declarations import checked, toml_of
+from scenarios.files.library_vehicles import vehicle_source
 from scenarios.files.measured.record_file import RecordFile, path_of
 from scenarios.files.sources import InputFile, Source
 from scenarios.files.user_models import (
@@ -47,6 +48,14 @@ _TOLD_BY = {
     "loes": (("gravity", True), ("mass", False)),
     "multirotor": (("mass", False), ("airspeed", False), ("reference_airspeed", False)),
 }
+# Model -> keys that only its files have, and which other models read these files.
+_WRITTEN_FOR = {
+    "lateral": ("roll_inertia", "yaw_inertia"),
+    "longitudinal": ("reference_airspeed",),
+    "ballistic": ("density_scale_height",),
+    "rigid": ("pitch_inertia", "airspeed"),
+}
+_READERS = {"rigid": ("rigid", "flexible")}
 _MODAL_START = re.compile(r"(?:C[Lm]_eta(?:dot)?(\d+)|Ceta(\d+)_\w+)")
 RELATIVE_PRIOR = 0.5
 OF_TYPICAL = 0.01  # of the largest start, where one is zero
@@ -143,15 +152,15 @@ def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> Veh
     refuse_unknown_model(model, str(path.path if isinstance(path, Source) else path))
     if isinstance(model, OwnModel) or is_model_file(model):
         own = model if isinstance(model, OwnModel) else read_user_model(model, MODELS)
-        return own_vehicle(own, None if path is None else read_toml_source(path))
+        return own_vehicle(own, None if path is None else vehicle_source(path))
     if path is None:
         what = f"the {model} model needs constants and starting values"
         raise DeclarationError(
             what,
             where="--vehicle",
-            remedy=f"name a vehicle file, or put {BESIDE} beside the record",
+            remedy=f"name a vehicle file or one of the library, or put {BESIDE} beside the record",
         )
-    return vehicle_of(read_toml_source(path), model)
+    return vehicle_of(vehicle_source(path, model), model)
 
 
 def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
@@ -208,7 +217,7 @@ def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
     """A vehicle file of whichever model of an aircraft it is written for. Raises DeclarationError
     where it is for none, or wrong.
     """
-    source = read_toml_source(path)
+    source = vehicle_source(path)
     content = toml_of(source)
     if "aerodynamics" in content:
         return aircraft_vehicle(source)
@@ -247,6 +256,7 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
     from scenarios.files.schemas import SCHEMAS, mode_schema, refuse_unusable, units_of_starts
 
     path, content = source.path, toml_of(source)
+    _refuse_other_model(content, model, path)
     units = units_of_starts(model, content.get("modes"))
     laid_down = take_constraints(content, units, path)
     tables: list[dict[str, Any]] = []
@@ -285,6 +295,17 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
         constraints=laid_down,
         text=source.content.decode("utf-8-sig"),
     )
+
+
+def _refuse_other_model(content: Mapping[str, Any], model: str, path: Path) -> None:
+    """Raise DeclarationError for a file whose keys say that it was written for another model."""
+    for other, keys in _WRITTEN_FOR.items():
+        if all(key in content for key in keys) and model not in _READERS.get(other, (other,)):
+            raise DeclarationError(
+                f"this vehicle file is for the {other} model ({', '.join(keys)}), not for {model}",
+                where=str(path),
+                remedy=f"name a file for {model}, or the model {other}",
+            )
 
 
 def _mode_tables(content: dict[str, Any], path: str | Path) -> list[dict[str, Any]]:

@@ -44,6 +44,26 @@ def rebuilt(folder: str | Path) -> Path:
     FlightidError : there is no such folder, no content of a page in it, or one that cannot be read.
     """
     folder = Path(folder)
+    text = page_html(stored_page(folder))
+    target = folder / PAGE
+    try:
+        write_text(target, text)
+    except OSError as error:
+        raise FlightidError(
+            f"cannot be written ({error.strerror})",
+            where=str(target),
+            remedy="name a folder that you may write in",
+        ) from None
+    return target
+
+
+def stored_page(folder: Path) -> Page:
+    """The page that ``report.json`` of a folder describes.
+
+    Raises
+    ------
+    FlightidError : there is no such folder, no content of a page in it, or one that cannot be read.
+    """
     source = folder / CONTENT
     if not folder.is_dir():
         raise FlightidError(
@@ -57,23 +77,13 @@ def rebuilt(folder: str | Path) -> Path:
         )
     content = read_content(source, FlightidError, "the folder of a study", MOST_DOCUMENT)
     try:
-        text = page_html(page_of(json_value(content)))
+        return page_of(json_value(content))
     except (KeyError, TypeError, ValueError, AttributeError, FlightidError):
         raise FlightidError(
             "is no content of a page that this version can show",
             where=str(source),
             remedy=_again(folder),
         ) from None
-    target = folder / PAGE
-    try:
-        write_text(target, text)
-    except OSError as error:
-        raise FlightidError(
-            f"cannot be written ({error.strerror})",
-            where=str(target),
-            remedy="name a folder that you may write in",
-        ) from None
-    return target
 
 
 def figures(drawn: Sequence[Drawn]) -> tuple[Figure, ...]:

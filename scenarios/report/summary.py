@@ -168,6 +168,7 @@ def _content(level: ModeLevel) -> dict[str, Any]:
 SHOWN = 3  # numbers that a summary names
 BELOW = "below; --out FOLDER keeps them"
 PAGE = "report.html"  # in the folder of every study
+TEXT = "study.txt"  # what its command printed, or more
 HERE = "below, and the files of this folder"
 
 

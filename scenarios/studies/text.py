@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from rich.console import Console
@@ -30,6 +32,7 @@ from scenarios.report.quantities import (
 from scenarios.report.shared_tables import estimates_table
 from scenarios.report.summary import (
     BELOW,
+    TEXT,
     Summary,
     levels_line,
     print_summary,
@@ -292,6 +295,31 @@ def print_study(study: StudyResult, out: Console | None = None, details: str = B
         out.print()
         for note in study.notes:
             print_paragraph(out, note, indent=0)
+
+
+def print_brief(study: StudyResult, out: Console | None = None, details: str = BELOW) -> None:
+    """What a terminal shows of a study: its summary, the estimates of the main method, and where
+    the rest is.
+
+    ``details`` as ``details_in`` tells it: further methods, published values and choices are in
+    ``study.txt`` there.
+    """
+    out = out or console()
+    main = study.main
+    print_summary(out, study_summary(study, _rest(details)))
+    rows = [replace(row, published=None) for row in with_display(study, main.rows)]
+    show_table(out, estimates_table("", rows))
+    for line in (derived_line(main.derived), test_line(main.tests)):
+        if line:
+            print_paragraph(out, line)
+
+
+def _rest(details: str) -> str:
+    """Where the rest of the study is to be read."""
+    if details == BELOW:
+        return "--out FOLDER keeps the whole study, with a page to read"
+    page = Path(details.removeprefix("below; in "))
+    return f"{page} to read; {page.parent / TEXT} has every table"
 
 
 def study_summary(study: StudyResult, details: str = BELOW) -> Summary:

@@ -228,8 +228,12 @@ def test_seed_and_set_change_what_they_name(flightid: CommandLine, tmp_path: Pat
 
 def test_run_prints_true_estimate_and_published(flightid: CommandLine, rigid_folder: Path) -> None:
     printed = flightid.done("run", "rigid")
+    assert len(printed.splitlines()) <= 20 and "published" not in printed
+    whole = (rigid_folder / "study.txt").read_text(encoding="utf-8")
     for name, row in strict(rigid_folder / "comparison.json")["parameters"].items():
-        line = next(line for line in printed.splitlines() if f" {name} " in line)
+        line = next(line for line in whole.splitlines() if f" {name} " in line)
+        brief = next(line for line in printed.splitlines() if line.startswith(f"  {name} "))
+        assert number_text(row["estimate"], row["std"]) in brief
         for text in (
             f"{row['true']:.5g}",
             number_text(row["estimate"], row["std"]),
@@ -251,8 +255,12 @@ def test_brackets_in_texts_are_printed(flightid: CommandLine, tmp_path: Path) ->
         "estimate.explanation=the unit is [own]",
         "--set",
         "title=[1] of [bold]2[/bold]",
+        "--no-figures",
+        "--out",
+        tmp_path / "out",
     )
-    assert "the unit is [own]" in printed and "[1] of [bold]2[/bold]" in printed
+    whole = (tmp_path / "out" / "study.txt").read_text(encoding="utf-8")
+    assert "the unit is [own]" in whole and "[1] of [bold]2[/bold]" in printed
 
 
 def test_several_scenarios_get_a_folder_each(flightid: CommandLine, tmp_path: Path) -> None:

@@ -204,10 +204,10 @@ def choices(annotation: object) -> tuple[str, ...]:
     return ()
 
 
-def test_the_commands_of_the_readme_are_those_that_exist() -> None:
+def test_the_commands_of_the_reference_are_those_that_exist() -> None:
     listed = {
         function.__name__.rstrip("_") for functions in COMMANDS.values() for function in functions
     }
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
     assert {name for name in listed if f"| `flightid {name}" not in text} == set()
     assert set(re.findall(r"^\| `flightid (\w+)", text, re.MULTILINE)) <= listed

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import flightid as fid
-from scenarios.api.vehicle import toml_text
+from scenarios.files.library_vehicles import toml_text
 from scenarios.files.vehicles import read_vehicle
 from scenarios.preparation.declared_model import model_of_file
 from sim.vehicles.factory import model_of
@@ -122,3 +122,83 @@ def test_a_fault_is_told_as_a_file_would_be(given_vehicle: Any, line: str) -> No
     with pytest.raises(fid.InputError) as raised:
         read_vehicle(given_vehicle().source_for("rigid"), "rigid")
     assert str(raised.value).startswith(line)
+
+
+def test_parameters_are_fixed_bounded_tied_and_freed_as_in_a_file() -> None:
+    """The oracle is the same vehicle with the tables of a file written by hand."""
+    made = fid.vehicle(NUMBERS)
+    made.parameters["Cm_q"].fix(-28.0)
+    made.parameters["CL_q"].bound(-30.0, -1.0)
+    made.parameters["CL_de"].tie("Cm_de", factor=-0.2, constant=0.1)
+    tables = {
+        "fixed": {"Cm_q": -28.0},
+        "bounds": {"CL_q": [-30.0, -1.0]},
+        "tied": {"CL_de": [{"parameter": "Cm_de", "factor": -0.2}, {"constant": 0.1}]},
+    }
+    starts = {k: v for k, v in NUMBERS["derivatives"].items() if k not in ("Cm_q", "CL_de")}
+    written = fid.vehicle({**NUMBERS, "derivatives": starts, **tables})
+    assert read_vehicle(made.source_for("rigid"), "rigid").constraints == (
+        read_vehicle(written.source_for("rigid"), "rigid").constraints
+    )
+    states = {name: each.state for name, each in made.parameters.items() if each.state != "free"}
+    assert states == {"Cm_q": "fixed", "CL_q": "bounded", "CL_de": "tied"}
+    for name in states:
+        made.parameters[name].free()
+    assert all(each.state == "free" for each in made.parameters.values())
+    assert made["CL_de"] == pytest.approx(0.1 - 0.2 * made["Cm_de"])
+    assert made["Cm_q"] == -28.0 and not {"fixed", "bounds", "tied"} & set(made.content)
+
+
+def test_a_list_of_fixed_names_stays_fixed() -> None:
+    made = fid.vehicle(NUMBERS, fixed=["Cm_q", "CL_q"])
+    made.parameters["CL_q"].free()
+    assert made.parameters["Cm_q"].state == "fixed" and made["CL_q"] == -11.0
+    assert made.content["fixed"] == {"Cm_q": NUMBERS["derivatives"]["Cm_q"]}
+    assert read_vehicle(made.source_for("rigid"), "rigid").constraints.fixed
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda p: p["Cm_q"].bound(1.0, -1.0), "wrong order"),
+        (lambda p: p["Cm_q"].fix(float("nan")), "finite number"),
+        (lambda p: p["Cm_q"].tie("Cm_q"), "cannot be tied"),
+        (lambda p: p["Cm_q"].tie("nothing"), "cannot be tied"),
+    ],
+)
+def test_what_cannot_hold_is_refused_and_changes_nothing(change: Any, told: str) -> None:
+    made = fid.vehicle(NUMBERS)
+    with pytest.raises(fid.InputError, match=told):
+        change(made.parameters)
+    assert made.content == NUMBERS
+    with pytest.raises(KeyError, match="there is no parameter 'Cm_x': CL_alpha"):
+        made.parameters["Cm_x"]
+
+
+def test_a_parameter_of_an_elastic_mode_is_fixed() -> None:
+    made = fid.vehicle("bomber_ac1")
+    start = made.parameters["Cm_eta1"].start
+    made.parameters["Cm_eta1"].fix()
+    assert read_vehicle(made.source_for("flexible"), "flexible").constraints.fixed
+    made.parameters["Cm_eta1"].free()
+    file = read_vehicle(made.source_for("flexible"), "flexible")
+    assert dict(file.modes[0][1])["Cm_eta1"] == start and not file.constraints.fixed
+
+
+def test_a_name_of_the_library_serves_as_a_vehicle_file() -> None:
+    for name, model in (("bomber_rigid", "rigid"), ("navion_lateral", "lateral")):
+        file = read_vehicle(name, model)
+        assert file.constants == read_vehicle(fid.vehicle(name).source_for(model), model).constants
+        assert file.identity is not None and file.identity.name == name
+    with pytest.raises(fid.InputError, match=r"no vehicle 'bomber_rigit'; .*bomber_rigid"):
+        read_vehicle("bomber_rigit", "rigid")
+
+
+@pytest.mark.parametrize("name", vehicle_names())
+def test_a_file_for_another_model_says_so(name: str) -> None:
+    equations = read_parameter_set(name).equations
+    own = "rigid" if equations == "flexible" else equations
+    for model in {"rigid", "lateral", "longitudinal", "ballistic"} - {own}:
+        with pytest.raises(fid.InputError, match=f"is for the {own} model .*, not for {model};"):
+            read_vehicle(name, model)
+    assert read_vehicle(name, own).name == name

@@ -1,0 +1,91 @@
+"""Tables as Markdown, LaTeX and XLSX say what the table holds; a PDF needs a browser."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from openpyxl import load_workbook
+
+from scenarios.report import exports
+from scenarios.report.document import Column, Number, Table
+from scenarios.report.exports import (
+    estimates,
+    to_latex,
+    to_markdown,
+    write_pdf,
+    write_workbook,
+)
+from sim.errors import FlightidError
+
+ROWS = [("Cm_alpha", "1/rad", -1.657, 0.0018), ("L_p", "1/s", -2.5, 0.1), ("x_c", "m", 1.0, 1e30)]
+VALUES = st.floats(-1e6, 1e6).filter(lambda value: abs(value) > 1e-6)
+
+
+def cells(line: str) -> list[str]:
+    return [cell.strip() for cell in line.strip().strip("|").split("|")]
+
+
+@given(VALUES, st.floats(1e-4, 0.3))
+def test_markdown_rounds_to_the_sigma(value: float, share: float) -> None:
+    sigma = share * abs(value)
+    heading, rule, row = map(
+        cells, to_markdown(estimates("", [("a", "s", value, sigma)])).split("\n")
+    )
+    assert heading == ["parameter", "unit", "estimate", "+- sigma"]
+    assert rule == [":--", ":--", "--:", "--:"]
+    assert row[:2] == ["a", "s"]
+    assert abs(float(row[2]) - value) <= 0.51 * sigma
+    assert abs(float(row[3]) - sigma) <= 0.06 * sigma + 1e-12
+
+
+def test_latex_is_balanced_and_sets_symbols() -> None:
+    text = to_latex(estimates("Fit of 100 %", ROWS))
+    lines = text.splitlines()
+    assert lines[0] == "% Fit of 100 %" and lines[1] == r"\begin{tabular}{llrr}"
+    assert lines[-1] == r"\end{tabular}" and text.count("{") == text.count("}")
+    assert r"$C_{m_\alpha}$ & 1/rad & $-1.6570$ & $0.0018$ \\" in lines
+    assert r"x\_c & m & not determined & - \\" in lines
+    for row in (line for line in lines if line.endswith(r"\\")):
+        assert len(re.findall(r"(?<!\\)&", row)) == 3
+
+
+@pytest.mark.parametrize("mark", [*"&%$#_{}~^\\"])
+def test_latex_escapes_what_it_would_read(mark: str) -> None:
+    shown = Table("", (Column("a"),), ((f"x{mark}y",),))
+    body = to_latex(shown).splitlines()[4]
+    assert body.startswith("x\\") and "y" in body
+
+
+def test_a_workbook_has_full_precision(tmp_path: Path) -> None:
+    value, sigma = -math.pi, math.e / 100.0
+    first = estimates("a/b: c", [("Cm_q", "1/rad", value, sigma)])
+    words = Table("a/b: c", (Column("x"), Column("n", "m")), (("=1+1", Number(2.0)),))
+    book = load_workbook(write_workbook([first, words], tmp_path / "t.xlsx"))
+    assert book.sheetnames == ["a b c", "a b c 2"]
+    rows = [list(row) for row in book["a b c"].values]
+    assert rows == [["parameter", "unit", "estimate", "sigma"], ["Cm_q", "1/rad", value, sigma]]
+    assert [list(row) for row in book["a b c 2"].values] == [["x", "n, m"], ["'=1+1", 2]]
+
+
+def test_a_workbook_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(FlightidError, match="cannot be written"):
+        write_workbook([estimates("a", ROWS)], tmp_path / "none" / "t.xlsx")
+    with pytest.raises(FlightidError, match="no table"):
+        write_workbook([], tmp_path / "t.xlsx")
+
+
+def test_no_browser_and_a_broken_one_are_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(exports, "browser", lambda: None)
+    with pytest.raises(FlightidError, match="none was found; install"):
+        write_pdf(tmp_path)
+    monkeypatch.setattr(exports, "browser", lambda: str(tmp_path / "chromium"))
+    with pytest.raises(FlightidError, match="chromium did not print the page"):
+        write_pdf(tmp_path)
+    assert list(tmp_path.iterdir()) == []
