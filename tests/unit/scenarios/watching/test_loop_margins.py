@@ -61,6 +61,21 @@ def test_the_known_margins_are_held_as_soon_as_the_sweep_has_passed(session: Mar
     assert all(point.margins is None or point.margins.phase is None for point in early)
 
 
+def test_a_margin_is_shown_once_the_sweep_has_passed_its_crossing(session: MarginSession) -> None:
+    """Before, the response at the crossing is extrapolated from below and off by many sigmas."""
+    exact = margins(load_x29("F"))
+    passes = 60.0 * np.log(exact.crossover / (2.0 * np.pi) / 0.2) / np.log(50.0)
+    known = [each for each in session.points if each.margins is not None and each.margins.phase]
+    first = known[0].margins
+    assert passes < known[0].time < passes + 8.0
+    assert first is not None and first.phase is not None
+    assert first.phase.low < exact.phase < first.phase.high
+    for each in known:
+        assert each.margins is not None and each.band is not None
+        for margin in (*each.margins.gains, *each.margins.phases):
+            assert each.band[0] * 1.1 < margin.frequency.value < each.band[1] / 1.1
+
+
 def test_how_rows_come_makes_no_difference(rows: np.ndarray) -> None:
     short = rows[:, :2400]
     one, many = watched(short), watched(short, 53)
