@@ -171,8 +171,8 @@ LOES_RATE, FINE, SENSORS = 50.0, 20, {"alpha": 0.001, "q": 0.002, "nz": 0.02}
 
 
 def loes_flight(seed: int, duration: float = 60.0) -> pd.DataFrame:
-    """A sweep of the stick from 0.05 to 3 Hz; the equations by their exact transition over steps
-    of 1 ms, the delay a whole number of them."""
+    """A sweep of the stick from 0.05 to 3 Hz that begins at rest; the equations by their exact
+    transition over steps of 1 ms, the delay a whole number of them."""
     from scipy.linalg import expm
     from scipy.signal import chirp
 
@@ -183,7 +183,7 @@ def loes_flight(seed: int, duration: float = 60.0) -> pd.DataFrame:
     A[2, 2:] = -d["inv_tau"], d["inv_tau"]
     step = expm(A * h)
     time = np.arange(round(duration * LOES_RATE)) / LOES_RATE
-    stick = chirp(time, 0.05, duration, 3.0, method="logarithmic")
+    stick = chirp(time, 0.05, duration, 3.0, method="logarithmic", phi=-90.0)
     late = np.concatenate([np.zeros(round(d["delay"] / h)), np.repeat(stick, FINE)])
     states = np.zeros((time.size, 3))
     x = np.zeros(4)
