@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -16,6 +20,7 @@ from scenarios.watching.loop_margins import (
     margins_of,
     take,
 )
+from scenarios.watching.loop_study import FollowLoop
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import loop_test, margins
 from sim.errors import DeclarationError
@@ -114,6 +119,35 @@ def test_what_is_written(session: MarginSession) -> None:
 def test_without_the_excitation_a_bias_is_said(rows: np.ndarray) -> None:
     loop = margins_of(watched(rows[[0, 1, 3]], names=LoopNames("minus", "command", "returned")))
     assert loop is not None and "direct estimate" in loop.cautions[0]
+
+
+class Heard:
+    """A feed that keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.events: list[tuple[str, dict[str, Any]]] = []
+
+    def put(self, name: str, line: str, rows: int = 0) -> None:
+        self.events.append((name, json.loads(line)))
+
+
+def test_the_live_page_hears_intervals_and_what_is_required(session: MarginSession) -> None:
+    watch = cast("Any", SimpleNamespace(name="loop.csv", left_out=0, heard=0.0, reason="ended"))
+    heard = Heard()
+    follow = FollowLoop(watch, session, cast("Any", heard))
+    follow.rows(np.array([[0.0, 0.1], [1.0, np.nan], [0.0, 0.0], [2.0, 3.0]]))
+    follow.end()
+    told = dict(heard.events)
+    assert told["about"]["loop"]["standard"] == "required by MIL-F-9490D"
+    assert [each["name"] for each in told["about"]["strips"]] == ["command", "sweep", "returned"]
+    assert told["rows"]["command"] == [1.0, None]
+    items = {each["name"]: each for each in told["final"]["items"]}
+    last = session.points[-1].margins
+    assert last is not None and last.phase is not None
+    phase = items["phase_margin"]
+    assert (phase["low"], phase["high"]) == (last.phase.low, last.phase.high)
+    assert phase["required"] == 45.0 and items["gain_increase"]["required"] == 6.0
+    assert "required" not in items["distance"] and items["distance"]["unit"] == ""
 
 
 def test_a_sign_and_one_signal_each_are_needed() -> None:
