@@ -74,6 +74,7 @@ contents = {
         "how-to/estimate",
         "how-to/maneuvers",
         "how-to/frequency-responses",
+        "how-to/ardupilot-sweep",
         "how-to/own-flight-data",
         "how-to/lateral-and-longitudinal",
         "own-models",

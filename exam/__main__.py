@@ -50,6 +50,11 @@ EXAMINATIONS: Mapping[str, tuple[str, str, str]] = {
         "main",
         "coverage of every estimator: the table in docs/estimators.md",
     ),
+    "coverage-responses": (
+        "exam.coverage.frequency_responses",
+        "main",
+        "coverage of frequency responses, margins and fits: the table in docs/estimators.md",
+    ),
     "independent": (
         "exam.independent.command",
         "main",

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -284,5 +285,12 @@ def _phase_delay(curve: AttitudeCurve, neutral: float) -> BandwidthQuantity:
 
 def shared_covariance(curve: Curve, std: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Covariance of errors that neighbours share."""
-    apart = np.subtract.outer(curve.omega[places], curve.omega[places]) / (2.0 * math.pi)
-    return neighbour_correlation(apart * curve.length) * np.outer(std, std)
+    alike = _correlation(curve.omega.tobytes(), curve.length)
+    return alike[np.ix_(places, places)] * np.outer(std, std)
+
+
+@lru_cache(maxsize=8)
+def _correlation(omega: bytes, length: float) -> np.ndarray:
+    """Correlation ``(F, F)`` of the errors of a curve: the same for all parabolas through it."""
+    rows = np.frombuffer(omega)
+    return neighbour_correlation(np.subtract.outer(rows, rows) / (2.0 * math.pi) * length)

@@ -23,7 +23,7 @@ REQUIRED_GAIN, REQUIRED_PHASE = 6.0, 45.0  # dB and deg, below the first structu
 LEVEL, NORMAL = 0.95, 1.959964  # probability of an interval, and its standard deviations
 _STEPS = 6  # of Newton's method towards a crossing
 # of an interval's scan: ln(omega) at most, and share of the crossing's std
-_STEP, _SHARE = 0.01, 0.1
+_STEP, _SHARE = 0.02, 0.2
 _DECIBEL = 20.0 / math.log(10.0)
 
 

@@ -33,6 +33,7 @@ from ident.frequency_response.segments import (
 from sim.errors import DeclarationError
 
 HALF_LOBE = 1.0  # over the window's length: half of the half width of a Hann window's main lobe
+ONE_SIDED = 0.3  # over the window's length: mean distance of power that has come from one side only
 MEMORY = 600.0  # s, after which a window is forgotten
 _LINE = 2  # rows behind the signals: their sums, plain and times the time in the block
 
@@ -186,8 +187,9 @@ def _excited_runs(
 
     Before a sweep reaches a frequency, what its transform holds has leaked from where the sweep
     is: coherent, and the response of there. A component that is d/length off the frequency has
-    2 pi d/length times as large a transform under the window's derivative. Where the root mean
-    square of d exceeds half of the main lobe, the power lies elsewhere.
+    2 pi i d/length times as large a transform under the window's derivative. Where the root mean
+    square of d exceeds half of the main lobe, the power lies elsewhere; where its mean is far from
+    zero, the sweep has come but not passed, and the response is extrapolated from one side.
     """
     m, q = stream.outputs, stream.inputs
     usable = segments.usable(found.frequency)
@@ -200,7 +202,8 @@ def _excited_runs(
         plain, under = segments.transforms[m + q + one if stream.joint else m + one, :2]
         power = np.sum(share * np.abs(plain) ** 2, axis=0)
         away = np.sum(share * np.abs(length * under) ** 2, axis=0)
-        excited = away <= HALF_LOBE**2 * power
+        aside = np.sum(share * length * (np.conj(plain) * under).imag, axis=0)
+        excited = (away <= HALF_LOBE**2 * power) & (np.abs(aside) <= ONE_SIDED * power)
         for output in range(m):
             out[output, one] = longest_run(found.usable[output, one] & excited, log)
     return out

@@ -17,6 +17,7 @@ import numpy as np
 from ident.recording.missing_samples import fill_value
 from scenarios.files.channel_names import CHANNEL_UNITS, TIME, split_header
 from scenarios.files.channels import ColumnChoice
+from scenarios.files.formats.cells import numbers
 from scenarios.files.formats.topic import Topic
 from scenarios.files.measured.clock import SECONDS, grid_of_coarse_stamps
 from scenarios.files.measured.columns import split_at
@@ -209,7 +210,27 @@ def map_text(draft: Draft) -> str:
     if draft.unused:
         shown = ", ".join(draft.unused[:60]) + (", ..." if len(draft.unused) > 60 else "")
         lines.append(f"# Columns left: {shown}")
+    lines += _sweep_words(draft.file)
     return "\n".join(lines) + "\n"
+
+
+def _sweep_words(file: RecordFile) -> list[str]:
+    """How to analyse the sweep of ArduPilot's SYSID mode: its target and the rate or acceleration
+    that it moves most; nothing for any other file.
+    """
+    for topic in _topics_of(file):
+        known = {name: at for at, name in enumerate(topic.table.header)}
+        rates = [name for name in ("Gx", "Gy", "Gz") if name in known]
+        if topic.name != "SIDD" or "Targ" not in known or not rates:
+            continue
+        moved = {name: np.ptp(numbers(topic.table, known[name]).values) for name in rates}
+        most = max(moved, key=lambda name: moved[name])
+        path = file.path.name
+        return [
+            "# A sweep of ArduPilot's SYSID mode. Its frequency response:",
+            f"# flightid response {path} --input SIDD.Targ --output SIDD.{most} --out bode",
+        ]
+    return []
 
 
 def vehicle_text(draft: Draft) -> str:

@@ -47,6 +47,7 @@ from sim.errors import DeclarationError, RecordError
 LOW, HIGH, SAMPLES = 0.2, 10.0, 5.0  # Hz, and samples a period of the highest frequency
 BEGINNING = 2.0  # s that are collected before the rate is known
 RANDOM_ERROR = 0.2  # Tischler and Remple's limit of a usable point
+INSIDE = 0.1  # of ln(omega), by which a crossing lies inside the band before its margin is shown
 JOINED = 0.1  # of a period of the highest frequency, one sample at least: joined by a line
 SCHEMA = "flightid/margins/1"
 MAIN, HISTORY = "margins.json", "history.csv"
@@ -233,11 +234,38 @@ def _point(session: MarginSession, time: float) -> MarginPoint:
     target = _target(session)
     if target is None:
         return MarginPoint(time, None, None)
-    found = stability_margins(target)
+    band = float(target.omega[0]), float(target.omega[-1])
+    found = _inside(stability_margins(target), *band)
     if found.gain_increase is None and found.phase is None:
         # The band has not reached a crossing yet, and the least distance lies beyond it.
         found = replace(found, distance=None)
-    return MarginPoint(time, found, (float(target.omega[0]), float(target.omega[-1])))
+    return MarginPoint(time, found, band)
+
+
+def _inside(found: StabilityMargins, low: float, high: float) -> StabilityMargins:
+    """The margins whose crossings lie well inside the usable band.
+
+    At an end of the band points lie on one side of the crossing alone, and the outermost are those
+    that the excitation has only just reached: their errors are larger than their deviations.
+    """
+    inside = math.exp(INSIDE)
+
+    def kept(margin: Margin) -> bool:
+        return low * inside <= margin.frequency.value <= high / inside
+
+    left = [each for each in (*found.gains, *found.phases) if not kept(each)]
+    notes = tuple(
+        f"a {each.kind} margin near {each.frequency.value:.3g} rad/s lies at an end of the usable "
+        "band and is left out"
+        for each in left
+    )
+    return StabilityMargins(
+        tuple(each for each in found.gains if kept(each)),
+        tuple(each for each in found.phases if kept(each)),
+        found.delay if found.delay is not None and kept(found.delay) else None,
+        found.distance if found.distance is not None and kept(found.distance) else None,
+        (*found.notes, *notes),
+    )
 
 
 def margins_of(session: MarginSession) -> LoopMargins | None:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.flying_qualities.stability_margins import NORMAL
+from ident.flying_qualities.stability_margins import NORMAL, REQUIRED_GAIN, REQUIRED_PHASE
 from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.report.document import (
     Block,
@@ -64,6 +64,14 @@ def print_loop_end(watch: Watch, session: MarginSession) -> None:
         show_table(out, each)
     for words in (*margin_lines(loop), *loop.cautions):
         print_paragraph(out, words, indent=0)
+
+
+# What MIL-F-9490D demands below the first structural mode, dB and deg.
+REQUIRED = {
+    "gain_increase": REQUIRED_GAIN,
+    "gain_decrease": -REQUIRED_GAIN,
+    "phase_margin": REQUIRED_PHASE,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +158,7 @@ class FollowLoop:
             "delays": [],
             "reference": None,
             "start": "",
+            "loop": {"standard": "required by MIL-F-9490D"},
         }
         self._strips, self._begun, self._rows = strips, time.monotonic(), 0
         feed.put("about", _line(about))
@@ -174,10 +183,13 @@ class FollowLoop:
                 {
                     "name": key,
                     "word": WORDS[key],
-                    "unit": UNITS[margin.kind],
+                    "unit": UNITS[margin.kind] if margin.kind != "distance" else "",
                     "told": told,
                     "value": margin.size.value,
                     "std": half,
+                    "low": margin.low,
+                    "high": margin.high,
+                    **({"required": REQUIRED[key]} if key in REQUIRED else {}),
                 }
             )
         kind = "broken-loop response by recursive Fourier transforms, 95 % intervals in brackets"

@@ -41,6 +41,14 @@
       bar.append(make("i"));
       by("delays").append(make("span", Math.round(delay * 10) / 10 + " ms"), bar, make("span", "-"));
     }
+    if (about.loop) {  // margins of a loop: nothing is predicted, and intervals are of 95 %
+      by("h-strips").textContent = "Measured";
+      by("h-estimates").textContent = "Stability margins";
+      by("meaning").textContent = "margin and its 95 % interval";
+      by("standard").textContent = about.loop.standard;
+    }
+    by("ahead").hidden = Boolean(about.loop);
+    by("demand").hidden = !about.loop;
     by("against").hidden = !about.reference;
     by("study").textContent = about.reference ? "reference " + about.reference : "";
   }
@@ -86,6 +94,12 @@
       cells[3].textContent = item.off === undefined ? "" : (item.off > 0 ? "+" : "") + item.off.toFixed(1) + " sigmas" + (item.outside ? ", outside" : "");
       figure.className = item.outside ? "outside" : "";
       canvas.setAttribute("aria-label", item.word + " over time: " + cells[1].textContent);
+    }
+    for (const figure of by("estimates").children) {  // what is no longer determined is no number of now
+      if (found.items.some((item) => item.name === figure.dataset.name)) continue;
+      const told = figure.firstChild.children[1], words = ", no longer determined";
+      if (told.textContent && !told.textContent.endsWith(words)) told.textContent += words;
+      figure.className = "past";
     }
     dirty = true;
   }
@@ -179,25 +193,31 @@
     at.pen.restore();
   }
 
+  function ends(item) {  // of the band: the interval where one is given, else two sigmas
+    return typeof item.low === "number" ? [item.low, item.high] : [item.value - 2 * item.std, item.value + 2 * item.std];
+  }
+
   function drawEstimate(item, colours) {
     const at = room(canvases.get("estimate " + item.name));
     const shown = final && final.t > (last ? last.t : -Infinity) ? [...history, final] : history;
     const points = [];
     for (const each of shown) {
       const found = each.items.find((other) => other.name === item.name);
-      if (found && typeof found.value === "number" && typeof found.std === "number") points.push([each.t, found.value, found.std]);
+      if (found && typeof found.value === "number" && typeof found.std === "number") points.push([each.t, found.value, ...ends(found)]);
     }
     if (final && typeof item.value === "number") {
       if (points.length && points[points.length - 1][0] >= final.t) points.pop();
-      points.push([final.t, item.value, item.std]);
+      points.push([final.t, item.value, ...ends(item)]);
     }
     if (!at) return;
-    const spread = points.map(([, value, std]) => [value - 2 * std, value + 2 * std]);
+    const spread = points.map(([, , low, high]) => [low, high]);
     // The later half sets the scale, so that the first guesses do not flatten what counts.
     const late = spread.slice(Math.floor(spread.length / 2));
     let low = Math.min(...late.map((each) => each[0])), high = Math.max(...late.map((each) => each[1]));
     const has = typeof item.reference === "number" && typeof item.reference_std === "number";
     if (has) { low = Math.min(low, item.reference - 2 * item.reference_std); high = Math.max(high, item.reference + 2 * item.reference_std); }
+    const required = typeof item.required === "number";
+    if (required) { low = Math.min(low, item.required); high = Math.max(high, item.required); }
     const begin = shown.length ? shown[0].t : 0, end = shown.length ? shown[shown.length - 1].t : 1;
     const { px, py } = axes(at, colours, [begin, Math.max(end, begin + 1)], limits(low, high));
     if (has) {
@@ -205,6 +225,11 @@
       at.pen.fillStyle = colours.referenceBand;
       at.pen.fillRect(at.left, top, at.right - at.left, Math.max(1, bottom - top));
       line(at.pen, [begin, Math.max(end, begin + 1)], [item.reference, item.reference], 0, colours.reference, 1.5, px, py);
+    }
+    if (required) {
+      at.pen.setLineDash([5, 4]);
+      line(at.pen, [begin, Math.max(end, begin + 1)], [item.required, item.required], 0, colours.required, 1.2, px, py);
+      at.pen.setLineDash([]);
     }
     if (points.length) {
       at.pen.fillStyle = colours.band;
@@ -222,10 +247,12 @@
       dirty = false;
       frames += 1;
       const style = getComputedStyle(document.documentElement), of = (name) => style.getPropertyValue(name).trim();
-      const colours = { line: of("--line"), soft: of("--soft"), measured: of("--measured"), predicted: of("--predicted"), band: of("--band"), reference: of("--reference"), referenceBand: of("--reference-band") };
+      const colours = { line: of("--line"), soft: of("--soft"), measured: of("--measured"), predicted: of("--predicted"), band: of("--band"), reference: of("--reference"), required: of("--required"), referenceBand: of("--reference-band") };
       for (const strip of strips) drawStrip(strip, colours);
-      const now = final || last;
-      if (now) for (const item of now.items) drawEstimate(item, colours);
+      const now = final || last, newest = new Map();
+      // What was determined before stays in its chart.
+      for (const found of now ? [...history, now] : []) for (const item of found.items) newest.set(item.name, found === now ? item : { ...item, value: undefined });
+      for (const item of newest.values()) drawEstimate(item, colours);
     }
     requestAnimationFrame(draw);
   }

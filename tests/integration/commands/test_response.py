@@ -40,15 +40,22 @@ def chirp_flight(seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def write_log(folder: Path) -> Path:
-    """A DataFlash log with the messages of ArduPilot's system identification mode."""
+    """A DataFlash log with the messages of ArduPilot's system identification mode: the chirp of
+    the roll rate (SIDD, 400 Hz), what was asked (SIDS), and the rate controller (RATE, 100 Hz)."""
     time, target, rate = chirp_flight()
     stamps = np.round(1e6 * (5.0 + time)).astype(int)
-    zero = np.zeros_like(time)
+    other = np.random.default_rng(7).normal(0.0, 0.3, (5, time.size))
+    frequency = 0.1 * 80.0 ** (time / 60.0)
     messages = {
-        "SIDD": {"TimeUS": stamps, "Time": time, "Targ": target, "Gx": rate, "Gy": zero},
+        "SIDS": {"TimeUS": stamps[:1], "Ax": np.array([7.0]), "Mag": np.array([20.0])},
+        "SIDD": {
+            **{"TimeUS": stamps, "Time": time, "Targ": target, "F": frequency},
+            **{"Gx": rate, "Gy": other[0], "Gz": other[1]},
+            **{"Ax": other[2], "Ay": other[3], "Az": other[4] - 9.81},
+        },
         "RATE": {"TimeUS": stamps[::4], "RDes": target[::4], "R": rate[::4]},
     }
-    units = {"SIDD": "ss-kk", "RATE": "skk"}
+    units = {"SIDS": "s--", "SIDD": "ss--kkkooo", "RATE": "skk"}
     return write_dataflash(folder / "00000012.BIN", messages, units)
 
 
@@ -240,7 +247,10 @@ def test_from_a_log_to_a_transfer_function_in_three_commands(
     log, out = write_log(tmp_path), tmp_path / "roll"
     signals = ("--input", "SIDD.Targ", "--output", "SIDD.Gx")
     assert typed("map", log) == 0
-    assert "SIDD.Gx" in capsys.readouterr().out
+    drafted = capsys.readouterr().out
+    # The target of the sweep is no elevator, whatever the model.
+    assert "elevator = " not in drafted.split("# Not found")[0]
+    assert f"flightid response {log.name} {' '.join(signals)} --out bode" in drafted
     assert typed("response", log, *signals) == 0
     assert typed("response", log, *signals, "--fit", "roll", "--out", out) == 0
     printed = capsys.readouterr().out

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -16,6 +20,7 @@ from scenarios.watching.loop_margins import (
     margins_of,
     take,
 )
+from scenarios.watching.loop_study import FollowLoop
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import loop_test, margins
 from sim.errors import DeclarationError
@@ -61,6 +66,21 @@ def test_the_known_margins_are_held_as_soon_as_the_sweep_has_passed(session: Mar
     assert all(point.margins is None or point.margins.phase is None for point in early)
 
 
+def test_a_margin_is_shown_once_the_sweep_has_passed_its_crossing(session: MarginSession) -> None:
+    """Before, the response at the crossing is extrapolated from below and off by many sigmas."""
+    exact = margins(load_x29("F"))
+    passes = 60.0 * np.log(exact.crossover / (2.0 * np.pi) / 0.2) / np.log(50.0)
+    known = [each for each in session.points if each.margins is not None and each.margins.phase]
+    first = known[0].margins
+    assert passes < known[0].time < passes + 8.0
+    assert first is not None and first.phase is not None
+    assert first.phase.low < exact.phase < first.phase.high
+    for each in known:
+        assert each.margins is not None and each.band is not None
+        for margin in (*each.margins.gains, *each.margins.phases):
+            assert each.band[0] * 1.1 < margin.frequency.value < each.band[1] / 1.1
+
+
 def test_how_rows_come_makes_no_difference(rows: np.ndarray) -> None:
     short = rows[:, :2400]
     one, many = watched(short), watched(short, 53)
@@ -99,6 +119,35 @@ def test_what_is_written(session: MarginSession) -> None:
 def test_without_the_excitation_a_bias_is_said(rows: np.ndarray) -> None:
     loop = margins_of(watched(rows[[0, 1, 3]], names=LoopNames("minus", "command", "returned")))
     assert loop is not None and "direct estimate" in loop.cautions[0]
+
+
+class Heard:
+    """A feed that keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.events: list[tuple[str, dict[str, Any]]] = []
+
+    def put(self, name: str, line: str, rows: int = 0) -> None:
+        self.events.append((name, json.loads(line)))
+
+
+def test_the_live_page_hears_intervals_and_what_is_required(session: MarginSession) -> None:
+    watch = cast("Any", SimpleNamespace(name="loop.csv", left_out=0, heard=0.0, reason="ended"))
+    heard = Heard()
+    follow = FollowLoop(watch, session, cast("Any", heard))
+    follow.rows(np.array([[0.0, 0.1], [1.0, np.nan], [0.0, 0.0], [2.0, 3.0]]))
+    follow.end()
+    told = dict(heard.events)
+    assert told["about"]["loop"]["standard"] == "required by MIL-F-9490D"
+    assert [each["name"] for each in told["about"]["strips"]] == ["command", "sweep", "returned"]
+    assert told["rows"]["command"] == [1.0, None]
+    items = {each["name"]: each for each in told["final"]["items"]}
+    last = session.points[-1].margins
+    assert last is not None and last.phase is not None
+    phase = items["phase_margin"]
+    assert (phase["low"], phase["high"]) == (last.phase.low, last.phase.high)
+    assert phase["required"] == 45.0 and items["gain_increase"]["required"] == 6.0
+    assert "required" not in items["distance"] and items["distance"]["unit"] == ""
 
 
 def test_a_sign_and_one_signal_each_are_needed() -> None:
