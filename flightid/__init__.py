@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from flightid.hiding import refuse_hidden
 
 if TYPE_CHECKING:
-    from flightid import plot
+    from flightid import estimators, plot
     from scenarios.api.checks import (
         Check,
         FrequencyResponse,
@@ -80,6 +80,7 @@ __all__ = [
     "design",
     "diagnose",
     "effects",
+    "estimators",
     "find_maneuvers",
     "frequency_response",
     "identify",
@@ -105,8 +106,8 @@ def __getattr__(name: str) -> Any:
 
     if name in _EXPORTS:
         value = getattr(import_module(f"scenarios.api.{_EXPORTS[name]}"), name)
-    elif name == "plot":
-        value = import_module("flightid.plot")
+    elif name in ("estimators", "plot"):
+        value = import_module(f"flightid.{name}")
     elif name == "own_model":
         value = import_module("sim.declaration").own_model
     elif name == "__version__":

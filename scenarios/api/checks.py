@@ -14,6 +14,7 @@ from ident.flying_qualities.stability_margins import Margin
 from ident.frequency_response import LEAST_COHERENCE
 from scenarios import maneuvers
 from scenarios.api import plot, tables
+from scenarios.api.keywords import told_in_python
 from scenarios.api.records import Choices, choices_of
 from scenarios.api.requests import (
     KEPT,
@@ -161,6 +162,7 @@ class Check:
         )
 
 
+@told_in_python
 def check(
     records: Source | Sequence[Source],
     vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None,
@@ -278,6 +280,7 @@ class Maneuvers:
         )
 
 
+@told_in_python
 def find_maneuvers(
     record: Source,
     *,
@@ -297,6 +300,13 @@ def find_maneuvers(
     Raises
     ------
     InputError : anything in the record that keeps it from being searched, in one line.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> record = fid.simulate("rigid", seed=3).record
+    >>> len(fid.find_maneuvers(record))
+    1
     """
     chosen = choices_of(channels)
     plan = plan_from(None, None, None, rate, None, False, columns)
@@ -497,6 +507,7 @@ class FrequencyResponse:
         return tables.page(title, table, tables.sentences(self.warnings))
 
 
+@told_in_python
 def frequency_response(
     records: Source | Sequence[Source],
     input: str | Sequence[str],
