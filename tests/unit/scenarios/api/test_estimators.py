@@ -35,6 +35,7 @@ def test_an_estimator_finds_what_the_command_finds(
 
 def test_a_smoother_knows_more_than_its_filter(record: fid.Record, start: fid.Vehicle) -> None:
     found = fid.estimators.ekf("rigid", record, start)
+    assert found.history is not None
     smoothed = fid.estimators.smoother(found)
     assert (
         smoothed.mean.shape == found.history.mean.shape == (len(found.history.names), len(record))
