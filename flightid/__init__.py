@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 from flightid.hiding import refuse_hidden
 
 if TYPE_CHECKING:
-    from flightid import estimators, plot
+    from flightid import plot
+    from scenarios.api import estimators
     from scenarios.api.checks import (
         Check,
         FrequencyResponse,
@@ -106,8 +107,10 @@ def __getattr__(name: str) -> Any:
 
     if name in _EXPORTS:
         value = getattr(import_module(f"scenarios.api.{_EXPORTS[name]}"), name)
-    elif name in ("estimators", "plot"):
-        value = import_module(f"flightid.{name}")
+    elif name == "plot":
+        value = import_module("flightid.plot")
+    elif name == "estimators":
+        value = import_module("scenarios.api.estimators")
     elif name == "own_model":
         value = import_module("sim.declaration").own_model
     elif name == "__version__":

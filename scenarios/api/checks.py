@@ -50,9 +50,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Check:
-    """What the kinematics say of the sensors. ``details``: everything that the library knows of
-    it.
-    """
+    """What the kinematics say of the sensors; ``details`` is everything that is known of it."""
 
     details: checking.CompatibilityCheck
 
@@ -300,13 +298,6 @@ def find_maneuvers(
     Raises
     ------
     InputError : anything in the record that keeps it from being searched, in one line.
-
-    Examples
-    --------
-    >>> import flightid as fid
-    >>> record = fid.simulate("rigid", seed=3).record
-    >>> len(fid.find_maneuvers(record))
-    1
     """
     chosen = choices_of(channels)
     plan = plan_from(None, None, None, rate, None, False, columns)
@@ -598,14 +589,12 @@ def _names(given: str | Sequence[str]) -> tuple[str, ...]:
 
 
 def _place(name: str | None, names: Sequence[str], kind: str) -> int:
-    if name is None:
-        return 0
+    name = names[0] if name is None else name
     if name not in names:
-        remedy = f"it has {', '.join(names)}"
-        raise DeclarationError(f"there is no {kind} {name!r}", where="response", remedy=remedy)
+        what, remedy = f"there is no {kind} {name!r}", f"it has {', '.join(names)}"
+        raise DeclarationError(what, where="response", remedy=remedy)
     return list(names).index(name)
 
 
 def _lengths(given: float | Sequence[float]) -> tuple[float, ...]:
-    several = [given] if isinstance(given, int | float) else given
-    return tuple(map(float, several))
+    return tuple(map(float, [given] if isinstance(given, int | float) else given))

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from ident.filters.smoother import SmoothedHistory
     from sim import record as sim_record
 
+__all__ = ["ekf", "equation_error", "filter_error", "output_error", "smoother", "ukf"]
+
 Given = Model | str
 Numbers = str | PathLike[str] | Mapping[str, Any] | Vehicle | None
 
@@ -226,3 +228,7 @@ def _of_model(record: Record, model: Model) -> sim_record.Record:
             remedy=f"it has {', '.join(record.names)}; name columns with read_record(channels=)",
         )
     return SimRecord(record.time, inputs, outputs, Hold(record.hold), record.name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -24,7 +24,7 @@ from scenarios.identification.assessment import (
     reading_table,
 )
 from scenarios.identification.conditions import METHOD as FREQUENCY
-from scenarios.identification.conditions import PATH
+from scenarios.identification.conditions import PATH, innovations_phrase
 from scenarios.identification.methods import uses_attitude
 from scenarios.kept import IDENTIFY, KeptModel, KeptReading
 from scenarios.preparation.plan import LIFT, SPEED, Plan
@@ -427,34 +427,9 @@ def identification_summary(found: IdentificationResult, details: str = BELOW) ->
         f"{found.method}",
         outcome,
         result_phrase(rows, found.derived),
-        innovations_phrase(found) + residual_phrase(found.tests),
+        innovations_phrase(found.method, records, found.estimate) + residual_phrase(found.tests),
         details,
     )
-
-
-def innovations_phrase(found: IdentificationResult) -> str:
-    """Size of the innovations of filter error, the measure of a fit in turbulence; empty for other
-    methods.
-    """
-    estimate = found.estimate
-    records = (found.record, *found.others)
-    if found.method != "filter-error" or len(estimate.fitted) != len(records):
-        return ""
-    told = []
-    for row, name in enumerate(estimate.output_names):
-        apart = [
-            (record[name].values - fitted[row])[record[name].valid]
-            for record, fitted in zip(records, estimate.fitted, strict=True)
-            if name in record.output_names
-        ]
-        errors = np.concatenate(apart) if apart else np.zeros(0)
-        if not errors.size or not np.all(np.isfinite(errors)):
-            continue
-        unit = next(r[name].unit for r in records if name in r.output_names)
-        factor, shown = shown_in(unit, name)
-        size = factor * float(np.sqrt(np.mean(errors**2)))
-        told.append(f"{name} {size:.3g}{spaced(shown)}")
-    return f"one-step prediction is the measure: {', '.join(told)} rms; " if told else ""
 
 
 def _estimates(caption: str, found: IdentificationResult, rows: Sequence[Row]) -> Table:
