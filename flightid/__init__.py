@@ -18,6 +18,7 @@ from flightid.hiding import refuse_hidden
 
 if TYPE_CHECKING:
     from flightid import plot
+    from scenarios.api import estimators
     from scenarios.api.checks import (
         Check,
         FrequencyResponse,
@@ -80,6 +81,7 @@ __all__ = [
     "design",
     "diagnose",
     "effects",
+    "estimators",
     "find_maneuvers",
     "frequency_response",
     "identify",
@@ -107,6 +109,8 @@ def __getattr__(name: str) -> Any:
         value = getattr(import_module(f"scenarios.api.{_EXPORTS[name]}"), name)
     elif name == "plot":
         value = import_module("flightid.plot")
+    elif name == "estimators":
+        value = import_module("scenarios.api.estimators")
     elif name == "own_model":
         value = import_module("sim.declaration").own_model
     elif name == "__version__":

@@ -13,6 +13,7 @@ from sim.errors import ModelError
 
 # ---- Are residuals or innovations what the noise alone would give? Two first tests
 
+LEVEL = 1e-4  # p-value below which a residual is no noise: of every sentence, table and verdict
 FAR_ABOVE = 2.0  # chosen: of a channel's own noise, from which a residual is not called noise
 
 
@@ -28,10 +29,10 @@ class ResidualTest:
 
     @property
     def passed(self) -> bool:
-        """True where noise alone gives such a statistic more often than once in a thousand
+        """True where noise alone gives such a statistic more often than once in ten thousand
         records.
         """
-        return self.p_value > 1e-3
+        return self.p_value > LEVEL
 
 
 def ljung_box(
@@ -56,7 +57,7 @@ def ljung_box(
     statistic = float(n * (n + 2) * np.sum(r**2 / (n - np.arange(1, lags + 1))))
     p_value = _ljung_box_tail(statistic, lags, n)
     sentence = (
-        f"{'white' if p_value > 1e-3 else 'not white'} over {lags} lags, lag-1 correlation "
+        f"{'white' if p_value > LEVEL else 'not white'} over {lags} lags, lag-1 correlation "
         f"{r[0]:.2f}"
     )
     return ResidualTest("ljung-box", channel, statistic, p_value, sentence)

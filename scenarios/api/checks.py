@@ -14,6 +14,7 @@ from ident.flying_qualities.stability_margins import Margin
 from ident.frequency_response import LEAST_COHERENCE
 from scenarios import maneuvers
 from scenarios.api import plot, tables
+from scenarios.api.keywords import told_in_python
 from scenarios.api.records import Choices, choices_of
 from scenarios.api.requests import (
     KEPT,
@@ -49,9 +50,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Check:
-    """What the kinematics say of the sensors. ``details``: everything that the library knows of
-    it.
-    """
+    """What the kinematics say of the sensors; ``details`` is everything that is known of it."""
 
     details: checking.CompatibilityCheck
 
@@ -161,6 +160,7 @@ class Check:
         )
 
 
+@told_in_python
 def check(
     records: Source | Sequence[Source],
     vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None,
@@ -278,6 +278,7 @@ class Maneuvers:
         )
 
 
+@told_in_python
 def find_maneuvers(
     record: Source,
     *,
@@ -497,6 +498,7 @@ class FrequencyResponse:
         return tables.page(title, table, tables.sentences(self.warnings))
 
 
+@told_in_python
 def frequency_response(
     records: Source | Sequence[Source],
     input: str | Sequence[str],
@@ -587,14 +589,12 @@ def _names(given: str | Sequence[str]) -> tuple[str, ...]:
 
 
 def _place(name: str | None, names: Sequence[str], kind: str) -> int:
-    if name is None:
-        return 0
+    name = names[0] if name is None else name
     if name not in names:
-        remedy = f"it has {', '.join(names)}"
-        raise DeclarationError(f"there is no {kind} {name!r}", where="response", remedy=remedy)
+        what, remedy = f"there is no {kind} {name!r}", f"it has {', '.join(names)}"
+        raise DeclarationError(what, where="response", remedy=remedy)
     return list(names).index(name)
 
 
 def _lengths(given: float | Sequence[float]) -> tuple[float, ...]:
-    several = [given] if isinstance(given, int | float) else given
-    return tuple(map(float, several))
+    return tuple(map(float, [given] if isinstance(given, int | float) else given))

@@ -11,6 +11,7 @@ from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
 
 from scenarios.api import plot, tables
+from scenarios.api.keywords import told_in_python
 from scenarios.api.record import Record, record_of
 from scenarios.api.records import Choices
 from scenarios.api.requests import (
@@ -270,6 +271,7 @@ class Diagnosis:
         )
 
 
+@told_in_python
 def diagnose(
     records: Source | Sequence[Source],
     model: Declared,
@@ -435,6 +437,7 @@ class Survey:
         )
 
 
+@told_in_python
 def survey(
     flights: str | PathLike[str],
     folder: str | PathLike[str] | None = None,

@@ -15,6 +15,7 @@ import numpy as np
 
 from scenarios import prediction as predicting
 from scenarios.api import plot, tables
+from scenarios.api.keywords import told_in_python
 from scenarios.api.record import Record, record_of
 from scenarios.api.records import Choices, choices_of
 from scenarios.api.requests import (
@@ -272,6 +273,7 @@ class Identification:
         )
 
 
+@told_in_python
 def identify(
     records: Source | Sequence[Source],
     model: Declared,
@@ -317,6 +319,14 @@ def identify(
     Raises
     ------
     InputError : anything asked or in the records that keeps them from being used, in one line.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> record = fid.simulate("rigid", seed=3).record
+    >>> found = fid.identify(record, "rigid", "bomber_rigid")
+    >>> found["Cm_alpha"]
+    Cm_alpha = -1.6589 +- 0.0018 1/rad
     """
     plan = plan_from(start, stop, hold, rate, lowpass, trust_record, columns)
     request = request_of(
@@ -451,6 +461,7 @@ class Prediction:
         )
 
 
+@told_in_python
 def predict(
     study: str | PathLike[str] | Saved,
     record: Source,

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scenarios.api import tables
+from scenarios.api.keywords import in_python
 from scenarios.api.records import (
     INPUTS,
     ChannelColumn,
@@ -29,6 +30,7 @@ from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.records import refuse_without_clock, window_of
 from sim import record as sim_record
 from sim.errors import RecordError
+from sim.record import Hold
 
 if TYPE_CHECKING:
     import control
@@ -152,6 +154,87 @@ class Record:
 
         return replace(self, file=rows_of_file(self.file, start, stop))
 
+    def resample(self, rate: float) -> Record:
+        """The record at a lower rate, behind a zero-phase low-pass at 0.4 times that rate.
+
+        Parameters
+        ----------
+        rate : samples a second.
+
+        Returns
+        -------
+        Record
+            In SI; its inputs are linear between samples.
+
+        Raises
+        ------
+        InputError
+            The rate is above the record's, or leaves too little of it.
+
+        Examples
+        --------
+        >>> import flightid as fid
+        >>> record = fid.simulate("rigid", seed=3).record
+        >>> len(record), len(record.resample(20.0))
+        (801, 161)
+        """
+        return self._filtered(rate=rate)
+
+    def lowpass(self, corner: float) -> Record:
+        """The record behind one zero-phase Butterworth low-pass, the same for all channels.
+
+        Parameters
+        ----------
+        corner : Hz, below half the record's rate.
+
+        Raises
+        ------
+        InputError
+            The corner is not below half the rate, or leaves nothing of the record.
+        """
+        return self._filtered(lowpass=corner)
+
+    def with_hold(self, hold: str) -> Record:
+        """The record with another behaviour of its inputs between samples.
+
+        Parameters
+        ----------
+        hold : ``"previous"`` (held until the next sample) or ``"linear"``.
+
+        Examples
+        --------
+        >>> import flightid as fid
+        >>> fid.simulate("rigid", seed=3).record.with_hold("linear").hold
+        'linear'
+        """
+        kinds = [each.value for each in Hold]
+        if hold not in kinds:
+            raise RecordError(
+                f"there is no hold {hold!r}", where=self.name, remedy=f"use {' or '.join(kinds)}"
+            )
+        sidecar = replace(self.file.sidecar, hold=Hold(hold), says_hold=True)
+        return replace(self, file=replace(self.file, sidecar=sidecar))
+
+    def _filtered(self, rate: float | None = None, lowpass: float | None = None) -> Record:
+        from scenarios.preparation.plan import plan_of
+        from scenarios.preparation.reading import filtered
+
+        def channels(names: tuple[str, ...]) -> tuple[sim_record.Channel, ...]:
+            return tuple(
+                sim_record.Channel.of(name, self.units[name], self[name]) for name in names
+            )
+
+        whole = sim_record.Record(
+            self.time,
+            channels(self.input_names),
+            channels(self.output_names),
+            Hold(self.hold),
+            self.name,
+        )
+        with in_python():
+            done, _ = filtered(whole, plan_of(rate=rate, lowpass=lowpass))
+        return record_of(done)
+
     def plot(self) -> Figure:
         """Inputs and outputs against time, angles in degrees."""
         from scenarios.api import plot
@@ -222,6 +305,15 @@ def read_record(
     Raises
     ------
     InputError : it is no record, has no time, or what is said of it does not fit, in one line.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import flightid as fid
+    >>> time = np.arange(0.0, 1.0, 0.1)
+    >>> columns = {"time": time, "AoA": 2.0 * np.sin(time)}
+    >>> fid.read_record(columns, channels={"alpha": ("AoA", "deg")}, name="flight 1")
+    <Record flight 1: 10 samples of alpha>
     """
     if isinstance(source, Record):
         return source

@@ -15,6 +15,7 @@ import numpy as np
 from ident.flying_qualities.modes import state_space, to_control
 from scenarios.api import plot, tables
 from scenarios.api.diagnosis import Diagnosis
+from scenarios.api.keywords import told_in_python
 from scenarios.api.record import Record, record_of
 from scenarios.api.requests import (
     KEPT,
@@ -276,6 +277,7 @@ def _against(item: Parameter, true: Mapping[str, float]) -> tuple[str, str]:
     )
 
 
+@told_in_python
 def run(
     name: str | PathLike[str],
     *,
@@ -295,6 +297,13 @@ def run(
     Raises
     ------
     InputError : there is no such scenario, or a key or value in it is wrong.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> study = fid.run("rigid", seed=1)
+    >>> study["Cm_alpha"], study.true["Cm_alpha"]
+    (Cm_alpha = -1.6570 +- 0.0018 1/rad, -1.66)
     """
     text, seed = str(name), seed_of(seed)
     kind = scenario_kind(text)
@@ -308,9 +317,16 @@ def run(
         )
 
 
+@told_in_python
 def simulate(name: str | PathLike[str], *, seed: int | None = None, set: Settings = None) -> Flight:
     """The records of a scenario without its truth, and the vehicle that goes with them: ``flightid
     simulate`` in Python; parameters as in ``run``.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> fid.simulate("rigid", seed=3).record.names
+    ('elevator', 'alpha', 'q')
     """
     return flown(str(name), seed_of(seed), changes_of(set))
 
@@ -481,6 +497,7 @@ class Campaign:
         return tables.page(self._title, tables.table(("parameter", *COLUMNS), rows, left=2))
 
 
+@told_in_python
 def campaign(
     name: str | PathLike[str],
     runs: int,
@@ -651,6 +668,7 @@ class Design:
         return tables.page(verdict_of(self.details), shown)
 
 
+@told_in_python
 def design(
     model: Declared,
     vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None,

@@ -165,7 +165,14 @@ TITLES = {
 
 
 def effects() -> Table:
-    """The library of effects: name, station, what it is, its parameters."""
+    """The library of effects: name, station, what it is, its parameters.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> fid.effects()["input-delay"]["station"]
+    'input path'
+    """
     from sim.effects.library import effect_names, find_effect
 
     rows = []
@@ -186,6 +193,12 @@ def effects() -> Table:
 def models() -> Table:
     """The models: name, what it is, inputs, outputs, what a vehicle file gives and what is
     estimated.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> fid.models()["rigid"]["inputs"]
+    ('elevator',)
     """
     from scenarios.files.vehicles import MODELS
     from sim.vehicles.factory import FAMILIES
@@ -205,7 +218,14 @@ def models() -> Table:
 
 
 def vehicles() -> Table:
-    """The library of vehicles: name, what it is, its equations, where the numbers are from."""
+    """The library of vehicles: name, what it is, its equations, where the numbers are from.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> "navion_lateral" in fid.vehicles().names
+    True
+    """
     from sim.vehicles.library import read_parameter_set, vehicle_names
 
     sets = [read_parameter_set(name) for name in vehicle_names()]
@@ -214,7 +234,14 @@ def vehicles() -> Table:
 
 
 def scenarios() -> Table:
-    """The catalogue of scenarios: name, kind, title."""
+    """The catalogue of scenarios: name, kind, title.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> fid.scenarios()["rigid"]["title"]
+    'rigid aircraft: six derivatives from a 3-2-1-1'
+    """
     from scenarios.studies.catalogue import scenario_kind, scenario_names, scenario_title
 
     return Table(

@@ -4,11 +4,12 @@ files.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from scenarios.api import tables as html
 from scenarios.files.declarations import read_toml_source, toml_of
@@ -20,9 +21,6 @@ from scenarios.files.library_vehicles import (
 )
 from scenarios.files.sources import Source
 from sim.errors import DeclarationError
-
-if TYPE_CHECKING:
-    from scenarios.api.vehicle_parameters import VehicleParameters
 
 
 @dataclass(eq=False, repr=False)
@@ -58,8 +56,6 @@ class Vehicle:
     @property
     def parameters(self) -> VehicleParameters:
         """What may be estimated, by name: ``vehicle.parameters["Cm_q"].fix(-28.0)``."""
-        from scenarios.api.vehicle_parameters import VehicleParameters
-
         return VehicleParameters(self)
 
     def __getitem__(self, key: str) -> Any:
@@ -128,6 +124,13 @@ def vehicle(
     Raises
     ------
     InputError : there is no such file or vehicle, or it is no TOML.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> heavy = fid.vehicle("bomber_rigid", mass="300000 lb")
+    >>> heavy["mass"], heavy["CL_alpha"]
+    ('300000 lb', 2.922)
     """
     if isinstance(source, Vehicle) and not numbers:
         return source
@@ -173,3 +176,227 @@ def _over(content: Mapping[str, Any], numbers: Mapping[str, Any]) -> dict[str, A
 
 def _shown(value: Any) -> str:
     return f"{value:.7g}" if isinstance(value, float) else str(value)
+
+
+# ---- Parameters: fixed, bounded, tied or free, as the tables of a vehicle file
+
+FIXED, BOUNDS, TIED, STARTS = "fixed", "bounds", "tied", "derivatives"
+CONSTRAINTS = (FIXED, BOUNDS, TIED)
+OF_MODES = ("frequency", "damping", "generalized_mass")  # constants of an elastic mode
+
+
+@dataclass(frozen=True)
+class VehicleParameter:
+    """One parameter of a vehicle. Its methods change the vehicle and return it.
+
+    Attributes
+    ----------
+    name : as in the vehicle file.
+    vehicle : the vehicle that the parameter belongs to.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> bomber = fid.vehicle("bomber_rigid")
+    >>> bomber.parameters["Cm_q"].fix(-28.0)
+    <Vehicle bomber_rigid: 9 entries, starts of CL_alpha, CL_q, CL_de, Cm_alpha, Cm_de>
+    >>> bomber.parameters["Cm_q"]
+    <Cm_q = -28, fixed>
+    """
+
+    name: str
+    vehicle: Vehicle
+
+    @property
+    def start(self) -> Any:
+        """Where the search starts, the fixed value, or what a tie gives; None: not known."""
+        fixed = _fixed(self.vehicle.content)
+        if fixed.get(self.name) is not None:
+            return fixed[self.name]
+        for table in _start_tables(self.vehicle.content):
+            if self.name in table:
+                return table[self.name]
+        return self._followed()
+
+    def _followed(self) -> float | None:
+        """What the terms of a tie give at the starts; None where that is no number."""
+        terms = self.vehicle.content.get(TIED, {}).get(self.name)
+        total = 0.0
+        for term in [terms] if isinstance(terms, Mapping) else terms or [{}]:
+            value = term.get("constant")
+            if "parameter" in term:
+                start = self.vehicle.parameters[term["parameter"]].start
+                value = None if isinstance(start, str) else start
+                value = None if value is None else value * float(term.get("factor", 1.0))
+            if not isinstance(value, int | float):
+                return None
+            total += value
+        return total
+
+    @property
+    def state(self) -> str:
+        """``"free"``, ``"fixed"``, ``"bounded"`` or ``"tied"``."""
+        content = self.vehicle.content
+        if self.name in _fixed(content):
+            return "fixed"
+        words = ((BOUNDS, "bounded"), (TIED, "tied"))
+        return next((word for key, word in words if self.name in content.get(key, {})), "free")
+
+    def fix(self, value: float | str | None = None) -> Vehicle:
+        """Hold the parameter at a value, or at its start; it is not estimated.
+
+        Parameters
+        ----------
+        value : SI and radians, or a text with a unit; None: its start.
+
+        Raises
+        ------
+        InputError
+            The value is no number, or there is no start to take.
+        """
+        held = self.start if value is None else _number(value, self.name)
+        if held is None:
+            raise DeclarationError(
+                f"{self.name} has no start", where="fix", remedy="give the value to hold it at"
+            )
+        return self._change(FIXED, held)
+
+    def bound(self, low: float | str, high: float | str) -> Vehicle:
+        """Keep the estimate between two values; the start has to lie within.
+
+        Parameters
+        ----------
+        low, high : SI and radians, or texts with a unit; infinite: open.
+
+        Raises
+        ------
+        InputError
+            A bound is no number, or the lower one is not below the upper one.
+        """
+        first, last = (_number(end, self.name, open_end=True) for end in (low, high))
+        if isinstance(first, float) and isinstance(last, float) and not first < last:
+            raise DeclarationError(
+                f"the bounds {low} and {high} of {self.name} are in the wrong order",
+                where="bound",
+                remedy="give the lower bound first",
+            )
+        return self._change(BOUNDS, [first, last])
+
+    def tie(self, other: str, factor: float = 1.0, constant: float = 0.0) -> Vehicle:
+        """Let the parameter follow another: ``constant + factor * other``; it is no unknown.
+
+        Parameters
+        ----------
+        other : name of the parameter that it follows. factor, constant : SI and radians.
+
+        Raises
+        ------
+        InputError
+            There is no such parameter, or it is this one or a tied one.
+        """
+        names = [name for name in self.vehicle.parameters if name != self.name]
+        if other not in names or self.vehicle.parameters[other].state == "tied":
+            raise DeclarationError(
+                f"{self.name} cannot be tied to {other!r}",
+                where="tie",
+                remedy=f"name another parameter that is not tied: {', '.join(names)}",
+            )
+        term = {"parameter": other, "factor": _number(factor, self.name)}
+        shift = _number(constant, self.name)
+        return self._change(TIED, [term, {"constant": shift}] if shift else term)
+
+    def free(self) -> Vehicle:
+        """Estimate the parameter, without bounds; a fixed value becomes its start."""
+        return self._change(None, None)
+
+    def _change(self, table: str | None, entry: Any) -> Vehicle:
+        content = dict(self.vehicle.content)
+        held = self.start
+        tables = {
+            FIXED: _fixed(content),
+            **{key: dict(content.get(key, {})) for key in (BOUNDS, TIED)},
+        }
+        for each in tables.values():
+            each.pop(self.name, None)
+        if table is not None:
+            tables[table][self.name] = entry
+        content = {key: value for key, value in content.items() if key not in CONSTRAINTS}
+        content |= {key: each for key, each in tables.items() if each}
+        # A fixed or tied parameter stands in one table alone, as the reader of files demands.
+        apart = {self.name, *tables[FIXED], *tables[TIED]}
+        if "modes" in content:
+            content["modes"] = [_without(each, apart) for each in _mode_tables(content)]
+        starts = dict(content.get(STARTS, {}))
+        if table in (BOUNDS, None) and held is not None:
+            starts[self.name] = held
+            apart -= {self.name}
+        content[STARTS] = _without(starts, apart)
+        self.vehicle.content, self.vehicle.source = content, None
+        return self.vehicle
+
+    def __repr__(self) -> str:
+        start, content = self.start, self.vehicle.content
+        value = f" = {start:g}" if isinstance(start, int | float) else f" = {start}"
+        ends = content.get(BOUNDS, {}).get(self.name)
+        more = f" in {list(ends)}" if ends and self.state == "bounded" else ""
+        return f"<{self.name}{value if start is not None else ''}, {self.state}{more}>"
+
+
+class VehicleParameters(Mapping[str, VehicleParameter]):
+    """Parameters of a vehicle by name: the free ones, then those that are fixed or tied."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+
+    def __getitem__(self, name: str) -> VehicleParameter:
+        if name not in list(self):
+            raise KeyError(f"there is no parameter {name!r}: {', '.join(self)}")
+        return VehicleParameter(name, self._vehicle)
+
+    def __iter__(self) -> Iterator[str]:
+        content = self._vehicle.content
+        tables = [*_start_tables(content), _fixed(content), content.get(TIED, {})]
+        return iter(dict.fromkeys(name for each in tables for name in each if name not in OF_MODES))
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+    def __repr__(self) -> str:
+        held = [f"{name} {each.state}" for name, each in self.items() if each.state != "free"]
+        return f"<{len(self)} parameters: {', '.join(held[:6]) or 'all free'}>"
+
+
+def _mode_tables(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    return [each for each in content.get("modes", ()) if isinstance(each, Mapping)]
+
+
+def _without(table: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
+    return {key: value for key, value in table.items() if key not in names}
+
+
+def _start_tables(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    return [content.get(STARTS, {}), *_mode_tables(content)]
+
+
+def _fixed(content: Mapping[str, Any]) -> dict[str, Any]:
+    """The table ``fixed``; of a list of names each is held at its start."""
+    given = content.get(FIXED, {})
+    if isinstance(given, Mapping):
+        return dict(given)
+    starts = {name: value for each in _start_tables(content) for name, value in each.items()}
+    return {name: starts.get(name) for name in given}
+
+
+def _number(value: Any, name: str, *, open_end: bool = False) -> float | str:
+    """A number, or a text that the reader of vehicle files looks at."""
+    if isinstance(value, str):
+        return value
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if math.isnan(number) or (math.isinf(number) and not open_end):
+        raise DeclarationError(
+            f"{value!r:.60} is no value of {name}", where="vehicle", remedy="give a finite number"
+        )
+    return number

@@ -31,7 +31,7 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment import simulated
 from scenarios.preparation.declared_model import BETTER, better_by
 from scenarios.preparation.plan import ATTITUDE
-from scenarios.report.quantities import number_text
+from scenarios.report.quantities import number_text, shown_in, spaced
 from scenarios.studies.rows import Row
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import full_name
@@ -427,3 +427,26 @@ def _residuals(
         for (z, known), fitted in zip(measured, estimate.fitted, strict=True)
     ]
     return residuals, [known for _, known in measured]
+
+
+def innovations_phrase(method: str, records: Sequence[Record], estimate: Estimate) -> str:
+    """Size of the innovations of filter error, the measure of a fit in turbulence; empty for other
+    methods.
+    """
+    if method != "filter-error" or len(estimate.fitted) != len(records):
+        return ""
+    told = []
+    for row, name in enumerate(estimate.output_names):
+        apart = [
+            (record[name].values - fitted[row])[record[name].valid]
+            for record, fitted in zip(records, estimate.fitted, strict=True)
+            if name in record.output_names
+        ]
+        errors = np.concatenate(apart) if apart else np.zeros(0)
+        if not errors.size or not np.all(np.isfinite(errors)):
+            continue
+        unit = next(r[name].unit for r in records if name in r.output_names)
+        factor, shown = shown_in(unit, name)
+        size = factor * float(np.sqrt(np.mean(errors**2)))
+        told.append(f"{name} {size:.3g}{spaced(shown)}")
+    return f"one-step prediction is the measure: {', '.join(told)} rms; " if told else ""

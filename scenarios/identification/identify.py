@@ -90,6 +90,7 @@ from scenarios.preparation.plausibility import (
     refuse_unrelated_records,
 )
 from scenarios.preparation.reading import prepare
+from scenarios.report.summary import residual_phrase
 from scenarios.studies.rows import rows_of
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System
@@ -420,6 +421,7 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
             lambda hold, asked: identified(replace(request.plan, hold=hold), asked),
             options,
         )
+    found = replace(found, doubts=(*_not_to_be_used(request, vehicle, found), *found.doubts))
     proposed = _filter_error_proposed(request, vehicle, found)
     found = replace(
         found, notes=(*files_read_unnamed([*files, *validation], beside), *found.notes, *proposed)
@@ -501,6 +503,16 @@ def _filter_error_proposed(
         forced(model_of_file(vehicle), [found.record])
     except DeclarationError:
         return ()
+    command = _command(request, "identify", ["--method", "filter-error"])
+    listed = f"{', '.join(moved[:-1])} and {moved[-1]}" if len(moved) > 1 else moved[0]
+    return (
+        f"one cause moves the residuals of {listed}, as turbulence does; {command} estimates such "
+        "noise together with the parameters",
+    )
+
+
+def _command(request: Request, command: str, further: Sequence[str] = ()) -> str:
+    """Another command on the same records, with the options that were given."""
     paths = [path_of(record) for record in request.records]
     words = [str(path) if path is not None else "RECORD" for path in paths]
     model = request.model if isinstance(request.model, str) else "MODEL"
@@ -516,12 +528,25 @@ def _filter_error_proposed(
         *(word for path in validate for word in ("--validate", path)),
         *reading_options(request),
     ]
-    command = shlex.join(["flightid", "identify", *words, *options, "--method", "filter-error"])
-    listed = f"{', '.join(moved[:-1])} and {moved[-1]}" if len(moved) > 1 else moved[0]
-    return (
-        f"one cause moves the residuals of {listed}, as turbulence does; {command} estimates such "
-        "noise together with the parameters",
+    return shlex.join(["flightid", command, *words, *options, *further])
+
+
+def _not_to_be_used(
+    request: Request, vehicle: VehicleFile, found: IdentificationResult
+) -> tuple[str, ...]:
+    """The sentence that leads where residuals are not the noise alone, with the command that says
+    why; empty where they are, or where no diagnosis takes such a model.
+    """
+    failed_in = residual_phrase([test for test in found.tests if not test.passed])
+    if not failed_in:
+        return ()
+    gusts = (
+        "; if the air was rough, judge by one-step prediction, not by the free simulation"
+        if disturbed_outputs([found.record, *found.others], found.estimate, found.tests)
+        else ""
     )
+    follows = f"; next: {_command(request, 'diagnose')}" if vehicle.model != "loes" else ""
+    return (f"do not use these sigmas: the residuals are {failed_in}{gusts}{follows}",)
 
 
 def _without_outliers(

@@ -24,7 +24,7 @@ from scenarios.identification.assessment import (
     reading_table,
 )
 from scenarios.identification.conditions import METHOD as FREQUENCY
-from scenarios.identification.conditions import PATH
+from scenarios.identification.conditions import PATH, innovations_phrase
 from scenarios.identification.methods import uses_attitude
 from scenarios.kept import IDENTIFY, KeptModel, KeptReading
 from scenarios.preparation.plan import LIFT, SPEED, Plan
@@ -427,7 +427,7 @@ def identification_summary(found: IdentificationResult, details: str = BELOW) ->
         f"{found.method}",
         outcome,
         result_phrase(rows, found.derived),
-        residual_phrase(found.tests),
+        innovations_phrase(found.method, records, found.estimate) + residual_phrase(found.tests),
         details,
     )
 

@@ -37,6 +37,7 @@ from ident.whole_record.output_error import estimate_of
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.keeping import SPIKES
 from scenarios.diagnosis.tracing import Tracing
+from scenarios.files.declarations import read_toml_source
 from scenarios.preparation.plan import Request
 from scenarios.trials.planted.declaration import (
     CLOSED_LOOP,
@@ -499,7 +500,9 @@ def run_trace(
     progress("flying", 0.0)
     flown = fly_trace(scenario, chosen)
     with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
-        train, validate, vehicle = write_flown(flown, Path(folder))
+        train, validate, written = write_flown(flown, Path(folder))
+        # What is printed names the file of the study, not this passing one.
+        vehicle = replace(read_toml_source(written), path=Path(written.name))
         tracing = diagnose_files(
             Request((train,), scenario.model, vehicle, (validate,), effort=scenario.effort),
             progress,

@@ -60,6 +60,7 @@ WRITTEN = {
     "record.json",
     "report.html",
     "report.json",
+    "study.txt",
 }
 
 ROOT = Path(__file__).parents[3]
@@ -72,6 +73,7 @@ WRITTEN = {
     "record.json",
     "report.html",
     "report.json",
+    "study.txt",
 }
 PARAMETERS = {
     "L_alpha",
@@ -175,7 +177,7 @@ def test_watch_finds_what_identify_finds(
     for name in ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau"):
         row = watched["parameters"][name]
         assert abs(row["estimate"] - LOES_VALUES[name]) < 4.0 * row["std"], name
-    assert set(watched["files"]) == set(contents(tmp_path / "watched")) == WRITTEN
+    assert {*watched["files"], "study.txt"} == set(contents(tmp_path / "watched")) == WRITTEN
     assert (tmp_path / "watched" / "record.csv").read_bytes() == (
         folder / "flight.csv"
     ).read_bytes()

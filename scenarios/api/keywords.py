@@ -1,0 +1,62 @@
+"""Messages of the commands in the words of Python: keywords instead of options."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import re
+from collections.abc import Callable, Iterator
+from typing import ParamSpec, TypeVar
+
+from sim.errors import FlightidError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+_OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]*)")
+# Options whose keyword is another word: those that Python keeps for itself, and plurals.
+WORDS = {
+    "from": "start",
+    "to": "stop",
+    "class": "aircraft_class",
+    "out": "save(folder)",
+    "value": "values",
+}
+
+
+def as_keywords(text: str) -> str:
+    """A message with keywords in the place of options.
+
+    Examples
+    --------
+    >>> as_keywords("use --from and --trust-record")
+    'use start= and trust_record='
+    """
+
+    def keyword(found: re.Match[str]) -> str:
+        name = WORDS.get(found[1], found[1].replace("-", "_"))
+        return name if name.endswith(")") else f"{name}="
+
+    return _OPTION.sub(keyword, text)
+
+
+@contextlib.contextmanager
+def in_python() -> Iterator[None]:
+    """Raise what is raised inside in the words of Python; the kind of the error stays."""
+    try:
+        yield
+    except FlightidError as error:
+        parts = [as_keywords(each) for each in (error.what, error.where, error.remedy)]
+        if parts == [error.what, error.where, error.remedy]:
+            raise
+        raise type(error)(parts[0], where=parts[1], remedy=parts[2]) from None
+
+
+def told_in_python(function: Callable[P, R]) -> Callable[P, R]:
+    """A function of the commands whose messages name keywords, not options."""
+
+    @functools.wraps(function)
+    def told(*args: P.args, **kwargs: P.kwargs) -> R:
+        with in_python():
+            return function(*args, **kwargs)
+
+    return told

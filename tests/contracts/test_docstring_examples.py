@@ -1,0 +1,53 @@
+"""Docstrings of what `flightid` exports: each has one, and the examples in them run."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import inspect
+
+import pytest
+
+import flightid
+
+# Functions whose example takes too long for a docstring; `docs/how-to/python.md` shows them.
+ON_THE_PAGE = {
+    "campaign",
+    "check",
+    "design",
+    "diagnose",
+    "find_maneuvers",
+    "frequency_response",
+    "own_model",
+    "predict",
+    "survey",
+}
+FUNCTIONS = [name for name in flightid.__all__ if inspect.isfunction(getattr(flightid, name))]
+MODULES = [
+    "scenarios.api.estimators",
+    "scenarios.api.identification",
+    "scenarios.api.keywords",
+    "scenarios.api.record",
+    "scenarios.api.study",
+    "scenarios.api.tables",
+    "scenarios.api.vehicle",
+    "scenarios.report.exports",
+]
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_function_shows_an_example(name: str) -> None:
+    text = inspect.getdoc(getattr(flightid, name)) or ""
+    assert len(text.splitlines()) > 1
+    assert (">>> " in text) is (name not in ON_THE_PAGE)
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_run(name: str) -> None:
+    done = doctest.testmod(importlib.import_module(name))
+    assert done.attempted > 0 and done.failed == 0
+
+
+def test_every_example_is_of_a_module_that_runs() -> None:
+    homes = {getattr(flightid, name).__module__ for name in FUNCTIONS if name not in ON_THE_PAGE}
+    assert homes <= set(MODULES)
