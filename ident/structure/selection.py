@@ -154,7 +154,7 @@ def stepwise(
         gains, sse = _gains(products, chosen)
         best = int(np.argmax(gains)) if len(gains) else -1
         F = _ratio(products, gains[best], sse - gains[best], len(chosen) + 1)
-        if best < 0 or F < f_in or gains[best] < least * products.spread:
+        if best < 0 or f_in > F or gains[best] < least * products.spread:
             break
         chosen = [*chosen, best]
         steps.append(_step(products, chosen, best, True, F))
@@ -166,7 +166,7 @@ def stepwise(
             ]
             worst = int(np.argmin(losses))
             F = _ratio(products, losses[worst], sse, len(chosen))
-            if F >= f_in and losses[worst] >= 0.5 * least * products.spread:
+            if f_in <= F and losses[worst] >= 0.5 * least * products.spread:
                 break
             gone = chosen[worst]
             chosen = [i for i in chosen if i != gone]

@@ -134,7 +134,9 @@ def _body(formulas: Formulas, results: Sequence[int]) -> list[str]:
     }
     names = {"t": "t"}
     groups = (("x", system.state_names), ("u", system.input_names))
-    names |= {f"{kind}:{name}": f"{kind}[{i}]" for kind, group in groups for i, name in enumerate(group)}
+    names |= {
+        f"{kind}:{name}": f"{kind}[{i}]" for kind, group in groups for i, name in enumerate(group)
+    }
     own = [item.name for item in system.parameters if f"p:{item.name}" in used]
     names |= {f"p:{name}": _variable(name) for name in own}
     lines = ["    p = PARAMETERS if parameters is None else {**PARAMETERS, **parameters}"]
