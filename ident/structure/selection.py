@@ -114,12 +114,9 @@ class Selection:
         return self.rms / self.noise if self.noise > 0.0 else math.inf
 
 
-def columns_of(history: Histories, terms: Sequence[Term]) -> np.ndarray:
-    """Averaged values of terms, ``(M, k)``."""
-    size = len(history.signals["alpha"])
-    return np.stack(
-        [history.averaged(np.broadcast_to(t.of(history.signals), (size,))) for t in terms], axis=1
-    )
+def columns_of(history: Histories, terms: Sequence[Term], axis: str) -> np.ndarray:
+    """Averaged values of terms, ``(M, k)``, as they go with a coefficient."""
+    return np.stack([history.column(term, axis) for term in terms], axis=1)
 
 
 def products_of(
@@ -175,7 +172,7 @@ def stepwise(
 
 
 def orthogonal(products: Products) -> tuple[list[int], list[Step]]:
-    """Columns whose orthogonal functions make the predicted squared error smallest, and the steps."""
+    """Columns whose orthogonal functions make the predicted squared error least, and the steps."""
     chosen = [i for i, term in enumerate(products.terms) if not term.factors]
     best, kept, steps = math.inf, list(chosen), []
     counted = 0
@@ -227,7 +224,7 @@ def select(
     .. [1] E. A. Morelli and V. Klein, Accuracy of aerodynamic model parameters estimated from
        flight test data, Journal of Guidance, Control, and Dynamics 20(1), 1997.
     """
-    blocks = [columns_of(h, terms) for h in histories] if blocks is None else blocks
+    blocks = [columns_of(h, terms, axis) for h in histories] if blocks is None else blocks
     rows = [h.coefficients[axis] for h in histories]
     products = products_of(blocks, rows, terms)
     chosen, steps = _METHODS[method](products)
@@ -270,7 +267,8 @@ def _with_lacking(
 
     every = (*found.terms, *further)
     blocks = [
-        np.hstack([part, columns_of(h, further)]) for part, h in zip(parts, histories, strict=True)
+        np.hstack([part, columns_of(h, further, found.axis)])
+        for part, h in zip(parts, histories, strict=True)
     ]
     products = products_of(blocks, rows, every)
     gains, sse = _gains(products, list(range(len(found.terms))))

@@ -73,13 +73,13 @@ def wave(time: np.ndarray, size: float, seed: int) -> np.ndarray:
 
 @cache
 def flown(seed: int, noise: float = 1.0) -> Histories:
-    time = np.arange(int(20.0 * RATE) + 1) / RATE
+    time = np.arange(int(16.0 * RATE) + 1) / RATE
     sizes = (0.05, 0.06, 0.05)
     u = np.array([wave(time, size, 3 * seed + i) for i, size in enumerate(sizes)])
     u[0] += ELEVATOR
     u = np.vstack([u, np.full(len(time), THRUST)])
     system = compile_model(aircraft_model(CURVED))
-    rows = dict(zip(system.output_names, fly(system, Flight(time, u)), strict=True))
+    rows = dict(zip(system.output_names, fly(system, Flight(time, u, max_step=0.02)), strict=True))
     rng = np.random.default_rng(100 + seed)
     channels = {
         name: rows[name] + noise * std * rng.standard_normal(len(time))
@@ -87,13 +87,13 @@ def flown(seed: int, noise: float = 1.0) -> Histories:
     }
     surfaces = dict(zip(CURVED.surfaces, u[:3], strict=True))
     airframe = Airframe(CURVED.constants, CURVED.sensors, wind_axes=True)
-    return histories_of(f"maneuver {seed}", time, channels, airframe, surfaces, u[3])
+    return histories_of(f"maneuver {seed}", time, channels, airframe, surfaces, u[3], held=True)
 
 
 def model_of(history: Histories, axis: str) -> np.ndarray:
     """The true coefficient, averaged over the windows."""
     table = CURVED.coefficients[axis]
-    return columns_of(history, tuple(table)) @ np.array(list(table.values()))
+    return columns_of(history, tuple(table), axis) @ np.array(list(table.values()))
 
 
 @pytest.mark.parametrize("axis", ["CD", "CY", "CL", "Cl", "Cm", "Cn"])
