@@ -110,7 +110,7 @@ def half_width(rate: float, bandwidth: float) -> int:
 
 
 def bandwidth_of(half: int, rate: float) -> float:
-    """Frequency, Hz, at which the averaging of slopes over ``2 half + 1`` samples has half power."""
+    """Frequency, Hz, where the averaging of slopes over ``2 half + 1`` samples has half power."""
     kernel = _averaging(half)
     f = np.linspace(0.0, 0.5, 2001)
     n = np.arange(len(kernel)) - (len(kernel) - 1) / 2.0

@@ -2,9 +2,10 @@
 
 Both work on the products of all columns summed over each maneuver, so that fifty maneuvers cost as
 much as one, and whole maneuvers are left out by subtraction. Stepwise regression adds the term with
-the largest partial F ratio while that exceeds a threshold, and removes terms whose ratio falls below
-it [1]_. The orthogonal functions are those of the offered terms, each made orthogonal to those before
-it; they enter in the order of what they explain, as many as make the predicted squared error
+the largest partial F ratio while that exceeds a threshold, and removes terms whose ratio falls
+below it [1]_. The orthogonal functions are those of the offered terms, each made orthogonal to the
+ones before it; they enter in the order of what they explain, as many as make the predicted squared
+error
 
     PSE = SSE / N + s2_max n / N,   s2_max = sum (z - mean z)^2 / N
 
