@@ -72,14 +72,21 @@ def wave(time: np.ndarray, size: float, seed: int) -> np.ndarray:
 
 
 @cache
-def flown(seed: int, noise: float = 1.0) -> Histories:
-    time = np.arange(int(16.0 * RATE) + 1) / RATE
+def clean(seed: int) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Times, inputs and outputs without noise."""
+    time = np.arange(int(12.0 * RATE) + 1) / RATE
     sizes = (0.05, 0.06, 0.05)
     u = np.array([wave(time, size, 3 * seed + i) for i, size in enumerate(sizes)])
     u[0] += ELEVATOR
     u = np.vstack([u, np.full(len(time), THRUST)])
     system = compile_model(aircraft_model(CURVED))
     rows = dict(zip(system.output_names, fly(system, Flight(time, u, max_step=0.02)), strict=True))
+    return time, u, rows
+
+
+@cache
+def flown(seed: int, noise: float = 1.0) -> Histories:
+    time, u, rows = clean(seed)
     rng = np.random.default_rng(100 + seed)
     channels = {
         name: rows[name] + noise * std * rng.standard_normal(len(time))
@@ -101,7 +108,7 @@ def test_coefficients_are_those_of_the_aircraft(axis: str) -> None:
     history = flown(1, 0.0)
     true = model_of(history, axis)
     error = history.coefficients[axis] - true
-    assert np.std(error) < 0.01 * np.std(true)
+    assert np.std(error) < (0.03 if axis == "CD" else 0.005) * np.std(true)
 
 
 def test_the_noise_is_what_the_sensors_give() -> None:
