@@ -71,14 +71,13 @@ class StructureOptions:
             raise DeclarationError(
                 f"{self.bandwidth:g} Hz is no bandwidth", where="--bandwidth", remedy="above zero"
             )
-        for option, value, most in (
-            ("--degree", self.degree, LARGEST_DEGREE),
-            ("--splines", self.splines, MOST_SPLINES),
+        for option, value, least, most in (
+            ("--degree", self.degree, 1, LARGEST_DEGREE),
+            ("--splines", self.splines, 0, MOST_SPLINES),
         ):
-            if not (option == "--splines") <= value + (option == "--splines") or value > most:
-                raise DeclarationError(
-                    f"{value} is out of range", where=option, remedy=f"at most {most}"
-                )
+            if not least <= value <= most:
+                remedy = f"give a number from {least} to {most}"
+                raise DeclarationError(f"{value} is out of range", where=option, remedy=remedy)
 
 
 @dataclass(frozen=True, eq=False)
