@@ -21,7 +21,7 @@ from scenarios.files.channels import read_channel_map
 from scenarios.files.measured.record_file import RecordFile, all_simulated, opened
 from scenarios.files.sources import InputFile, read_source, versions
 from scenarios.files.user_models import OwnModel, channel_units
-from scenarios.files.vehicles import VehicleFile, files_read_unnamed, read_vehicle
+from scenarios.files.vehicles import AIRCRAFT, VehicleFile, files_read_unnamed, read_vehicle
 from scenarios.files.writing import PREDICTED, study_folder, write_json
 from scenarios.identification.assessment import (
     left_out,
@@ -233,6 +233,8 @@ def vehicle_of_study(file: KeptFile, model: Path | OwnModel | None) -> VehicleFi
     """
     own, text = file.file("model_file"), file.content["vehicle_text"]
     chosen: str | OwnModel = file.content["model"]
+    if chosen == AIRCRAFT and text:  # its equations are its vehicle file, which is not run
+        own = None
     if own is not None:
         if model is None:
             what = (

@@ -19,12 +19,13 @@ References
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from sim.aerodynamics.terms import Term
 from sim.errors import RecordError
 
 BODY, WIND, MOMENTS = ("CX", "CY", "CZ"), ("CD", "CY", "CL"), ("Cl", "Cm", "Cn")
@@ -64,7 +65,8 @@ class Histories:
     Attributes
     ----------
     name : of the record. time : ``(M,)``, s.
-    signals : by name the signals of terms, ``(N,)`` at the samples; rates non-dimensional.
+    signals : by name the signals of terms, ``(N - 1,)``, between the samples, for moments; rates
+        non-dimensional. samples : the same at the samples, ``(N,)``, for forces.
     coefficients : by name, ``(M,)``. sigma : standard deviation of their noise, ``(M,)``.
     averaging : ``(W,)`` weights over a window, one in sum; rows : ``(M,)`` first samples.
     bandwidth : of the averaging, Hz.
@@ -73,17 +75,23 @@ class Histories:
     name: str
     time: np.ndarray
     signals: Mapping[str, np.ndarray]
+    samples: Mapping[str, np.ndarray]
     coefficients: Mapping[str, np.ndarray]
     sigma: Mapping[str, np.ndarray]
     averaging: np.ndarray
     rows: np.ndarray
     bandwidth: float
 
-    def averaged(self, values: np.ndarray) -> np.ndarray:
-        """Weighted means over the windows, ``(M,)``, of values ``(N,)`` at the samples."""
-        return _windows(np.asarray(values, dtype=float), len(self.averaging), self.rows) @ (
-            self.averaging
+    def column(self, term: Term, axis: str) -> np.ndarray:
+        """A term's weighted means over the windows, ``(M,)``, as a coefficient's are formed."""
+        moment = axis in MOMENTS
+        signals, kernel = (
+            (self.signals, self.averaging)
+            if moment
+            else (self.samples, np.convolve(self.averaging, (0.5, 0.5)))
         )
+        values = np.broadcast_to(term.of(signals), signals["alpha"].shape).astype(float)
+        return np.asarray(_windows(values, len(kernel), self.rows) @ kernel)
 
 
 def half_width(rate: float, bandwidth: float) -> int:
@@ -102,7 +110,7 @@ def half_width(rate: float, bandwidth: float) -> int:
 
 
 def bandwidth_of(half: int, rate: float) -> float:
-    """Frequency, Hz, at which the averaging of slopes over ``2 half + 1`` samples has half power."""
+    """Frequency, Hz, where the averaging of slopes over ``2 half + 1`` samples has half power."""
     kernel = _averaging(half)
     f = np.linspace(0.0, 0.5, 2001)
     n = np.arange(len(kernel)) - (len(kernel) - 1) / 2.0
@@ -151,6 +159,8 @@ def histories_of(
     surfaces: Mapping[str, np.ndarray],
     thrust: np.ndarray | float = 0.0,
     bandwidth: float = BANDWIDTH,
+    *,
+    held: bool = False,
 ) -> Histories:
     """Coefficients of a maneuver from its channels.
 
@@ -160,6 +170,7 @@ def histories_of(
     channels : ``NEEDED`` by name, ``(N,)``, finite: m/s, rad, rad/s, m/s2 (without weight).
     airframe : see `Airframe`. surfaces : further signals of terms, ``(N,)``.
     thrust : N. bandwidth : Hz, of the angular accelerations.
+    held : surfaces and thrust are constant until the next sample; else straight lines.
 
     Returns
     -------
@@ -192,27 +203,27 @@ def histories_of(
     slope = _slopes(half) / step
     turn = {rate: _windows(channels[rate], len(slope), rows) @ slope for rate in ("p", "q", "r")}
 
-    def mean(values: np.ndarray) -> np.ndarray:
-        between = 0.5 * (values[1:] + values[:-1])  # increments lie between samples
-        return _windows(between, len(kernel), rows) @ kernel
+    def middle(values: np.ndarray) -> np.ndarray:
+        return np.asarray(0.5 * (values[1:] + values[:-1]))
 
-    signals = {
-        "alpha": s["alpha"],
-        "beta": s["beta"],
-        "mach": s["airspeed"] / c["speed_of_sound"],
-        "p": s["p"] * c["span"] / (2.0 * s["airspeed"]),
-        "q": s["q"] * c["chord"] / (2.0 * s["airspeed"]),
-        "r": s["r"] * c["span"] / (2.0 * s["airspeed"]),
-        **surfaces,
-    }
-    found, sigma = _coefficients(s, c, turn, mean, at, np.asarray(thrust), airframe)
+    def mean(values: np.ndarray) -> np.ndarray:
+        return np.asarray(_windows(values, len(kernel), rows) @ kernel)
+
+    T = np.broadcast_to(np.asarray(thrust, dtype=float), time.shape)
+    samples = {**_flow(s, c), **surfaces}
+    force = _forces(s, c, T, airframe)
+    wide = np.convolve(kernel, (0.5, 0.5))
+    found = {axis: _windows(force[axis], len(wide), rows) @ wide for axis in airframe.axes[:3]}
+    s, c = ({key: middle(row) for key, row in every.items()} for every in (s, c))
+    T = T[:-1] if held else middle(T)
+    moved = {key: row[:-1] if held else middle(row) for key, row in surfaces.items()}
+    signals = {**_flow(s, c), **moved}
+    found |= _moments(s, c, turn, mean, at, T)
     noises = {key: noise_of(channels[key]) for key in NEEDED}
     scatter = _scatter(noises, kernel, slope, c, s, at)
-    sigma = {axis: scatter[axis] for axis in sigma}
-    whole = np.convolve(kernel, (0.5, 0.5))
-    return Histories(
-        name, time[at], signals, found, sigma, whole, rows, bandwidth_of(half, 1.0 / step)
-    )
+    sigma = {axis: scatter[axis] for axis in found}
+    width = bandwidth_of(half, 1.0 / step)
+    return Histories(name, time[at], signals, samples, found, sigma, kernel, rows, width)
 
 
 def _constants(airframe: Airframe) -> list[tuple[str, Any]]:
@@ -254,45 +265,66 @@ def _at_cg(s: dict[str, np.ndarray], airframe: Airframe, step: float) -> dict[st
     return s
 
 
-def _coefficients(
+def _flow(s: Mapping[str, np.ndarray], c: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Signals of terms that every aircraft has."""
+    half = 0.5 / s["airspeed"]
+    return {
+        "alpha": s["alpha"],
+        "beta": s["beta"],
+        "mach": s["airspeed"] / c["speed_of_sound"],
+        "p": s["p"] * c["span"] * half,
+        "q": s["q"] * c["chord"] * half,
+        "r": s["r"] * c["span"] * half,
+    }
+
+
+def _forces(
+    s: Mapping[str, np.ndarray], c: Mapping[str, np.ndarray], T: np.ndarray, airframe: Airframe
+) -> dict[str, np.ndarray]:
+    """Coefficients of the forces at the samples, in body or wind axes."""
+    qS = 0.5 * c["air_density"] * s["airspeed"] ** 2 * c["wing_area"]
+    CX = (c["mass"] * s["ax"] - T * np.cos(c["thrust_angle"])) / qS
+    CY = c["mass"] * s["ay"] / qS
+    CZ = (c["mass"] * s["az"] + T * np.sin(c["thrust_angle"])) / qS
+    if not airframe.wind_axes:
+        return {"CX": CX, "CY": CY, "CZ": CZ}
+    sine, cosine = np.sin(s["alpha"]), np.cos(s["alpha"])
+    return {"CD": -CX * cosine - CZ * sine, "CY": CY, "CL": CX * sine - CZ * cosine}
+
+
+def _moments(
     s: Mapping[str, np.ndarray],
     c: Mapping[str, np.ndarray],
     turn: Mapping[str, np.ndarray],
     mean: Any,
     at: np.ndarray,
-    thrust: np.ndarray,
-    airframe: Airframe,
-) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """The six coefficients at the windows, and a place for their noise."""
+    T: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """Coefficients of the moments about the reference point, at the windows."""
     p, q, r = s["p"], s["q"], s["r"]
     Ix, Iy, Iz, Ixz = (
         c[name] for name in ("roll_inertia", "pitch_inertia", "yaw_inertia", "cross_inertia")
     )
     qS = 0.5 * c["air_density"] * s["airspeed"] ** 2 * c["wing_area"]
-    T = np.broadcast_to(thrust, qS.shape)
     X = c["mass"] * s["ax"] - T * np.cos(c["thrust_angle"])
     Y = c["mass"] * s["ay"]
     Z = c["mass"] * s["az"] + T * np.sin(c["thrust_angle"])
-    force = {"CX": X / qS, "CY": Y / qS, "CZ": Z / qS}
-    if airframe.wind_axes:
-        sine, cosine = np.sin(s["alpha"]), np.cos(s["alpha"])
-        CX, CZ = force["CX"], force["CZ"]
-        force = {"CD": -CX * cosine - CZ * sine, "CY": Y / qS, "CL": CX * sine - CZ * cosine}
-    found = {axis: mean(row) for axis, row in force.items()}
-    Qs = qS[at]
-    # about the reference point: what the forces do there is taken off
     x, y, z = c["cg_x"], c["cg_y"], c["cg_z"]
     rest = {
         "Cl": (Iz - Iy) * q * r - Ixz * p * q + (y * Z - z * Y),
         "Cm": (Ix - Iz) * p * r + Ixz * (p * p - r * r) - T * c["thrust_arm"] + (z * X - x * Z),
         "Cn": (Iy - Ix) * p * q + Ixz * q * r + (x * Y - y * X),
     }
-    found["Cl"] = (Ix[at] * turn["p"] - Ixz[at] * turn["r"]) / (Qs * c["span"][at])
-    found["Cm"] = Iy[at] * turn["q"] / (Qs * c["chord"][at])
-    found["Cn"] = (Iz[at] * turn["r"] - Ixz[at] * turn["p"]) / (Qs * c["span"][at])
-    for axis, row in rest.items():
-        found[axis] = found[axis] + mean(row / (qS * c["chord" if axis == "Cm" else "span"]))
-    return found, dict.fromkeys(found, np.zeros(len(at)))
+    Qs, span, chord = qS[at], c["span"], c["chord"]
+    turning = {
+        "Cl": (Ix[at] * turn["p"] - Ixz[at] * turn["r"]) / (Qs * span[at]),
+        "Cm": Iy[at] * turn["q"] / (Qs * chord[at]),
+        "Cn": (Iz[at] * turn["r"] - Ixz[at] * turn["p"]) / (Qs * span[at]),
+    }
+    return {
+        axis: turning[axis] + mean(row / (qS * (chord if axis == "Cm" else span)))
+        for axis, row in rest.items()
+    }
 
 
 def _scatter(
@@ -345,8 +377,3 @@ def filled(values: np.ndarray, valid: np.ndarray, name: str, where: str) -> np.n
         return np.asarray(values, dtype=float)
     n = np.arange(len(values))
     return np.interp(n, n[valid], values[valid])
-
-
-def stacked(histories: Sequence[Histories], axis: str) -> np.ndarray:
-    """A coefficient of all maneuvers, one after the other, ``(sum of M,)``."""
-    return np.concatenate([each.coefficients[axis] for each in histories])

@@ -2,9 +2,10 @@
 
 Both work on the products of all columns summed over each maneuver, so that fifty maneuvers cost as
 much as one, and whole maneuvers are left out by subtraction. Stepwise regression adds the term with
-the largest partial F ratio while that exceeds a threshold, and removes terms whose ratio falls below
-it [1]_. The orthogonal functions are those of the offered terms, each made orthogonal to those before
-it; they enter in the order of what they explain, as many as make the predicted squared error
+the largest partial F ratio while that exceeds a threshold, and removes terms whose ratio falls
+below it [1]_. The orthogonal functions are those of the offered terms, each made orthogonal to the
+ones before it; they enter in the order of what they explain, as many as make the predicted squared
+error
 
     PSE = SSE / N + s2_max n / N,   s2_max = sum (z - mean z)^2 / N
 
@@ -114,12 +115,9 @@ class Selection:
         return self.rms / self.noise if self.noise > 0.0 else math.inf
 
 
-def columns_of(history: Histories, terms: Sequence[Term]) -> np.ndarray:
-    """Averaged values of terms, ``(M, k)``."""
-    size = len(history.signals["alpha"])
-    return np.stack(
-        [history.averaged(np.broadcast_to(t.of(history.signals), (size,))) for t in terms], axis=1
-    )
+def columns_of(history: Histories, terms: Sequence[Term], axis: str) -> np.ndarray:
+    """Averaged values of terms, ``(M, k)``, as they go with a coefficient."""
+    return np.stack([history.column(term, axis) for term in terms], axis=1)
 
 
 def products_of(
@@ -154,7 +152,7 @@ def stepwise(
         gains, sse = _gains(products, chosen)
         best = int(np.argmax(gains)) if len(gains) else -1
         F = _ratio(products, gains[best], sse - gains[best], len(chosen) + 1)
-        if best < 0 or F < f_in or gains[best] < least * products.spread:
+        if best < 0 or f_in > F or gains[best] < least * products.spread:
             break
         chosen = [*chosen, best]
         steps.append(_step(products, chosen, best, True, F))
@@ -166,7 +164,7 @@ def stepwise(
             ]
             worst = int(np.argmin(losses))
             F = _ratio(products, losses[worst], sse, len(chosen))
-            if F >= f_in and losses[worst] >= 0.5 * least * products.spread:
+            if f_in <= F and losses[worst] >= 0.5 * least * products.spread:
                 break
             gone = chosen[worst]
             chosen = [i for i in chosen if i != gone]
@@ -175,7 +173,7 @@ def stepwise(
 
 
 def orthogonal(products: Products) -> tuple[list[int], list[Step]]:
-    """Columns whose orthogonal functions make the predicted squared error smallest, and the steps."""
+    """Columns whose orthogonal functions make the predicted squared error least, and the steps."""
     chosen = [i for i, term in enumerate(products.terms) if not term.factors]
     best, kept, steps = math.inf, list(chosen), []
     counted = 0
@@ -227,7 +225,7 @@ def select(
     .. [1] E. A. Morelli and V. Klein, Accuracy of aerodynamic model parameters estimated from
        flight test data, Journal of Guidance, Control, and Dynamics 20(1), 1997.
     """
-    blocks = [columns_of(h, terms) for h in histories] if blocks is None else blocks
+    blocks = [columns_of(h, terms, axis) for h in histories] if blocks is None else blocks
     rows = [h.coefficients[axis] for h in histories]
     products = products_of(blocks, rows, terms)
     chosen, steps = _METHODS[method](products)
@@ -270,7 +268,8 @@ def _with_lacking(
 
     every = (*found.terms, *further)
     blocks = [
-        np.hstack([part, columns_of(h, further)]) for part, h in zip(parts, histories, strict=True)
+        np.hstack([part, columns_of(h, further, found.axis)])
+        for part, h in zip(parts, histories, strict=True)
     ]
     products = products_of(blocks, rows, every)
     gains, sse = _gains(products, list(range(len(found.terms))))

@@ -19,6 +19,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from scenarios.cli.model_commands import export, structure
 from scenarios.cli.record_commands import (
     check,
     diagnose,
@@ -192,6 +193,19 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
             "with the effects that were claimed, into a folder",
         ),
     ),
+    "structure": (
+        (
+            "flightid structure pitch.csv roll.csv yaw.csv --vehicle uav.toml --out terms",
+            "the terms that three maneuvers support, and a vehicle file of them",
+        ),
+    ),
+    "export": (
+        ("flightid export fit --to python", "the model of a study as a module that needs NumPy"),
+        (
+            "flightid export fit --to fmu --out aircraft.fmu",
+            "for Simulink, OpenModelica and others",
+        ),
+    ),
     "report": (
         ("flightid report study edited", "the pages of study folders again, with nothing computed"),
     ),
@@ -302,7 +316,19 @@ def show_version() -> None:
 # The commands by group: a further one is a file in `declared` and its name here.
 COMMANDS: Mapping[str, tuple[Callable[..., Any], ...]] = {
     "Studies": (run, compare, simulate, campaign, design, report),
-    "Measured data": (map_, maneuvers, response, identify, diagnose, predict, check, survey, watch),
+    "Measured data": (
+        map_,
+        maneuvers,
+        response,
+        structure,
+        identify,
+        diagnose,
+        predict,
+        export,
+        check,
+        survey,
+        watch,
+    ),
     "Libraries": (list_, models, vehicles, effects),
     "Teaching": (lab,),
 }

@@ -155,7 +155,8 @@ class Symbol(NDArrayOperatorsMixin):
         raise _Undecided("it makes an array of a signal")
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
-        if method != "__call__" or options or ufunc not in _UFUNCS:
+        in_place = set(options) <= {"out"}  # a += b, which gives a new symbol here
+        if method != "__call__" or not in_place or ufunc not in _UFUNCS:
             raise _Undecided(f"it uses numpy.{ufunc.__name__}, for which no formula is written")
         if any(np.ndim(each) for each in inputs if not isinstance(each, Symbol)):
             raise _Undecided("it joins a signal with an array")
@@ -280,7 +281,9 @@ def statements(
             texts[place] = names[operation.value]
             continue
         if operation.name == "number":
-            texts[place] = repr(operation.value) if operation.value >= 0 else f"({operation.value!r})"
+            texts[place] = (
+                repr(operation.value) if operation.value >= 0 else f"({operation.value!r})"
+            )
             continue
         arguments = [texts[each] for each in operation.arguments]
         sign = _SIGNS.get(operation.name)

@@ -1,5 +1,5 @@
-"""A model as a functional mock-up unit: FMI 2.0 for co-simulation, C source and, where a compiler is
-found, the compiled library [1]_.
+"""A model as a functional mock-up unit: FMI 2.0 for co-simulation, C source and, where a compiler
+is found, the compiled library [1]_.
 
 The unit integrates with classical Runge-Kutta steps; inputs are constant over a communication step.
 
@@ -129,8 +129,8 @@ def fmu(model: ExportedModel) -> tuple[bytes, str]:
 
     Returns
     -------
-    The archive with ``modelDescription.xml``, ``sources/model.c`` and, where ``cc`` compiles it, the
-    library of this platform.
+    The archive with ``modelDescription.xml``, ``sources/model.c`` and, where ``cc`` compiles it,
+    the library of this platform.
     """
     source = c_source(model, "GUID")
     guid = f"{{{uuid.uuid5(_NAMESPACE, source)}}}"
@@ -288,7 +288,8 @@ EXPORT Status fmi2Reset(Component component)
     return 0;
 }
 
-EXPORT Status fmi2SetReal(Component component, const Reference *which, size_t n, const double *values)
+EXPORT Status fmi2SetReal(Component component, const Reference *which, size_t n,
+                          const double *values)
 {
     Unit *c = component;
     size_t i;
@@ -367,7 +368,8 @@ EXPORT Status fmi2SetRealInputDerivatives(Component c, const Reference *r, size_
 EXPORT Status fmi2GetRealOutputDerivatives(Component c, const Reference *r, size_t n, const int *o,
                                            double *v)
 { (void)c; (void)r; (void)n; (void)o; (void)v; return 3; }
-EXPORT Status fmi2GetStatus(Component c, int kind, Status *v) { (void)c; (void)kind; (void)v; return 3; }
+EXPORT Status fmi2GetStatus(Component c, int kind, Status *v)
+{ (void)c; (void)kind; (void)v; return 3; }
 EXPORT Status fmi2GetRealStatus(Component c, int kind, double *v)
 { (void)c; (void)kind; (void)v; return 3; }
 EXPORT Status fmi2GetIntegerStatus(Component c, int kind, int *v)

@@ -94,8 +94,7 @@ def python_module(model: ExportedModel) -> str:
         "",
         "",
         "def derivatives(t, x, u, parameters=None):",
-        '    """Rates of the states, ``(len(STATES), ...)``; ``x`` and ``u`` in the order of STATES and',
-        '    INPUTS."""',
+        '    """Rates of the states, ``(len(STATES), ...)``; x and u as STATES and INPUTS."""',
         *_body(formulas, formulas.rates),
         "",
         "",
@@ -134,7 +133,9 @@ def _body(formulas: Formulas, results: Sequence[int]) -> list[str]:
     }
     names = {"t": "t"}
     groups = (("x", system.state_names), ("u", system.input_names))
-    names |= {f"{kind}:{name}": f"{kind}[{i}]" for kind, group in groups for i, name in enumerate(group)}
+    names |= {
+        f"{kind}:{name}": f"{kind}[{i}]" for kind, group in groups for i, name in enumerate(group)
+    }
     own = [item.name for item in system.parameters if f"p:{item.name}" in used]
     names |= {f"p:{name}": _variable(name) for name in own}
     lines = ["    p = PARAMETERS if parameters is None else {**PARAMETERS, **parameters}"]

@@ -18,12 +18,14 @@ import pytest
 from scenarios.export.fmu import MAX_STEP, c_source, fmu
 from scenarios.export.model import ExportedModel, exported
 from scenarios.export.python_module import python_module
+from sim.aerodynamics.terms import parse_term
 from sim.declaration.user_model import own_model
 from sim.errors import DeclarationError
-from sim.maths import interpolate, where
+from sim.vehicles.aircraft import Thrust, aircraft_model
+from tests.airliner import AIRLINER
 from tests.bases import base_for, fly
 
-BASES = ("ballistic", "rigid", "lateral", "longitudinal", "multirotor")
+BASES = ("ballistic", "rigid", "lateral", "longitudinal", "multirotor", "aircraft")
 
 
 def case(equations: str) -> tuple[ExportedModel, Any, np.ndarray]:
@@ -117,24 +119,18 @@ def flown(unit: ctypes.CDLL, tree: ET.Element, flight: Any) -> np.ndarray:
 
 
 def test_choices_and_tables_are_written() -> None:
-    knots, values = np.array([-1.0, 0.0, 2.0]), np.array([1.0, 0.5, 3.0])
-    model = own_model(
-        "tables",
-        {"a": "1"},
-        {"e": "1"},
-        {"a": "1"},
-        {"k": (0.7, "1/s")},
-        lambda s, p: {
-            "a": -p.k * interpolate(s.a, knots, values) * where(s.a > 1.0, 2.0, 1.0) + p.k * s.e
-        },
-        lambda s, p: {"a": s.a},
-        initial={"a": 1.5},
-    )
-    written = exported("tables", model)
-    module = module_of(written)
-    for a in (-2.0, -0.3, 0.4, 1.2, 2.5):
-        expected = -0.7 * np.interp(a, knots, values) * (2.0 if a > 1.0 else 1.0) + 0.7 * 0.2
-        assert module.derivatives(0.0, [a], [0.2])[0] == pytest.approx(expected)
+    table = Thrust("throttle", ((0.0, 0.5, 1.0), (0.0, 20e3, 30e3)))
+    side = parse_term("abs(beta)", AIRLINER.signals)
+    coefficients = {**AIRLINER.coefficients, "Cn": {**AIRLINER.coefficients["Cn"], side: 0.02}}
+    aircraft = replace(AIRLINER, thrust=table, coefficients=coefficients)
+    written = exported("airliner", aircraft_model(aircraft), aircraft=aircraft)
+    module, system = module_of(written), written.system
+    x = np.array([125.0, 0.08, -0.06, 0.3, -0.12, 0.2, 0.4, 0.1])
+    p = system.parameters.values().tolist()
+    for throttle in (-0.1, 0.2, 0.7, 1.2):
+        u = np.array([0.05, -0.04, 0.03, throttle])
+        expected = [float(each) for each in system.f(0.0, x.tolist(), u.tolist(), p)]
+        assert module.derivatives(0.0, x, u) == pytest.approx(expected, rel=1e-12)
     assert "interpolate(" in c_source(written, "x")
 
 

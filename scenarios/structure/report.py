@@ -1,0 +1,294 @@
+"""A structure that was found, in lines, as a page, and in a folder."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.structure.collinearity import HIGH_INDEX, HIGH_INFLATION
+from ident.structure.selection import Selection, columns_of
+from scenarios.files.aircraft_files import written
+from scenarios.files.sources import versions
+from scenarios.files.writing import study_folder, write_json, write_text
+from scenarios.report.document import (
+    PURE,
+    Bullets,
+    Cell,
+    Column,
+    Page,
+    Table,
+    formatted,
+    now,
+    reproduction,
+    section,
+)
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import figures as page_figures
+from scenarios.report.folder import write_page
+from scenarios.report.shared_tables import rows_table
+from scenarios.report.terminal import table_as_lines
+from scenarios.report.text_tables import WIDTH, wrapped
+from scenarios.structure.study import Structure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from scenarios.plots.drawing import Named
+
+MAIN = "structure.json"
+SCHEMA = "flightid/structure/1"
+VEHICLE = "vehicle.toml"
+
+
+def structure_text(found: Structure, width: int = WIDTH) -> str:
+    """What was found, for the terminal."""
+    names = ", ".join(each.name for each in found.histories)
+    first = found.histories[0]
+    count = sum(len(each.time) for each in found.histories)
+    lines = wrapped(
+        f"{names}: {count} windows, angular accelerations to {first.bandwidth:.2g} Hz, "
+        f"{found.options.method}",
+        width,
+    )
+    lines += table_as_lines(summary_table(found), width, keys=1)
+    for axis in found.selections:
+        lines += ["", *table_as_lines(terms_table(found, axis), width, keys=1)]
+    for sentence in findings(found):
+        lines += wrapped(sentence, width)
+    return "\n".join(lines) + "\n"
+
+
+def summary_table(found: Structure) -> Table:
+    """How well each coefficient is described."""
+    rows: list[list[Cell]] = []
+    for axis, each in found.selections.items():
+        held = formatted(each.held_out, ".4f", PURE) if math.isfinite(each.held_out) else ""
+        rows.append(
+            [
+                axis,
+                formatted(float(len(each.terms)), ".0f", PURE),
+                formatted(each.r2, ".4f", PURE),
+                held,
+                formatted(each.ratio, ".2f", PURE),
+            ]
+        )
+    columns = (
+        Column("coefficient"),
+        Column("terms"),
+        Column("R2"),
+        Column("R2 left out"),
+        Column("residual/noise"),
+    )
+    return rows_table("coefficients", columns, rows)
+
+
+def terms_table(found: Structure, axis: str) -> Table:
+    """Values of a coefficient's terms, the step in which each came, and its variance inflation."""
+    each, together = found.selections[axis], found.collinearity[axis]
+    inflation = dict(zip(together.terms, together.inflation.tolist(), strict=True))
+    steps = {step.term: step for step in each.steps if step.added}
+    rows: list[list[Cell]] = []
+    for term, value, sigma in zip(each.terms, each.values, each.sigma, strict=True):
+        step = steps.get(term)
+        rows.append(
+            [
+                "constant" if not term.factors else term.text,
+                formatted(float(value), ".4g", PURE),
+                formatted(float(sigma), ".2g", PURE),
+                formatted(step.F, ".3g", PURE) if step else "",
+                formatted(step.r2, ".4f", PURE) if step else "",
+                _held(step.held_out) if step else "",
+                formatted(step.pse, ".3g", PURE) if step else "",
+                formatted(inflation[term], ".1f", PURE) if term in inflation else "",
+            ]
+        )
+    heads = ("term", "value", "sigma", "F", "R2", "R2 left out", "PSE", "VIF")
+    return rows_table(axis, [Column(head, code=head == "term") for head in heads], rows)
+
+
+def _held(value: float) -> Cell:
+    return formatted(value, ".4f", PURE) if math.isfinite(value) else ""
+
+
+def findings(found: Structure) -> list[str]:
+    """Sentences: what is lacking, where methods differ, what goes together and the remedy."""
+    told: list[str] = []
+    for axis, each in found.selections.items():
+        if each.lacking:
+            term, F, share = each.lacking[0]
+            told.append(
+                f"{axis} lacks something: its residual is {each.ratio:.1f} times the noise, and "
+                f"{term.text}, which was not offered, explains {100 * share:.0f} % of it "
+                f"(F {F:.3g})."
+            )
+        elif each.r2 < 0.9 and each.ratio > 3.0:
+            told.append(
+                f"{axis}: the terms explain {100 * each.r2:.0f} % and the residual is "
+                f"{each.ratio:.1f} times the noise; offer further terms (--degree 3, --splines)."
+            )
+        rest = set(found.other[axis].terms) ^ set(each.terms)
+        if rest:
+            names = ", ".join(sorted(t.text for t in rest))
+            told.append(f"{axis}: the methods differ in {names}.")
+    for axis, together in found.collinearity.items():
+        index = float(together.indices[0]) if len(together.indices) else 1.0
+        high = [t.text for t, v in zip(together.terms, together.inflation, strict=True) if v > 10]
+        if together.advice or high:
+            names = f", variance inflation above {HIGH_INFLATION:g}: {', '.join(high)}"
+            told.append(
+                f"{axis}: condition index {index:.0f} (limit {HIGH_INDEX:g})"
+                f"{names if high else ''}."
+            )
+            told += [f"To separate {advice}." for advice in together.advice]
+    return list(dict.fromkeys(told))
+
+
+# ---- Figures
+
+
+def structure_figures(found: Structure) -> Iterator[Named]:
+    """Measured and modelled coefficients, a figure for forces and one for moments."""
+    axes = list(found.selections)
+    for stem, part in (("forces", axes[:3]), ("moments", axes[3:])):
+        yield stem, partial(coefficient_figure, found, part)
+
+
+def modelled(found: Structure, axis: str, number: int) -> np.ndarray:
+    """A coefficient of a maneuver by the terms found, ``(M,)``."""
+    each = found.selections[axis]
+    return np.asarray(columns_of(found.histories[number], each.terms, axis) @ each.values)
+
+
+def coefficient_figure(found: Structure, axes: Sequence[str], most: int = 4) -> Figure:
+    """Measured and modelled coefficients over time, the first maneuvers side by side.
+
+    Parameters
+    ----------
+    axes : coefficients, a row each. most : maneuvers shown at most.
+    """
+    from scenarios.plots.style import BLUE, MEASURED, finish, make_sheet, time_axis, y_label
+
+    shown = found.histories[:most]
+    sheet = make_sheet([1.5] * len(axes), [1.0] * len(shown))
+    for row, axis in enumerate(axes):
+        for number, history in enumerate(shown):
+            panel = sheet.axes[row][number]
+            panel.plot(history.time, history.coefficients[axis], **MEASURED, label="measured")
+            panel.plot(
+                history.time, modelled(found, axis, number), color=BLUE, lw=1.2, label="modelled"
+            )
+            if number == 0:
+                y_label(panel, axis)
+            if row == len(axes) - 1:
+                time_axis(panel)
+    return finish(sheet, "Coefficients, measured and modelled")
+
+
+# ---- Page and folder
+
+
+def structure_page(found: Structure, drawn: Sequence[Drawn] = ()) -> Page:
+    """The page of a structure."""
+    worst = min(found.selections.values(), key=lambda each: each.r2)
+    lacking = [axis for axis, each in found.selections.items() if each.lacking]
+    inputs = [
+        ("vehicle" if each is found.files[-1] else "record", each.name, each.sha256)
+        for each in found.files
+    ]
+    return Page(
+        title=f"{found.aircraft.name}: model structure",
+        kind=f"terms of six coefficients by {found.options.method} regression",
+        verdict=f"{', '.join(lacking)} lacks something" if lacking else "terms found",
+        tone="open" if lacking else "plain",
+        sentence=f"{worst.axis} is described worst, R2 {worst.r2:.3f}.",
+        summary=(),
+        warnings=(),
+        sections=(
+            *section("Coefficients", summary_table(found)),
+            *section("Findings", Bullets(tuple(findings(found)))),
+            *section("Terms", *(terms_table(found, axis) for axis in found.selections)),
+            *section("Figures", *page_figures(drawn)),
+            *section("How it was made", Bullets(found.notes)),
+        ),
+        reproduction=reproduction(["flightid", "structure"], "", inputs),
+        created=now(),
+    )
+
+
+def write_structure(found: Structure, folder: str | Path, *, figures: Formats = USUAL) -> Path:
+    """Write ``vehicle.toml`` for `identify`, figures, the page, and ``structure.json`` last.
+
+    Returns
+    -------
+    The folder.
+    """
+    with study_folder(folder, MAIN) as scratch:
+        write_text(scratch / VEHICLE, written(found.aircraft, found.sigmas))
+        drawn: tuple[Drawn, ...] = ()
+        if figures:
+            from scenarios.plots.drawing import drawn_for_page
+
+            drawn = drawn_for_page(structure_figures(found), scratch, figures)
+        write_page(scratch, structure_page(found, drawn))
+        write_json(scratch / MAIN, structure_content(found))
+    return Path(folder)
+
+
+def structure_content(found: Structure) -> dict[str, Any]:
+    """Content of ``structure.json``."""
+    return {
+        "schema": SCHEMA,
+        "vehicle": found.aircraft.name,
+        "method": found.options.method,
+        "baseline": found.options.baseline,
+        "bandwidth": found.histories[0].bandwidth,
+        "maneuvers": [{"name": each.name, "windows": len(each.time)} for each in found.histories],
+        "coefficients": {
+            axis: {
+                **_selection(each),
+                "other_method": _selection(found.other[axis]),
+                "condition_indices": found.collinearity[axis].indices.tolist(),
+                "correlations": [
+                    [a.text, b.text, value] for a, b, value in found.collinearity[axis].correlations
+                ],
+                "advice": list(found.collinearity[axis].advice),
+            }
+            for axis, each in found.selections.items()
+        },
+        "findings": findings(found),
+        "notes": list(found.notes),
+        "inputs": [{"name": each.name, "sha256": each.sha256} for each in found.files],
+        "versions": versions(),
+    }
+
+
+def _selection(each: Selection) -> Mapping[str, Any]:
+    held = each.held_out if math.isfinite(each.held_out) else None
+    return {
+        "method": each.method,
+        "terms": {
+            term.text: {"value": float(value), "std": float(sigma)}
+            for term, value, sigma in zip(each.terms, each.values, each.sigma, strict=True)
+        },
+        "r2": each.r2,
+        "r2_left_out": held,
+        "residual_rms": each.rms,
+        "noise_rms": each.noise,
+        "steps": [
+            {
+                "term": step.term.text,
+                "added": step.added,
+                "F": step.F,
+                "r2": step.r2,
+                "pse": step.pse,
+                "r2_left_out": step.held_out if math.isfinite(step.held_out) else None,
+            }
+            for step in each.steps
+        ],
+        "lacking": [{"term": term.text, "F": F, "share": share} for term, F, share in each.lacking],
+    }

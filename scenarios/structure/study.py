@@ -1,0 +1,343 @@
+"""Records read, coefficients formed, terms chosen, and a vehicle file of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
+from pathlib import Path
+
+import numpy as np
+
+from ident.structure.coefficients import (
+    BANDWIDTH,
+    MOMENTS,
+    NEEDED,
+    Airframe,
+    Histories,
+    filled,
+    histories_of,
+)
+from ident.structure.collinearity import Collinearity, collinearity_of
+from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, columns_of, select
+from scenarios.files.aircraft_files import AXES, read_aircraft
+from scenarios.files.declarations import closest, read_toml_source, toml_of
+from scenarios.files.measured.record_file import (
+    RecordFile,
+    read_record_files,
+    refuse_twice,
+)
+from scenarios.files.sources import InputFile, Source
+from scenarios.files.vehicles import BESIDE
+from scenarios.preparation.plan import Request, column_choices
+from scenarios.preparation.reading import prepare
+from sim.aerodynamics.terms import Term, parse_term
+from sim.errors import DeclarationError, RecordError
+from sim.record import Hold, Record
+from sim.vehicles.aircraft import SENSORS, Aircraft, aircraft_model
+
+METHODS = (STEPWISE, ORTHOGONAL)
+DEGREE = 2
+LARGEST_DEGREE = 4
+MOST_SPLINES = 5
+_FEW = 1e-6  # of a signal's spread, below which it did not move
+
+
+@dataclass(frozen=True)
+class StructureOptions:
+    """How terms are offered and chosen.
+
+    Attributes
+    ----------
+    method : ``stepwise`` or ``orthogonal``. bandwidth : Hz, of the angular accelerations.
+    degree : of the products of signals that are offered. splines : knots in alpha.
+    terms : a TOML file with the terms offered, ``Cm = ["alpha", "alpha*elevator"]``.
+    baseline : the vehicle file's terms stay, and increments to them are found.
+    """
+
+    method: str = STEPWISE
+    bandwidth: float = BANDWIDTH
+    degree: int = DEGREE
+    splines: int = 0
+    terms: Path | None = None
+    baseline: bool = False
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            what = f"there is no method {self.method!r}"
+            raise DeclarationError(what, where="--method", remedy=f"use {' or '.join(METHODS)}")
+        if not (math.isfinite(self.bandwidth) and self.bandwidth > 0.0):
+            raise DeclarationError(
+                f"{self.bandwidth:g} Hz is no bandwidth", where="--bandwidth", remedy="above zero"
+            )
+        for option, value, least, most in (
+            ("--degree", self.degree, 1, LARGEST_DEGREE),
+            ("--splines", self.splines, 0, MOST_SPLINES),
+        ):
+            if not least <= value <= most:
+                remedy = f"give a number from {least} to {most}"
+                raise DeclarationError(f"{value} is out of range", where=option, remedy=remedy)
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """The structure that was found.
+
+    Attributes
+    ----------
+    aircraft : with the terms and values found (in addition to the baseline where there is one).
+    selections : by coefficient; other : by the method that was not asked for.
+    collinearity : by coefficient. histories : of each maneuver. files : that were read.
+    """
+
+    aircraft: Aircraft
+    selections: Mapping[str, Selection]
+    other: Mapping[str, Selection]
+    collinearity: Mapping[str, Collinearity]
+    histories: tuple[Histories, ...]
+    files: tuple[InputFile, ...]
+    options: StructureOptions
+    notes: tuple[str, ...] = ()
+
+    @property
+    def sigmas(self) -> dict[str, float]:
+        """Standard deviation of each value by parameter."""
+        return {
+            f"{axis}_{term.label}": float(sigma)
+            for axis, found in self.selections.items()
+            for term, sigma in zip(found.terms, found.sigma, strict=True)
+        }
+
+
+def structure_of_files(request: Request, options: StructureOptions) -> Structure:
+    """Read the records and the vehicle file of a request, and find the terms.
+
+    Raises
+    ------
+    DeclarationError, RecordError : one line.
+    """
+    first = request.records[0]
+    given = request.vehicle
+    if given is None:
+        path = first if isinstance(first, Path) else first.path
+        given = path.parent / BESIDE
+        if not given.is_file():
+            raise DeclarationError(
+                "no vehicle file is named", where="--vehicle", remedy="name one of model aircraft"
+            )
+    source = with_plain_terms(read_toml_source(given))
+    aircraft, _ = read_aircraft(source)
+    refuse_twice(request.records)
+    sources = read_record_files(request.records)
+    found, notes = _prepared(sources, aircraft, request)
+    identities = (*(each.identity for each in sources), source.identity)
+    return structure_of(found, aircraft, options, identities, notes)
+
+
+def with_plain_terms(source: Source) -> Source:
+    """A vehicle file without terms, with a constant for each coefficient."""
+    content = toml_of(source)
+    table = content.get("aerodynamics", {})
+    if not isinstance(table, dict):
+        return source
+    wind = {"CD", "CL"} & set(table)
+    axes = ("CD", "CY", "CL", *MOMENTS) if wind else ("CX", "CY", "CZ", *MOMENTS)
+    further = "".join(f'\n[aerodynamics.{a}]\n"1" = 0.0\n' for a in axes if a not in table)
+    return replace(source, content=source.content + further.encode()) if further else source
+
+
+def _prepared(
+    sources: Sequence[RecordFile], aircraft: Aircraft, request: Request
+) -> tuple[tuple[Record, ...], tuple[str, ...]]:
+    model = aircraft_model(aircraft)
+    signals = (*model.equations.inputs, *model.equations.outputs)
+    choices = column_choices(request, {each.name: each.unit for each in signals})
+    ready = prepare(sources, model, request.plan, choices, flow=False)
+    return ready.measured, ready.notes
+
+
+def structure_of(
+    records: Sequence[Record],
+    aircraft: Aircraft,
+    options: StructureOptions | None = None,
+    files: Sequence[InputFile] = (),
+    notes: Sequence[str] = (),
+) -> Structure:
+    """The terms of each coefficient that records support.
+
+    Parameters
+    ----------
+    records : one a maneuver, with the inputs of the aircraft, airspeed, alpha, beta, p, q, r and
+        ax, ay, az; SI and radians.
+    aircraft : airframe, surfaces and sensors; its terms are the baseline where that is asked for.
+    options : see `StructureOptions`.
+
+    Returns
+    -------
+    Structure.
+
+    Raises
+    ------
+    RecordError : a channel is missing, or no signal moves.
+    """
+    options = options or StructureOptions()
+    histories = [coefficients_of(record, aircraft, options.bandwidth) for record in records]
+    axes = (*aircraft.forces, *MOMENTS)
+    if options.baseline:
+        histories = [_less_baseline(each, aircraft) for each in histories]
+    offered = _offered(histories, aircraft, options)
+    further = _products(histories, aircraft, 3)
+    known: dict[tuple[bool, tuple[Term, ...]], list[np.ndarray]] = {}
+    other_method = METHODS[1 - METHODS.index(options.method)]
+    selections, others, together = {}, {}, {}
+    for axis in axes:
+        terms = tuple(offered[axis])
+        key = (axis in MOMENTS, terms)
+        if key not in known:
+            known[key] = [columns_of(h, terms, axis) for h in histories]
+        rest = [term for term in further if term not in terms]
+        found = select(histories, axis, terms, options.method, rest, known[key])
+        selections[axis] = found
+        others[axis] = select(histories, axis, terms, other_method, (), known[key])
+        at = [terms.index(term) for term in found.terms]
+        columns = np.concatenate(known[key])[:, at]
+        surfaces = (*aircraft.surfaces, *aircraft.mixes)
+        together[axis] = collinearity_of(axis, found.terms, columns, surfaces)
+    base = aircraft.coefficients if options.baseline else {}
+    terms_found = {axis: _sum(base.get(axis, {}), selections[axis].table) for axis in axes}
+    return Structure(
+        replace(aircraft, coefficients=terms_found),
+        selections,
+        others,
+        together,
+        tuple(histories),
+        tuple(files),
+        options,
+        tuple(notes),
+    )
+
+
+def coefficients_of(record: Record, aircraft: Aircraft, bandwidth: float = BANDWIDTH) -> Histories:
+    """Coefficient histories of a record.
+
+    Raises
+    ------
+    RecordError : a channel is missing or half of it is.
+    """
+    names = (*record.input_names, *record.output_names)
+    for name in (*NEEDED, *aircraft.surfaces):
+        if name not in names:
+            raise RecordError(
+                f"it has no {name}", where=record.name, remedy="map its column with --channels"
+            )
+    thrust: np.ndarray | float = 0.0
+    signal = aircraft.thrust.signal
+    if signal:
+        if signal not in names:
+            remedy = f'map the column of {signal}, or write [thrust] input = "none" for a glider'
+            raise RecordError(f"it has no {signal}", where=record.name, remedy=remedy)
+        thrust = record[signal].values
+        if signal == "throttle":
+            thrust = np.interp(thrust, *aircraft.thrust.table)
+    channels = {
+        name: filled(record[name].values, record[name].valid, name, record.name) for name in NEEDED
+    }
+    moved = {name: record[name].values for name in aircraft.surfaces}
+    for name, parts in aircraft.mixes.items():
+        moved[name] = np.sum([factor * moved[part] for part, factor in parts.items()], axis=0)
+    varying = {name: record[name].values for name in aircraft.varying}
+    sensors = {name: aircraft.sensors[name] for name in SENSORS if name in aircraft.sensors}
+    airframe = Airframe(
+        {**aircraft.constants, **varying}, sensors, wind_axes="CL" in aircraft.forces
+    )
+    held = record.hold is Hold.PREVIOUS
+    return histories_of(
+        record.name, record.time, channels, airframe, moved, thrust, bandwidth, held=held
+    )
+
+
+def _less_baseline(history: Histories, aircraft: Aircraft) -> Histories:
+    """Increments to the declared coefficients."""
+    left = {
+        axis: row
+        - sum(value * history.column(t, axis) for t, value in aircraft.coefficients[axis].items())
+        for axis, row in history.coefficients.items()
+    }
+    return replace(history, coefficients=left)
+
+
+def _sum(first: Mapping[Term, float], second: Mapping[Term, float]) -> dict[Term, float]:
+    return {t: first.get(t, 0.0) + second.get(t, 0.0) for t in dict.fromkeys((*first, *second))}
+
+
+def _offered(
+    histories: Sequence[Histories], aircraft: Aircraft, options: StructureOptions
+) -> dict[str, list[Term]]:
+    """Terms offered to each coefficient, the constant first."""
+    axes = (*aircraft.forces, *MOMENTS)
+    if options.terms is not None:
+        return _of_file(options.terms, aircraft)
+    terms = _products(histories, aircraft, options.degree)
+    moved = _moved(histories, aircraft)
+    if "beta" in moved:
+        terms.append(parse_term("abs(beta)", aircraft.signals))
+    if options.splines and "alpha" in moved:
+        alpha = np.concatenate([h.samples["alpha"] for h in histories])
+        shares = np.linspace(0.0, 1.0, options.splines + 2)[1:-1]
+        for knot in np.quantile(alpha, shares):
+            terms.append(parse_term(f"spline(alpha, {knot:.4g}, 1)", aircraft.signals))
+    return {axis: [Term(), *terms] for axis in axes}
+
+
+def _of_file(path: Path, aircraft: Aircraft) -> dict[str, list[Term]]:
+    """The terms that a file offers."""
+    content = toml_of(read_toml_source(path))
+    axes = (*aircraft.forces, *MOMENTS)
+    offered: dict[str, list[Term]] = {axis: [Term()] for axis in axes}
+    for axis, texts in content.items():
+        where = f"{path}, key {axis}"
+        if axis not in axes:
+            remedy = closest(axis, axes) if axis not in AXES else f"use {', '.join(axes)}"
+            raise DeclarationError(f"there is no coefficient {axis}", where=where, remedy=remedy)
+        if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+            remedy = f'write {axis} = ["alpha", "alpha*elevator"]'
+            raise DeclarationError("this is no list of terms", where=where, remedy=remedy)
+        for text in texts:
+            term = parse_term(text, aircraft.signals, where)
+            if term not in offered[axis]:
+                offered[axis].append(term)
+    return offered
+
+
+def _moved(histories: Sequence[Histories], aircraft: Aircraft) -> list[str]:
+    """Signals that moved."""
+    mixed = {part for parts in aircraft.mixes.values() for part in parts}
+    moved = []
+    for name in aircraft.signals:
+        if name in mixed:
+            continue
+        values = np.concatenate([h.samples[name] for h in histories])
+        least = 0.03 if name == "mach" else _FEW
+        if np.ptp(values) > least:
+            moved.append(name)
+    if not moved:
+        raise RecordError(
+            "no signal moves in these records",
+            where=histories[0].name,
+            remedy="give records of maneuvers",
+        )
+    return moved
+
+
+def _products(histories: Sequence[Histories], aircraft: Aircraft, degree: int) -> list[Term]:
+    """Products of the signals that moved; beyond the second degree with alpha and powers alone."""
+    moved = _moved(histories, aircraft)
+    found: list[Term] = []
+    for power in range(1, degree + 1):
+        for signals in combinations_with_replacement(moved, power):
+            kinds = set(signals)
+            if power > 2 and len(kinds) > 1 and "alpha" not in kinds:
+                continue
+            found.append(parse_term("*".join(signals), aircraft.signals))
+    return found

@@ -1,0 +1,208 @@
+"""Terms of coefficients found in flights whose terms are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ident.structure.coefficients import (
+    Airframe,
+    Histories,
+    bandwidth_of,
+    filled,
+    half_width,
+    histories_of,
+    noise_of,
+)
+from ident.structure.collinearity import collinearity_of
+from ident.structure.selection import (
+    ORTHOGONAL,
+    STEPWISE,
+    columns_of,
+    products_of,
+    select,
+    stepwise,
+)
+from sim.aerodynamics.terms import Term, parse_term
+from sim.declaration.compile import compile_model
+from sim.errors import RecordError
+from sim.vehicles.aircraft import Aircraft, aircraft_model
+from tests.airliner import AIRLINER, ELEVATOR, THRUST
+from tests.bases import Flight, fly
+
+RATE = 50.0
+NOISE = {
+    "airspeed": 0.05,
+    "alpha": 2e-4,
+    "beta": 2e-4,
+    **dict.fromkeys("pqr", 2e-4),
+    **dict.fromkeys(("ax", "ay", "az"), 0.01),
+}
+NAMES = ("alpha", "beta", "p", "q", "r", "elevator", "aileron", "rudder")
+OFFERED = (
+    *("1", "alpha", "beta", "p", "q", "r", "elevator", "aileron", "rudder"),
+    *("alpha^2", "alpha*elevator", "alpha*beta", "alpha*p", "beta^2", "alpha^3", "q^2"),
+    *("alpha*rudder", "alpha*aileron", "spline(alpha, 0.06, 1)"),
+)
+
+
+def term(text: str) -> Term:
+    return parse_term(text, NAMES)
+
+
+CURVED: Aircraft = replace(
+    AIRLINER,
+    coefficients={
+        **AIRLINER.coefficients,
+        "Cm": {**AIRLINER.coefficients["Cm"], term("alpha*elevator"): 4.0},
+        "Cl": {**AIRLINER.coefficients["Cl"], term("alpha*beta"): -0.9},
+    },
+)
+
+
+def wave(time: np.ndarray, size: float, seed: int) -> np.ndarray:
+    """A multisine between 0.1 and 1 Hz."""
+    rng = np.random.default_rng(seed)
+    f = np.arange(0.1, 1.05, 0.1)
+    phases = rng.uniform(0.0, 2.0 * np.pi, len(f))
+    return size * np.sum(np.sin(2 * np.pi * np.outer(time, f) + phases), axis=1) / np.sqrt(len(f))
+
+
+@cache
+def clean(seed: int) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Times, inputs and outputs without noise."""
+    time = np.arange(int(12.0 * RATE) + 1) / RATE
+    sizes = (0.05, 0.06, 0.05)
+    u = np.array([wave(time, size, 3 * seed + i) for i, size in enumerate(sizes)])
+    u[0] += ELEVATOR
+    u = np.vstack([u, np.full(len(time), THRUST)])
+    system = compile_model(aircraft_model(CURVED))
+    rows = dict(zip(system.output_names, fly(system, Flight(time, u, max_step=0.02)), strict=True))
+    return time, u, rows
+
+
+@cache
+def flown(seed: int, noise: float = 1.0) -> Histories:
+    time, u, rows = clean(seed)
+    rng = np.random.default_rng(100 + seed)
+    channels = {
+        name: rows[name] + noise * std * rng.standard_normal(len(time))
+        for name, std in NOISE.items()
+    }
+    surfaces = dict(zip(CURVED.surfaces, u[:3], strict=True))
+    airframe = Airframe(CURVED.constants, CURVED.sensors, wind_axes=True)
+    return histories_of(f"maneuver {seed}", time, channels, airframe, surfaces, u[3], held=True)
+
+
+def model_of(history: Histories, axis: str) -> np.ndarray:
+    """The true coefficient, averaged over the windows."""
+    table = CURVED.coefficients[axis]
+    return columns_of(history, tuple(table), axis) @ np.array(list(table.values()))
+
+
+@pytest.mark.parametrize("axis", ["CD", "CY", "CL", "Cl", "Cm", "Cn"])
+def test_coefficients_are_those_of_the_aircraft(axis: str) -> None:
+    history = flown(1, 0.0)
+    true = model_of(history, axis)
+    error = history.coefficients[axis] - true
+    assert np.std(error) < (0.03 if axis == "CD" else 0.005) * np.std(true)
+
+
+def test_the_noise_is_what_the_sensors_give() -> None:
+    clean, noisy = flown(2, 0.0), flown(2)
+    for axis in ("CY", "Cl", "Cm", "Cn", "CL"):
+        made = np.std(noisy.coefficients[axis] - clean.coefficients[axis])
+        assert made == pytest.approx(float(np.mean(noisy.sigma[axis])), rel=0.35)
+
+
+@pytest.mark.parametrize("method", [STEPWISE, ORTHOGONAL])
+@pytest.mark.parametrize("axis", ["Cm", "Cl"])
+def test_the_true_terms_are_found(method: str, axis: str) -> None:
+    histories = [flown(seed) for seed in (1, 2, 3)]
+    found = select(histories, axis, [term(text) for text in OFFERED], method)
+    large = {
+        term_
+        for term_, value in CURVED.coefficients[axis].items()
+        if term_.factors and abs(value) > 0.03
+    }
+    assert large <= set(found.terms)
+    assert found.held_out > 0.97
+    assert found.steps[-1].held_out == pytest.approx(found.held_out)
+    values = found.table
+    sigma = dict(zip(found.terms, found.sigma, strict=True))
+    for term_ in large:
+        assert abs(values[term_] - CURVED.coefficients[axis][term_]) < max(
+            5.0 * sigma[term_], 0.08 * abs(CURVED.coefficients[axis][term_])
+        )
+
+
+def test_a_withheld_term_is_named() -> None:
+    histories = [flown(seed, 0.1) for seed in (1, 2, 3)]
+    lacking = term("alpha*elevator")
+    offered = [term(text) for text in OFFERED if text not in ("alpha*elevator", "alpha^3")]
+    found = select(histories, "Cm", offered, further=[lacking, term("q^3"), term("beta*p")])
+    assert found.ratio > 1.3
+    assert found.lacking[0][0] == lacking
+    assert not select(histories, "CY", offered, further=[lacking]).lacking
+
+
+def test_stepwise_is_least_squares_on_its_terms() -> None:
+    rng = np.random.default_rng(3)
+    X = np.hstack([np.ones((400, 1)), rng.standard_normal((400, 4))])
+    z = X @ [1.0, 2.0, 0.0, -0.5, 0.0] + 0.1 * rng.standard_normal(400)
+    terms = [term(text) for text in ("1", "alpha", "beta", "p", "q")]
+    halves = [slice(0, 200), slice(200, 400)]
+    products = products_of([X[h] for h in halves], [z[h] for h in halves], terms)
+    chosen, steps = stepwise(products)
+    assert sorted(chosen) == [0, 1, 3]
+    part = X[:, chosen]
+    left = z - part @ np.linalg.lstsq(part, z, rcond=None)[0]
+    assert steps[-1].r2 == pytest.approx(1.0 - left @ left / np.sum((z - z.mean()) ** 2))
+    predicted = np.empty(400)
+    for own, other in (halves, halves[::-1]):
+        predicted[own] = part[own] @ np.linalg.lstsq(part[other], z[other], rcond=None)[0]
+    error = z - predicted
+    assert steps[-1].held_out == pytest.approx(1.0 - error @ error / np.sum((z - z.mean()) ** 2))
+
+
+def test_collinear_surfaces_are_told_with_the_maneuver() -> None:
+    rng = np.random.default_rng(1)
+    one = rng.standard_normal(500)
+    columns = np.stack([np.ones(500), one, 2.0 * one + 0.05 * rng.standard_normal(500)], axis=1)
+    terms = [term("1"), term("aileron"), term("rudder")]
+    found = collinearity_of("Cl", terms, columns, ("aileron", "rudder"))
+    assert found.inflation.min() > 100.0
+    assert found.correlations[0][2] > 0.99
+    assert found.indices[0] > 30.0
+    assert "one after the other" in found.advice[0]
+    apart = collinearity_of("Cl", terms, rng.standard_normal((500, 3)), ("aileron", "rudder"))
+    assert not apart.advice
+    assert apart.inflation.max() < 1.1
+
+
+def test_the_bandwidth_is_that_of_a_slope_of_sines() -> None:
+    rate, half = 100.0, half_width(100.0, 2.0)
+    n = np.arange(-half, half + 1)
+    f = bandwidth_of(half, rate)
+    assert f == pytest.approx(2.0, rel=0.15)
+    wave_ = np.sin(2 * np.pi * f * n / rate)
+    slope = float(n @ wave_ / (n @ n)) * rate
+    assert slope / (2 * np.pi * f) == pytest.approx(np.sqrt(0.5), rel=0.02)
+
+
+def test_noise_is_found_below_a_motion() -> None:
+    rng = np.random.default_rng(5)
+    time = np.arange(3000) / 50.0
+    values = np.sin(2 * np.pi * 0.5 * time) + 0.02 * rng.standard_normal(3000)
+    assert noise_of(values) == pytest.approx(0.02, rel=0.1)
+
+
+def test_what_is_not_there_is_one_line() -> None:
+    time = np.arange(20) / 50.0
+    with pytest.raises(RecordError, match="it has no beta"):
+        histories_of("short", time, {"airspeed": time, "alpha": time}, Airframe({}), {})
+    with pytest.raises(RecordError, match="more than half of q"):
+        filled(time, time > 0.3, "q", "short")

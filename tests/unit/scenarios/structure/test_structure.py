@@ -1,0 +1,171 @@
+"""Model structure from files: what is read, printed, written and refused."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenarios.files.aircraft_files import read_aircraft, written
+from scenarios.files.declarations import read_toml_source
+from scenarios.files.writing import write_record
+from scenarios.preparation.plan import Request
+from scenarios.structure.report import findings, structure_text, write_structure
+from scenarios.structure.study import (
+    StructureOptions,
+    coefficients_of,
+    structure_of,
+    structure_of_files,
+    with_plain_terms,
+)
+from sim.aerodynamics.terms import Term
+from sim.errors import DeclarationError, RecordError
+from sim.record import Channel, Hold, Record
+from sim.vehicles.aircraft import Aircraft
+from tests.airliner import AIRLINER
+from tests.unit.ident.structure.test_selection import CURVED, NOISE, clean, term
+
+OPTIONS = StructureOptions()
+
+
+@cache
+def record_of(seed: int) -> Record:
+    time, u, rows = clean(seed)
+    rng = np.random.default_rng(seed)
+    outputs = tuple(
+        Channel.of(
+            name,
+            {"alpha": "rad", "beta": "rad", "airspeed": "m/s"}.get(
+                name, "rad/s" if name in "pqr" else "m/s2"
+            ),
+            rows[name] + std * rng.standard_normal(len(time)),
+        )
+        for name, std in NOISE.items()
+    )
+    units = {**CURVED.surfaces, "thrust": "N"}
+    inputs = tuple(
+        Channel.of(name, unit, row) for (name, unit), row in zip(units.items(), u, strict=True)
+    )
+    return Record(time, inputs, outputs, Hold.PREVIOUS, f"m{seed}.csv")
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> list[Path]:
+    for seed in (1, 2, 3):
+        write_record(tmp_path, record_of(seed), f"m{seed}")
+    plain = replace(CURVED, coefficients={axis: {Term(): 0.0} for axis in CURVED.coefficients})
+    (tmp_path / "vehicle.toml").write_text(written(plain))
+    return [tmp_path / f"m{seed}.csv" for seed in (1, 2, 3)]
+
+
+def test_from_files_to_a_vehicle_file_that_reads_back(files: list[Path], tmp_path: Path) -> None:
+    found = structure_of_files(Request(tuple(files)), OPTIONS)
+    folder = write_structure(found, tmp_path / "terms", figures=("png",))
+    aircraft, _ = read_aircraft(read_toml_source(folder / "vehicle.toml"))
+    for axis, true in CURVED.coefficients.items():
+        values = aircraft.coefficients[axis]
+        for each, value in true.items():
+            if each.factors and abs(value) > 0.05:
+                assert values[each] == pytest.approx(value, rel=0.1)
+    assert term("alpha*elevator") in aircraft.coefficients["Cm"]
+    content = json.loads((folder / "structure.json").read_text())
+    assert content["coefficients"]["Cm"]["r2_left_out"] > 0.97
+    assert {each.name for each in folder.iterdir()} >= {"forces.png", "moments.png", "report.html"}
+    text = structure_text(found)
+    assert "alpha*elevator" in text
+    assert "R2 left out" in text
+
+
+def test_increments_to_a_baseline_are_what_it_lacks() -> None:
+    found = structure_of(
+        [record_of(1), record_of(2)], AIRLINER, StructureOptions(degree=2, baseline=True)
+    )
+    (step, *_) = found.selections["Cm"].steps
+    assert step.term == term("alpha*elevator")
+    assert found.aircraft.coefficients["Cm"][term("alpha*elevator")] == pytest.approx(4.0, rel=0.1)
+    assert found.aircraft.coefficients["Cm"][term("q")] == pytest.approx(-20.0, rel=0.05)
+    assert found.sigmas["Cm_alpha_elevator"] > 0.0
+
+
+def test_a_term_that_is_not_offered_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "terms.toml"
+    plain = '["alpha", "beta", "p", "q", "r", "elevator", "aileron", "rudder", "alpha^2"]'
+    axes = ("CD", "CY", "CL", "Cl", "Cm", "Cn")
+    path.write_text("".join(f"{axis} = {plain}\n" for axis in axes))
+    found = structure_of([record_of(1), record_of(2)], CURVED, StructureOptions(terms=path))
+    told = findings(found)
+    assert any(line.startswith("Cm lacks something") and "alpha*elevator" in line for line in told)
+    assert any(line.startswith("Cl lacks something") and "alpha*beta" in line for line in told)
+    assert not any(line.startswith("Cn lacks") for line in told)
+
+
+def test_splines_are_offered_where_they_are_asked_for() -> None:
+    found = structure_of([record_of(1)], CURVED, StructureOptions(splines=2, degree=1))
+    used = {each.text for s in found.selections.values() for each in s.terms}
+    assert all(np.isnan(each.held_out) for each in found.selections.values())
+    assert "elevator" in used
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ('Cm = ["alfa"]', "unknown signal alfa"),
+        ('Cm = "alpha"', "no list of terms"),
+        ('CZ = ["alpha"]', "no coefficient CZ"),
+        ('Cmm = ["alpha"]', "no coefficient Cmm"),
+    ],
+)
+def test_a_wrong_file_of_terms_is_one_line(tmp_path: Path, text: str, line: str) -> None:
+    path = tmp_path / "terms.toml"
+    path.write_text(text)
+    with pytest.raises(DeclarationError, match=line):
+        structure_of([record_of(1)], CURVED, StructureOptions(terms=path))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"method": "lasso"}, {"bandwidth": 0.0}, {"bandwidth": np.nan}, {"degree": 0}, {"splines": 9}],
+)
+def test_wrong_options_are_one_line(wrong: dict[str, float]) -> None:
+    with pytest.raises(DeclarationError):
+        StructureOptions(**wrong)  # type: ignore[arg-type]
+
+
+def test_a_missing_channel_is_one_line() -> None:
+    record = record_of(1)
+    with pytest.raises(RecordError, match="it has no beta"):
+        coefficients_of(record.only(name for name in record.output_names if name != "beta"), CURVED)
+    without = Record(record.time, record.inputs[:-1], record.outputs, record.hold, record.name)
+    with pytest.raises(RecordError, match="it has no thrust"):
+        coefficients_of(without, CURVED)
+
+
+def test_still_records_are_refused() -> None:
+    record = record_of(1)
+
+    def at_rest(each: Channel) -> Channel:
+        return Channel.of(each.name, each.unit, np.full(len(record), each.values[0]))
+
+    still = Record(
+        record.time,
+        tuple(map(at_rest, record.inputs)),
+        tuple(map(at_rest, record.outputs)),
+        record.hold,
+        record.name,
+    )
+    with pytest.raises(RecordError, match="no signal moves"):
+        structure_of([still], CURVED)
+
+
+def test_a_vehicle_file_needs_no_terms(tmp_path: Path) -> None:
+    text = written(CURVED)
+    path = tmp_path / "vehicle.toml"
+    path.write_text(text[: text.index("[aerodynamics")])
+    aircraft, _ = read_aircraft(with_plain_terms(read_toml_source(path)))
+    assert isinstance(aircraft, Aircraft)
+    assert aircraft.forces == ("CX", "CY", "CZ")
+    assert aircraft.coefficients["Cm"] == {Term(): 0.0}
