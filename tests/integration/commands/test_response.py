@@ -177,7 +177,7 @@ def test_feedback_is_answered_by_a_reference(tmp_path: Path) -> None:
     assert np.mean(inside) > 0.85
     direct = fid.frequency_response(path, "surface", "rate", band=(0.1, 2.0))
     outside = np.abs(direct.response[0, 0] - truth) > direct.details.found.radius()[0, 0]
-    assert np.mean(outside) > 0.3
+    assert np.mean(outside) > 0.2  # where chance leaves 0.05
 
 
 def test_two_inputs_that_move_together_say_so(tmp_path: Path) -> None:
