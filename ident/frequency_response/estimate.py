@@ -30,6 +30,7 @@ from sim.errors import RecordError
 
 LEAST_COHERENCE = 0.6  # Tischler and Remple's limit of a usable response
 DERIVATIVES = 2  # of the window, that the regression takes along
+LOBE = 2.0  # over its length: half width of the main lobe of a Hann window
 _SPARE = 4.0  # real degrees of freedom that must be left for the noise
 _DOWN = 4.0  # power of the random error by which a window counts, Tischler and Remple's
 _NUMBERS = 400_000  # regressors that are worked on at a time
@@ -97,6 +98,8 @@ class FrequencyResponses:
     averages : ``(m, F)``, number of independent averages. lengths : ``(m, F)``, s, weighted mean
         length of the windows. spectra : how it was estimated.
     joint : whether it is a joint input-output estimate.
+    leaked : bool ``(q, F)``, where an input (its reference) has no power of its own: what its
+        transforms hold comes from beyond their main lobe. Empty with sine tapers.
     """
 
     frequency: np.ndarray
@@ -111,6 +114,7 @@ class FrequencyResponses:
     lengths: np.ndarray
     spectra: Spectra
     joint: bool = False
+    leaked: np.ndarray = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
 
     @property
     def random_error(self) -> np.ndarray:
@@ -220,7 +224,8 @@ def responses_of_segments(
         spectra,
         joint,
     )
-    return replace(found, usable=_usable(found))
+    leaked = _leaked(segments, left, usable_rows) if not spectra.tapers else found.leaked
+    return replace(found, usable=_usable(found), leaked=leaked)
 
 
 def detrended(signals: np.ndarray) -> np.ndarray:
@@ -326,6 +331,22 @@ def _pooled(
             degrees[at] = found.degrees
         open_ &= ~here
     return response, std, degrees
+
+
+def _leaked(segments: Segments, inputs: slice, usable: np.ndarray) -> np.ndarray:
+    """Where the root mean square distance of an input's power from a frequency is more than the
+    half width of the main lobe, bool ``(q, F)``: by the transforms under the window's derivative,
+    2 pi distance times as large.
+    """
+    rows = segments.transforms[inputs]
+    if rows.shape[1] < 2:
+        return np.zeros((0, 0), dtype=bool)
+    length = np.array(segments.lengths)[segments.windows][:, None] / (2.0 * math.pi)
+    power, away = (
+        np.sum(usable * np.abs(factor * rows[:, order]) ** 2, axis=1)
+        for order, factor in enumerate((np.ones_like(length), length))
+    )
+    return np.asarray(away > LOBE**2 * power)
 
 
 def _input_coherence(

@@ -138,6 +138,7 @@ def coherences(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 OVERLAP = 4  # a window is four steps long: successive windows share three quarters
 LOWEST = 2.0  # periods that a window must hold: its main lobe then stays clear of zero frequency
+SHORTER = 6.0  # periods, where a longer window is there
 _POINTS = 8  # samples of a window in a step, for inner products of windows
 
 
@@ -161,9 +162,14 @@ class Segments:
     overlap: csr_array
 
     def usable(self, frequency: np.ndarray) -> np.ndarray:
-        """Whether a row's window is long enough for a frequency in Hz, bool ``(R, F)``."""
+        """Whether a row's window is long enough for a frequency in Hz, bool ``(R, F)``.
+
+        The longest window of those that are there serves down to ``LOWEST`` periods, shorter ones
+        to ``SHORTER``, where what their derivatives leave of the bias is small.
+        """
         lengths = np.array(self.lengths)[self.windows]
-        return np.asarray(frequency[None, :] * lengths[:, None] >= LOWEST * (1.0 - 1e-9))
+        least = np.where(lengths < lengths.max() * (1.0 - 1e-9), SHORTER, LOWEST)
+        return np.asarray(frequency * lengths[:, None] >= least[:, None] * (1.0 - 1e-9))
 
 
 def hann_segments(

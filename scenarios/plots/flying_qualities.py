@@ -257,5 +257,5 @@ def figure_steps(estimate: Any, row: int = 0, column: int = 0) -> Figure:
     y_label(panel, "response (–)")
     time_axis(panel)
     data = SIMULATED_DATA if estimate.simulated else MEASURED_DATA
-    words = "no limits: those of C* are printed as figures alone"
+    words = "no limits drawn: those of C* are printed as figures, whose points were not at hand"
     return finish(sheet, f"{fitted[0].name}: step of {fitted[0].form.name}\n{data}; {words}")

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
 
 NO_MODEL = ModelOptions()
 PROPORTIONAL = 0.9999  # median coherence of an input with the others, above which nothing is left
+LEAKED = 0.1  # of the usable frequencies, above which a caution is due
 CORRELATED = 0.5  # mean coherence of an input with the others, from which a caution says so
 DISAGREE = 0.1  # share of the usable band in which direct and joint estimate differ beyond 95 %
 # Of the joint estimate's variance, what that of the difference has at least. Measured over 87
@@ -327,6 +328,7 @@ def cautions_of(
                 out.append(f"{output}/{one}: no frequency has a coherence of {limit}")
             elif direct is not None:
                 out += _bias_of_direct(found, direct, row, column, f"{output}/{one}")
+    out += _leaks(found, names)
     if not found.joint and len(names.inputs) > 1:
         for column, one in enumerate(names.inputs):
             mean = float(found.input_coherence[column].mean())
@@ -334,6 +336,23 @@ def cautions_of(
                 said = f"input {one} has a mean coherence of {mean:.2f} with the other inputs"
                 out.append(f"{said}: their responses are hard to separate, see their errors")
     return tuple(out)
+
+
+def _leaks(found: FrequencyResponses, names: Names) -> list[str]:
+    """Usable frequencies at which an input has no power of its own: a coherence there is that of
+    what leaks through the windows from elsewhere."""
+    out = []
+    excitations = names.references if found.joint else names.inputs
+    for column, leaked in enumerate(found.leaked):
+        usable = found.usable[:, column].any(axis=0)
+        places = found.frequency[leaked & usable]
+        if places.size > LEAKED * np.count_nonzero(usable):
+            said = f"{excitations[column]} has hardly any power between {places[0]:.3g} and"
+            out.append(
+                f"{said} {places[-1]:.3g} Hz, where {places.size} of {np.count_nonzero(usable)} "
+                "usable frequencies hold what leaks from others; name the swept --band"
+            )
+    return out
 
 
 def _bias_of_direct(

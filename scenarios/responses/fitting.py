@@ -478,7 +478,7 @@ def _chart_lines(one: Qualities) -> list[str]:
             ]
             out.append(
                 f"bandwidth and phase delay, if this is pitch: {level_text(level, *ends)}"
-                " (MIL-STD-1797A, 4.2.1.2, category A)"
+                " (MIL-STD-1797A, 4.2.1.2, category A; points of its figure not verified)"
             )
     if isinstance(one.pilot, str):
         out.append(one.pilot)

@@ -250,16 +250,16 @@ def _mapped(
     ]
     if not found:
         error = missing_column(channel, header, file)
+        near = closest(choice.column, [cell for cell in header if cell])
+        if choice.column == channel:  # named by itself, as signals of `response` are
+            raise RecordError(error.what, where=error.where, remedy=near)
         what = error.what.replace(
             repr(channel), f"{choice.column!r}, which the channel map names for {channel}", 1
         )
         raise RecordError(
             what,
             where=error.where,
-            remedy=(
-                "correct the channel map: "
-                f"{closest(choice.column, [cell for cell in header if cell])}"
-            ),
+            remedy=f"correct the channel map: {near}",
         )
     if len(found) > 1:
         raise RecordError(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import signal
 
@@ -177,7 +178,7 @@ def test_feedback_is_answered_by_a_reference(tmp_path: Path) -> None:
     assert np.mean(inside) > 0.85
     direct = fid.frequency_response(path, "surface", "rate", band=(0.1, 2.0))
     outside = np.abs(direct.response[0, 0] - truth) > direct.details.found.radius()[0, 0]
-    assert np.mean(outside) > 0.3
+    assert np.mean(outside) > 0.2  # where chance leaves 0.05
 
 
 def test_two_inputs_that_move_together_say_so(tmp_path: Path) -> None:
@@ -373,6 +374,18 @@ def test_records_of_a_call_are_of_one_kind(tmp_path: Path) -> None:
     other.write_text(first.read_text().replace("time,a,b", "time,a,b [deg/s]", 1))
     with pytest.raises(fid.InputError, match=r"b is in deg/s, and in no unit in one.csv"):
         fid.frequency_response([first, other], "a", "b", band=(0.2, 5.0))
+
+
+def test_a_band_that_the_input_does_not_reach_is_said(tmp_path: Path) -> None:
+    """A sweep to 2 Hz: above, smooth signals are coherent by what leaks, and the response wrong."""
+    time = 0.02 * np.arange(3000)
+    stick = signal.chirp(time, 0.1, 60.0, 2.0, method="logarithmic", phi=-90.0)
+    rate = signal.lsim(([6.0], [1.0, 3.0]), stick, time)[1]
+    flight = pd.DataFrame({"time": time, "stick": stick, "rate": rate})
+    wide = fid.frequency_response(flight, "stick", "rate", band=(0.2, 10.0))
+    assert any("stick has hardly any power between" in each for each in wide.warnings)
+    swept = fid.frequency_response(flight, "stick", "rate", band=(0.2, 1.8))
+    assert not any("hardly any power" in each for each in swept.warnings)
 
 
 def test_proportional_inputs_are_refused(tmp_path: Path) -> None:
