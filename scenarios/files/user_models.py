@@ -439,8 +439,6 @@ def read_user_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnMode
     ``own_model`` did not make or that has the
         name of one ``built_in``.
     """
-    if str(path).endswith(AIRCRAFT_SUFFIX):
-        return _read_aircraft_model(path)
     source = read_source(path, DeclarationError, WANTED)
     where = str(source.path)
     module = run_python(source, "model")
@@ -455,16 +453,6 @@ def read_user_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnMode
         replace(model, equations=replace(equations, explanation=(module.__doc__ or "").strip())),
         source.identity,
     )
-
-
-def _read_aircraft_model(path: str | Path) -> OwnModel:
-    """The model that a vehicle file of an aircraft declares."""
-    from scenarios.files.aircraft_files import model_of_file
-    from scenarios.files.declarations import read_toml_source
-
-    source = read_toml_source(path)
-    _, model, laid_down = model_of_file(source)
-    return OwnModel(constrained(model, laid_down), source.identity)
 
 
 def model_in_memory(model: object, built_in: tuple[str, ...] = ()) -> OwnModel:

@@ -170,7 +170,7 @@ def identify(
     by_data, (estimate, considered) = (
         estimate,
         consider(
-            bounded,
+            _started_at(estimate, bounded, begins=bool(vehicle.modes) or method in FILTERS),
             vehicle.uncertainty,
             estimate,
             lambda each: estimated_by(records, each, outputs, method, settings, options)[1],
@@ -216,6 +216,14 @@ def identify(
         engine=engine_of(method, options),
         considered=considered,
     )
+
+
+def _started_at(estimate: Estimate, model: Model, *, begins: bool) -> Model:
+    """The model with its starts at an estimate; unchanged where starts are a prior (``begins``)."""
+    found = {name: v for name, v in estimate.as_dict().items() if name in model.parameters}
+    if begins or not np.all(np.isfinite(estimate.values)):
+        return model
+    return model.with_values(found)
 
 
 def _refuse_uncertainty(vehicle: VehicleFile) -> None:
