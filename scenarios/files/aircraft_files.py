@@ -108,6 +108,7 @@ def read_aircraft(source: Source) -> tuple[Aircraft, Constraints]:
     """
     path, content = source.path, toml_of(source)
     content.pop("model", None)
+    content.pop("uncertainty", None)  # read with all other vehicle files
     coefficients = _aerodynamics(content.pop("aerodynamics", {}), path)
     laid_down = {key: content.pop(key) for key in CONSTRAINTS if key in content}
     vehicle = checked(_schema(), content, path).model_dump(exclude_none=True)

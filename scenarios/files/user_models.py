@@ -353,7 +353,7 @@ def _number(value: object, unit: str, where: str) -> float:
 SUFFIX = ".py"
 AIRCRAFT_SUFFIX = ".toml"  # a vehicle file of the model aircraft declares its equations, too
 # of a vehicle file, which a constant's would hide
-NOT_KEYS = ("name", "derivatives", "fixed", "bounds", "tied")
+NOT_KEYS = ("name", "derivatives", "fixed", "bounds", "tied", "uncertainty")
 SHORT_PERIOD = ("alpha", "q", "nz")  # channels that the kinematics of pitching join
 EXAMPLE = "MODEL = own_model(...) as docs/own-models.md shows"
 
@@ -538,6 +538,7 @@ def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]
     from scenarios.files.schemas import number_in
 
     path, content = source.path, toml_of(source)
+    content.pop("uncertainty", None)  # read when the constants are known
     free = [item for item in own.model.parameters if item.free]
     laid_down = take_constraints(
         content,

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from scenarios.files.aircraft_files import model_of_file, read_model_file
-from scenarios.files.declarations import checked, toml_of
+from scenarios.files.declarations import checked, closest, toml_of
 from scenarios.files.library_vehicles import vehicle_source
 from scenarios.files.measured.record_file import RecordFile, path_of
 from scenarios.files.sources import InputFile, Source
@@ -25,6 +26,7 @@ from scenarios.files.user_models import (
 )
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
+from sim.vehicles.factory import ABOVE_ZERO, FAMILIES
 
 MODELS = (
     "ballistic",
@@ -38,6 +40,7 @@ MODELS = (
 )
 BESIDE = "vehicle.toml"
 AIRCRAFT = "aircraft"
+UNCERTAINTY = "uncertainty"
 FLOWN = ("aircraft_class", "flight_phase")
 # Model -> keys at the top of its file that are there, or are not, in files of no other model; a
 # file without these is a rigid aircraft's.
@@ -56,6 +59,7 @@ _WRITTEN_FOR = {
     "rigid": ("pitch_inertia", "airspeed"),
 }
 _READERS = {"rigid": ("rigid", "flexible")}
+_SHARE = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*%\s*", re.ASCII)
 _MODAL_START = re.compile(r"(?:C[Lm]_eta(?:dot)?(\d+)|Ceta(\d+)_\w+)")
 RELATIVE_PRIOR = 0.5
 OF_TYPICAL = 0.01  # of the largest start, where one is zero
@@ -85,7 +89,8 @@ class VehicleFile:
     category A to C of MIL-F-8785C. own : a user's own model with these numbers, None for those of
     ``MODELS``; ``own_file`` is the file that declares it. constraints : parameters that the file
     fixes, bounds or ties; their starts stand among the derivatives. text : the file as it stands,
-    empty where there is none.
+    empty where there is none. uncertainty : standard deviations of constants, in their units (table
+    ``[uncertainty]``); what is not there counts as known.
     """
 
     name: str
@@ -100,6 +105,7 @@ class VehicleFile:
     flight_phase: str | None = None
     constraints: Constraints = NONE
     text: str = field(default="", compare=False)
+    uncertainty: Mapping[str, float] = field(default_factory=dict)
 
 
 def vehicle_next_to(record: Path | RecordFile) -> Path | None:
@@ -176,7 +182,7 @@ def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
     )
     identity = own.identity if source is None else source.identity
     text = source.content.decode("utf-8-sig") if source is not None else ""
-    return VehicleFile(
+    vehicle = VehicleFile(
         name,
         model.name,
         constants,
@@ -188,6 +194,7 @@ def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
         constraints=laid_down,
         text=text,
     )
+    return vehicle if source is None else _with_uncertainty(vehicle, source)
 
 
 def aircraft_vehicle(source: Source) -> VehicleFile:
@@ -197,7 +204,7 @@ def aircraft_vehicle(source: Source) -> VehicleFile:
         {item.name: item.value for item in model.parameters if item.free is free}
         for free in (False, True)
     )
-    return VehicleFile(
+    vehicle = VehicleFile(
         name,
         model.name,
         constants,
@@ -209,6 +216,49 @@ def aircraft_vehicle(source: Source) -> VehicleFile:
         constraints=laid_down,
         text=source.content.decode("utf-8-sig"),
     )
+    return _with_uncertainty(vehicle, source)
+
+
+def _with_uncertainty(vehicle: VehicleFile, source: Source) -> VehicleFile:
+    """The vehicle with the standard deviations of its constants that its file states.
+
+    Raises DeclarationError, in one line: an unknown constant, another unit, a number that is not
+    positive, or a standard deviation beyond half of a constant that must be positive.
+    """
+    from scenarios.files.schemas import number_in
+
+    table = toml_of(source).get(UNCERTAINTY, {})
+    where = f"{source.path}, key {UNCERTAINTY}"
+    if not isinstance(table, dict):
+        remedy = 'write [uncertainty] and lines such as mass = "1 %"'
+        raise DeclarationError("this is no table", where=where, remedy=remedy)
+    known = (
+        {item.name: item.unit for item in vehicle.own.parameters if not item.free}
+        if vehicle.own is not None
+        else FAMILIES["rigid" if vehicle.model == "flexible" else vehicle.model][1]
+    )
+    units = {name: known[name] for name in vehicle.constants if name in known}
+    found = {}
+    for name, given in table.items():
+        place = f"{where}.{name}"
+        if name not in units:
+            remedy = closest(name, units)
+            raise DeclarationError(f"there is no constant {name}", where=place, remedy=remedy)
+        value = abs(vehicle.constants[name])
+        share = _SHARE.fullmatch(given) if isinstance(given, str) else None
+        sigma = 0.01 * float(share[1]) * value if share else number_in(given, units[name], place)
+        if not sigma > 0.0 or not math.isfinite(sigma):
+            remedy = "give a positive number, or leave the line out where the constant is known"
+            what = f"{given!r} is no standard deviation"
+            raise DeclarationError(what, where=place, remedy=remedy)
+        if name in ABOVE_ZERO and sigma > 0.5 * value:
+            raise DeclarationError(
+                f"{sigma:g} {units[name]} is more than half of {name}, {value:g}",
+                where=place,
+                remedy="give one standard deviation, in the constant's own unit or in %",
+            )
+        found[name] = sigma
+    return replace(vehicle, uncertainty=found)
 
 
 def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
@@ -255,6 +305,7 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
 
     path, content = source.path, toml_of(source)
     _refuse_other_model(content, model, path)
+    content.pop(UNCERTAINTY, None)  # read last, when constants are known
     units = units_of_starts(model, content.get("modes"))
     laid_down = take_constraints(content, units, path)
     tables: list[dict[str, Any]] = []
@@ -282,17 +333,19 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
         **{key: value for _, mode in modes for key, value in mode.items()},
     }
     refuse_nothing_left(laid_down, [name for name in starts if name in units], path)
-    return VehicleFile(
+    read = VehicleFile(
         vehicle.get("name", path.stem),
         model,
         constants,
         vehicle["derivatives"],
         tuple(modes),
         source.identity,
-        **{key: vehicle.get(key) for key in FLOWN},
+        aircraft_class=vehicle.get("aircraft_class"),
+        flight_phase=vehicle.get("flight_phase"),
         constraints=laid_down,
         text=source.content.decode("utf-8-sig"),
     )
+    return _with_uncertainty(read, source)
 
 
 def _refuse_other_model(content: Mapping[str, Any], model: str, path: Path) -> None:

@@ -26,6 +26,7 @@ from ident.whole_record.output_error import put_together as of_pieces
 from scenarios.files.declarations import closest
 from scenarios.files.user_models import side_at
 from scenarios.files.vehicles import VehicleFile
+from scenarios.identification.consider import Considered
 from scenarios.preparation.declared_model import BETTER
 from scenarios.preparation.reading import Parted, parts_of, put_together
 from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck, Seen
@@ -603,6 +604,7 @@ class IdentificationResult:
     where they were asked. ``fits``: each record simulated with the estimate, those held out last.
     ``band``: Hz, of a fit in the frequency domain. ``trained``: what another record is predicted
     with. ``engine``: of the filter, its ``name`` and a ``sentence``; empty without a filter.
+    ``considered``: what the uncertainty of constants adds to the sigmas, None where none is stated.
     """
 
     record: Record
@@ -630,6 +632,7 @@ class IdentificationResult:
     band: tuple[float, float] | None = None
     trained: Trained | None = None
     engine: Mapping[str, Any] = field(default_factory=dict)
+    considered: Considered | None = None
 
     def __repr__(self) -> str:
         return (

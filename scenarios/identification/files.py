@@ -22,6 +22,7 @@ from scenarios.files.writing import (
     write_responses,
 )
 from scenarios.identification.assessment import IdentificationResult, RecordFit, reading_content
+from scenarios.identification.consider import considered_content
 from scenarios.identification.identify import Identified
 from scenarios.identification.report import (
     constraints_content,
@@ -280,6 +281,7 @@ def identification_content(
         **({"sensor_noise": noise} if (noise := estimated_noise(found)) else {}),
         **constraints_content(found.vehicle.constraints, found.tied, found.at_bounds),
         **intervals_content(found.intervals),
+        **considered_content(found.considered),
         **fits_content(found.fits),
         **(
             {

@@ -65,6 +65,7 @@ from scenarios.identification.conditions import (
     with_weight_if_needed,
     without_theta,
 )
+from scenarios.identification.consider import consider, considered_sentences
 from scenarios.identification.methods import (
     FILTERS,
     METHODS,
@@ -147,6 +148,7 @@ def identify(
     records: Sequence[Record] = [record, *others]
     refuse_method([*records, *held_out], vehicle, method, options, len(records))
     if vehicle.model == "loes" and method == "ekf":
+        _refuse_uncertainty(vehicle)
         return _low_order(record, vehicle, held_out, options.engine, trusted=trusted)
     model, records, held_out, said = _declared(
         model or model_of_file(vehicle), records, held_out, vehicle, method
@@ -166,6 +168,15 @@ def identify(
         kept=method not in FILTERS,
     )
     tests = _tests(records, estimate)
+    by_data, (estimate, considered) = (
+        estimate,
+        consider(
+            _started_at(estimate, bounded, begins=bool(vehicle.modes) or method in FILTERS),
+            vehicle.uncertainty,
+            estimate,
+            lambda each: estimated_by(records, each, outputs, method, settings, options)[1],
+        ),
+    )
     rows, names = rows_of(estimate), [f"bias_{name}" for name in biased.biases]
     airborne = (
         vehicle.model != "ballistic"
@@ -192,18 +203,37 @@ def identify(
         cautions=(
             *(failed(records, estimate, rows, vehicle.derivatives) if method in SIMULATED else ()),
             *cautions_of(vehicle, estimate, rows),
-            *sigma_cautions(records, estimate, compiled, tests, [PATH]),
+            *sigma_cautions(records, by_data, compiled, tests, [PATH]),
+            *considered_sentences(considered),
         ),
         modes=characteristics(system, flown, SLOW) if airborne else None,
         system=system,
         tied=tied_rows(bounded, estimate),
         at_bounds=at_bounds,
-        intervals=_intervals(records, bounded, outputs, estimate, settings, options),
+        intervals=_intervals(records, bounded, outputs, by_data, settings, options),
         band=options.band,
         fits=_fits(records, held_out, compiled, estimate, settings, trusted=trusted),
         trained=trained_by(compiled, estimate.as_dict(), settings),
         engine=engine_of(method, options),
+        considered=considered,
     )
+
+
+def _started_at(estimate: Estimate, model: Model, *, begins: bool) -> Model:
+    """The model with its starts at an estimate; unchanged where starts are a prior (``begins``)."""
+    found = {name: v for name, v in estimate.as_dict().items() if name in model.parameters}
+    if begins or not np.all(np.isfinite(estimate.values)):
+        return model
+    return model.with_values(found)
+
+
+def _refuse_uncertainty(vehicle: VehicleFile) -> None:
+    if vehicle.uncertainty:
+        raise DeclarationError(
+            "the filter of the low-order system takes constants as exact",
+            where="[uncertainty]",
+            remedy="use --method output-error, or leave the table out",
+        )
 
 
 def _declared(

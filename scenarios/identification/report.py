@@ -25,6 +25,7 @@ from scenarios.identification.assessment import (
 )
 from scenarios.identification.conditions import METHOD as FREQUENCY
 from scenarios.identification.conditions import PATH, innovations_phrase
+from scenarios.identification.consider import considered_table
 from scenarios.identification.methods import uses_attitude
 from scenarios.kept import IDENTIFY, KeptModel, KeptReading
 from scenarios.preparation.plan import LIFT, SPEED, Plan
@@ -384,7 +385,7 @@ def print_identification(
     for line in (*said, *record_lines(found.look), *bound_lines(found.at_bounds, found.tied)):
         print_paragraph(out, line, 0)
     show_table(out, _estimates("", found, (*found.rows, *found.biases)))
-    show_blocks(out, _intervals(found))
+    show_blocks(out, [*_considered(found), *_intervals(found)])
     if found.reading:
         print_paragraph(out, f"caution: {found.reading.sentence}", 0)
         show_table(out, reading_table("", found.reading))
@@ -438,6 +439,13 @@ def _estimates(caption: str, found: IdentificationResult, rows: Sequence[Row]) -
         **{name: value for _, mode in found.vehicle.modes for name, value in mode.items()},
     }
     return estimates_table(caption, rows, starts)
+
+
+def _considered(found: IdentificationResult) -> list[Block]:
+    """What uncertain constants add to the sigmas; nothing where no constant is uncertain."""
+    if found.considered is None or not found.considered.constants:
+        return []
+    return [considered_table(found.considered, tuple(row.name for row in found.rows))]
 
 
 def _intervals(found: IdentificationResult) -> list[Block]:
@@ -533,7 +541,7 @@ def _found(found: IdentificationResult, flown: Flown) -> list[Block]:
         for line in (*bound_lines(found.at_bounds, found.tied), levels)
         if line
     ]
-    blocks += _intervals(found)
+    blocks += [*_considered(found), *_intervals(found)]
     if found.reading:
         caption = "If the inputs were read otherwise between samples"
         blocks += [reading_table(caption, found.reading)]
