@@ -78,7 +78,7 @@ def rebuilt(folder: str | Path) -> Path:
 
 def figures(drawn: Sequence[Drawn]) -> tuple[Figure, ...]:
     """Figures that were drawn, as blocks of a page."""
-    return tuple(Figure(f"figure-{each.stem}", each.svg, each.caption) for each in drawn)
+    return tuple(Figure(f"figure-{each.stem}", each.svg, each.caption, each.plot) for each in drawn)
 
 
 def _older(folder: Path) -> str:
