@@ -31,7 +31,7 @@
       looks.push({ curve, at: looks.length + 1, part: "y" });
       if (curve.kind === "band") { rows.push(ordinates(curve.top)); looks.push({ curve, at: looks.length + 1, part: "top" }); }
       tables.push(rows);
-      nulls.push(rows.map((_, i) => i === 0 ? 1 : 1));
+      nulls.push(rows.map(() => 1)); // a gap stays a gap
     }
     return { data: uPlot.join(tables, nulls), looks };
   };
@@ -170,7 +170,7 @@
       const seen = looks.filter((look) => look.curve.label && look.curve.kind !== "band" && !this.off.has(look.curve.label));
       const parts = seen.map((look) => `${look.curve.label} ${digits(u.data[look.at][at])}`);
       const name = (this.panels.find((each) => each.place[0] === panel.place[0] && each.x)?.x || "x").replace(/ \(.*/, "");
-      values.textContent = [`${name} ${digits(u.data[0][at])}`, ...parts].join("  ·  ");
+      values.textContent = [`${name} ${digits(u.data[0][at])}`, ...parts].join(" · ");
     }
 
     // A double click shows all; the shift key moves, the control key with the wheel zooms.

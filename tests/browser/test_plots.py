@@ -1,5 +1,5 @@
-"""Figures that zoom in a browser: values under the pointer, one time axis for all panels, curves and
-panels that can be switched off, both colour schemes, telephone, paper, and no scripts at all.
+"""Figures that zoom in a browser: values under the pointer, one time axis for all panels, curves
+and panels that can be switched off, both colour schemes, telephone, paper, and no scripts at all.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def test_the_pointer_shows_values_in_every_panel(page: Page, plots: Path) -> Non
     assert box is not None
     page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 20)
     told = figure.locator(".values").first.inner_text()
-    found = dict(part.rsplit(" ", 1) for part in told.split("  ·  "))
+    found = dict(part.rsplit(" ", 1) for part in told.split(" · "))
     numbers = {name.strip(): float(value.replace("−", "-")) for name, value in found.items()}
     assert numbers["estimated"] == pytest.approx(sin(numbers["time"]), abs=1e-4)
     assert numbers["measured"] == pytest.approx(sin(numbers["time"]) + 0.01, abs=1e-4)
