@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Rectangle
 
-from scenarios.report.plot_data import BAND, LINE, POINTS, Curve, Panel, PlotData, as_kept
+from scenarios.report.plot_data import BAND, HELD, LINE, POINTS, Curve, Panel, PlotData, as_kept
 
 MOST = 4000  # samples of a curve; of more the extremes of each interval are kept
 CURVES = 40  # of one figure that zooms
@@ -95,6 +95,7 @@ def _plain_panel(panel: Axes) -> bool:
         and not (panel.texts or panel.images or panel.tables)
         and len(spans) == len(panel.patches)
         and len(bands) == len(panel.collections)
+        and all(line.get_drawstyle() in ("default", "steps-post") for line in panel.lines)
         and drawable
     )
 
@@ -187,7 +188,7 @@ def _curve(panel: Axes, line: Line2D) -> Curve | None:
     kind, size = (POINTS, line.get_markersize()) if marks else (LINE, line.get_linewidth())
     return Curve(
         _label(line.get_label()),
-        kind,
+        HELD if kind == LINE and line.get_drawstyle() == "steps-post" else kind,
         to_hex(line.get_color()),
         x,
         y,

@@ -17,8 +17,8 @@ import numpy as np
 
 from sim.errors import ModelError
 
-LINE, POINTS, BAND = "line", "points", "band"
-KINDS = (LINE, POINTS, BAND)
+LINE, HELD, POINTS, BAND = "line", "held", "points", "band"
+KINDS = (LINE, HELD, POINTS, BAND)
 STEPS = 65534  # levels between the smallest and the largest value of a curve
 GAP = 65535  # the code of a sample that is missing
 MOST_SAMPLES, MOST_PANELS, MOST_CURVES = 100_000, 400, 400
@@ -32,7 +32,8 @@ class Curve:
     Parameters
     ----------
     label : its name in the legend; empty where it has none.
-    kind : ``"line"``, ``"points"`` or ``"band"`` (between ``y`` and ``top``).
+    kind : ``"line"``, ``"held"`` (each value until the next), ``"points"`` or ``"band"`` (between
+        ``y`` and ``top``).
     colour : ``#rrggbb`` in small letters.
     x, y : ``(N,)``, in the units of the axes; NaN where a sample is missing. ``x`` is finite and
         does not fall.
@@ -68,7 +69,7 @@ class Curve:
             raise ModelError(
                 f"is a {self.kind!r} in {self.colour!r}",
                 where=where,
-                remedy="use line, points or band, and a colour such as #0072b2",
+                remedy="use line, held, points or band, and a colour such as #0072b2",
             )
 
 

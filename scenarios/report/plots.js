@@ -131,7 +131,7 @@
         if (curve.kind === "band") { if (part === "top") bands.push({ series: [at, at - 1], fill: faint(curve.colour) }); return { show: !this.off.has(curve.label), stroke: "transparent", width: 0, points: { show: false } }; }
         const stroke = colour(curve.colour);
         const points = { show: curve.kind === "points", size: Math.max(3, curve.width), fill: stroke, stroke, width: 0 };
-        return { show: !this.off.has(curve.label), stroke, width: curve.kind === "points" ? 0 : Math.max(1, curve.width * 1.1), dash: curve.dash, points, ...(curve.kind === "points" ? { paths: () => null } : {}) };
+        return { show: !this.off.has(curve.label), stroke, width: curve.kind === "points" ? 0 : Math.max(1, curve.width * 1.1), dash: curve.dash, points, ...(curve.kind === "points" ? { paths: () => null } : curve.kind === "held" ? { paths: uPlot.paths.stepped({ align: 1 }) } : {}) };
       })];
       const axis = { stroke: ink, grid: { stroke: line, width: 1 }, ticks: { stroke: line, width: 1 }, font: "12px system-ui, sans-serif" };
       const logarithmic = { filter: (u, splits) => splits.map((value) => value !== null && Math.abs(Math.log10(value) - Math.round(Math.log10(value))) < 1e-6 ? value : null), values: (u, splits) => splits.map((value) => value === null ? "" : String(Number(value.toPrecision(3)))) };

@@ -23,6 +23,7 @@ from scenarios.report.html import page_html
 from scenarios.report.page_json import page_content, page_of
 from scenarios.report.plot_data import (
     BAND,
+    HELD,
     LINE,
     POINTS,
     Curve,
@@ -97,6 +98,13 @@ def test_a_figure_of_anything_else_stays_as_it_is(draw: Callable[[Axes], None]) 
     sheet = make_sheet([1.0])
     draw(sheet.panels[0])
     assert plot_data(finish(sheet)) is None
+
+
+def test_a_held_input_stays_held() -> None:
+    sheet = make_sheet([1.0])
+    sheet.panels[0].plot(TIME, np.sign(np.sin(TIME)), drawstyle="steps-post")
+    data = plot_data(finish(sheet))
+    assert data is not None and [curve.kind for curve in data.panels[0].curves] == [HELD]
 
 
 def test_a_long_curve_keeps_its_peaks() -> None:
