@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.path import Path as Outline
 from matplotlib.transforms import IdentityTransform, Transform
 
+from scenarios.plots.interactive import plot_data
 from scenarios.report.figure_formats import PDF, PNG, SVG, USUAL, Drawn, Formats, caption_of
 
 # ---- Figures as bytes
@@ -119,7 +120,8 @@ def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> 
     for stem, make in figures:
         figure = make()
         save_figure(figure, folder, stem, formats)
-        out.append(Drawn(stem, page_svg(figure, stem), caption_of(stem)))
+        svg = page_svg(figure, stem)  # drawn first: it places what is shared between panels
+        out.append(Drawn(stem, svg, caption_of(stem), plot_data(figure)))
     return tuple(out)
 
 

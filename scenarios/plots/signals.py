@@ -29,6 +29,7 @@ from scenarios.plots.display import (
 )
 from scenarios.plots.style import (
     BLUE,
+    GREEN,
     MEASURED,
     SKY,
     TICK_SIZE,
@@ -122,6 +123,7 @@ def figure_fit(
     title: str = "",
     noise_std: Mapping[str, float] | None = None,
     data: str = MEASURED_DATA,
+    above: Sequence[Channel] = (),
 ) -> Figure:
     """The outputs of a record (dots, called ``data``) against the estimated ones, and below each
     the residual, record minus estimate.
@@ -130,7 +132,8 @@ def figure_fit(
     ----------
     responses : one for each method, drawn over each other; outputs of which none speaks are left
     out. truth : its noise-free outputs are added, dashed. noise_std : by output; adds a band of two
-    standard deviations of the measurement noise to the residual.
+    standard deviations of the measurement noise to the residual. above : channels that stand by
+    themselves above the outputs, such as inputs and airspeed.
 
     Angles in degrees. Raises ModelError when no response speaks of any output.
     """
@@ -139,13 +142,16 @@ def figure_fit(
         for channel in record.outputs
         if any(channel.name in response.outputs for response in responses)
     ]
-    sheet = make_sheet([1.45, 1.0] * len(shown), row_gap=0.18)
+    sheet = make_sheet(
+        [*[0.9] * (len(above) if shown else 0), *[1.45, 1.0] * len(shown)], row_gap=0.18
+    )
+    _alone(sheet.panels, record, above)
     for number, channel in enumerate(shown):
         unit = display_unit(channel.unit)
-        above, below = sheet.panels[2 * number], sheet.panels[2 * number + 1]
-        _dots(above, record, channel, unit.factor, data)
+        upper, below = sheet.panels[len(above) + 2 * number :][:2]
+        _dots(upper, record, channel, unit.factor, data)
         if truth is not None and channel.name in truth.outputs:
-            above.plot(
+            upper.plot(
                 truth.time,
                 unit.factor * truth.outputs[channel.name],
                 label="true",
@@ -165,7 +171,7 @@ def figure_fit(
                 method_style(order, alone=len(responses) == 1 and truth is None),
                 unit.factor * response.outputs[channel.name],
             )
-            above.plot(record.time, values, label=plain(response.label), **look)
+            upper.plot(record.time, values, label=plain(response.label), **look)
             residual = np.where(channel.valid, unit.factor * channel.values - values, np.nan)
             below.plot(
                 record.time,
@@ -176,11 +182,23 @@ def figure_fit(
                 markeredgewidth=0.0,
                 color=look["color"],
             )
-        _keep_in_sight(above, below, unit.factor * channel.values[channel.valid])
-        y_label(above, axis_label(channel.name, unit))
+        _keep_in_sight(upper, below, unit.factor * channel.values[channel.valid])
+        y_label(upper, axis_label(channel.name, unit))
         y_label(below, f"residual ({unit.text})", TICK_SIZE)
     time_axis(sheet.panels[-1])
     return finish(sheet, title, head=0.16)
+
+
+def _alone(panels: Sequence[Axes], record: Record, channels: Sequence[Channel]) -> None:
+    """A panel for each channel that nothing is estimated of, held inputs as steps."""
+    held = record.hold is Hold.PREVIOUS
+    for panel, channel in zip(panels, channels, strict=False):
+        unit = display_unit(channel.unit)
+        values = np.where(channel.valid, unit.factor * channel.values, np.nan)
+        steps = held and channel.name in record.input_names
+        style = "steps-post" if steps else "default"
+        panel.plot(record.time, values, color=GREEN, linewidth=1.2, drawstyle=style)
+        y_label(panel, axis_label(channel.name, unit))
 
 
 def _keep_in_sight(above: Axes, below: Axes, measured: np.ndarray) -> None:

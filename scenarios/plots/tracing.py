@@ -486,8 +486,8 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
 def figure_held_out(
     prediction: Prediction, noise: Mapping[str, float], title: str = "", data: str = MEASURED_DATA
 ) -> Figure:
-    """The predicted record: its samples, called ``data``, predicted with and without the effects,
-    and below what each leaves; angles in degrees.
+    """The predicted record: its inputs and airspeed, its other samples, called ``data``, predicted
+    with and without the effects, and below what each leaves; angles in degrees.
 
     One prediction where nothing was added.
     """
@@ -498,7 +498,11 @@ def figure_held_out(
         Response(label, dict(zip(prediction.channels, values, strict=True)))
         for label, values in shown
     ]
-    figure = figure_fit(prediction.record, responses, None, title, noise, data)
+    record = prediction.record
+    speed = [
+        c for c in record.outputs if c.name == "airspeed" and c.name not in prediction.channels
+    ]
+    figure = figure_fit(record, responses, None, title, noise, data, above=[*record.inputs, *speed])
     for panel in figure.axes:
         _few_ticks(panel)
     return figure

@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from scenarios.files.sources import versions
+from scenarios.report.plot_data import PlotData
 from scenarios.report.quantities import determined, number_text, value_parts
 from scenarios.report.summary import Summary
 from sim.errors import ModelError
@@ -305,12 +306,14 @@ def table(
 @dataclass(frozen=True)
 class Figure:
     """An SVG element with its caption; what a reader who cannot see it is told is its
-    ``aria-label``.
+    ``aria-label``. ``plot``: its data, from which the page draws it so that it zooms; None where it
+    stays as it is.
     """
 
     name: str
     svg: str
     caption: str
+    plot: PlotData | None = field(default=None, compare=False)
 
 
 Block = Prose | Bullets | Fold | Table | Figure

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
+from scenarios.report.plot_data import PlotData
 from sim.errors import DeclarationError
 
 # ---- In which formats figures are written
@@ -63,11 +64,14 @@ def formats_of(asked: Sequence[str] | None, none: bool = False) -> Formats:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A figure of a page: the ``stem`` of its files, the SVG element, and a caption."""
+    """A figure of a page: the ``stem`` of its files, the SVG element, a caption, and its data where
+    the page can draw it from them.
+    """
 
     stem: str
     svg: str
     caption: str
+    plot: PlotData | None = field(default=None, compare=False)
 
 
 # ---- One sentence below each figure of a page, by the stem of its file

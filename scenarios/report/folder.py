@@ -88,7 +88,7 @@ def stored_page(folder: Path) -> Page:
 
 def figures(drawn: Sequence[Drawn]) -> tuple[Figure, ...]:
     """Figures that were drawn, as blocks of a page."""
-    return tuple(Figure(f"figure-{each.stem}", each.svg, each.caption) for each in drawn)
+    return tuple(Figure(f"figure-{each.stem}", each.svg, each.caption, each.plot) for each in drawn)
 
 
 def _older(folder: Path) -> str:

@@ -17,6 +17,7 @@ from scenarios.report.document import (
     Block,
     Cell,
     Column,
+    Figure,
     Number,
     Page,
     Section,
@@ -25,10 +26,12 @@ from scenarios.report.document import (
     capital,
     signs,
 )
+from scenarios.report.plot_data import plot_content, plot_text
 
 if TYPE_CHECKING:
     from jinja2 import Template
 
+PLOTS = 2_500_000  # characters of drawings and their data on one page, which stays below 3 MB
 _DARK = {
     **{
         "paper": "#14171b",
@@ -77,7 +80,10 @@ def page_html(page: Page) -> str:
     """
     from markupsafe import Markup
 
+    plots = _plots(page)
     style, script = _style(), _resource("page.js")
+    if plots:
+        style, script = f"{_resource('uplot.min.css')}\n{style}", _with_plots(script)
     inputs = Table(
         "Input files",
         (Column("use"), Column("file", code=True), Column("SHA-256", code=True)),
@@ -85,6 +91,7 @@ def page_html(page: Page) -> str:
     )
     text = _template().render(
         page=page,
+        plots=plots,
         policy=(
             f"default-src 'none'; style-src '{_digest(style)}'; script-src '{_digest(script)}'; "
             "base-uri 'none'; form-action 'none'"
@@ -99,6 +106,35 @@ def page_html(page: Page) -> str:
         inputs=inputs,
     )
     return escaped(text)
+
+
+def _plots(page: Page) -> dict[str, str]:
+    """The data of figures by name, as many of them from the first as keep the page short; none of
+    figures whose name is there twice.
+    """
+    found, room = {}, PLOTS - sum(len(each.svg) for each in _figures(page.sections))
+    for each in _figures(page.sections):
+        if each.plot is None or each.name in found:
+            continue
+        text = plot_text(plot_content(each.plot))
+        room -= len(text)
+        if room >= 0:
+            found[each.name] = text
+    return found
+
+
+def _figures(sections: tuple[Section, ...]) -> Iterator[Figure]:
+    for each in sections:
+        yield from (block for block in each.blocks if isinstance(block, Figure))
+        yield from _figures(each.parts)
+
+
+@cache
+def _with_plots(script: str) -> str:
+    """The page's script with the library that draws figures, and what uses it."""
+    colours = ", ".join(f'"{colour}": "{name}"' for colour, name in _FIGURES.items())
+    drawing = _resource("plots.js").replace("/*COLOURS*/", colours)
+    return "\n".join((script.rstrip(), _resource("uplot.min.js").rstrip(), drawing))
 
 
 def _named(sections: tuple[Section, ...]) -> Iterator[tuple[Section, str]]:

@@ -21,6 +21,7 @@ from scenarios.report.document import (
     Section,
     Table,
 )
+from scenarios.report.plot_data import plot_content, plot_of
 
 SCHEMA = "flightid/report/1"
 _MOST = 1_000_000  # of digits and rows that a page may ask for
@@ -113,7 +114,8 @@ def _block(block: Block) -> dict[str, Any]:
         case Fold():
             return {"fold": list(block.items), "summary": block.summary}
         case Figure():
-            return {"figure": block.name, "svg": block.svg, "caption": block.caption}
+            drawing = {"figure": block.name, "svg": block.svg, "caption": block.caption}
+            return drawing | ({} if block.plot is None else {"plot": plot_content(block.plot)})
         case Table():
             columns = [_column(column) for column in block.columns]
             out: dict[str, Any] = {
@@ -141,7 +143,9 @@ def _block_of(content: Mapping[str, Any]) -> Block:
     if "fold" in content:
         return Fold(_text(content["summary"]), _texts(content["fold"]))
     if "figure" in content:
-        return Figure(_text(content["figure"]), _drawing(content["svg"]), _text(content["caption"]))
+        plot = plot_of(content["plot"]) if "plot" in content else None
+        drawing = _drawing(content["svg"])
+        return Figure(_text(content["figure"]), drawing, _text(content["caption"]), plot)
     columns = tuple(map(_column_of, _list(content["columns"])))
     rows = tuple(tuple(map(_cell_of, _list(row))) for row in _list(content["rows"]))
     printed = None if content.get("printed") is None else _count(content["printed"])

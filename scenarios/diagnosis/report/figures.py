@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -110,7 +111,9 @@ def draw_diagnosis(
     from scenarios.plots.drawing import drawn_for_page
 
     drawn = drawn_for_page(figures_of(shown), folder, formats)
-    return captioned({each.stem: each.svg for each in drawn}, declared=declared)
+    plots = {each.stem: each.plot for each in drawn}
+    named = captioned({each.stem: each.svg for each in drawn}, declared=declared)
+    return tuple(replace(each, plot=plots[each.stem]) for each in named)
 
 
 def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:

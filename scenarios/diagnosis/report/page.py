@@ -80,6 +80,7 @@ def diagnosis_page(
         summary=(f"{_capital(text.headline(tracing))}.",),
         warnings=tuple(f"{doubt}." for doubt in tracing.doubts),
         sections=(
+            *section("Figures", *pictures.values()),
             *_effects(tracing),
             *section("Warnings", further),
             *_replication(d, replication),
@@ -88,7 +89,6 @@ def diagnosis_page(
             *_derivatives(tracing),
             *section("The record as it was recorded", record_table(tracing.look)),
             *section("How the records were prepared", Bullets(tuple(tracing.notes))),
-            *section("Figures", *pictures.values()),
             *_search(tracing),
         ),
         reproduction=reproduction(_command(tracing), "", _inputs(tracing)),

@@ -63,9 +63,13 @@ def test_channel_that_a_record_lacks_is_left_out(fitted: FittedRecord) -> None:
 def test_held_out_shows_measured_and_both_predictions() -> None:
     prediction = tracing_of(Verdict.TRACED, count=200).diagnosis.predictions[0]
     figure = figure_held_out(prediction, NOISE)
-    labels = {line.get_label() for line in figure.axes[0].lines}
+    first = len(prediction.record.inputs)
+    for channel, panel in zip(prediction.record.inputs, figure.axes, strict=False):
+        drawn = np.asarray(panel.lines[0].get_ydata())
+        assert drawn == pytest.approx(np.degrees(channel.values)), "inputs stand above the outputs"
+    labels = {line.get_label() for line in figure.axes[first].lines}
     assert {"measured", "predicted before", "predicted after"} <= labels
-    (after,) = [line for line in figure.axes[0].lines if line.get_label() == "predicted after"]
+    (after,) = [line for line in figure.axes[first].lines if line.get_label() == "predicted after"]
     assert np.asarray(after.get_ydata()) == pytest.approx(np.degrees(prediction.after[0]))
 
 

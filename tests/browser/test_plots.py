@@ -1,0 +1,162 @@
+"""Figures that zoom in a browser: values under the pointer, one time axis for all panels, curves
+and panels that can be switched off, both colour schemes, telephone, paper, and no scripts at all.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from scenarios.plots.drawing import drawn_for_page
+from scenarios.report.document import Page as Document
+from scenarios.report.document import Reproduction, section
+from scenarios.report.folder import figures, write_page
+from tests.browser.complaints import Complaints, fits, keep_picture
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Locator, Page
+
+
+@pytest.fixture(scope="module")
+def plots(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A page with two figures: two and three panels over time."""
+    from tests.unit.scenarios.plots.test_drawing import noisy
+    from tests.unit.scenarios.plots.test_interactive import history
+
+    folder = tmp_path_factory.mktemp("plots")
+    named = [("fit", history), ("fit_2", lambda: noisy(2000, 1)[0])]
+    drawn = drawn_for_page(named, folder, ())
+    document = Document(
+        *("Figures", "Study of figures", "converged", "good", "", (), ()),
+        section("Figures", *figures(drawn)),
+        Reproduction(("flightid run rigid",)),
+    )
+    write_page(folder, document)
+    return folder / "report.html"
+
+
+def opened(page: Page, plots: Path) -> Locator:
+    page.goto(plots.as_uri())
+    figure = page.locator("#figure-fit")
+    figure.locator("canvas").first.wait_for()
+    return figure
+
+
+def drag(page: Page, panel: Locator, start: float, stop: float) -> None:
+    box = panel.locator(".u-over").bounding_box()
+    assert box is not None
+    height = box["y"] + 0.5 * box["height"]
+    page.mouse.move(box["x"] + start * box["width"], height)
+    page.mouse.down()
+    page.mouse.move(box["x"] + stop * box["width"], height, steps=4)
+    page.mouse.up()
+
+
+def test_a_drag_zooms_all_panels_and_a_double_click_shows_all(page: Page, plots: Path) -> None:
+    figure = opened(page, plots)
+    panels = figure.locator(".panel")
+    assert panels.count() == 2 and figure.locator(".drawing").is_hidden()
+    before = [panel.screenshot() for panel in panels.all()]
+    drag(page, panels.nth(0), 0.25, 0.5)
+    assert figure.get_attribute("data-zoomed") == "true"
+    low, high = _range(page)
+    assert 1.0 < low < 2.5 and 3.5 < high < 4.5
+    page.mouse.move(0, 0)
+    zoomed = [panel.screenshot() for panel in panels.all()]
+    assert zoomed[0] != before[0] and zoomed[1] != before[1]
+    panels.nth(1).locator(".u-over").dblclick()
+    assert figure.get_attribute("data-zoomed") == "false"
+
+
+def _range(page: Page) -> tuple[float, float]:
+    words = page.locator("#told").inner_text().split()
+    assert (words[0], words[2]) == ("from", "to")
+    return float(words[1].replace("−", "-")), float(words[3])
+
+
+def test_keys_zoom_and_move(page: Page, plots: Path) -> None:
+    figure = opened(page, plots)
+    figure.get_by_role("button", name="Zoom in").focus()
+    page.keyboard.press("Enter")
+    first = _range(page)
+    figure.get_by_role("button", name="Move right").focus()
+    page.keyboard.press("Enter")
+    second = _range(page)
+    assert second[0] > first[0] and second[1] - second[0] == pytest.approx(
+        first[1] - first[0], 1e-3
+    )
+    figure.get_by_role("button", name="Show all").click()
+    assert page.locator("#told").inner_text() == "all is shown"
+
+
+def test_the_pointer_shows_values_in_every_panel(page: Page, plots: Path) -> None:
+    from math import sin
+
+    figure = opened(page, plots)
+    box = figure.locator(".u-over").first.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 20)
+    told = figure.locator(".values").first.inner_text()
+    found = dict(part.rsplit(" ", 1) for part in told.split(" · "))
+    numbers = {name.strip(): float(value.replace("−", "-")) for name, value in found.items()}
+    assert numbers["estimated"] == pytest.approx(sin(numbers["time"]), abs=1e-4)
+    assert numbers["measured"] == pytest.approx(sin(numbers["time"]) + 0.01, abs=1e-4)
+    assert figure.locator(".values").nth(1).inner_text().startswith("time")
+
+
+def test_curves_and_panels_are_switched(page: Page, plots: Path) -> None:
+    figure = opened(page, plots)
+    panel = figure.locator(".panel").first
+    before = panel.screenshot()
+    key = figure.get_by_role("button", name="Curve: measured")
+    key.click()
+    assert key.get_attribute("aria-pressed") == "false"
+    page.mouse.move(0, 0)
+    assert panel.screenshot() != before
+    other = page.locator("#figure-fit_2")
+    other.scroll_into_view_if_needed()
+    other.locator("canvas").first.wait_for()
+    other.locator("summary").click()
+    other.locator(".channels input").first.uncheck()
+    assert other.locator(".panel").first.is_hidden()
+
+
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("width", [390, 1280])
+def test_plots_fit_and_are_quiet(chromium: Browser, plots: Path, width: int, dark: bool) -> None:
+    context = chromium.new_context(
+        viewport={"width": width, "height": 900}, color_scheme="dark" if dark else "light"
+    )
+    page = context.new_page()
+    complaints = Complaints.of(page)
+    opened(page, plots)
+    assert fits(page)
+    page.get_by_role("button", name="colours").click()
+    assert page.locator("#figure-fit canvas").count() == 2
+    keep_picture(page, f"plots-{width}{'-dark' if dark else ''}")
+    context.close()
+    assert complaints.found == []
+
+
+def test_paper_and_pages_without_scripts_have_the_drawing(chromium: Browser, plots: Path) -> None:
+    context = chromium.new_context()
+    page = context.new_page()
+    figure = opened(page, plots)
+    page.emulate_media(media="print")
+    assert figure.locator(".drawing").is_visible() and figure.locator(".plot").is_hidden()
+    context.close()
+    context = chromium.new_context(java_script_enabled=False)
+    page = context.new_page()
+    page.goto(plots.as_uri())
+    assert page.locator("#figure-fit .drawing").is_visible()
+    assert page.locator("#figure-fit canvas").count() == 0
+    context.close()
+
+
+def test_first_paint_comes_within_a_second(page: Page, plots: Path) -> None:
+    opened(page, plots)
+    painted = "performance.getEntriesByName('first-contentful-paint')[0].startTime"
+    assert page.evaluate(painted) < 1000
+    assert plots.stat().st_size < 3_000_000
