@@ -124,13 +124,13 @@ class Parameters(Mapping[str, Parameter]):
         """A Markdown table with the digits that the sigmas make sensible."""
         from scenarios.report.exports import to_markdown
 
-        return to_markdown(self._table("parameters"))
+        return to_markdown(self._table(""))
 
     def to_latex(self) -> str:
         """A LaTeX ``tabular`` with the rules of the package ``booktabs``."""
         from scenarios.report.exports import to_latex
 
-        return to_latex(self._table("parameters"))
+        return to_latex(self._table(""))
 
     def to_excel(self, path: str | PathLike[str]) -> Path:
         """Write an XLSX workbook with full precision; returns the path. Needs openpyxl."""
