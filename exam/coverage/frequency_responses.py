@@ -211,7 +211,8 @@ def loes_both(case: str, seed: int) -> Counts:
         vehicle = Path(folder) / "vehicle.toml"
         lines = [f"airspeed = {AIRSPEED}", f"gravity = {GRAVITY}", "[derivatives]"]
         lines += [f"{name} = {START_ERROR * value}" for name, value in LOES.items()]
-        vehicle.write_text("\n".join(['name = "x"', *lines]) + "\n", encoding="utf-8")
+        text = "\n".join(['name = "x"', *lines]) + "\n"
+        vehicle.write_text(text, encoding="utf-8", newline="\n")
         options: dict[str, Any] = {"vehicle": vehicle, "hold": "previous"}
         swept = fid.frequency_response(
             frame, "stick", ["alpha", "q", "nz"], model="loes", **options

@@ -21,7 +21,7 @@ from ident.frequency_response.transfer_function import (
     FORMS,
     FittedResponse,
     Target,
-    neighbour_correlation,
+    shared_correlation,
 )
 
 NEUTRAL, MARGIN, GAIN_MARGIN = -180.0, 45.0, 6.0  # deg, deg, dB
@@ -72,7 +72,7 @@ class Curve(Protocol):
     @property
     def omega(self) -> np.ndarray: ...
     @property
-    def length(self) -> float: ...
+    def length(self) -> float | np.ndarray: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ class AttitudeCurve:
     phase: np.ndarray
     gain_std: np.ndarray
     phase_std: np.ndarray
-    length: float
+    length: float | np.ndarray
 
 
 def attitude_bandwidth(target: Target, *, rate: bool) -> Bandwidth:
@@ -285,12 +285,12 @@ def _phase_delay(curve: AttitudeCurve, neutral: float) -> BandwidthQuantity:
 
 def shared_covariance(curve: Curve, std: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Covariance of errors that neighbours share."""
-    alike = _correlation(curve.omega.tobytes(), curve.length)
+    length = np.broadcast_to(curve.length, curve.omega.shape)
+    alike = _correlation(curve.omega.tobytes(), np.asarray(length, dtype=float).tobytes())
     return alike[np.ix_(places, places)] * np.outer(std, std)
 
 
 @lru_cache(maxsize=8)
-def _correlation(omega: bytes, length: float) -> np.ndarray:
+def _correlation(omega: bytes, length: bytes) -> np.ndarray:
     """Correlation ``(F, F)`` of the errors of a curve: the same for all parabolas through it."""
-    rows = np.frombuffer(omega)
-    return neighbour_correlation(np.subtract.outer(rows, rows) / (2.0 * math.pi) * length)
+    return shared_correlation(np.frombuffer(omega), np.frombuffer(length))

@@ -115,7 +115,7 @@ class LoopCurve:
     gain_std: np.ndarray
     phase_std: np.ndarray
     distance_std: np.ndarray
-    length: float
+    length: float | np.ndarray
 
 
 def loop_curve(target: Target) -> LoopCurve:

@@ -158,7 +158,7 @@ class Target:
     ----------
     name : of the response. omega : rad/s, ``(F,)``. response : complex ``(F,)``.
     coherence : ``(F,)``, partial where there are several inputs. std : ``(F,)``, of real and
-        imaginary part. length : s, effective length of the windows: over which frequencies errors
+        imaginary part. length : s, of the windows, one or ``(F,)``: over which frequencies errors
         are correlated.
     """
 
@@ -167,7 +167,7 @@ class Target:
     response: np.ndarray
     coherence: np.ndarray
     std: np.ndarray
-    length: float
+    length: float | np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -395,13 +395,20 @@ def weighted_noise(targets: Sequence[Target]) -> np.ndarray:
     for target, size in zip(targets, sizes, strict=True):
         weight = np.sqrt(coherence_weight(target.coherence) * _POINTS / size)
         relative = target.std / np.abs(target.response)
-        apart = np.subtract.outer(target.omega, target.omega) / (2.0 * math.pi)
-        alike = neighbour_correlation(apart * target.length)
+        alike = shared_correlation(target.omega, target.length)
         for factor in (_DECIBEL, math.sqrt(PHASE_WEIGHT) * _DEGREE):
             rows = slice(at, at + size)
             out[rows, rows] = alike * np.outer(*(2 * [factor * weight * relative]))
             at += size
     return out
+
+
+def shared_correlation(omega: np.ndarray, length: float | np.ndarray) -> np.ndarray:
+    """Correlation ``(F, F)`` of the errors at frequencies ``omega``, rad/s, under windows of
+    ``length``, s, one or ``(F,)``: short windows, which high frequencies have, join more of them.
+    """
+    apart = np.subtract.outer(omega, omega) / (2.0 * math.pi)
+    return neighbour_correlation(apart * 0.5 * np.add.outer(length, length))
 
 
 def neighbour_correlation(bins: np.ndarray) -> np.ndarray:

@@ -184,7 +184,7 @@ def target_of(found: FrequencyResponses, place: tuple[int, int], name: str) -> T
         found.response[place][usable],
         likeness[usable],
         found.std[place][usable],
-        float(np.median(found.lengths[place[0]][usable])),
+        found.lengths[place[0]][usable],
     )
 
 
