@@ -236,7 +236,8 @@ NEAR = 1e-5  # of complex steps to differences, whose own error is smaller
 
 def show_models(name: str | None) -> None:
     """All models, one line each, or one in full."""
-    from scenarios.files.user_models import is_model_file, read_user_model
+    from scenarios.files.aircraft_files import read_model_file
+    from scenarios.files.user_models import is_model_file
     from scenarios.files.vehicles import MODELS, refuse_unknown_model
 
     if name is None:
@@ -253,7 +254,7 @@ def show_models(name: str | None) -> None:
         )
         _print_equations(equations, constants.items(), derivatives.items())
         return
-    own = read_user_model(name, MODELS)
+    own = read_model_file(name, MODELS)
     items = own.model.parameters
     text = getattr(own.model.equations, "explanation", "")
     print(f"{own.model.name}: the model of {own.identity.name}\n" + (f"\n{text}\n" if text else ""))

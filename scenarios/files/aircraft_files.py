@@ -10,10 +10,18 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scenarios.files.declarations import checked, closest, toml_of
+from scenarios.files.declarations import checked, closest, read_toml_source, toml_of
 from scenarios.files.sources import Source
+from scenarios.files.user_models import (
+    AIRCRAFT_SUFFIX,
+    Constraints,
+    OwnModel,
+    constrained,
+    read_user_model,
+    refuse_nothing_left,
+    take_constraints,
+)
 from scenarios.files.user_models import TABLES as CONSTRAINTS
-from scenarios.files.user_models import Constraints, refuse_nothing_left, take_constraints
 from sim.aerodynamics.terms import parse_term
 from sim.errors import DeclarationError
 from sim.vehicles.aircraft import (
@@ -79,6 +87,7 @@ def _schema() -> type[BaseModel]:
         sensors=(sensors | None, None),
         thrust=(thrust | None, None),
         wind=(bool, False),
+        trim=(dict[str, float], {}),
         columns=(texts, []),
         states=(texts, []),
         biases=(texts, list(BIASED)),
@@ -114,7 +123,16 @@ def read_aircraft(source: Source) -> tuple[Aircraft, Constraints]:
     aircraft = _declared(vehicle, terms, path.stem)
     units = {name: unit for name, (_, unit) in aircraft.parameters.items()}
     starts = {name: value for name, (value, _) in aircraft.parameters.items()}
-    with_starts = {**laid_down, "derivatives": dict(starts)}
+    # A value that a constraint gives takes the place of that of the term.
+    given = {
+        name
+        for table in ("fixed", "tied")
+        if isinstance(laid_down.get(table), dict)
+        for name, value in laid_down[table].items()
+        if value is not True
+    }
+    begun = {name: value for name, value in starts.items() if name not in given}
+    with_starts = {**laid_down, "derivatives": begun}
     constraints = take_constraints(with_starts, units, path)
     refuse_nothing_left(constraints, list(units), path)
     return aircraft.with_values(with_starts["derivatives"]), constraints
@@ -124,6 +142,18 @@ def model_of_file(source: Source) -> tuple[str, Model, Constraints]:
     """Name, model and constraints of an aircraft's file; raises as ``read_aircraft``."""
     aircraft, constraints = read_aircraft(source)
     return aircraft.name, aircraft_model(aircraft), constraints
+
+
+def read_model_file(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnModel:
+    """The model that a file declares: a user's Python file, or a vehicle file of an aircraft.
+
+    Raises DeclarationError as ``read_user_model`` and ``read_aircraft``.
+    """
+    if not str(path).endswith(AIRCRAFT_SUFFIX):
+        return read_user_model(path, built_in)
+    source = read_toml_source(path)
+    _, model, laid_down = model_of_file(source)
+    return OwnModel(constrained(model, laid_down), source.identity)
 
 
 def _aerodynamics(table: object, path: Path) -> dict[str, dict[str, float]]:
@@ -174,6 +204,13 @@ def _refuse_names(vehicle: Mapping[str, Any], path: Path) -> None:
                 raise DeclarationError(
                     f"{name} cannot stand there", where=where, remedy=closest(name, known)
                 )
+    thrust = _thrust(vehicle["thrust"], str(path)).signal if "thrust" in vehicle else ""
+    moved = [*surfaces, *([thrust] if thrust else [])]
+    for name in vehicle["trim"]:
+        if name not in moved:
+            where = f"{path}, key trim"
+            remedy = closest(name, moved)
+            raise DeclarationError(f"{name} is no input", where=where, remedy=remedy)
     if vehicle["wind"] and "psi" not in vehicle["states"]:
         raise DeclarationError(
             "wind is recorded from the north and the east, and the heading is no state",
@@ -194,6 +231,7 @@ def _declared(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str) -
         for name, place in vehicle.get("sensors", {}).items()
     }
     begin = {
+        **vehicle["trim"],
         "airspeed": vehicle["airspeed"],
         "alpha": vehicle["trim_alpha"],
         "theta": vehicle["trim_theta"],
@@ -269,6 +307,9 @@ def written(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> st
     ):
         lines.append(f"{key} = [{', '.join(f'{name!r}' for name in names)}]".replace("'", '"'))
     lines.append(f"wind = {str(aircraft.wind).lower()}")
+    rest = [name for name in (*aircraft.surfaces, aircraft.thrust.signal) if name in start]
+    if rest:
+        lines += ["", "[trim]", *(f"{name} = {float(start[name])!r}" for name in rest)]
     lines += ["", "[surfaces]", *(f'{n} = "{unit}"' for n, unit in aircraft.surfaces.items())]
     for name, parts in aircraft.mixes.items():
         lines += ["", f"[mixes.{name}]", *(f"{n} = {float(v)!r}" for n, v in parts.items())]

@@ -351,6 +351,7 @@ def _number(value: object, unit: str, where: str) -> float:
 # ---- A user's own model
 
 SUFFIX = ".py"
+AIRCRAFT_SUFFIX = ".toml"  # a vehicle file of the model aircraft declares its equations, too
 # of a vehicle file, which a constant's would hide
 NOT_KEYS = ("name", "derivatives", "fixed", "bounds", "tied")
 SHORT_PERIOD = ("alpha", "q", "nz")  # channels that the kinematics of pitching join
@@ -371,7 +372,8 @@ def is_model_file(name: str | OwnModel) -> bool:
     """Whether ``--model`` names a user's file: one that ends in .py, or a path; a model in memory
     is as good.
     """
-    return isinstance(name, OwnModel) or name.endswith(SUFFIX) or "/" in name or "\\" in name
+    ends = (SUFFIX, AIRCRAFT_SUFFIX)
+    return isinstance(name, OwnModel) or name.endswith(ends) or "/" in name or "\\" in name
 
 
 def is_own(model: Model) -> bool:

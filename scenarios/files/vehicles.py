@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from scenarios.files.aircraft_files import model_of_file, read_model_file
 from scenarios.files.declarations import checked, read_toml_source, toml_of
 from scenarios.files.measured.record_file import RecordFile, path_of
 from scenarios.files.sources import InputFile, Source
@@ -17,7 +18,6 @@ from scenarios.files.user_models import (
     OwnModel,
     is_model_file,
     own_numbers,
-    read_user_model,
     refuse_nothing_left,
     take_constraints,
     with_place,
@@ -142,7 +142,7 @@ def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> Veh
     """
     refuse_unknown_model(model, str(path.path if isinstance(path, Source) else path))
     if isinstance(model, OwnModel) or is_model_file(model):
-        own = model if isinstance(model, OwnModel) else read_user_model(model, MODELS)
+        own = model if isinstance(model, OwnModel) else read_model_file(model, MODELS)
         return own_vehicle(own, None if path is None else read_toml_source(path))
     if path is None:
         what = f"the {model} model needs constants and starting values"
@@ -183,8 +183,6 @@ def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
 
 def aircraft_vehicle(source: Source) -> VehicleFile:
     """A file of the model ``aircraft``. Raises DeclarationError as ``vehicle_of``."""
-    from scenarios.files.aircraft_files import model_of_file
-
     name, model, laid_down = model_of_file(source)
     constants, starts = (
         {item.name: item.value for item in model.parameters if item.free is free}

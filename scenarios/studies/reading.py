@@ -8,8 +8,9 @@ from dataclasses import replace
 from typing import Any
 
 from ident.flying_qualities.levels import flown_as
+from scenarios.files.aircraft_files import read_model_file
 from scenarios.files.declarations import checked, closest
-from scenarios.files.user_models import OwnModel, is_model_file, is_of_aircraft, read_user_model
+from scenarios.files.user_models import OwnModel, is_model_file, is_of_aircraft
 from scenarios.files.vehicles import MODELS, with_priors
 from scenarios.files.writing import unportable
 from scenarios.studies.declaration import (
@@ -52,10 +53,10 @@ WIDEST = 1.0  # of a state at the start where its file gives zero, in the state'
 
 def model_files(names: Iterable[str]) -> dict[str, OwnModel]:
     """The models of those names that are files, each read once. Raises DeclarationError as
-    ``read_user_model``.
+    ``read_model_file``.
     """
     return {
-        name: read_user_model(name, MODELS) for name in dict.fromkeys(names) if is_model_file(name)
+        name: read_model_file(name, MODELS) for name in dict.fromkeys(names) if is_model_file(name)
     }
 
 

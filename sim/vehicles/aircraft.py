@@ -249,8 +249,8 @@ def aircraft_model(aircraft: Aircraft) -> Model:
         **{name: CONSTANTS[name] for name in aircraft.varying},
     }
     constants = {
-        name: (value, CONSTANTS[name])
-        for name, value in aircraft.constants.items()
+        name: (aircraft.constants[name], unit)
+        for name, unit in CONSTANTS.items()
         if name not in aircraft.varying
     }
     further = {name: FURTHER[name] for name in FURTHER if name in aircraft.further}

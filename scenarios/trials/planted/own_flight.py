@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from scenarios.files.aircraft_files import read_model_file
 from scenarios.files.declarations import closest, read_toml_source
 from scenarios.files.sources import DocumentError, toml_value
-from scenarios.files.user_models import inputs_at_rest, own_numbers, read_user_model, unit_in
+from scenarios.files.user_models import inputs_at_rest, own_numbers, unit_in
 from scenarios.files.vehicles import MODELS, refuse_unknown_model, with_priors
 from scenarios.identification.model_checks import BETWEEN, Motion, doublet_motion
 from scenarios.preparation.declared_model import RESOLVED, root_sizes, step_of
@@ -370,7 +371,7 @@ def _planned(asked: OwnFlight) -> _Planned:
             raise DeclarationError(
                 f"{value:g} is not above 0", where=option, remedy="give a positive number"
             )
-    own = read_user_model(asked.model, MODELS)
+    own = read_model_file(asked.model, MODELS)
     model = (
         own.model if asked.vehicle is None else own_numbers(own, read_toml_source(asked.vehicle))[1]
     )

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations_with_replacement
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.aerodynamics.terms import AS_TERM, FLOW, Factor, Term, parse_term
+from sim.aerodynamics.symmetry import IN_SYMMETRY, allowed_terms, sorted_surfaces
+from sim.aerodynamics.terms import AS_TERM, FLOW, Term, parse_term
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
@@ -21,9 +21,6 @@ REACHED = {"CX": 0.1, "CY": 0.2, "CZ": 1.0, "CD": 0.1, "CL": 1.0, "Cl": 0.02, "C
 FLOWN = {"alpha": 0.1, "beta": 0.1, "mach": 0.1, "p": 0.03, "q": 0.01, "r": 0.01}
 DEFLECTED = 0.1
 SHARE = 0.1
-IN_SYMMETRY = ("CX", "CZ", "CD", "CL", "Cm")  # coefficients that a mirrored motion leaves alone
-ALONG, ACROSS = ("alpha", "q"), ("beta", "p", "r")
-ABOVE_SQUARES = ("alpha", "beta")  # signals with a cube
 
 
 @dataclass(frozen=True)
@@ -112,41 +109,11 @@ def made_for(equations: Equations) -> tuple[Traceable, ...]:
     surfaces = tuple(name for name in signals if name not in FLOW)
     for axis, text in equations.terms:
         present.setdefault(axis, set()).add(parse_term(text, (*FLOW, *surfaces)))
-    along, across = _sorted_surfaces(present, surfaces)
+    along, across = sorted_surfaces(present, surfaces)
     found = []
     for axis, terms in present.items():
         inside = axis in IN_SYMMETRY
-        for term in (*_terms((*ALONG, *along), (*ACROSS, *across), symmetric=inside),):
+        for term in allowed_terms(along, across, symmetric=inside):
             if term not in terms and (axis, term.text) != ("Cm", "alpha^3"):
                 found.append(MissingTerm(axis, term.text, surfaces))
     return tuple(found)
-
-
-def _sorted_surfaces(
-    present: Mapping[str, set[Term]], surfaces: Sequence[str]
-) -> tuple[list[str], list[str]]:
-    """Surfaces of the motion along the plane of symmetry, and of that across it."""
-    sides: dict[str, set[bool]] = {name: set() for name in surfaces}
-    for axis, terms in present.items():
-        for term in terms:
-            if len(term.signals) == 1 and (name := next(iter(term.signals))) in sides:
-                sides[name].add(axis in IN_SYMMETRY)
-    along = [name for name, side in sides.items() if side == {True}]
-    across = [name for name, side in sides.items() if side == {False}]
-    return along, across
-
-
-def _terms(along: Sequence[str], across: Sequence[str], *, symmetric: bool) -> list[Term]:
-    """Terms that are even in what lies across, or odd."""
-    single = along if symmetric else across
-    found = [Term((Factor(name),)) for name in single]
-    pairs = (
-        [*combinations_with_replacement(along, 2), *((name, name) for name in across)]
-        if symmetric
-        else [(one, other) for one in along for other in across]
-    )
-    found += [
-        Term((Factor(one, 2),)) if one == other else parse_term(f"{one}*{other}", (one, other))
-        for one, other in pairs
-    ]
-    return found + [Term((Factor(name, 3),)) for name in single if name in ABOVE_SQUARES]
