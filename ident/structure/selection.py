@@ -60,7 +60,7 @@ class Products:
 
 
 @dataclass(frozen=True)
-class Step:
+class SelectionStep:
     """One step of a selection.
 
     Attributes
@@ -93,7 +93,7 @@ class Selection:
 
     axis: str
     method: str
-    steps: tuple[Step, ...]
+    steps: tuple[SelectionStep, ...]
     terms: tuple[Term, ...]
     values: np.ndarray
     sigma: np.ndarray
@@ -136,7 +136,7 @@ def products_of(
 
 def stepwise(
     products: Products, f_in: float = F_IN, least: float = LEAST
-) -> tuple[list[int], list[Step]]:
+) -> tuple[list[int], list[SelectionStep]]:
     """Columns chosen by stepwise regression, and the steps.
 
     Parameters
@@ -145,7 +145,7 @@ def stepwise(
     f_in : least partial F ratio of a term. least : share of the variance that it explains at least.
     """
     chosen = [i for i, term in enumerate(products.terms) if not term.factors]
-    steps: list[Step] = []
+    steps: list[SelectionStep] = []
     seen: set[frozenset[int]] = set()
     while frozenset(chosen) not in seen:
         seen.add(frozenset(chosen))
@@ -172,7 +172,7 @@ def stepwise(
     return chosen, steps
 
 
-def orthogonal(products: Products) -> tuple[list[int], list[Step]]:
+def orthogonal(products: Products) -> tuple[list[int], list[SelectionStep]]:
     """Columns whose orthogonal functions make the predicted squared error least, and the steps."""
     chosen = [i for i, term in enumerate(products.terms) if not term.factors]
     best, kept, steps = math.inf, list(chosen), []
@@ -193,7 +193,7 @@ def orthogonal(products: Products) -> tuple[list[int], list[Step]]:
     return kept, steps[:counted]
 
 
-_METHODS: Mapping[str, Callable[[Products], tuple[list[int], list[Step]]]] = {
+_METHODS: Mapping[str, Callable[[Products], tuple[list[int], list[SelectionStep]]]] = {
     STEPWISE: stepwise,
     ORTHOGONAL: orthogonal,
 }
@@ -335,12 +335,14 @@ def _ratio(products: Products, gain: float, sse: float, count: int) -> float:
     return float(gain / max(sse / max(freedom, 1.0), 1e-300))
 
 
-def _step(products: Products, chosen: list[int], place: int, added: bool, F: float) -> Step:
+def _step(
+    products: Products, chosen: list[int], place: int, added: bool, F: float
+) -> SelectionStep:
     n, sse = float(products.counts.sum()), _left(products, chosen)
     spread = max(products.spread, 1e-300)
     pse = sse / n + spread / n * len(chosen) / n
     held = _held_out(products, chosen)
-    return Step(products.terms[place], added, F, 1.0 - sse / spread, pse, held)
+    return SelectionStep(products.terms[place], added, F, 1.0 - sse / spread, pse, held)
 
 
 def _held_out(products: Products, chosen: list[int]) -> float:

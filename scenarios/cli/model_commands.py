@@ -80,7 +80,11 @@ def structure(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Which terms of the aerodynamic coefficients the records support; a vehicle file of them."""
+    """Which terms of the aerodynamic coefficients the records support; a vehicle file of them.
+
+    Stepwise regression or orthogonal functions; collinear terms are told with the maneuver that
+    would separate them.
+    """
     from scenarios.cli.options import output_options
     from scenarios.commands.structure import find_structure
     from scenarios.structure.study import StructureOptions
@@ -124,7 +128,10 @@ def export(
         typer.Option("--model", metavar="FILE.py", help="The study's own model, which is run."),
     ] = None,
 ) -> None:
-    """The model of a study for another program: a Python module, or an FMU."""
+    """The model of a study for another program: a Python module, or an FMU.
+
+    SI and radians, with the values found and the starting states of the first record.
+    """
     from scenarios.commands.structure import export_model
 
     export_model(study, to, out, model)
