@@ -12,8 +12,9 @@ from scenarios.files.measured.record_file import read_record_file, with_names
 from scenarios.identification.assessment import PLAIN, Options
 from scenarios.maneuvers import maneuvers_of, print_maneuvers
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
-from scenarios.preparation.drafting import Draft, drafted, map_text, vehicle_text
+from scenarios.preparation.drafting import Draft, drafted, map_text
 from scenarios.preparation.plan import Plan, Request, plan_of
+from scenarios.preparation.vehicle_drafts import vehicle_text
 from scenarios.report.figure_formats import Formats
 from scenarios.report.progress import progress_bar
 from scenarios.report.quantities import shown_in, unit_cell

@@ -181,11 +181,11 @@ def map_text(draft: Draft) -> str:
     ]
     for guess in draft.guesses:
         choice, doubt = guess.choice, f"; NOT USABLE: {guess.fault}" if guess.fault else ""
-        column = choice.column if isinstance(choice.column, int) else _quoted(choice.column)
+        column = choice.column if isinstance(choice.column, int) else quoted(choice.column)
         entry = (
             str(column)
             if choice.unit is None
-            else f"{{column = {column}, unit = {_quoted(choice.unit)}}}"
+            else f"{{column = {column}, unit = {quoted(choice.unit)}}}"
         )
         lines.append(
             f"{'# ' if guess.fault else ''}{guess.channel} = {entry}  # {guess.reason}{doubt}"
@@ -231,91 +231,6 @@ def _sweep_words(file: RecordFile) -> list[str]:
             f"# flightid response {path} --input SIDD.Targ --output SIDD.{most} --out bode",
         ]
     return []
-
-
-def vehicle_text(draft: Draft) -> str:
-    """A draft of the vehicle file for the model that the channels fit; the numbers that the record
-    does not have stand as comments.
-    """
-    model = draft.model or "rigid"
-    if model == "ballistic":
-        return _BALLISTIC.format(name=_quoted(draft.file.path.stem))
-    if model == "multirotor":
-        return _MULTIROTOR.format(name=_quoted(draft.file.path.stem))
-    speed = next(
-        (
-            0.5 * (guess.least + guess.most)
-            for guess in draft.guesses
-            if guess.channel == "airspeed" and not guess.fault
-        ),
-        None,
-    )
-    key = "reference_airspeed" if model == "longitudinal" else "airspeed"
-    known = (
-        f"{key} = {speed:.4g}  # m/s, the middle of the recorded range"
-        if speed
-        else f"# {key} = ...  # m/s"
-    )
-    lengths = ["span"] if model == "lateral" else ["chord"]
-    inertias = (
-        ["roll_inertia", "yaw_inertia", "cross_inertia"]
-        if model == "lateral"
-        else ["pitch_inertia"]
-    )
-    more = {
-        "lateral": ["trim_alpha  # rad", "trim_theta  # rad"],
-        "longitudinal": ["thrust_arm  # m, above the centre of gravity"],
-    }.get(model, [])
-    lines = [
-        f"# Draft of a vehicle file for --model {model}. Take the # from each line and give its "
-        "number.",
-        f"name = {_quoted(draft.file.path.stem)}",
-        '# mass = ...  # kg, or a text with a unit: mass = "24200 lb"',
-        "# wing_area = ...  # m2",
-        *(f"# {name} = ...  # m" for name in lengths),
-        *(f"# {name} = ...  # kg m2" for name in inertias),
-        known,
-        "# air_density = ...  # kg/m3 at the height of the flight",
-        *(f"# {line.split('  ')[0]} = ...  {line.split('  ')[1]}" for line in more),
-        "[derivatives]  # where the search starts; 30 % wrong will do",
-    ]
-    return "\n".join([*lines, *(f"# {name} = ..." for name in _DERIVATIVES[model])]) + "\n"
-
-
-_BALLISTIC = """# Draft of a vehicle file for --model ballistic. Take the # from each line and give its number.
-name = {name}
-# air_density_reference = ...  # kg/m3 at altitude 0; 1.225 at sea level
-# density_scale_height = ...  # m; 8500 near the ground
-gravity = 9.80665  # m/s2
-[derivatives]  # where the search starts
-# beta = ...  # kg/m2: mass / (drag coefficient * area)
-"""  # noqa: E501
-_MULTIROTOR = """# Draft of a vehicle file for --model multirotor: usual sizes for commands from -1 to 1.
-name = {name}
-[derivatives]  # where the search starts; what is left out is held at zero
-L_p = -1.0  # 1/s, roll damping
-L_lat = 60.0  # rad/s2, roll acceleration at full command
-L_0 = 0.0  # rad/s2, that a steady command balances
-M_q = -1.0
-M_lon = 60.0
-M_0 = 0.0
-N_r = -0.5
-N_ped = 10.0
-N_0 = 0.0
-Z_col = -20.0  # m/s2, specific force (down) at full thrust
-Z_0 = 0.0
-motor_time_constant = 0.04  # s
-delay = 0.01  # s, from command to motor
-"""  # noqa: E501
-_DERIVATIVES = {
-    "rigid": ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"),
-    "longitudinal": (
-        "CD_0", "CD_V", "CD_alpha", "CL_0", "CL_V", "CL_alpha", "CL_q", "CL_de", "Cm_0", "Cm_V", "Cm_alpha", "Cm_q", "Cm_de",  # noqa: E501
-    ),
-    "lateral": (
-        "CY_beta", "CY_p", "CY_r", "CY_da", "CY_dr", "Cl_beta", "Cl_p", "Cl_r", "Cl_da", "Cl_dr", "Cn_beta", "Cn_p", "Cn_r", "Cn_da", "Cn_dr",  # noqa: E501
-    ),
-}  # fmt: skip
 
 
 @lru_cache(maxsize=1)
@@ -648,7 +563,7 @@ def _numbers(topic: Topic, index: int) -> np.ndarray:
     return values[np.isfinite(values)]
 
 
-def _quoted(text: str) -> str:
+def quoted(text: str) -> str:
     import json
 
     return json.dumps(text, ensure_ascii=False)
