@@ -61,7 +61,12 @@ def structure(
         int, typer.Option("--degree", metavar="N", help="Of the products of signals offered.")
     ] = 2,
     splines: Annotated[
-        int, typer.Option("--splines", metavar="N", help="Offer splines with N knots in alpha.")
+        int,
+        typer.Option(
+            "--splines",
+            metavar="N",
+            help="Offer splines with N knots in alpha.",
+        ),
     ] = 0,
     terms: Annotated[
         Path | None,
@@ -117,11 +122,19 @@ def export(
     to: Annotated[
         str,
         typer.Option(
-            "--to", metavar="TARGET", autocompletion=of(*TARGETS), help=f"{', '.join(TARGETS)}."
+            "--to",
+            metavar="TARGET",
+            autocompletion=of(*TARGETS),
+            help=f"{', '.join(TARGETS)}.",
         ),
     ],
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="The file; else one by its name.")
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            help="The file; else one named after the vehicle, in this folder.",
+        ),
     ] = None,
     model: Annotated[
         Path | None,

@@ -75,7 +75,7 @@ class Operation:
     value: Any = None
 
 
-class Trace:
+class OperationTrace:
     """Operations in the order in which they were made."""
 
     def __init__(self) -> None:
@@ -134,7 +134,7 @@ class Symbol(NDArrayOperatorsMixin):
     dtype = np.dtype(float)
     __array_priority__ = 1000.0
 
-    def __init__(self, trace: Trace, place: int) -> None:
+    def __init__(self, trace: OperationTrace, place: int) -> None:
         self.trace, self.place = trace, place
 
     @property
@@ -224,7 +224,7 @@ def formulas_of(system: System) -> Formulas:
     DeclarationError : the equations decide by values, or use functions that no formula is written
         for.
     """
-    trace = Trace()
+    trace = OperationTrace()
     t = trace.signal("t")
     x, u, p = (
         [trace.signal(f"{kind}:{each.name}") for each in every]
