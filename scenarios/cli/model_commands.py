@@ -31,7 +31,7 @@ from scenarios.preparation.plan import Request, plan_of
 from scenarios.report.figure_formats import formats_of
 
 METHOD_WORDS = ("stepwise", "orthogonal")
-TARGETS = ("python", "fmu")
+TARGETS = ("python", "fmu", "jsbsim")
 
 # ---- flightid structure
 
@@ -141,7 +141,7 @@ def export(
         typer.Option("--model", metavar="FILE.py", help="The study's own model, which is run."),
     ] = None,
 ) -> None:
-    """The model of a study for another program: a Python module, or an FMU.
+    """The model of a study for another program: a Python module, an FMU, a JSBSim file.
 
     SI and radians, with the values found and the starting states of the first record.
     """

@@ -60,10 +60,18 @@ def _fmu(model: ExportedModel) -> tuple[bytes, str]:
     return fmu(model)
 
 
+def _jsbsim(model: ExportedModel) -> tuple[bytes, str]:
+    from scenarios.export.jsbsim import jsbsim_file
+
+    name = model.identifier
+    return jsbsim_file(model).encode(), f"JSBSim loads it as aircraft/{name}/{name}.xml"
+
+
 # By target: what writes the file, and the ending of its name.
 _WRITERS: dict[str, tuple[Callable[[ExportedModel], tuple[bytes, str]], str]] = {
     "python": (_python, ".py"),
     "fmu": (_fmu, ".fmu"),
+    "jsbsim": (_jsbsim, ".xml"),
 }
 
 
