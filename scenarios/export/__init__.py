@@ -1,1 +1,10 @@
-"""Models that leave the tool: written as a Python module, for JSBSim, in DAVE-ML, as an FMU."""
+"""Models of studies written for other programs.
+
+``model`` is the model of a study with its values, compiled; ``expressions`` its equations as a list
+of operations, found by calling them once with symbols; ``python_module``, ``fmu`` and ``jsbsim``
+write it. A further target is one file with a function from ``ExportedModel`` to text or bytes, and
+a line in ``_WRITERS`` of ``scenarios/commands/structure.py``.
+
+Delays and lags that have a state form are written as states; effects that need the whole record are
+left out, which the file and the command say.
+"""

@@ -69,7 +69,6 @@ LONG_FILES: frozenset[str] = frozenset(
         "scenarios/identification/identify.py",
         "scenarios/maneuver_design/setting.py",
         "scenarios/plots/low_order.py",
-        "scenarios/preparation/drafting.py",
         "scenarios/preparation/reading.py",
         "scenarios/studies/campaign_report.py",
         "scenarios/studies/campaign_statistics.py",
