@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from scenarios.api.identification import Identification, Prediction, identify, predict
     from scenarios.api.record import Record, read_record
     from scenarios.api.shown import Parameter, Parameters
+    from scenarios.api.structure import Structure, export, structure
     from scenarios.api.study import Campaign, Design, Study, campaign, design, run, simulate
     from scenarios.api.tables import InputError, Table, effects, models, scenarios, vehicles
     from scenarios.api.vehicle import Vehicle, vehicle
@@ -52,6 +53,7 @@ _EXPORTS = {
     **dict.fromkeys(("Parameter", "Parameters"), "shown"),
     **dict.fromkeys(("Prediction", "predict"), "identification"),
     **dict.fromkeys(("Record", "read_record"), "record"),
+    **dict.fromkeys(("Structure", "export", "structure"), "structure"),
     **dict.fromkeys(("Study", "run", "simulate"), "study"),
     **dict.fromkeys(("Survey", "survey"), "diagnosis"),
     "Table": "tables",
@@ -71,6 +73,7 @@ __all__ = [
     "Parameters",
     "Prediction",
     "Record",
+    "Structure",
     "Study",
     "Survey",
     "Table",
@@ -82,6 +85,7 @@ __all__ = [
     "diagnose",
     "effects",
     "estimators",
+    "export",
     "find_maneuvers",
     "frequency_response",
     "identify",
@@ -93,6 +97,7 @@ __all__ = [
     "run",
     "scenarios",
     "simulate",
+    "structure",
     "survey",
     "vehicle",
     "vehicles",

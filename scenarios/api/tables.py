@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import pandas
 
     from scenarios.report import document
+    from sim.declaration.model import Equations
 
 
 # ---- The one exception for bad input
@@ -161,6 +162,7 @@ TITLES = {
     "lateral": "sideslip, roll and yaw from aileron and rudder",
     "longitudinal": "airspeed, alpha, attitude and q from elevator and thrust",
     "multirotor": "roll, pitch and yaw rates and az from commands to the motors",
+    "aircraft": "six degrees of freedom; surfaces and terms are those of the vehicle file",
 }
 
 
@@ -192,7 +194,7 @@ def effects() -> Table:
 
 def models() -> Table:
     """The models: name, what it is, inputs, outputs, what a vehicle file gives and what is
-    estimated.
+    estimated. Of ``aircraft`` those of a generic airliner: surfaces and terms stand in its file.
 
     Examples
     --------
@@ -200,12 +202,23 @@ def models() -> Table:
     >>> fid.models()["rigid"]["inputs"]
     ('elevator',)
     """
-    from scenarios.files.vehicles import MODELS
+    from scenarios.files.aircraft_files import example
+    from scenarios.files.vehicles import AIRCRAFT, MODELS
     from sim.vehicles.factory import FAMILIES
 
     rows = []
     for name in MODELS:
-        equations, constants, derivatives = FAMILIES["rigid" if name == "flexible" else name]
+        equations: Equations
+        if name == AIRCRAFT:
+            model = example()
+            equations = model.equations
+            constants, derivatives = (
+                {item.name: item.unit for item in model.parameters if item.free is free}
+                for free in (False, True)
+            )
+        else:
+            family = FAMILIES["rigid" if name == "flexible" else name]
+            equations, constants, derivatives = family[0], dict(family[1]), dict(family[2])
         signals = (
             tuple(signal.name for signal in some) for some in (equations.inputs, equations.outputs)
         )

@@ -249,8 +249,7 @@ def show_models(name: str | None) -> None:
     if not is_model_file(name):
         equations, constants, derivatives = _built_in(name)
         print(
-            f"{name}: "
-            f"{TITLES[name]}\n\n{(sys.modules[type(equations).__module__].__doc__ or '').strip()}\n"
+            f"{name}: {TITLES[name]}\n\n{(sys.modules[_home(equations)].__doc__ or '').strip()}\n"
         )
         _print_equations(equations, constants.items(), derivatives.items())
         return
@@ -265,6 +264,14 @@ def show_models(name: str | None) -> None:
     _print_equations(own.model.equations, held, free, own.model)
     print()
     print_checks(own.model)
+
+
+def _home(equations: Equations) -> str:
+    """Name of the module that says what the equations are."""
+    from scenarios.files.vehicles import AIRCRAFT
+
+    own = equations.name == AIRCRAFT
+    return "sim.vehicles.aircraft" if own else type(equations).__module__
 
 
 def show_example(name: str | None) -> None:
@@ -284,8 +291,17 @@ def show_example(name: str | None) -> None:
 
 def _built_in(name: str) -> tuple[Equations, Mapping[str, str], Mapping[str, str]]:
     """Equations of a model, and names with units of its constants and of what is estimated."""
+    from scenarios.files.aircraft_files import example
+    from scenarios.files.vehicles import AIRCRAFT
     from sim.vehicles.factory import FAMILIES, MODE_CONSTANTS, mode_units
 
+    if name == AIRCRAFT:
+        model = example()
+        held, free = (
+            {item.name: item.unit for item in model.parameters if item.free is wanted}
+            for wanted in (False, True)
+        )
+        return model.equations, held, free
     if name != "flexible":
         return FAMILIES[name]
     equations, constants, derivatives = FAMILIES["rigid"]

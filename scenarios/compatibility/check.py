@@ -191,11 +191,14 @@ def settings_of(vehicle: VehicleFile) -> CompatibilitySettings:
     )
 
 
-def _airspeed_of(vehicle: VehicleFile) -> float:
+def _airspeed_of(vehicle: VehicleFile) -> float | None:
     """The declared airspeed; of equations that know the airspeed the one that they are referred
     to.
     """
-    return next(vehicle.constants[name] for name in AIRSPEEDS if name in vehicle.constants)
+    known = [vehicle.constants[name] for name in AIRSPEEDS if name in vehicle.constants]
+    if not known and vehicle.own is not None and AIRSPEEDS[0] in vehicle.own.initial:
+        known = [vehicle.own.initial[AIRSPEEDS[0]].value]  # where the motion begins
+    return known[0] if known else CompatibilitySettings().airspeed
 
 
 def record_to_check(

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
+from importlib.resources import as_file, files
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -155,6 +156,13 @@ def read_model_file(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnMode
     source = read_toml_source(path)
     _, model, laid_down = model_of_file(source)
     return OwnModel(constrained(model, laid_down), source.identity)
+
+
+def example() -> Model:
+    """The model of the generic airliner that the catalogue has, for lists of models."""
+    place = files("scenarios").joinpath("catalog", "aircraft", "airliner.toml")
+    with as_file(place) as path:
+        return read_model_file(path).model
 
 
 def _aerodynamics(table: object, path: Path) -> dict[str, dict[str, float]]:

@@ -33,7 +33,7 @@ from scenarios.report.folder import write_page
 from scenarios.report.shared_tables import rows_table
 from scenarios.report.terminal import table_as_lines
 from scenarios.report.text_tables import WIDTH, wrapped
-from scenarios.structure.study import Structure
+from scenarios.structure.study import FoundStructure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,7 +45,7 @@ SCHEMA = "flightid/structure/1"
 VEHICLE = "vehicle.toml"
 
 
-def structure_text(found: Structure, width: int = WIDTH) -> str:
+def structure_text(found: FoundStructure, width: int = WIDTH) -> str:
     """What was found, for the terminal."""
     names = ", ".join(each.name for each in found.histories)
     first = found.histories[0]
@@ -63,7 +63,7 @@ def structure_text(found: Structure, width: int = WIDTH) -> str:
     return "\n".join(lines) + "\n"
 
 
-def summary_table(found: Structure) -> Table:
+def summary_table(found: FoundStructure) -> Table:
     """How well each coefficient is described."""
     rows: list[list[Cell]] = []
     for axis, each in found.selections.items():
@@ -87,7 +87,7 @@ def summary_table(found: Structure) -> Table:
     return rows_table("coefficients", columns, rows)
 
 
-def terms_table(found: Structure, axis: str) -> Table:
+def terms_table(found: FoundStructure, axis: str) -> Table:
     """Values of a coefficient's terms, the step in which each came, and its variance inflation."""
     each, together = found.selections[axis], found.collinearity[axis]
     inflation = dict(zip(together.terms, together.inflation.tolist(), strict=True))
@@ -115,7 +115,7 @@ def _held(value: float) -> Cell:
     return formatted(value, ".4f", PURE) if math.isfinite(value) else ""
 
 
-def findings(found: Structure) -> list[str]:
+def findings(found: FoundStructure) -> list[str]:
     """Sentences: what is lacking, where methods differ, what goes together and the remedy."""
     told: list[str] = []
     for axis, each in found.selections.items():
@@ -151,20 +151,20 @@ def findings(found: Structure) -> list[str]:
 # ---- Figures
 
 
-def structure_figures(found: Structure) -> Iterator[Named]:
+def structure_figures(found: FoundStructure) -> Iterator[Named]:
     """Measured and modelled coefficients, a figure for forces and one for moments."""
     axes = list(found.selections)
     for stem, part in (("forces", axes[:3]), ("moments", axes[3:])):
         yield stem, partial(coefficient_figure, found, part)
 
 
-def modelled(found: Structure, axis: str, number: int) -> np.ndarray:
+def modelled(found: FoundStructure, axis: str, number: int) -> np.ndarray:
     """A coefficient of a maneuver by the terms found, ``(M,)``."""
     each = found.selections[axis]
     return np.asarray(columns_of(found.histories[number], each.terms, axis) @ each.values)
 
 
-def coefficient_figure(found: Structure, axes: Sequence[str], most: int = 4) -> Figure:
+def coefficient_figure(found: FoundStructure, axes: Sequence[str], most: int = 4) -> Figure:
     """Measured and modelled coefficients over time, the first maneuvers side by side.
 
     Parameters
@@ -192,7 +192,7 @@ def coefficient_figure(found: Structure, axes: Sequence[str], most: int = 4) -> 
 # ---- Page and folder
 
 
-def structure_page(found: Structure, drawn: Sequence[Drawn] = ()) -> Page:
+def structure_page(found: FoundStructure, drawn: Sequence[Drawn] = ()) -> Page:
     """The page of a structure."""
     worst = min(found.selections.values(), key=lambda each: each.r2)
     lacking = [axis for axis, each in found.selections.items() if each.lacking]
@@ -220,7 +220,7 @@ def structure_page(found: Structure, drawn: Sequence[Drawn] = ()) -> Page:
     )
 
 
-def write_structure(found: Structure, folder: str | Path, *, figures: Formats = USUAL) -> Path:
+def write_structure(found: FoundStructure, folder: str | Path, *, figures: Formats = USUAL) -> Path:
     """Write ``vehicle.toml`` for `identify`, figures, the page, and ``structure.json`` last.
 
     Returns
@@ -239,7 +239,7 @@ def write_structure(found: Structure, folder: str | Path, *, figures: Formats = 
     return Path(folder)
 
 
-def structure_content(found: Structure) -> dict[str, Any]:
+def structure_content(found: FoundStructure) -> dict[str, Any]:
     """Content of ``structure.json``."""
     return {
         "schema": SCHEMA,

@@ -81,7 +81,7 @@ class StructureOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class Structure:
+class FoundStructure:
     """The structure that was found.
 
     Attributes
@@ -110,7 +110,7 @@ class Structure:
         }
 
 
-def structure_of_files(request: Request, options: StructureOptions) -> Structure:
+def structure_of_files(request: Request, options: StructureOptions) -> FoundStructure:
     """Read the records and the vehicle file of a request, and find the terms.
 
     Raises
@@ -163,7 +163,7 @@ def structure_of(
     options: StructureOptions | None = None,
     files: Sequence[InputFile] = (),
     notes: Sequence[str] = (),
-) -> Structure:
+) -> FoundStructure:
     """The terms of each coefficient that records support.
 
     Parameters
@@ -175,7 +175,7 @@ def structure_of(
 
     Returns
     -------
-    Structure.
+    FoundStructure.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def structure_of(
         together[axis] = collinearity_of(axis, found.terms, columns, surfaces)
     base = aircraft.coefficients if options.baseline else {}
     terms_found = {axis: _sum(base.get(axis, {}), selections[axis].table) for axis in axes}
-    return Structure(
+    return FoundStructure(
         replace(aircraft, coefficients=terms_found),
         selections,
         others,

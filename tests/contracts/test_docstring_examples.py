@@ -16,10 +16,12 @@ ON_THE_PAGE = {
     "check",
     "design",
     "diagnose",
+    "export",
     "find_maneuvers",
     "frequency_response",
     "own_model",
     "predict",
+    "structure",
     "survey",
 }
 FUNCTIONS = [name for name in flightid.__all__ if inspect.isfunction(getattr(flightid, name))]

@@ -71,7 +71,19 @@ LEFT_OUT = {"json", "quiet", "out", "figures", "no_figures", "state_space", "hel
 
 
 @pytest.mark.parametrize(
-    "command", ["identify", "diagnose", "predict", "check", "run", "campaign", "design", "response"]
+    "command",
+    [
+        "identify",
+        "diagnose",
+        "predict",
+        "check",
+        "run",
+        "campaign",
+        "design",
+        "response",
+        "structure",
+        "export",
+    ],
 )
 def test_keywords_are_the_options_of_the_command(command: str) -> None:
     import typer.main
@@ -99,6 +111,8 @@ OF_THE_COMMAND_ALONE: dict[str, set[str]] = {
     "design": set(),
     "run": {"compare"},
     "response": set(),
+    "structure": set(),
+    "export": {"model", "stop"},  # --to is the target there
     # A flight of one's own is a scenario file in Python.
     "campaign": {"model", "vehicle", "input", "noise", "duration", "rate"},
 }

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import flightid as fid
 from scenarios.files.aircraft_files import read_aircraft, written
 from scenarios.files.declarations import read_toml_source
 from scenarios.files.writing import write_record
@@ -169,3 +170,21 @@ def test_a_vehicle_file_needs_no_terms(tmp_path: Path) -> None:
     assert isinstance(aircraft, Aircraft)
     assert aircraft.forces == ("CX", "CY", "CZ")
     assert aircraft.coefficients["Cm"] == {Term(): 0.0}
+
+
+def test_in_python_as_by_the_command(files: list[Path], tmp_path: Path) -> None:
+    found = fid.structure(files, files[0].parent / "vehicle.toml")
+    command = structure_of_files(Request(tuple(files)), OPTIONS)
+    assert found.terms.keys() == command.aircraft.coefficients.keys()
+    frame = found.to_dataframe()
+    assert frame.loc["Cm_alpha", "value"] == found.terms["Cm"]["alpha"]
+    assert frame["std"].min() > 0.0
+    assert min(found.r2.values()) > 0.99
+    folder = found.save(tmp_path / "terms", figures=False)
+    path = fid.export(folder / "vehicle.toml", "jsbsim", tmp_path / "plane.xml")
+    assert "<fdm_config" in path.read_text()
+    assert repr(found).startswith("<Structure of") and "Cm" in found.summary()
+    with pytest.raises(fid.InputError, match="method="):
+        fid.structure(files, files[0].parent / "vehicle.toml", method="guess")
+    with pytest.raises(fid.InputError, match="there is no target"):
+        fid.export(folder / "vehicle.toml", "paper", tmp_path / "plane.txt")

@@ -1,0 +1,59 @@
+"""Commands on a record of six degrees of freedom with a vehicle file of model aircraft."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenarios.files.aircraft_files import written
+from scenarios.files.writing import write_record
+from sim.record import Channel, Hold, Record
+from sim.vehicles.aircraft import aircraft_model
+from tests.airliner import AIRLINER
+from tests.bases import AIRLINER_NOISE, airliner_flight, fly_model
+from tests.integration.command_line import CommandLine
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A record of 8 s and its vehicle file."""
+    made = tmp_path_factory.mktemp("aircraft")
+    flight, model = airliner_flight(8.0), aircraft_model(AIRLINER).with_noise(AIRLINER_NOISE)
+    rng = np.random.default_rng(4)
+    outputs = tuple(
+        Channel.of(signal.name, signal.unit, row + std * rng.standard_normal(len(row)))
+        for signal, row in zip(model.equations.outputs, fly_model(model, flight), strict=True)
+        for std in (0.3 * model.noise.measurement_std[signal.name],)
+    )
+    inputs = tuple(
+        Channel.of(signal.name, signal.unit, row)
+        for signal, row in zip(model.equations.inputs, flight.u, strict=True)
+    )
+    write_record(made, Record(flight.time, inputs, outputs, Hold.PREVIOUS, "flight"), "flight")
+    (made / "plane.toml").write_text(written(AIRLINER))
+    return made
+
+
+def test_identify_export_and_check(flightid: CommandLine, folder: Path) -> None:
+    record, vehicle = folder / "flight.csv", folder / "plane.toml"
+    flightid.done(
+        "identify", record, "--model", "aircraft", "--vehicle", vehicle, "--no-figures",
+        "--out", folder / "fit",
+    )  # fmt: skip
+    content = json.loads((folder / "fit" / "comparison.json").read_text())
+    assert content["outcome"] == "converged"
+    found = content["parameters"]
+    for name, value in {"Cm_alpha": -1.0, "Cl_p": -0.5, "Cn_beta": 0.13}.items():
+        assert abs(found[name]["estimate"] - value) < 4.0 * found[name]["std"]
+    flightid.done("export", folder / "fit", "--to", "python", "--out", folder / "plane.py")
+    assert "def derivatives" in (folder / "plane.py").read_text()
+    told = flightid.done("check", record, "--vehicle", vehicle, "--no-figures")
+    assert "alpha" in told
+
+
+def test_a_model_of_its_own_kind_is_listed(flightid: CommandLine) -> None:
+    told = flightid.done("models", "aircraft")
+    assert "six degrees of freedom" in told and "Cm_alpha" in told
