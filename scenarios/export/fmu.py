@@ -154,7 +154,7 @@ def _compiled(source: str, identifier: str) -> tuple[tuple[str, bytes] | None, s
         return None, "no C compiler was found: the unit holds its source alone"
     with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
         path, made = Path(folder) / "model.c", Path(folder) / "model"
-        path.write_text(source, encoding="utf-8")
+        path.write_text(source, encoding="utf-8", newline="\n")
         command = [compiler, "-O2", "-fPIC", "-shared", "-o", str(made), str(path), "-lm"]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode or not made.exists():
