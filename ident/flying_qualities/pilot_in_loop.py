@@ -120,9 +120,10 @@ def _smoothed(curve: AttitudeCurve, omega: np.ndarray) -> tuple[np.ndarray, np.n
     rows = []
     for values, std in ((curve.gain, curve.gain_std), (curve.phase, curve.phase_std)):
         covariance = shared_covariance(curve, std, places)
-        root = np.linalg.cholesky(
-            covariance + 1e-9 * np.diag(np.maximum(np.diag(covariance), 1e-30))
-        )
+        # Correlations that were estimated pair by pair need not be those of any variables: the
+        # symmetric root of the nearest covariance that is.
+        sizes, turned = np.linalg.eigh(covariance)
+        root = (turned * np.sqrt(np.maximum(sizes, 0.0))) @ turned.T
         noisy = values + (root @ rng.standard_normal((values.size, DRAWS))).T
         zero = np.zeros_like(std)
         matrix = np.array([parabola_at(curve, zero, std, at).weights for at in omega])

@@ -194,9 +194,11 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
         ),
     ),
     "structure": (
+        ("flightid simulate trace-aircraft --out coupled.csv", "a flight, a second one, a vehicle"),
         (
-            "flightid structure pitch.csv roll.csv yaw.csv --vehicle uav.toml --out terms",
-            "the terms that three maneuvers support, and a vehicle file of them",
+            "flightid structure coupled.csv coupled_validate.csv "
+            "--vehicle coupled_vehicle.toml --out terms",
+            "the terms that two maneuvers support, and a vehicle file of them",
         ),
     ),
     "export": (

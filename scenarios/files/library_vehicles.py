@@ -6,6 +6,7 @@ import difflib
 import hashlib
 import json
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,15 +17,16 @@ from sim.errors import DeclarationError
 from sim.vehicles.factory import FAMILIES, MODE_CONSTANTS, mode_units
 from sim.vehicles.library import VehicleData, read_parameter_set, vehicle_names
 
+LONGEST = 60  # letters of a name of the library
 FILE_KEYS = {"omega": "frequency", "zeta": "damping", "generalized_mass": "generalized_mass"}
 
 # ---- A name or a file
 
 
 def is_library_name(given: str | Path | Any) -> bool:
-    """Whether a text can only be a name of the library: no ending ``.toml``, no folder, no file."""
+    """Whether a text can only be a name of the library: a plain word, and no file."""
     text = str(given)
-    return not (text.endswith(".toml") or "/" in text or "\\" in text or Path(text).is_file())
+    return text.isidentifier() and len(text) <= LONGEST and not os.path.lexists(text)
 
 
 def vehicle_source(given: str | Path | Source, model: str = "") -> Source:

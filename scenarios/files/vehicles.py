@@ -173,6 +173,8 @@ def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
     """A user's own model with the numbers of a vehicle file, or with its own where there is
     none.
     """
+    if source is not None and "aerodynamics" in toml_of(source):
+        return aircraft_vehicle(source)
     name, model, laid_down = (
         own_numbers(own, source) if source is not None else (own.model.name, own.model, NONE)
     )

@@ -279,6 +279,17 @@ def aircraft_model(aircraft: Aircraft) -> Model:
     return replace(model, equations=replace(model.equations, terms=terms))
 
 
+def declaration_of(model: Model) -> Aircraft | None:
+    """What a model was made of, with its present values; None of any other model."""
+    motion = getattr(getattr(model.equations, "rates", None), "__self__", None)
+    if not isinstance(motion, _Motion):
+        return None
+    values = {item.name: item.value for item in model.parameters}
+    aircraft = motion.aircraft.with_values(values)
+    held = {name: values.get(name, value) for name, value in aircraft.constants.items()}
+    return replace(aircraft, constants=held)
+
+
 class _Motion:
     """The functions of an aircraft's equations."""
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from scenarios.files.aircraft_files import written
 from scenarios.studies.declaration import ManeuverPlan
 from scenarios.studies.estimating import held_alike, maneuvers_by_input, resting
 from scenarios.trials.planted.declaration import (
@@ -30,6 +31,7 @@ from sim.errors import DeclarationError
 from sim.maneuvers import Sum
 from sim.record import Channel, Record
 from sim.truth.flight import fly, sample_times
+from sim.vehicles.aircraft import declaration_of
 from sim.vehicles.factory import FAMILIES, LOES_CONSTANTS, MODE_CONSTANTS, RIGID_CONSTANTS
 
 # The constant terms of a low-order equivalent stay at zero.
@@ -280,6 +282,9 @@ def _own_text(scenario: TraceScenario, model: Model) -> str:
     started = {
         name: off(item, scenario.wrong * (-1.0) ** i) for i, (name, item) in enumerate(free.items())
     } | dict(scenario.start)
+    aircraft = declaration_of(model)
+    if aircraft is not None:
+        return written(aircraft.with_values(started))
     lines = [
         f"name = {json.dumps(model.name)}",
         *(f"{_key(item.name)} = {item.value!r}" for item in model.parameters if not item.free),

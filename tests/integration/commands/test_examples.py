@@ -176,7 +176,9 @@ def test_a_study_that_keeps_no_model_says_what_to_run(folder: Path) -> None:
 
 
 def test_quiet_prints_warnings_alone_and_json_the_document_alone(folder: Path) -> None:
-    assert typed(f"flightid identify flight.csv {shlex.join(RECORD)} --quiet") == (0, "", "")
+    code, out, err = typed(f"flightid identify flight.csv {shlex.join(RECORD)} --quiet")
+    assert (code, out) == (0, "")
+    assert err.startswith("flightid: warning: do not use these sigmas") and err.count("\n") == 1
     code, out, err = typed("flightid simulate rigid --json --out named.csv")
     assert (code, err) == (0, "") and json.loads(out)["files"] == ["named.csv", "named.json"]
 

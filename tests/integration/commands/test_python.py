@@ -14,6 +14,7 @@ import pandas
 import pytest
 
 import flightid as fid
+from scenarios.api.keywords import as_keywords
 from tests.integration.command_line import CommandLine, contents
 
 SLOWER = {"flight.rate": 20}  # Hz
@@ -45,7 +46,9 @@ def lines(text: str) -> list[str]:
 def timeless(folder: Path) -> dict[str, Any]:
     """Every file of a study but its page; documents without the times that they hold."""
     found: dict[str, Any] = {
-        name: raw for name, raw in contents(folder).items() if not name.endswith(".html")
+        name: raw
+        for name, raw in contents(folder).items()
+        if not name.endswith((".html", "study.txt"))
     }
     for name in (name for name in found if name.endswith(".json")):
         found[name] = {
@@ -188,11 +191,12 @@ def test_check(flightid: CommandLine, tmp_path: Path) -> None:
 
 
 def test_run_simulate_and_campaign(flightid: CommandLine, tmp_path: Path) -> None:
-    printed = flightid.done(
+    flightid.done(
         "run", "rigid", "--seed", 2, *SLOWLY, "--no-figures", "--out", tmp_path / "command"
     )
     study = fid.run("rigid", seed=2, set=SLOWER)
-    assert lines(study.summary()) == lines(printed)
+    whole = (tmp_path / "command" / "study.txt").read_text(encoding="utf-8")
+    assert lines(study.summary()) == lines(whole)
     study.save(tmp_path / "python", figures=False)
     assert timeless(tmp_path / "python") == timeless(tmp_path / "command")
     flightid.done("simulate", "rigid", "--seed", 2, *SLOWLY, "--out", tmp_path / "flight.csv")
@@ -251,7 +255,8 @@ def test_a_refusal_is_the_line_of_the_command(
     given = [flight if option == "RECORD" else option for option in options]
     with pytest.raises(fid.InputError) as raised:
         call(flight, vehicle)
-    assert str(raised.value) == flightid.refused("identify", flight, "--vehicle", vehicle, *given)
+    said = flightid.refused("identify", flight, "--vehicle", vehicle, *given)
+    assert str(raised.value) == as_keywords(said)
 
 
 def test_a_channel_map_of_a_call_is_for_all_its_tables(
@@ -274,7 +279,7 @@ WRONG: list[tuple[Callable[[], object], str]] = [
         lambda: fid.run("rigid", set={"flight.rate": None}),
         "key flight.rate: a NoneType is no value",
     ),
-    (lambda: fid.run("rigid", set="flight.rate"), "--set: 'flight.rate' is not key=value"),
+    (lambda: fid.run("rigid", set="flight.rate"), "set=: 'flight.rate' is not key=value"),
     (
         lambda: fid.simulate("rigit"),
         "flightid: there is no scenario 'rigit'; did you mean 'rigid'?",

@@ -168,7 +168,7 @@ def test_faults_in_one_line(tmp_path: Path) -> None:
         "key trim_theta",
         "does not measure an angle",
     )
-    refused(tmp_path, longitudinal, "lateral", "no such key")
+    refused(tmp_path, longitudinal, "lateral", "for the longitudinal model", "not for lateral")
     refused(
         tmp_path,
         longitudinal.replace("thrust_arm = -0.1\n", ""),
