@@ -77,6 +77,7 @@ contents = {
         "how-to/ardupilot-sweep",
         "how-to/own-flight-data",
         "how-to/lateral-and-longitudinal",
+        "six-degrees",
         "own-models",
         "how-to/own-effect",
         "how-to/*",
