@@ -162,7 +162,7 @@ TITLES = {
     "lateral": "sideslip, roll and yaw from aileron and rudder",
     "longitudinal": "airspeed, alpha, attitude and q from elevator and thrust",
     "multirotor": "roll, pitch and yaw rates and az from commands to the motors",
-    "aircraft": "six degrees of freedom; surfaces and terms are those of the vehicle file",
+    "aircraft": "six degrees of freedom, with the terms of a vehicle file",
 }
 
 

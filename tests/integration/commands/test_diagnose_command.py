@@ -151,7 +151,7 @@ def test_documented_effect_is_traced_and_written(flights: Path, tmp_path: Path) 
         ),
         (
             ["diagnose", "TRAIN", "--model", "loes", "--vehicle", "VEHICLE"],
-            "vehicle.toml, key derivatives.CL_alpha: there is no such key; did you mean 'L_alpha'?",
+            "vehicle.toml: this vehicle file is for the rigid model",
         ),
         (
             ["diagnose", "TRAIN", "--model", "rigid", "--validate", "TRAIN"],

@@ -199,7 +199,7 @@ def test_files_and_methods_that_do_not_fit(
         "--vehicle",
         longitudinal / "vehicle.toml",
     )
-    assert "vehicle.toml, key derivatives.CD_0: there is no such key" in wrong
+    assert "vehicle.toml: this vehicle file is for the longitudinal model" in wrong
     asked = (
         "identify",
         paths["lateral"],
@@ -214,7 +214,7 @@ def test_files_and_methods_that_do_not_fit(
     assert "name a file that ends in .json, .mat, .npz" in flightid.refused(
         *asked, "--state-space", lateral / "plant.txt"
     )
-    assert "vehicle.toml, key derivatives.CY_beta: there is no such key" in flightid.refused(
+    assert "vehicle.toml: this vehicle file is for the lateral model" in flightid.refused(
         "diagnose", paths["lateral"], "--model", "rigid"
     )
     (lateral / "vehicle.toml").write_text(

@@ -29,6 +29,8 @@ class Found:
 
     record: Any
     notes: tuple[str, ...] = ()
+    tests: tuple[Any, ...] = ()
+    doubts: tuple[Any, ...] = ()
 
 
 @dataclass
