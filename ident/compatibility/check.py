@@ -36,6 +36,7 @@ from ident.compatibility.trials import (
     tried,
     with_more_faults,
 )
+from ident.recording.missing_samples import MOST_MEASURED, refuse_beyond_measure
 from sim.errors import RecordError
 from sim.record import Record
 
@@ -286,16 +287,7 @@ def _refuse(record: Record) -> None:
             where=record.name,
             remedy=f"give at least {SHORTEST}",
         )
-    for name in record.output_names:
-        channel = record[name]
-        wrong = np.flatnonzero(channel.valid & (np.abs(channel.values) > 1e6))
-        if wrong.size:
-            where = f"{record.name}, channel {name} at {record.time[wrong[0]]:g} s"
-            raise RecordError(
-                f"{channel.values[wrong[0]]:g} is no measurement",
-                where=where,
-                remedy="leave the cell empty where the sample is missing",
-            )
+    refuse_beyond_measure(record, record.output_names, MOST_MEASURED)
     if "airspeed" in record.output_names:
         channel = record["airspeed"]
         if np.any(channel.values[channel.valid] <= 0):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.recording.missing_samples import MOST_MEASURED, refuse_beyond_measure
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Claim, Step
@@ -42,7 +43,11 @@ def fit_declared(problem: TraceProblem) -> Declared:
     Raises
     ------
     ModelError : no finite cost, or a fit that has failed (``ident.whole_record.output_error``).
+    RecordError : a fitted angle, rate or load factor that nothing that flies can have.
     """
+    for record in problem.records:
+        angles = [name for name in problem.outputs if record[name].unit in ("rad", "rad/s")]
+        refuse_beyond_measure(record, angles, MOST_MEASURED)
     problem.progress("fitting the declared model", 0.0)
     root = problem.fit((), None)
     if root is None:

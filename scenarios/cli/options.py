@@ -15,9 +15,7 @@ from typing import Annotated, TextIO
 
 import typer
 
-from scenarios.files.writing import write_text
 from scenarios.report.figure_formats import Formats
-from scenarios.report.summary import TEXT
 
 # ---- What a shell completes
 
@@ -366,6 +364,9 @@ def keeping_text(out: Path | None) -> Iterator[None]:
     if out is None:
         yield
         return
+    from scenarios.files.writing import write_text
+    from scenarios.report.summary import TEXT
+
     path = out / TEXT
     before = _identity(path)
     copied = _Copied(sys.stdout)

@@ -13,6 +13,7 @@ from ident.banks.delays import ENGINES, FILTERPY, WIDENINGS, contradicted, widen
 from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import FilterSettings, run_iterated_ekf
 from ident.filters.smoother import with_coloured_covariance
+from ident.recording.missing_samples import refuse_beyond_measure
 from ident.whole_record.layout import FitSettings
 from ident.whole_record.output_error import fit_output_error
 from scenarios.files.user_models import inputs_at_rest, is_own
@@ -90,7 +91,7 @@ def refuse_method(
             remedy="use output-error, filter-error, equation-error or frequency-domain",
         )
     for each in records:
-        _refuse_beyond_measure(each)
+        refuse_beyond_measure(each, [channel.name for channel in each.channels], LARGEST)
     if vehicle.model == "loes" and method == "ekf" and vehicle.constraints:
         what = (
             "the bank of delays estimates every derivative from its start, and the vehicle file "
@@ -130,18 +131,6 @@ def engine_of(method: str, options: Options) -> dict[str, str]:
         return {"name": "filterpy", "sentence": sentence}
     engine = ENGINES[options.engine or FILTERPY.name]
     return {"name": engine.name, "sentence": engine.label} if method == "ekf" else {}
-
-
-def _refuse_beyond_measure(record: Record) -> None:
-    for channel in record.channels:
-        wrong = np.flatnonzero(channel.valid & (np.abs(channel.values) > LARGEST))
-        if wrong.size:
-            where = f"{record.name}, channel {channel.name} at {record.time[wrong[0]]:g} s"
-            raise RecordError(
-                f"{channel.values[wrong[0]]:g} is no measurement",
-                where=where,
-                remedy="leave the cell empty where the sample is missing",
-            )
 
 
 def estimated_by(

@@ -6,9 +6,12 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
-from scenarios.report.plot_data import PlotData
 from sim.errors import DeclarationError
+
+if TYPE_CHECKING:
+    from scenarios.report.plot_data import PlotData
 
 # ---- In which formats figures are written
 

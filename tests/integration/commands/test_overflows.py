@@ -88,14 +88,18 @@ def refused(flightid: CommandLine, model: str, record: Path, vehicle: Path, out:
     return call.err
 
 
-@pytest.mark.parametrize("column", [1, 3])
+@pytest.mark.parametrize(
+    ("column", "said"),
+    [(1, "the fit of the declared model has failed"), (3, "is no measurement")],
+    ids=["elevator", "q"],
+)
 def test_a_column_of_1e30(
-    flightid: CommandLine, table: np.ndarray, tmp_path: Path, column: int
+    flightid: CommandLine, table: np.ndarray, tmp_path: Path, column: int, said: str
 ) -> None:
-    """No fit of the declared model follows it: nothing is built on one that has failed."""
+    """Nothing is built on a fit that has failed, nor on rates that nothing can have."""
     table[:, column] *= 1e30
     vehicle = vehicle_file(tmp_path / "v.toml", BUSINESS_JET)
-    assert "the fit of the declared model has failed" in refused(
+    assert said in refused(
         flightid, "rigid", written(tmp_path / "huge.csv", table), vehicle, tmp_path / "out"
     )
 

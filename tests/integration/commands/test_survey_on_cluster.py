@@ -59,6 +59,8 @@ def test_workers_write_the_same_survey(
         and "flights/a/report.html" in local
     )
     for name, content in local.items():
+        if name == "study.txt":  # says in which folder the survey lies
+            content = content.replace(b"here", b"there")
         assert content == remote[name], name
     # Only what is new or changed is computed, by a cluster too; a flight that cannot be used ends
     # nothing.
