@@ -252,3 +252,16 @@ def test_kinematics_choose_among_effects_that_are_not_told_apart() -> None:
         assert set(spread) == set(found.names)
         names[group] = set(found.names)
     assert names[((LATE,),)] == {LATE} and names[((ARM,),)] == {ARM}
+
+
+def test_a_search_that_offers_more_goes_on_from_the_sets_that_are_fitted() -> None:
+    """It ends where a search among all candidates from the beginning ends, with fewer fits."""
+    both = [effect("sensor-scale:q"), effect(LATE)]
+    values = {"sensor-scale:q.scale": 1.15, "sensor-delay:alpha.delay": 0.08}
+    problem = offered([planted(both, values, seed=1)])
+    few = [each for each in problem.candidates if each.name != LATE]
+    further = Search(problem, few).run().offering(problem.candidates, "all candidates").run()
+    whole = Search(problem, problem.candidates).run()
+    assert further.best().names == whole.best().names == {"sensor-scale:q", LATE}
+    assert further.best().weight == pytest.approx(whole.best().weight, abs=0.5)
+    assert further.fits < whole.fits
