@@ -1,6 +1,6 @@
 """What holds for every test: Ctrl-C is heard, one BLAS thread, the same hypothesis examples on
 every run, no lines of progress however slow it is; of a test marked ``sampled`` the first case alone, unless
-slow ones are asked for.
+long ones are asked for.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ progress.EVERY = 1e6  # s; a command's stderr is empty on a busy machine, too
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """All cases but the first of a test marked ``sampled`` are slow ones."""
+    """All cases but the first of a test marked ``sampled`` are long ones."""
     seen: set[str] = set()
     for item in items:
         if item.get_closest_marker("sampled") is None:
             continue
         test = item.nodeid.partition("[")[0]
         if test in seen:
-            item.add_marker(pytest.mark.slow)
+            item.add_marker(pytest.mark.long)
         seen.add(test)
