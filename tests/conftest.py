@@ -1,6 +1,6 @@
 """What holds for every test: Ctrl-C is heard, one BLAS thread, the same hypothesis examples on
-every run, no lines of progress however slow it is; of a test marked ``sampled`` the first case alone, unless
-long ones are asked for.
+every run, no lines of progress however slow it is. Of a test marked ``sampled`` all cases but the
+first are long ones.
 """
 
 from __future__ import annotations

@@ -55,6 +55,7 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
     assert found.named == ()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("name", "values"),
     [
@@ -70,6 +71,7 @@ def test_what_is_hidden_is_named(name: str, values: dict[str, float]) -> None:
     assert found.named[0].probability > 0.95
 
 
+@pytest.mark.long
 def test_beside_a_discrepancy_what_acts_all_along_is_named() -> None:
     """Slow errors of moment and lift in no library, and a vane far ahead: the vane is named."""
     records = []
