@@ -255,17 +255,25 @@ def parabola_at(curve: Curve, values: np.ndarray, std: np.ndarray, at: float) ->
     ``values``, ``std`` : ``(F,)``, of the curve and its errors, which neighbours share as the
     windows do.
     """
-    x = np.log(curve.omega / at)
-    near = np.argsort(np.abs(x))[: max(_FEWEST, int(np.count_nonzero(np.abs(x) <= REACH)))]
-    near.sort()
-    powers = np.column_stack([np.ones(near.size), x[near], x[near] ** 2])
-    gain = np.linalg.pinv(powers / std[near, None]) / std[near]
-    covariance = gain @ shared_covariance(curve, std[near], near) @ gain.T
+    gain, covariance, near = parabola_weights(curve, std, at)
     found = gain @ values[near]
     spread = math.sqrt(max(float(covariance[0, 0]), 0.0))
     weights = np.zeros(curve.omega.size)
     weights[near] = gain[0]
     return Parabola(float(found[0]), float(found[1]), 2.0 * float(found[2]), spread, weights)
+
+
+def parabola_weights(
+    curve: Curve, std: np.ndarray, at: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights ``(3, N)`` of the N points about ``at``, rad/s, in the coefficients of a parabola in
+    ln(omega), the covariance ``(3, 3)`` of the coefficients, and the points' places ``(N,)``."""
+    x = np.log(curve.omega / at)
+    near = np.argsort(np.abs(x))[: max(_FEWEST, int(np.count_nonzero(np.abs(x) <= REACH)))]
+    near.sort()
+    powers = np.column_stack([np.ones(near.size), x[near], x[near] ** 2])
+    gain = np.asarray(np.linalg.pinv(powers / std[near, None]) / std[near])
+    return gain, np.asarray(gain @ shared_covariance(curve, std[near], near) @ gain.T), near
 
 
 def _phase_delay(curve: AttitudeCurve, neutral: float) -> BandwidthQuantity:

@@ -307,7 +307,10 @@ class _Problem:
 
         best, least, ended = np.zeros(len(self.keys)), math.inf, False
         low = np.array(
-            [0.0 if name == DELAY or "frequency" in name else -np.inf for _, name in self.keys]
+            [
+                0.0 if name in (DELAY, "inv_T_roll") or "frequency" in name else -np.inf
+                for _, name in self.keys
+            ]
         )
         for start in zip(*starts, strict=True):
             p = np.array([start[n][name] for n, name in self.keys])
