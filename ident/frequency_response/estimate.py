@@ -98,8 +98,9 @@ class FrequencyResponses:
     input_coherence : ``(q, F)``, of each input with the other inputs, zero with one; of a joint
         estimate of each input with the references.
     usable : bool ``(m, q, F)``, the usable band.
-    averages : ``(m, F)``, number of independent averages. lengths : ``(m, F)``, s, weighted mean
-        length of the windows. spectra : how it was estimated.
+    averages : ``(m, F)``, number of independent averages. lengths : ``(m, F)``, s, weighted
+        geometric mean of the windows' lengths, by which the errors of neighbours are correlated.
+    spectra : how it was estimated.
     joint : whether it is a joint input-output estimate.
     leaked : bool ``(q, F)``, where an input (its reference) has no power of its own: what its
         transforms hold comes from beyond their main lobe. Empty with sine tapers.
@@ -211,7 +212,9 @@ def responses_of_segments(
         multiple, partial = coherences(spectral_matrix(around, weights))
         of_inputs = _input_coherence(segments, z, left, weights, joint=joint)
         windows = np.array(segments.lengths)[segments.windows]
-        lengths = windows @ weights / weights.sum(axis=0)
+        # Short windows join more neighbours than long ones part: between the harmonic mean, as if
+        # all were of one length alone, and the arithmetic, which is too sure.
+        lengths = np.exp(np.log(windows) @ weights / weights.sum(axis=0))
         aside = _aside(segments, left, weights)
         aside = aside if not spectra.tapers else np.zeros_like(aside)
         parts.append(

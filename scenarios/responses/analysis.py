@@ -326,9 +326,10 @@ def cautions_of(
         for column, one in enumerate(names.inputs):
             if not found.usable[row, column].any():
                 limit = f"{found.spectra.least_coherence:g}"
+                error = f"{100.0 * RANDOM_ERROR:g} %"
                 out.append(
                     f"{output}/{one}: no frequency is usable, with a coherence of {limit}, a "
-                    f"random error of {100.0 * RANDOM_ERROR:g} % and power of the input on both sides"
+                    f"random error of {error} and power of the input on both sides"
                 )
             elif direct is not None:
                 out += _bias_of_direct(found, direct, row, column, f"{output}/{one}")
