@@ -121,8 +121,11 @@ def attitude_bandwidth(target: Target, *, rate: bool) -> Bandwidth:
     return Bandwidth(neutral, phase, gain, delay, tuple(notes))
 
 
-# rad/s and s: MIL-STD-1797A, 4.2.1.2, pitch, flight phase category A; points of its figure as in
-# the routines of C. Regan, 2006. Beyond the last point they go on level.
+PITCH_SOURCE = "MIL-STD-1797A, 4.2.1.2, category A; points of its figure not verified"
+# rad/s and s. The standard prints a figure. Its points are those of MATLAB routines by C. Regan,
+# 2006, after P. Stoliker, where they are marked as to be checked; the first of level 1 there, 11.2
+# rad/s at no delay, lies on no boundary and is left out. Beyond the last point nothing is known:
+# both limits go on level here, and are drawn broken.
 PITCH_LEVELS: tuple[tuple[tuple[float, float], ...], ...] = (
     (
         (6.5, 0.0),
