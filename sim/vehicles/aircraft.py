@@ -56,8 +56,17 @@ CONSTANTS: Mapping[str, str] = MappingProxyType(
         "thrust_angle": "rad",
     }
 )
-VARYING = ("mass", "roll_inertia", "pitch_inertia", "yaw_inertia", "cross_inertia", "air_density")
-VARYING_ALL = (*VARYING, "cg_x", "cg_y", "cg_z")  # constants that may be columns of the record
+VARYING = (  # constants that may be columns of the record
+    "mass",
+    "roll_inertia",
+    "pitch_inertia",
+    "yaw_inertia",
+    "cross_inertia",
+    "air_density",
+    "cg_x",
+    "cg_y",
+    "cg_z",
+)
 DEFAULTS: Mapping[str, float] = MappingProxyType(
     {
         "cross_inertia": 0.0,
