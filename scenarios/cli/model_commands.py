@@ -35,6 +35,12 @@ def structure(
     records: Records,
     *,
     vehicle: VehicleOption = None,
+    validate: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--validate", metavar="RECORD...", help="Predict the coefficients of these records."
+        ),
+    ] = None,
     preparation: Preparation,
     method: Annotated[
         str,
@@ -78,7 +84,13 @@ def structure(
     from scenarios.structure.study import StructureOptions
 
     plan = preparation.plan(records)
-    request = Request(tuple(records), vehicle=vehicle, channels=preparation.channels, plan=plan)
+    request = Request(
+        tuple(records),
+        vehicle=vehicle,
+        validate=tuple(validate or ()),
+        channels=preparation.channels,
+        plan=plan,
+    )
     options = StructureOptions(method, bandwidth, degree, splines, terms, baseline)
     with output.of("structure.json") as told:
         find_structure(request, options, told.out, told.figures)
