@@ -128,6 +128,14 @@ def predict(
         Path | None,
         typer.Option("--effects", metavar="FILE", help="The study's own effects, which are run."),
     ] = None,
+    tolerances: Annotated[
+        str | None,
+        typer.Option(
+            "--tolerances",
+            metavar="TEST,...",
+            help="Pass or fail in tests of simulator qualification, or in those of FILE.toml.",
+        ),
+    ] = None,
     output: Output,
 ) -> None:
     """The model of a study on another record: initial states and biases alone are fitted."""
@@ -139,7 +147,9 @@ def predict(
     plan = one_segment(with_maneuvers(plan, [record], maneuver, maneuvers))
     with output.of("prediction.json") as told:
         predict_with_study(
-            PredictionRequest(study, record, channels, plan, model, effects), told.out, told.figures
+            PredictionRequest(study, record, channels, plan, model, effects, tolerances),
+            told.out,
+            told.figures,
         )
 
 
