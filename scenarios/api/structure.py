@@ -156,8 +156,8 @@ def export(study: str | PathLike[str], to: str, path: str | PathLike[str] | None
     Parameters
     ----------
     study : folder that ``identify`` or ``diagnose`` saved, or a vehicle file of model ``aircraft``.
-    to : ``"python"``, ``"fmu"`` or ``"jsbsim"``. path : of the file; one named after the vehicle in
-        the current folder when None.
+    to : ``"python"``, ``"fmu"``, ``"jsbsim"`` or ``"dave-ml"``.
+    path : of the file; one named after the vehicle in the current folder when None.
 
     Returns
     -------

@@ -25,7 +25,7 @@ from scenarios.preparation.maneuver_file import with_maneuvers
 from scenarios.preparation.plan import Request, plan_of
 
 METHOD_WORDS = ("stepwise", "orthogonal")
-TARGETS = ("python", "fmu", "jsbsim")
+TARGETS = ("python", "fmu", "jsbsim", "dave-ml")
 
 # ---- flightid structure
 
@@ -186,7 +186,8 @@ def export(
         typer.Option("--model", metavar="FILE.py", help="The study's own model, which is run."),
     ] = None,
 ) -> None:
-    """The model of a study for another program: a Python module, an FMU, a JSBSim file.
+    """The model of a study for another program: a Python module, an FMU, a JSBSim
+    file, a DAVE-ML file.
 
     SI and radians, with the values found and the starting states of the first record.
     """

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from sim.errors import DeclarationError
-from sim.maths import absolute, maximum
+from sim.maths import absolute, maximum, real, where
 
 ANGLES = ("alpha", "beta")
 RATES = ("p", "q", "r")
@@ -79,7 +79,7 @@ class Factor:
         if self.knot is None:
             return _raised(value, self.power)
         if self.power == 0:
-            return 0.0 * value + (value > self.knot)
+            return 0.0 * value + where(real(value) > self.knot, 1.0, 0.0)
         return _raised(maximum(value - self.knot, 0.0 * value), self.power)
 
 

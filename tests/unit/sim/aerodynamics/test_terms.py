@@ -102,3 +102,9 @@ def test_a_table_of_terms_has_their_values_to_the_last_bit(
     signals = {name: rng.uniform(-0.5, 0.5, 4) + (1e-30j if stepped else 0.0) for name in SIGNALS}
     for term, value in zip(terms, TermTable(terms).values(signals), strict=True):
         assert np.array_equal(value, term.of(signals))
+
+
+@pytest.mark.parametrize("value", [0.1 + 1e-30j, 0.1, np.array([0.1 + 1e-30j])])
+def test_a_step_takes_complex_numbers_as_they_are(value: complex) -> None:
+    assert Factor("alpha", 0, knot=0.05).of(value) == 1.0
+    assert Factor("alpha", 0, knot=0.2).of(value) == 0.0
