@@ -56,6 +56,8 @@ def structure_text(found: FoundStructure, width: int = WIDTH) -> str:
         width,
     )
     lines += table_as_lines(summary_table(found), width, keys=1)
+    if found.predicted:
+        lines += ["", *table_as_lines(prediction_table(found), width, keys=1)]
     for axis in found.selections:
         lines += ["", *table_as_lines(terms_table(found, axis), width, keys=1)]
     for sentence in findings(found):
@@ -85,6 +87,16 @@ def summary_table(found: FoundStructure) -> Table:
         Column("residual/noise"),
     )
     return rows_table("coefficients", columns, rows)
+
+
+def prediction_table(found: FoundStructure) -> Table:
+    """R2 of each coefficient on records that were not fitted."""
+    rows: list[list[Cell]] = [
+        [name, *(formatted(value, ".4f", PURE) for value in told.values())]
+        for name, told in found.predicted.items()
+    ]
+    columns = (Column("not fitted"), *(Column(f"R2 {axis}") for axis in found.selections))
+    return rows_table("records that were not fitted", columns, rows)
 
 
 def terms_table(found: FoundStructure, axis: str) -> Table:
@@ -210,6 +222,7 @@ def structure_page(found: FoundStructure, drawn: Sequence[Drawn] = ()) -> Page:
         warnings=(),
         sections=(
             *section("Coefficients", summary_table(found)),
+            *(section("Not fitted", prediction_table(found)) if found.predicted else ()),
             *section("Findings", Bullets(tuple(findings(found)))),
             *section("Terms", *(terms_table(found, axis) for axis in found.selections)),
             *section("Figures", *page_figures(drawn)),
@@ -260,6 +273,7 @@ def structure_content(found: FoundStructure) -> dict[str, Any]:
             }
             for axis, each in found.selections.items()
         },
+        "r2_not_fitted": {name: dict(told) for name, told in found.predicted.items()},
         "findings": findings(found),
         "notes": list(found.notes),
         "inputs": [{"name": each.name, "sha256": each.sha256} for each in found.files],
