@@ -67,7 +67,6 @@ LONG_FILES: frozenset[str] = frozenset(
         "scenarios/files/user_models.py",
         "scenarios/identification/assessment.py",
         "scenarios/identification/identify.py",
-        "scenarios/maneuver_design/setting.py",
         "scenarios/plots/low_order.py",
         "scenarios/preparation/reading.py",
         "scenarios/studies/campaign_report.py",
