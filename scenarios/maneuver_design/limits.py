@@ -25,7 +25,7 @@ ENGINE_RISE = 1.0  # s, from the trim to the largest thrust; chosen
 
 
 @dataclass(frozen=True)
-class Execution:
+class Flyer:
     """Who moves the controls, and what they can do.
 
     Attributes
@@ -59,10 +59,10 @@ class Execution:
 # Identification", 2nd edition, AIAA 2012, chapter 5; Williams, Ham and Tischler, "Flight Test
 # Manual, Rotorcraft Frequency Domain Flight Testing", US Army AQTD Project 93-14, 1995. Chosen:
 # the other numbers.
-PILOT = Execution(
+PILOT = Flyer(
     "a pilot", ("3-2-1-1", "doublet", "sweep"), 0.3, 2.0, longest_sweep=120.0, rest=1.0, rise=0.15
 )
-COMPUTER = Execution("a flight computer", ("3-2-1-1", "doublet", "sweep", "multisine"))
+COMPUTER = Flyer("a flight computer", ("3-2-1-1", "doublet", "sweep", "multisine"))
 
 
 # ---- What a maneuver must not exceed
@@ -200,7 +200,7 @@ def _usual_amplitude(model: Model, name: str, unit: str) -> float:
     return 1.0
 
 
-def with_usual_rates(limits: Limits, model: Model, flown: Execution) -> Limits:
+def with_usual_rates(limits: Limits, model: Model, flown: Flyer) -> Limits:
     """The limits with a rate for each input that has none: of the actuator or of the hand,
     whichever is lower; none of an input that neither limits.
     """

@@ -23,7 +23,7 @@ from scenarios.identification.model_checks import PULSE, doublet_motion
 from scenarios.maneuver_design.limits import (
     COMPUTER,
     PILOT,
-    Execution,
+    Flyer,
     Limits,
     limits_of,
     usual_limits,
@@ -109,7 +109,7 @@ class DesignRequest:
         return shlex.join(words)
 
     @property
-    def flown(self) -> Execution:
+    def flown(self) -> Flyer:
         """Who moves the controls."""
         return COMPUTER if self.computer else PILOT
 
@@ -299,7 +299,7 @@ class Setting:
     rest: Mapping[str, float]
     still: Mapping[str, float]
     step: float
-    flown: Execution = PILOT
+    flown: Flyer = PILOT
 
     @property
     def rate(self) -> float:

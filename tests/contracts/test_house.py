@@ -99,7 +99,6 @@ SHORT_OF_ONE: frozenset[str] = frozenset(
         "ident/tracing/evidence/set_search.py",
         "ident/tracing/screening/prominence.py",
         "ident/tracing/validation/training_knowledge.py",
-        "scenarios/diagnosis/deciding.py",
         "scenarios/diagnosis/laid_down.py",
         "scenarios/diagnosis/report/separating_maneuvers.py",
         "scenarios/maneuver_design/coherence.py",
