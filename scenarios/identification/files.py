@@ -68,14 +68,15 @@ def identification_figures(
         figure_innovations,
         figure_parameter_histories,
     )
-    from scenarios.plots.signals import figure_fit, figure_record, response_of, units_of
+    from scenarios.plots.signals import context, figure_fit, figure_record, response_of, units_of
 
     estimate, title = found.estimate, f"{found.record.name}: {found.vehicle.model}, {found.method}"
-    yield "record", partial(figure_record, measured, title, data)
     response = response_of(estimate)
+    above = context(found.record, estimate.output_names)
     noise = dict(zip(estimate.output_names, estimate.noise_std.tolist(), strict=True))
     sensors = {**noise, **sensor_noise}
-    yield "fit", partial(figure_fit, found.record, [response], None, title, sensors, data)
+    yield "fit", partial(figure_fit, found.record, [response], None, title, sensors, data, above)
+    yield "record", partial(figure_record, measured, title, data)
     yield from other_records(found, sensors, data)
     if found.band is not None and found.fits[0].figures is not None:
         yield "spectra", partial(figure_spectra, found.fits[0], noise, found.band, title, data)
@@ -108,7 +109,7 @@ def other_records(
     """The free simulation of every record but the first: ``fit_2``, ..., and ``held_out``,
     ``held_out_2``, ... of those that were not fitted.
     """
-    from scenarios.plots.signals import Response, figure_fit
+    from scenarios.plots.signals import Response, context, figure_fit
 
     count = {True: 0, False: 0}
     for each in found.fits:
@@ -120,7 +121,8 @@ def other_records(
         name = f"{'held_out' if each.held_out else 'fit'}{f'_{number}' if number > 1 else ''}"
         response = Response("free simulation", dict(zip(each.outputs, each.simulated, strict=True)))
         title = f"{each.record.name}: {found.vehicle.model}, {found.method}\n{word}"
-        yield name, partial(figure_fit, each.record, [response], None, title, noise, data)
+        above = context(each.record, each.outputs)
+        yield name, partial(figure_fit, each.record, [response], None, title, noise, data, above)
 
 
 def figure_spectra(
