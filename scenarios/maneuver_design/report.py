@@ -336,6 +336,7 @@ def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
         summary=(),
         warnings=(),
         sections=(
+            *section("Figures", *figures(drawn)),
             *section("Maneuvers", maneuvers_table(design)),
             *(
                 section("Margins to the limits", margins_table(design, f"The {design.best.kind}"))
@@ -356,7 +357,6 @@ def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
                 responses_table(design, "Of one flight") if design.best.responses else None,
             ),
             *section("Expected standard deviations", sigmas_table(design, "Cramer-Rao bounds")),
-            *section("Figures", *figures(drawn)),
             *section(
                 "What it rests on", Bullets(tuple(map(as_sentence, map(capital, notes_of(design)))))
             ),

@@ -145,7 +145,10 @@ def figure_watched(
         )
         panel.plot(time, x, color=BLUE, linewidth=1.2, label="estimate")
         later = slice(len(time) // 2, None)
-        ends = [np.nanmin((x - 3.0 * sigma)[later]), np.nanmax((x + 3.0 * sigma)[later])]
+        ends = [
+            float(np.nanmin((x - 3.0 * sigma)[later])),
+            float(np.nanmax((x + 3.0 * sigma)[later])),
+        ]
         if name in reference and reference[name][1] is not None:
             value, wide = (unit.factor * float(each or 0.0) for each in reference[name])
             panel.axhspan(
@@ -162,6 +165,51 @@ def figure_watched(
     for panel in sheet.panels[-columns:]:
         time_axis(panel)
     return finish(sheet, title, head=0.24)
+
+
+def figure_poles(poles: np.ndarray, draws: np.ndarray, title: str = "") -> Figure:
+    """Poles of an identified model in the upper half of the complex plane, with the cloud of what
+    the covariance of the estimates allows.
+
+    Parameters
+    ----------
+    poles : ``(n,)`` complex, 1/s. draws : ``(N, n)``, poles at estimates drawn from the covariance.
+
+    Poles right of the axis are unstable. The distance from the origin is the natural frequency, the
+    cosine of the angle to the negative real axis the damping ratio.
+    """
+    sheet = make_sheet([2.6], left=0.75)
+    panel = sheet.panels[0]
+    cloud, shown = (np.ravel(each)[np.ravel(each).imag >= -1e-9] for each in (draws, poles))
+    panel.axvline(0.0, **ZERO)
+    panel.axhline(0.0, **ZERO)
+    panel.plot(
+        cloud.real,
+        cloud.imag,
+        linestyle="none",
+        marker=".",
+        markersize=3.5,
+        markeredgewidth=0.0,
+        color=SKY,
+        label="drawn from the covariance",
+    )
+    panel.plot(
+        shown.real,
+        shown.imag,
+        linestyle="none",
+        marker="x",
+        markersize=7.0,
+        markeredgewidth=1.6,
+        color=BLUE,
+        label="estimate",
+    )
+    panel.set_xlabel("real part (1/s)", fontsize=LABEL_SIZE)
+    y_label(panel, "imaginary part (rad/s)")
+    reach = max(float(np.abs(shown).max(initial=0.0)), 1e-3)
+    low, high = float(shown.real.min(initial=0.0)), float(shown.real.max(initial=0.0))
+    panel.set_xlim(low - 0.25 * reach, high + 0.25 * reach)
+    panel.set_ylim(-0.1 * reach, 1.3 * float(shown.imag.max(initial=0.0)) + 0.1 * reach)
+    return finish(sheet, title, head=0.2)
 
 
 def _unit(history: FilterHistory, name: str, unit: str, true: float) -> DisplayUnit:
