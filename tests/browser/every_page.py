@@ -41,7 +41,7 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
     "watch": ("watch", "flight.csv", *MODEL, "--reference", "identify", "--idle", "1"),
 }
 # Fewer, for tests that look at one thing on each form of page.
-FEW = ("run", "run-trace", "run-loop", "identify", "predict", "check", "design", "compare")
+FEW = ("run", "identify", "diagnose", "predict", "check", "design", "compare", "watch")
 
 
 def make_pages(folder: Path, kinds: tuple[str, ...] = tuple(COMMANDS)) -> dict[str, Path]:
