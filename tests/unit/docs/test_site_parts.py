@@ -218,3 +218,9 @@ def test_a_thumbnail_shows_lines_in_its_frame() -> None:
     for each in lines:
         points = np.array([pair.split(",") for pair in each.attrib["points"].split()], dtype=float)
         assert np.all((points >= 0.0) & (points <= (WIDTH, HEIGHT))) and len(points) <= 160
+
+
+def test_the_sketch_of_axes_is_one_in_documents_and_labs() -> None:
+    shown = (ROOT / "docs" / "axes.svg").read_bytes()
+    assert shown == (ROOT / "flightid" / "labs" / "axes.svg").read_bytes()
+    assert all(sign in shown.decode() for sign in ("nose up", "right wing down", "trailing edge"))
