@@ -365,7 +365,7 @@ def prediction_figures(found: PredictionResult) -> Iterator[Named]:
     """The figure of a prediction: recorded and predicted, of a diagnosis with effects also as
     declared. Nothing where no simulation is finite.
     """
-    from scenarios.plots.signals import Response, figure_fit
+    from scenarios.plots.signals import Response, context, figure_fit
 
     if found.after.figures is None:
         return
@@ -379,7 +379,8 @@ def prediction_figures(found: PredictionResult) -> Iterator[Named]:
         "states and biases are its own"
     )
     data = SIMULATED_DATA if found.simulated else MEASURED_DATA
-    yield "prediction", partial(figure_fit, found.record, shown, None, title, {}, data)
+    above = context(found.record, found.channels)
+    yield "prediction", partial(figure_fit, found.record, shown, None, title, {}, data, above)
     yield from tolerance_figures(found.verdicts, found.record, found.channels, found.after.rows)
 
 
@@ -484,13 +485,13 @@ def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Pag
         summary=(),
         warnings=tuple(map(as_sentence, found.warnings)),
         sections=(
+            *section("Measured and predicted", *figures(drawn)),
             *section("Errors", errors_table(found)),
             *(
                 section("Tolerances", tolerance_table(found.verdicts, record))
                 if found.verdicts
                 else ()
             ),
-            *section("Figures", *figures(drawn)),
             *section(
                 "How it was made", Bullets(tuple(map(as_sentence, (_samples(found), *found.notes))))
             ),

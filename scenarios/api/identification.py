@@ -15,7 +15,7 @@ import numpy as np
 
 from scenarios import prediction as predicting
 from scenarios.api import plot, tables
-from scenarios.api.keywords import told_in_python
+from scenarios.api.keywords import in_python_words, told_in_python
 from scenarios.api.record import Record, record_of
 from scenarios.api.records import Choices, choices_of
 from scenarios.api.requests import (
@@ -158,11 +158,13 @@ class Identification:
     def warnings(self) -> tuple[str, ...]:
         """What speaks against the records or the result, one sentence each."""
         found = self.details.found
-        return (
-            *found.doubts,
-            *found.cautions,
-            *((found.reading.sentence,) if found.reading else ()),
-            *found.look.set_aside,
+        return in_python_words(
+            (
+                *found.doubts,
+                *found.cautions,
+                *((found.reading.sentence,) if found.reading else ()),
+                *found.look.set_aside,
+            )
         )
 
     @property
@@ -382,7 +384,7 @@ class Prediction:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What speaks against the record, one sentence each."""
-        return self.details.warnings
+        return in_python_words(self.details.warnings)
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -221,11 +221,11 @@ def structure_page(found: FoundStructure, drawn: Sequence[Drawn] = ()) -> Page:
         summary=(),
         warnings=(),
         sections=(
+            *section("Figures", *page_figures(drawn)),
             *section("Coefficients", summary_table(found)),
             *(section("Not fitted", prediction_table(found)) if found.predicted else ()),
             *section("Findings", Bullets(tuple(findings(found)))),
             *section("Terms", *(terms_table(found, axis) for axis in found.selections)),
-            *section("Figures", *page_figures(drawn)),
             *section("How it was made", Bullets(found.notes)),
         ),
         reproduction=reproduction(["flightid", "structure"], "", inputs),
