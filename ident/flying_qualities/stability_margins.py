@@ -285,13 +285,16 @@ def _least_distance(target: Target) -> Margin | None:
     if least in (0, distances.size - 1):
         return None
     first, last = float(target.omega[0]), float(target.omega[-1])
-    at = float(target.omega[least])
+    start = float(target.omega[least])
+    at = start
     for _ in range(_STEPS):
         near = _apart(target, at)
         if not near.curvature > 0.0:
             break
-        move = float(np.clip(-near.slope / near.curvature, -REACH, REACH))
+        move = float(np.clip(-near.slope / near.curvature, -0.25 * REACH, 0.25 * REACH))
         at = float(np.clip(at * math.exp(move), first, last))
+    if abs(math.log(at / start)) > REACH or _apart(target, at).value > _apart(target, start).value:
+        at = start  # the parabola turned elsewhere
     middle = _apart(target, at)
     limit, std = float(chi2.ppf(LEVEL, 1)), math.sqrt(middle.variance)
     low, high, open_ = middle.value - NORMAL * std, middle.value + NORMAL * std, False
