@@ -38,8 +38,9 @@ def file_of(folder: Path, aircraft: Aircraft = TRIMMED) -> Path:
 QUOTED = replace(TRIMMED, name='the "new" wing\\ \x7f\n\u00fc')
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
-    "aircraft", [TRIMMED, MIXED, QUOTED], ids=["plain", "mixed", "quotes in its name"]
+    "aircraft", [QUOTED, TRIMMED, MIXED], ids=["quotes in its name", "plain", "mixed"]
 )
 def test_what_is_written_is_read_back(tmp_path: Path, aircraft: Aircraft) -> None:
     read, constraints = read_aircraft(read_toml_source(file_of(tmp_path, aircraft)))
