@@ -4,13 +4,15 @@ samples.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
 
 from sim.errors import RecordError
+
+MOST_MEASURED = 1e6  # rad, rad/s, m/s or g: nothing that flies has more
 
 
 class Hold(Enum):
@@ -208,3 +210,18 @@ def _frozen(array: np.ndarray) -> np.ndarray:
     kept = np.array(array)
     kept.setflags(write=False)
     return kept
+
+
+def refuse_beyond_measure(record: Record, names: Sequence[str], largest: float) -> None:
+    """Raise RecordError where a channel of ``names`` holds a value above ``largest`` in size,
+    in the channel's SI unit.
+    """
+    for name in names:
+        channel = record[name]
+        wrong = np.flatnonzero(channel.valid & (np.abs(channel.values) > largest))
+        if wrong.size:
+            raise RecordError(
+                f"{channel.values[wrong[0]]:g} is no measurement",
+                where=f"{record.name}, channel {name} at {record.time[wrong[0]]:g} s",
+                remedy="leave the cell empty where the sample is missing",
+            )

@@ -5,8 +5,9 @@ whole axes, with made-up inputs.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -294,17 +295,23 @@ def airliner_flight(duration: float = 4.0, rate: float = 25.0) -> Flight:
     return Flight(time, np.array([elevator, aileron, rudder, thrust]), max_step=0.04)
 
 
+def _airliner() -> tuple[Model, Flight]:
+    return aircraft_model(AIRLINER).with_noise(AIRLINER_NOISE), airliner_flight()
+
+
+@cache
 def base_for(equations: str) -> tuple[Model, Flight]:
-    """Model and flight by the name of the equations."""
-    return {
-        "rigid": (rigid_model(), rigid_flight()),
-        "loes": (loes_model(), loes_flight()),
-        "ballistic": (ballistic_model(), ballistic_flight()),
-        "lateral": (lateral_model(), lateral_flight()),
-        "longitudinal": (longitudinal_model(), longitudinal_flight()),
-        "multirotor": (multirotor_model(), multirotor_flight()),
-        "aircraft": (aircraft_model(AIRLINER).with_noise(AIRLINER_NOISE), airliner_flight()),
-    }[equations]
+    """Model and flight by the name of the equations; made once, not to be written to."""
+    made: dict[str, Callable[[], tuple[Model, Flight]]] = {
+        "rigid": lambda: (rigid_model(), rigid_flight()),
+        "loes": lambda: (loes_model(), loes_flight()),
+        "ballistic": lambda: (ballistic_model(), ballistic_flight()),
+        "lateral": lambda: (lateral_model(), lateral_flight()),
+        "longitudinal": lambda: (longitudinal_model(), longitudinal_flight()),
+        "multirotor": lambda: (multirotor_model(), multirotor_flight()),
+        "aircraft": _airliner,
+    }
+    return made[equations]()
 
 
 def fly(

@@ -4,7 +4,10 @@ against.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import pytest
+from _pytest.mark.structures import ParameterSet
 
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import Model
@@ -22,7 +25,25 @@ from tests.offered import (
 OFFERED = [
     (effect, vehicle.name) for vehicle in VEHICLES for effect in held_to_all_laws(vehicle)
 ] + representatives()
-CASES = [pytest.param(effect, base, id=f"{effect.name} on {base}") for effect, base in OFFERED]
+
+
+def cases_of(offered: Sequence[tuple[Effect, str]]) -> list[ParameterSet]:
+    """A case of each effect on each vehicle; those beyond the first of a kind of effect are long
+    ones.
+    """
+    first = {type(effect): place for place, (effect, _) in reversed([*enumerate(offered)])}
+    return [
+        pytest.param(
+            effect,
+            base,
+            id=f"{effect.name} on {base}",
+            marks=() if first[type(effect)] == place else pytest.mark.long,
+        )
+        for place, (effect, base) in enumerate(offered)
+    ]
+
+
+CASES = cases_of(OFFERED)
 EFFECTS = [pytest.param(effect, id=effect.name) for effect in (*library(), *made())]
 HOLDS = pytest.mark.parametrize("hold", list(Hold), ids=lambda hold: hold.value)
 OFFERED_GUARDS = [
@@ -31,7 +52,7 @@ OFFERED_GUARDS = [
 FLOWN_GUARDS = [
     each for each in OFFERED_GUARDS if each not in guards_of_whole_axes()
 ] + first_of_each_kind(guards_of_whole_axes())
-GUARDS = [pytest.param(guard, base, id=f"{guard.name} on {base}") for guard, base in FLOWN_GUARDS]
+GUARDS = cases_of(FLOWN_GUARDS)
 every_case = pytest.mark.parametrize(("effect", "base"), CASES + GUARDS)
 every_effect = pytest.mark.parametrize("effect", EFFECTS)
 

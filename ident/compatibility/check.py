@@ -36,9 +36,8 @@ from ident.compatibility.trials import (
     tried,
     with_more_faults,
 )
-from ident.recording.missing_samples import MOST_MEASURED, refuse_beyond_measure
 from sim.errors import RecordError
-from sim.record import Record
+from sim.record import MOST_MEASURED, Record, refuse_beyond_measure
 
 _NEEDS = {
     "alpha": ("q", "nz"),

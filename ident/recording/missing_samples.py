@@ -25,26 +25,7 @@ from ident.recording.series import (
     exact_step,
     runs_of,
 )
-from sim.errors import RecordError
 from sim.record import Record
-
-MOST_MEASURED = 1e6  # rad, rad/s, m/s or g: nothing that flies has more
-
-
-def refuse_beyond_measure(record: Record, names: Sequence[str], largest: float) -> None:
-    """Raise RecordError where a channel of ``names`` holds a value above ``largest`` in size,
-    in the channel's SI unit.
-    """
-    for name in names:
-        channel = record[name]
-        wrong = np.flatnonzero(channel.valid & (np.abs(channel.values) > largest))
-        if wrong.size:
-            raise RecordError(
-                f"{channel.values[wrong[0]]:g} is no measurement",
-                where=f"{record.name}, channel {name} at {record.time[wrong[0]]:g} s",
-                remedy="leave the cell empty where the sample is missing",
-            )
-
 
 # ---- Values that stand for no measurement: runs of exact zeros, and a fill value such as -999
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.recording.missing_samples import MOST_MEASURED, refuse_beyond_measure
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Claim, Step
@@ -16,7 +15,7 @@ from ident.tracing.spikes.masks import cleaned_inputs, held_out_masks, mended_in
 from ident.tracing.validation.held_out import HeldOutData, held_out
 from ident.whole_record.output_error import failed_fit
 from sim.errors import ModelError
-from sim.record import Record
+from sim.record import MOST_MEASURED, Record, refuse_beyond_measure
 
 LEAST_NOISE = 0.3  # of the noise that high frequencies show: logged signals are filtered
 
@@ -46,7 +45,8 @@ def fit_declared(problem: TraceProblem) -> Declared:
     RecordError : a fitted angle, rate or load factor that nothing that flies can have.
     """
     for record in problem.records:
-        angles = [name for name in problem.outputs if record[name].unit in ("rad", "rad/s")]
+        measured = [name for name in problem.outputs if name in record.output_names]
+        angles = [name for name in measured if record[name].unit in ("rad", "rad/s")]
         refuse_beyond_measure(record, angles, MOST_MEASURED)
     problem.progress("fitting the declared model", 0.0)
     root = problem.fit((), None)

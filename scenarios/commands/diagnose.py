@@ -32,10 +32,5 @@ def diagnose_records(
     from scenarios.report.text_tables import terminal_width
 
     print(diagnosis_text(tracing, terminal_width(), details_in(out)))
-    stages = ", ".join(
-        f"{stage} {seconds:.2f}" for stage, seconds in tracing.diagnosis.seconds.items()
-    )
-    if stages:
-        print(f"seconds: {stages}")
     if out is not None:
         print(written_to(out))

@@ -12,12 +12,11 @@ from ident.tracing.diagnosis import Diagnosis, Prediction, Verdict
 from scenarios.diagnosis.candidates import can_act, candidates_for
 from scenarios.diagnosis.effort import settings_of
 from scenarios.diagnosis.input_reading import (
-    better,
     left_open,
     moves_between_samples,
     no_worse,
     read_again,
-    rise,
+    refitted,
     tells_times,
 )
 from scenarios.diagnosis.kinematic_records import OF_MODEL, kinematics_of_files
@@ -108,13 +107,13 @@ def diagnose_files(
     part = moves_between_samples(diagnosis, candidates, posed.records)
     if _may_read_again(opened, request.plan) and (part or tells_times(diagnosis, posed.records)):
         linear = posed_for(opened, replace(request.plan, hold=Hold.LINEAR))
-        # A search of its own is worth it only where what was found does not speak against it.
-        if part or rise(diagnosis, posed.model, posed.records, linear.records) > -BETTER:
+        refit = refitted(diagnosis, posed.model, posed.records, linear.records)
+        if part or refit.rise > BETTER:
             again = looped(linear)
-            if no_worse(again, diagnosis) if part else better(again, diagnosis):
+            if no_worse(again, diagnosis):
                 posed, diagnosis = replace(linear, notes=read_again(linear.notes)), again
-            elif not part:
-                posed = replace(posed, notes=(*posed.notes, *left_open(again, diagnosis)))
+        else:
+            posed = replace(posed, notes=(*posed.notes, *left_open(refit, diagnosis)))
     kinematics = checked(posed) if diagnosis.verdict is not Verdict.CONSISTENT else None
     return study.told(posed, diagnosis, kinematics, _decides(diagnosis, request, opened, posed))
 

@@ -5,7 +5,8 @@ between samples: they are read again.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -69,55 +70,51 @@ def no_worse(again: Diagnosis, first: Diagnosis) -> bool:
     return STRENGTH.index(again.verdict) <= STRENGTH.index(first.verdict)
 
 
-def better(again: Diagnosis, first: Diagnosis) -> bool:
-    """Whether the second reading explains as much with a clearly lower criterion."""
-    return no_worse(again, first) and _lowered(again, first) > BETTER
+@dataclass(frozen=True)
+class Refit:
+    """What was found, fitted again with inputs that move linearly between samples.
 
-
-def rise(
-    diagnosis: Diagnosis, model: Model, held: Sequence[Record], linear: Sequence[Record]
-) -> float:
-    """By how much twice the log likelihood of what was found rises where inputs move linearly;
-    minus infinity where it cannot be fitted so.
+    ``rise`` : by how much twice the log likelihood rises; minus infinity where nothing fits.
+    ``values`` : parameters of the effects and of the declared model, by full name.
     """
+
+    rise: float
+    values: Mapping[str, float]
+
+
+def refitted(
+    diagnosis: Diagnosis, model: Model, held: Sequence[Record], linear: Sequence[Record]
+) -> Refit:
+    """Fit what was found to both readings of the inputs."""
     from ident.tracing.candidate_model.fitted_model import FitData, Start, fit_set
 
     found = diagnosis.trained_after
     if found is None:
-        return -math.inf
-    costs = []
+        return Refit(-math.inf, {})
+    fits = []
     for records in (held, linear):
         masks = [record.output_array(found.outputs)[1] for record in records]
         data = FitData(records, masks, model, found.outputs)
-        fitted = fit_set(data, found.effects, found.settings, Start(added=found.shared))
-        costs.append(math.inf if fitted is None else fitted.fit.cost)
-    return 2.0 * (costs[0] - costs[1]) if math.isfinite(costs[1]) else -math.inf
+        fits.append(fit_set(data, found.effects, found.settings, Start(added=found.shared)))
+    first, second = fits
+    if first is None or second is None or not math.isfinite(second.fit.cost):
+        return Refit(-math.inf, {})
+    return Refit(2.0 * (first.fit.cost - second.fit.cost), second.values.shared)
 
 
-def left_open(again: Diagnosis, first: Diagnosis) -> tuple[str, ...]:
+def left_open(again: Refit, first: Diagnosis) -> tuple[str, ...]:
     """What the second reading would change by more than a sigma, where it explains the records as
     well; nothing where it does not.
     """
-    named = [found.name for found in first.effects]
-    if (
-        again.verdict is not first.verdict
-        or [found.name for found in again.effects] != named
-        or abs(_lowered(again, first)) > BETTER
-    ):
+    if abs(again.rise) > BETTER:
         return ()
-    own = [
-        (f"{one.name}.{name}", one.parameters[name], q)
-        for one, other in zip(first.effects, again.effects, strict=True)
-        for name, q in other.parameters.items()
-    ]
-    pairs = [
-        *own,
-        *((name, first.after[name], q) for name, q in again.after.items() if name in first.after),
-    ]
+    own = {
+        f"{found.name}.{name}": q for found in first.effects for name, q in found.parameters.items()
+    }
     moved = [
-        f"{name} {q.value:.4g} for {was.value:.4g}"
-        for name, was, q in pairs
-        if abs(q.value - was.value) > max(q.std, was.std)
+        f"{name} {again.values[name]:.4g} for {was.value:.4g}"
+        for name, was in {**own, **first.after}.items()
+        if name in again.values and abs(again.values[name] - was.value) > was.std
     ]
     if not moved:
         return ()
@@ -125,29 +122,6 @@ def left_open(again: Diagnosis, first: Diagnosis) -> tuple[str, ...]:
         "inputs were read as held; moving linearly between samples they explain the records as "
         f"well, with {', '.join(moved)}: {CHOOSE}",
     )
-
-
-def _lowered(again: Diagnosis, first: Diagnosis) -> float:
-    """By how much the second reading lowers the criterion: noise levels, and ln N for each number
-    of the effects.
-    """
-    counts = {
-        name: sum(
-            int(np.count_nonzero(one.record[name].valid))
-            for one in first.fitted
-            if name in one.channels
-        )
-        for name in first.residual_std
-    }
-    lower = sum(
-        2.0 * count * np.log(first.residual_std[name] / again.residual_std[name])
-        for name, count in counts.items()
-        if name in again.residual_std
-    )
-    fewer = sum(len(found.parameters) for found in first.effects) - sum(
-        len(found.parameters) for found in again.effects
-    )
-    return float(lower + fewer * np.log(max(sum(counts.values()), 2)))
 
 
 def read_again(notes: Sequence[str]) -> tuple[str, ...]:

@@ -13,7 +13,6 @@ from ident.banks.delays import ENGINES, FILTERPY, WIDENINGS, contradicted, widen
 from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import FilterSettings, run_iterated_ekf
 from ident.filters.smoother import with_coloured_covariance
-from ident.recording.missing_samples import refuse_beyond_measure
 from ident.whole_record.layout import FitSettings
 from ident.whole_record.output_error import fit_output_error
 from scenarios.files.user_models import inputs_at_rest, is_own
@@ -28,7 +27,7 @@ from sim.declaration.effect import Parameter, ParameterSet
 from sim.declaration.model import Model, Noise, System
 from sim.effects.input_path.actuator_lag import ActuatorLag
 from sim.errors import DeclarationError, RecordError
-from sim.record import Channel, Record
+from sim.record import Channel, Record, refuse_beyond_measure
 from sim.vehicles.multirotor import Multirotor
 
 FILTERS = ("ekf", "ukf")

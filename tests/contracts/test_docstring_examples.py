@@ -44,6 +44,7 @@ def test_a_function_shows_an_example(name: str) -> None:
     assert (">>> " in text) is (name not in ON_THE_PAGE)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", MODULES)
 def test_examples_run(name: str) -> None:
     done = doctest.testmod(importlib.import_module(name))

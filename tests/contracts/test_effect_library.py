@@ -135,6 +135,7 @@ def test_library_finds_by_name_and_by_vehicle() -> None:
         find_effect("zzzz")
 
 
+@pytest.mark.long
 def test_an_effect_refuses_a_vehicle_without_its_port() -> None:
     model, _ = base_for("ballistic")
     with pytest.raises(ModelError, match=r"gust-discrete needs the port 'gust'.*log_density"):

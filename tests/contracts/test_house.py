@@ -192,6 +192,7 @@ def import_graph(files: Mapping[str, ast.Module]) -> Graph:
     return {path: imported(path, tree, files) for path, tree in files.items()}
 
 
+@pytest.mark.long
 def test_no_file_leads_back_to_itself_by_imports() -> None:
     graph = import_graph(modules())
     assert sum(map(len, graph.values())) > len(graph), "hardly any import was found"
@@ -279,6 +280,7 @@ def test_a_module_that_one_sibling_imports_is_long_enough() -> None:
     assert SHORT_OF_ONE - found == set(), "long or gone: strike them from SHORT_OF_ONE"
 
 
+@pytest.mark.long
 def test_imports_are_a_small_share_of_all_lines() -> None:
     installed = {path: tree for path, tree in modules().items() if not path.startswith("exam/")}
     lines = sum((ROOT / path).read_text(encoding="utf-8").count("\n") for path in installed)

@@ -112,6 +112,7 @@ def loaded() -> dict[str, list[str]]:
     return loaded_by({*MODULES, *extra, "scipy.stats"}, HEAVY + CONCRETE)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("module", MODULES)
 def test_import_brings_nothing_heavy(module: str, loaded: dict[str, list[str]]) -> None:
     answer = loaded[module]
@@ -127,10 +128,12 @@ def test_import_of_ident_brings_no_vehicle_effect_or_truth(
     assert not {*answer} & {*CONCRETE}
 
 
+@pytest.mark.long
 def test_probe_sees_a_heavy_import() -> None:
     assert "filterpy" in loaded_by(["filterpy.kalman"], HEAVY)["filterpy.kalman"]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "module",
     [

@@ -14,6 +14,7 @@ from tests.mutation.table import MUTANTS
 ROOMS = ("sim", "ident", "scenarios", "flightid", "exam")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("mutant", MUTANTS, ids=str)
 def test_a_mutant_changes_one_place_of_a_file_that_still_is_python(mutant: Mutant) -> None:
     assert mutant.old != mutant.new
@@ -42,6 +43,7 @@ def tree(tmp_path: Path) -> Iterator[Path]:
     yield tmp_path
 
 
+@pytest.mark.long
 def test_the_runner_tells_killed_from_survived_and_broken(tree: Path) -> None:
     before = (tree / "room" / "law.py").read_text(encoding="utf-8")
     changes = {
@@ -59,6 +61,7 @@ def test_the_runner_tells_killed_from_survived_and_broken(tree: Path) -> None:
     assert (tree / "room" / "law.py").read_text(encoding="utf-8") == before
 
 
+@pytest.mark.long
 def test_nothing_is_tried_with_tests_that_fail_anyway(tree: Path) -> None:
     failing = "def test_it():\n    assert False\n"
     (tree / "tests" / "test_far.py").write_text(failing, encoding="utf-8")

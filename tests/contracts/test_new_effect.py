@@ -83,6 +83,7 @@ def test_it_is_offered_and_listed(one_new_file: Path, capsys: pytest.CaptureFixt
     )
 
 
+@pytest.mark.long
 def test_it_is_screened_and_claimed(traced: Tracing) -> None:
     mine = [
         candidate
@@ -101,6 +102,7 @@ def test_it_is_worded_by_its_own_sentence(traced: Tracing) -> None:
     assert "jumps with the surface" in separating_maneuver("vane-offset", NAME)
 
 
+@pytest.mark.long
 def test_it_is_drawn_and_written(traced: Tracing, tmp_path: Path) -> None:
     d = traced.diagnosis
     figure = figure_evidence(d.candidates, NamedEffects(tuple(claim.name for claim in d.effects)))

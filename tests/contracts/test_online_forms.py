@@ -48,6 +48,7 @@ def online_start(
     ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("effect", "base"), ONLINE)
 def test_online_form_converges_to_the_grid_form(effect: Effect, base: str) -> None:
     model, flight = base_for(base)
@@ -72,6 +73,7 @@ def test_online_form_converges_to_the_grid_form(effect: Effect, base: str) -> No
     assert np.all(orders > 1.8), f"order {orders}"
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("effect", "base"), ONLINE)
 def test_online_form_is_the_identity_when_absent(effect: Effect, base: str) -> None:
     model, flight = base_for(base)
@@ -83,6 +85,7 @@ def test_online_form_is_the_identity_when_absent(effect: Effect, base: str) -> N
         np.testing.assert_array_equal(got, expected)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("effect", "base"), NO_STATE_FORM)
 def test_running_online_without_a_state_form_names_the_effect(effect: Effect, base: str) -> None:
     model, _ = base_for(base)
@@ -90,6 +93,7 @@ def test_running_online_without_a_state_form_names_the_effect(effect: Effect, ba
         compile_model(model.with_effects(effect), online=True)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("effect", "base"), [case for case in NO_STATE_FORM if isinstance(case.values[0], InputEffect)]
 )

@@ -258,6 +258,7 @@ def test_vehicles_numbers_are_printed_in_the_papers_text(texts: dict[str, str]) 
 NUMBER = re.compile(r"(?:value|std) = (-?[\d.]+)")
 
 
+@pytest.mark.long
 def test_a_changed_digit_anywhere_is_found(
     reference: dict[str, Any], texts: dict[str, str]
 ) -> None:

@@ -76,6 +76,7 @@ def test_the_file_holds_what_the_second_copy_holds() -> None:
     assert wrong(read(FILE.read_text(encoding="utf-8"))) == []
 
 
+@pytest.mark.long
 def test_a_changed_number_sign_or_unit_anywhere_in_the_file_is_found() -> None:
     text = FILE.read_text(encoding="utf-8")
     right = expected()

@@ -135,6 +135,7 @@ def test_probes_are_complete_and_within_the_bounds(
                 assert context.begin <= probe.values[form.traits.onset] < context.end
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("effect", "base"), FLOWN_CASES)
 def test_each_signature_is_there(effect: Traceable, base: str) -> None:
     if isinstance(effect, NoiseEffect) or effect.regularity is Regularity.OUTLIER:
@@ -203,6 +204,7 @@ def test_each_signature_is_there(effect: Traceable, base: str) -> None:
     assert all(change > ROUNDING for change in largest.values()), largest
 
 
+@pytest.mark.sampled
 @every_case
 def test_the_finer_form_with_no_more_is_the_usual_one(effect: Traceable, base: str) -> None:
     if not isinstance(effect, Refinable):

@@ -36,6 +36,7 @@ def faults(numbers: range, material: Material, tmp_path: Path) -> dict[int, str]
     return found
 
 
+@pytest.mark.long
 def test_some_malformed_calls_end_well(material: Material, tmp_path: Path) -> None:
     assert faults(range(0, COUNT, SHARE + 1), material, tmp_path) == {}
 

@@ -38,6 +38,7 @@ def identified(flightid: CommandLine, folder: Path, start: float, method: str) -
     return content
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("start", [250.0, 400.0])
 @pytest.mark.parametrize("method", ["ekf", "ukf", "output-error"])
 def test_ballistic_coefficient(

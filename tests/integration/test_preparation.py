@@ -45,6 +45,7 @@ def identify(flightid: CommandLine, folder: Path, record: Path, *options: object
     return content
 
 
+@pytest.mark.long
 def test_segments_of_a_slowing_flight_give_the_true_derivatives(
     flightid: CommandLine, folder: Path
 ) -> None:
@@ -67,6 +68,7 @@ def test_segments_of_a_slowing_flight_give_the_true_derivatives(
     assert first.name == "flight.csv[1-9 s]"
 
 
+@pytest.mark.long
 def test_the_record_of_a_study_gives_the_same_numbers(
     flightid: CommandLine, folder: Path, tmp_path: Path
 ) -> None:
@@ -77,6 +79,7 @@ def test_the_record_of_a_study_gives_the_same_numbers(
     assert again["parameters"] == content["parameters"]
 
 
+@pytest.mark.long
 def test_a_filter_runs_along_one_segment(flightid: CommandLine, folder: Path) -> None:
     words = ("--model", "rigid", "--vehicle", folder / "vehicle.toml", "--method", "ekf")
     assert "a filter runs along one segment, and there are 2" in flightid.refused(
@@ -85,6 +88,7 @@ def test_a_filter_runs_along_one_segment(flightid: CommandLine, folder: Path) ->
     assert "note: " in flightid.done("identify", folder / "flight.csv", *words, "--to", 6)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "command", [("identify", "--model", "rigid"), ("diagnose", "--model", "rigid"), ("check",)]
 )
@@ -119,6 +123,7 @@ def test_every_command_refuses_alike(
     assert all(part in line for part in parts), line
 
 
+@pytest.mark.long
 def test_check_takes_segments_and_filter(
     flightid: CommandLine, folder: Path, tmp_path: Path
 ) -> None:
@@ -142,6 +147,7 @@ def test_check_takes_segments_and_filter(
     )
 
 
+@pytest.mark.long
 def test_a_vehicle_file_of_another_speed_is_warned_of_first(
     flightid: CommandLine, folder: Path, tmp_path: Path
 ) -> None:

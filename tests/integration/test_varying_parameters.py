@@ -136,6 +136,7 @@ def test_on_a_clean_record_and_on_one_that_a_named_effect_explains_no_instance_i
     )
 
 
+@pytest.mark.long
 def test_what_no_record_tells_apart_is_told_with_its_alternative() -> None:
     """Damping that grows evenly with displacement is a stiffness that grows evenly with the speed:
     c1 x v either way, and both have a name.

@@ -62,6 +62,7 @@ def judged(case: Case, answer: Answer) -> None:
         assert max(answer.before[name] / answer.after[name] for name in answer.after) > 1.02
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("case", CHEAP, ids=lambda case: case.name)
 def test_hidden_effect_is_found_and_named(
     case: Case, answers: dict[str, concurrent.futures.Future[Answer]]
@@ -75,6 +76,7 @@ def test_hidden_effect_is_found_and_named_in_dearer_cases(case: Case, tmp_path: 
     judged(case, answer_of(case, tmp_path))
 
 
+@pytest.mark.long
 def test_body_that_loses_its_heat_shield(tmp_path: Path) -> None:
     rng, sigma = np.random.default_rng(3), {"altitude": 8.0}
     for stem, time, drop in (("train", 14.0, 0.0), ("validate", 11.0, -4000.0)):

@@ -228,7 +228,7 @@ def _with_general_forms(search: Search, leaves_noise: LeavesNoise) -> Decision |
     if len(problem.candidates) == len(search.candidates):
         return None
     offered = [each for each in problem.candidates if not each.traits.guard]
-    general = Search(problem, offered, title="white noise, general forms as well").run()
+    general = search.offering(offered, "white noise, general forms as well").run()
     best = general.best()
     # A guard may be the same as a form: it gives way only where that is clearly likelier.
     guarded = search.best().names & problem.guards

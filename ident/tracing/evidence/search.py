@@ -129,9 +129,7 @@ class Search:
         """Weigh a fit and keep it, the better of two optima where the set was met before."""
         self.fits += 1
         evidence, offset, covariance = evidence_of(fitted, self.context)
-        named = [effect for effect in fitted.effects if effect not in self.base]
-        weight = evidence + log_odds(named, self.families, self.problem.named_by_kinematics)
-        found = WeighedSet(fitted, evidence, weight, offset, covariance)
+        found = self.reweighed(WeighedSet(fitted, evidence, 0.0, offset, covariance))
         old = self.visited.get(found.names)
         if old is None or found.weight > old.weight:
             self.visited[found.names] = found
@@ -243,6 +241,24 @@ class Search:
         other.expanded = self.expanded & {one.names for one in found} - {other.best().names}
         return other.run()
 
+    def offering(self, candidates: Sequence[Traceable], title: str) -> Search:
+        """A search among other candidates that has the sets of this one which these can make."""
+        other = Search(self.problem, candidates, self.base, title, self.discrepancy)
+        other.alike = dict(self.alike)
+        offered = {each.name for each in candidates} | self.base_names
+        for key, one in self.visited.items():
+            if key <= offered:
+                other.visited[key] = other.reweighed(one)
+        if other.root.names in self.expanded:
+            other.expand(other.root)
+        return other
+
+    def reweighed(self, one: WeighedSet) -> WeighedSet:
+        """A fitted set with the prior odds of this search."""
+        named = [effect for effect in one.fitted.effects if effect not in self.base]
+        odds = log_odds(named, self.families, self.problem.named_by_kinematics)
+        return replace(one, weight=one.evidence + odds)
+
     def with_kinematics(self, groups: Sequence[tuple[str, ...]]) -> Search:
         """The search with effects that the relations between the sensors alone name.
 
@@ -250,9 +266,7 @@ class Search:
         """
         self.problem = replace(self.problem, kinematic=tuple(groups))
         for key, one in self.visited.items():
-            named = [effect for effect in one.fitted.effects if effect not in self.base]
-            weight = one.evidence + log_odds(named, self.families, self.problem.named_by_kinematics)
-            self.visited[key] = replace(one, weight=weight)
+            self.visited[key] = self.reweighed(one)
         self.seeded()
         return self if self.best().names in self.expanded else self.run()
 

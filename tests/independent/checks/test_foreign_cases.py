@@ -139,6 +139,7 @@ def visible(name: str, size: str) -> bool:
     return SAMPLES * shown > FAR * np.sqrt(2.0 * CHANNELS * SAMPLES)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", QUICK)
 def test_a_medium_cause_shows_beside_the_best_rigid_model(name: str) -> None:
     assert visible(name, "medium")

@@ -82,6 +82,7 @@ def test_rocking_pitches_the_nose_by_its_mean_and_takes_lift_from_the_weight() -
     )
 
 
+@pytest.mark.long
 def test_a_store_reaches_the_limit_cycle_and_dies_out_below_it() -> None:
     swings = followed(term_of(masses.store_flutter, 0.12, TRAINER), 12.0, alpha=np.radians(2.0))[
         :, 0

@@ -120,6 +120,7 @@ def test_with_nothing_added_it_is_the_second_simulator(name: str) -> None:
             np.testing.assert_allclose(ours.signal(channel), other.signal(channel)[::2], atol=1e-5)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("name", "make", "size"),
     [

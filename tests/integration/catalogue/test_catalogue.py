@@ -131,6 +131,7 @@ def test_results_are_explained_and_own_choices_are_named(name: str) -> None:
         ).keys(), method["name"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["ballistic", "rigid", "flexible-ac1-equivalent"])
 def test_a_study_tells_what_was_chosen_and_what_else_was_flown(name: str) -> None:
     found = study(name)
@@ -181,6 +182,7 @@ def test_no_filter_is_told_another_noise_than_its_sensors_have(name: str) -> Non
         assert not estimation.noise_std
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "name",
     [

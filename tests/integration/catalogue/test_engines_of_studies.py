@@ -68,6 +68,7 @@ def _counting(counted: Counter[str], name: str) -> object:
     return method
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", WITH_EKF)
 def test_a_scenario_that_is_run_is_filtered_by_filterpy(name: str, calls: Counter[str]) -> None:
     scenario = load_scenario(name)
@@ -96,6 +97,7 @@ def test_a_scenario_that_is_run_is_filtered_by_filterpy(name: str, calls: Counte
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", scenario_names("x29"))
 def test_a_bank_is_compared_with_filterpy_on_its_likeliest_filter(
     name: str, calls: Counter[str]
@@ -125,6 +127,7 @@ def test_a_bank_is_compared_with_filterpy_on_its_likeliest_filter(
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("model", MODELS)
 def test_identify_by_ekf_is_filtered_by_filterpy(model: str, calls: Counter[str]) -> None:
     case = case_of(model)
@@ -137,6 +140,7 @@ def test_identify_by_ekf_is_filtered_by_filterpy(model: str, calls: Counter[str]
         assert engine == {"name": "filterpy", "sentence": "filterpy ExtendedKalmanFilter"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", ["rigid", "own"])
 def test_identify_by_the_batched_kernel_calls_no_filterpy(model: str, calls: Counter[str]) -> None:
     case = case_of(model)
@@ -182,6 +186,7 @@ def _with_gaps(record: Record) -> Record:
 
 
 # The others have a delay, which a filter on line takes from a fit of the whole record.
+@pytest.mark.sampled
 @pytest.mark.parametrize("model", [each for each in MODELS if each not in ("loes", "multirotor")])
 @pytest.mark.parametrize("passes", [1, 3])
 def test_both_engines_agree_to_a_billionth_of_a_sigma_with_missing_samples(

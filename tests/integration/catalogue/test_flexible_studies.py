@@ -65,6 +65,7 @@ def test_half_the_frequencies_are_the_second_aircraft() -> None:
         with_frequency_factor(read_parameter_set("bomber_rigid"), 0.5)
 
 
+@pytest.mark.long
 def test_the_sweep_passes_through_the_scenarios_own_flight(
     swept: tuple[StudyResult, Sweep],
 ) -> None:

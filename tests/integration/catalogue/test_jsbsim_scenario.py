@@ -28,6 +28,7 @@ def test_without_jsbsim_one_line_says_what_to_install(
     )
 
 
+@pytest.mark.sampled
 @needs_jsbsim
 @pytest.mark.parametrize(
     ("change", "words"),

@@ -77,6 +77,7 @@ def condensed_by_the_equations(vehicle: Model) -> dict[str, float]:
     }
 
 
+@pytest.mark.long
 def test_of_a_closed_loop_the_flown_lift_equation_and_gearing_are_the_truth() -> None:
     found = study("trace-breakout")
     row = rows(found)
@@ -95,6 +96,7 @@ def test_of_a_closed_loop_the_flown_lift_equation_and_gearing_are_the_truth() ->
     assert geared in trace_text(found, width=10_000)
 
 
+@pytest.mark.long
 def test_of_a_flexible_aircraft_condensed_values_and_the_coupled_mode_are_the_truth() -> None:
     found = study("trace-elastic")
     row, vehicle = rows(found), true_vehicle(scenario("trace-elastic").flight)
@@ -114,6 +116,7 @@ def test_of_a_flexible_aircraft_condensed_values_and_the_coupled_mode_are_the_tr
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", ["trace-vane", "trace-drag", "trace-lateral-rudder", "trace-own-model"]
 )
@@ -133,6 +136,7 @@ def test_where_the_model_holds_the_truth_the_noise_free_fit_finds_it(name: str) 
     assert found.basis == NOISE_FREE and not found.reasons
 
 
+@pytest.mark.long
 def test_python_compares_with_the_same_values() -> None:
     """``sigmas`` of a data frame are those that the command prints."""
     import flightid as fid
@@ -153,6 +157,7 @@ def test_the_noise_of_both_copies_cancels(monkeypatch: pytest.MonkeyPatch) -> No
     assert all(abs(again[name] - value) < 0.15 * sigma[name] for name, value in first.items())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", scenario_names("trace"))
 def test_the_third_record_is_flown_apart(name: str, tmp_path: Path) -> None:
     whole = scenario(name)
@@ -177,6 +182,7 @@ def test_the_third_record_is_flown_apart(name: str, tmp_path: Path) -> None:
     assert np.array_equal(plain.validate.output_array()[0], flown.validate.output_array()[0])
 
 
+@pytest.mark.long
 def test_errors_on_the_third_record_are_told_before_and_after(tmp_path: Path) -> None:
     found = study("trace-delay")
     before, after = found.test.before.rmse, found.test.after.rmse
@@ -205,6 +211,7 @@ def missed(requirement: Requirement) -> bool:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "seed", "told"),
     [
@@ -235,6 +242,7 @@ def test_what_is_not_claimed_says_why_with_its_number_and_bar(
     assert all(entry["reasons"] for entry in content["effects"])
 
 
+@pytest.mark.long
 def test_a_scale_height_is_found_beside_a_drag_that_drifts() -> None:
     """In a fall a guard, drag that drifts, is nearly the same: the cause that has a name is the
     more probable.

@@ -71,6 +71,7 @@ def test_the_kinds_of_the_catalogue() -> None:
         load_scenario("trace-nothing")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", NAMES)
 def test_declares_what_is_hidden_and_what_should_be_found(name: str) -> None:
     declared = scenario(name)
@@ -92,6 +93,7 @@ def test_declares_what_is_hidden_and_what_should_be_found(name: str) -> None:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", NAMES)
 def test_the_files_hold_no_truth(name: str, tmp_path: Path) -> None:
     whole = scenario(name)
@@ -117,6 +119,7 @@ def test_the_files_hold_no_truth(name: str, tmp_path: Path) -> None:
     assert validate.is_file()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", sorted(LATERAL | LONGITUDINAL))
 def test_what_is_hidden_acts_and_every_input_moves(name: str) -> None:
     whole = scenario(f"trace-{name}")
@@ -163,6 +166,7 @@ def test_sideslip_is_an_angle_and_no_ballistic_coefficient() -> None:
     )
 
 
+@pytest.mark.long
 def test_a_study_is_written_with_truth_before_and_after(tmp_path: Path) -> None:
     from scenarios.trials.planted.report import trace_text, write_trace
 
@@ -217,6 +221,7 @@ def test_grades() -> None:
     assert graded(Verdict.TRACED, (delay,), Expectation(("consistent",))) is Grade.WRONG
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("change", "told"),
     [

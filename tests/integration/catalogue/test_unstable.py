@@ -48,6 +48,7 @@ def test_the_two_aircraft_fly_one_closed_loop_and_one_of_them_doubles_in_half_a_
     assert 0.5 < np.log(2.0) / rates[0] < 1.0 and rates[1] < 0.0
 
 
+@pytest.mark.long
 def test_repeated_flights_are_told_drawn_and_written(tmp_path: Path) -> None:
     small = scenario(2, "main", flights=slice(0, 2))
     study = run_scenario(replace(small, estimations=small.estimations[:1], repeated=None))

@@ -59,6 +59,7 @@ def test_the_catalogue_is_complete() -> None:
     assert set(scenario_names("x29")) == {f"x29-{name}" for name in NAMES}
 
 
+@pytest.mark.long
 def test_the_bank_takes_the_delay_of_its_grid_and_wavers_between_two() -> None:
     """Over 14 seeds: F's 0.146 s lies between two of the bank's delays, R's 0.075 s is one of
     them.
@@ -137,6 +138,7 @@ def test_the_spike_is_one_sample_of_the_recorded_stick_only() -> None:
     np.testing.assert_array_equal(with_spike["q"].values, without["q"].values)
 
 
+@pytest.mark.long
 def test_simulation_and_flight_agree_with_the_loops_own_equivalent() -> None:
     flight = study("x29-flight")
     assert flight.other is not None

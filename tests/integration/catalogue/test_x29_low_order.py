@@ -88,6 +88,7 @@ def case(request: pytest.FixtureRequest) -> tuple[Case, float]:
     return request.getfixturevalue(name), share
 
 
+@pytest.mark.long
 def test_filter_agrees_with_the_loops_own_equivalent(case: tuple[Case, float]) -> None:
     flown, share = case
     estimate = flown.found.estimate

@@ -68,6 +68,7 @@ def test_the_papers_procedure_is_its_p0_its_r_and_the_likeliest_plain_filter() -
     )
 
 
+@pytest.mark.long
 def test_the_noise_flown_is_the_papers() -> None:
     record = flight().result.flown.record
     quiet = record.time > 10.0

@@ -48,6 +48,7 @@ def numbers(content: Any) -> Iterator[float]:
         yield content
 
 
+@pytest.mark.long
 def test_one_record(flightid: CommandLine, place: Path) -> None:
     out = flightid.done("check", "flight1.csv", "--out", "out")
     assert "stands: sensor-delay:alpha, alpha is late by 0.0" in out
@@ -86,6 +87,7 @@ def timeless(folder: Path) -> dict[str, str]:
     }
 
 
+@pytest.mark.long
 def test_several_records_and_the_same_bytes_again(flightid: CommandLine, place: Path) -> None:
     out = flightid.done("check", "flight1.csv", "flight2.csv", "--out", "out", "--no-figures")
     assert "all records" in out and "each record by itself" in out
@@ -96,6 +98,7 @@ def test_several_records_and_the_same_bytes_again(flightid: CommandLine, place: 
     assert [single["records"] for single in content["single"]] == [["flight1.csv"], ["flight2.csv"]]
 
 
+@pytest.mark.long
 def test_degrees_odd_headers_az_and_a_window(flightid: CommandLine, place: Path) -> None:
     rows = (place / "flight1.csv").read_text().splitlines()[1:]
     lines = ["t,AoA1 [deg],q_deg_s,AZ [m/s2]"]
@@ -114,6 +117,7 @@ def test_degrees_odd_headers_az_and_a_window(flightid: CommandLine, place: Path)
     assert "nz is" in odd or "az serves as nz" in odd
 
 
+@pytest.mark.long
 def test_a_known_vane_arm_is_no_finding(flightid: CommandLine, place: Path) -> None:
     write_record(place, record(sensors=Sensors(arm=4.0), seed=3), "vane")
     (place / "loes.toml").write_text(LOES)
@@ -131,6 +135,7 @@ def test_no_vehicle_file_is_needed_where_the_airspeed_is_recorded(
     assert "neither a recorded nor a given airspeed" in told and "cannot tell" in told
 
 
+@pytest.mark.long
 def test_a_dynamic_pressure_makes_the_airspeed(flightid: CommandLine, place: Path) -> None:
     """VEHICLE's air weighs 1.0555 kg/m3; its airspeed, here far too low, is not needed."""
     whole = record((*THREE, "airspeed"), Sensors(delay={"alpha": 0.06}), seed=3)
@@ -144,6 +149,7 @@ def test_a_dynamic_pressure_makes_the_airspeed(flightid: CommandLine, place: Pat
     )
 
 
+@pytest.mark.long
 def test_bank_heading_and_height_in_their_units(flightid: CommandLine, place: Path) -> None:
     """Degrees, g and feet, a heading through north, and a roll gyro with a bias, in the sentence
     and the file.

@@ -368,6 +368,7 @@ def refused(
     assert contents(folder) == before and not (folder / "out").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", RECORDS)
 def test_record(flightid: CommandLine, place: Path, case: str) -> None:
     edit, parts = RECORDS[case]
@@ -418,6 +419,7 @@ def test_option_of_identify(flightid: CommandLine, place: Path, case: str) -> No
     refused(flightid, place, identify(*options), parts)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("case", USAGE)
 def test_usage(flightid: CommandLine, place: Path, case: str) -> None:
     arguments, parts = USAGE[case]

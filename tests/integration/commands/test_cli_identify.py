@@ -58,6 +58,7 @@ def identified(
     return json.loads((out / "comparison.json").read_text())
 
 
+@pytest.mark.long
 def test_a_filter_draws_its_histories_and_innovations(
     flightid: CommandLine, rigid_folder: Path, vehicle: Path, tmp_path: Path
 ) -> None:
@@ -86,6 +87,7 @@ def table(folder: Path) -> pandas.DataFrame:
     return pandas.DataFrame([[float(cell) for cell in row] for row in rows], columns=header)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_finds_the_derivatives(
     flightid: CommandLine, rigid_folder: Path, vehicle: Path, tmp_path: Path, method: str
@@ -148,6 +150,7 @@ def test_what_identify_writes(
         assert text in printed
 
 
+@pytest.mark.long
 def test_every_format_gives_the_same_numbers(
     flightid: CommandLine, rigid_folder: Path, vehicle: Path, tmp_path: Path
 ) -> None:
@@ -196,6 +199,7 @@ def test_degrees_and_radians_give_the_same_numbers(
             )
 
 
+@pytest.mark.long
 def test_a_fresh_process_finds_what_this_one_found_in_memory(vehicle: Path, tmp_path: Path) -> None:
     record, _ = fly_scenario(load_scenario("rigid"), seed=4)
     write_record(tmp_path, record)
@@ -243,6 +247,7 @@ def test_a_window_reads_only_its_rows(
     assert all(abs(value - TRUE[name]) < 3.5 * std for name, (value, std) in found(content).items())
 
 
+@pytest.mark.long
 def test_gaps_uneven_sampling_and_an_absent_output(
     flightid: CommandLine, rigid_folder: Path, vehicle: Path, tmp_path: Path
 ) -> None:

@@ -272,6 +272,7 @@ def test_several_scenarios_get_a_folder_each(flightid: CommandLine, tmp_path: Pa
     assert strict(tmp_path / "out" / "second" / "comparison.json")["seed"] == 2
 
 
+@pytest.mark.long
 def test_a_rerun_replaces_ours_and_leaves_others(flightid: CommandLine, tmp_path: Path) -> None:
     scenario, out = small(tmp_path / "short.toml"), tmp_path / "out"
     flightid.done("run", scenario, "--out", out)
@@ -332,6 +333,7 @@ def test_simulate_writes_the_record_alone(
     ).read_bytes()
 
 
+@pytest.mark.long
 def test_campaign_counts_what_the_intervals_hold(flightid: CommandLine, tmp_path: Path) -> None:
     printed = flightid.done(
         "campaign",
@@ -366,6 +368,7 @@ def test_campaign_counts_what_the_intervals_hold(flightid: CommandLine, tmp_path
     assert content["pooled"]["within_two_sigma"] == pytest.approx(sum(hits.values()) / 120)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "keys", [("passes=1",), ("passes=4",), ("passes=4", "spread=20"), ("method=output-error",)]
 )
@@ -418,6 +421,7 @@ def test_effects_and_vehicles_are_shown(flightid: CommandLine) -> None:
     assert "omega1" in difference and "wing_area" not in difference
 
 
+@pytest.mark.long
 def test_simulate_writes_what_the_loop_is_given(flightid: CommandLine, tmp_path: Path) -> None:
     shorter = (
         "--set",

@@ -103,6 +103,7 @@ def test_the_table_has_a_row_for_each_parameter_and_study_in_the_order_of_the_eq
     )
 
 
+@pytest.mark.long
 def test_compare_again_is_the_same_and_touches_no_study(
     flown: Path, tmp_path: Path, flightid: CommandLine
 ) -> None:

@@ -92,6 +92,7 @@ def test_every_command_has_examples_and_no_other_has() -> None:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", NAMES)
 def test_help_shows_the_examples_as_they_are_typed(
     name: str, flightid: CommandLine, monkeypatch: pytest.MonkeyPatch
@@ -119,6 +120,7 @@ def test_what_the_help_names_without_loading_it_is_what_there_is() -> None:
     assert {*METHOD_NAMES} == {*METHODS}
 
 
+@pytest.mark.long
 def test_the_examples_run(folder: Path) -> None:
     assert content(folder / "fit.json")["schema"] == "flightid/comparison/1"
     campaign = content(folder / "campaign" / "campaign.json")

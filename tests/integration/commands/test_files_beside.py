@@ -30,6 +30,7 @@ def flat(text: str) -> str:
     return " ".join(text.split())
 
 
+@pytest.mark.long
 def test_each_command_names_what_it_found_beside_the_record(
     flightid: CommandLine, folder: Path
 ) -> None:
@@ -81,6 +82,7 @@ def test_what_is_named_or_is_not_there_is_not_spoken_of(
         assert "without being named" not in flat(flightid.done(*call, "--vehicle", "other.toml"))
 
 
+@pytest.mark.long
 def test_a_survey_names_the_vehicle_file_and_computes_again_where_it_changed(
     flightid: CommandLine, folder: Path
 ) -> None:
@@ -98,6 +100,7 @@ def test_a_survey_names_the_vehicle_file_and_computes_again_where_it_changed(
     assert len(json.loads(Path("out/survey.json").read_text())["computed"]) == 2
 
 
+@pytest.mark.long
 def test_a_watch_names_the_json_file(flightid: CommandLine, tmp_path: Path) -> None:
     rows = "".join(
         f"{0.04 * k:.2f},{float(k % 50 < 20)},{0.001 * (k % 7)},{0.001 * (k % 5)},1\n"
@@ -120,6 +123,7 @@ def test_a_watch_names_the_json_file(flightid: CommandLine, tmp_path: Path) -> N
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("factor", [0.6912, 1.5])
 def test_a_wrong_airspeed_is_offered_in_place_of_the_scale_of_an_accelerometer(
     flightid: CommandLine, folder: Path, factor: float
@@ -140,6 +144,7 @@ def test_a_wrong_airspeed_is_offered_in_place_of_the_scale_of_an_accelerometer(
     )
 
 
+@pytest.mark.long
 def test_a_recorded_airspeed_leaves_the_vehicle_file_out_of_it(
     flightid: CommandLine, folder: Path, with_column: Callable[[Path, str, float], None]
 ) -> None:

@@ -124,6 +124,7 @@ def same(errors: dict[str, dict[str, float]]) -> None:
             assert found[name] == pytest.approx(NOISE[name], rel=0.1), (kind, name)
 
 
+@pytest.mark.long
 def test_identify_predicts_each_part_and_pools_the_errors(
     flightid: CommandLine, folder: Path, tmp_path: Path
 ) -> None:
@@ -149,6 +150,7 @@ def test_identify_predicts_each_part_and_pools_the_errors(
     same(errors)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("command", ["identify", "diagnose"])
 def test_predict_predicts_each_part_and_pools_the_errors(
     flightid: CommandLine, folder: Path, tmp_path: Path, command: str
@@ -208,6 +210,7 @@ def test_a_part_of_a_record_with_a_gap_is_predicted(
         )
 
 
+@pytest.mark.long
 def test_diagnose_predicts_each_part_and_writes_every_row(
     flightid: CommandLine, folder: Path, tmp_path: Path
 ) -> None:
@@ -233,6 +236,7 @@ def test_diagnose_predicts_each_part_and_writes_every_row(
     same(errors)
 
 
+@pytest.mark.long
 def test_a_channel_that_a_part_does_not_have_counts_in_the_others(
     flightid: CommandLine, folder: Path, tmp_path: Path
 ) -> None:

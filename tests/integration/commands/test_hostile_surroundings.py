@@ -79,11 +79,13 @@ def full() -> Iterator[int]:
     os.close(handle)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("call", [("--help",), ("vehicles",), IDENTIFY])
 def test_a_full_standard_output_is_one_line(place: Path, full: int, call: tuple[str, ...]) -> None:
     refused(run(place, *call, stdout=full), "the output: No space left on device", "make room")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("call", "named"),
     [
@@ -104,6 +106,7 @@ def test_a_full_disk_leaves_nothing_half_written(
     assert contents(place) == before
 
 
+@pytest.mark.long
 def test_a_file_system_without_room_leaves_nothing_half_written(place: Path) -> None:
     disk = place / "disk"
     disk.mkdir()
@@ -131,6 +134,7 @@ def test_a_file_system_without_room_leaves_nothing_half_written(place: Path) -> 
         subprocess.run(["umount", str(disk)], check=True)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("handles", [6, 9, 12])
 def test_too_few_open_files_are_one_line_and_leave_nothing(place: Path, handles: int) -> None:
     before = contents(place)
@@ -143,6 +147,7 @@ def test_too_few_open_files_are_one_line_and_leave_nothing(place: Path, handles:
     assert contents(place) == before and not list(place.glob(".study*"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_a_signal_that_ends_leaves_nothing_temporary(
     place: Path, number: signal.Signals, code: int
@@ -209,6 +214,7 @@ def test_a_signal_that_is_ignored_stays_ignored() -> None:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("call", ["record", "vehicle", "channels", "model", "reference", "study"])
 @pytest.mark.parametrize("kind", ["zero", "sparse", "pipe", "folder", "circle", "long"])
 def test_a_path_without_an_end_or_a_file_is_one_line(
@@ -266,6 +272,7 @@ def test_bombs_are_refused_by_their_size_with_the_limit(
         assert name in said and "more than the 1 MiB that are read at most" in said
 
 
+@pytest.mark.long
 def test_packed_files_of_usual_size_are_read(flightid: CommandLine, place: Path) -> None:
     import pandas
 
@@ -283,6 +290,7 @@ def test_packed_files_of_usual_size_are_read(flightid: CommandLine, place: Path)
     assert len(rows[0]) == 6 and rows == [rows[0]] * len(rows)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "out",
     [
@@ -308,6 +316,7 @@ def test_the_longest_name_of_a_folder_serves(flightid: CommandLine, place: Path)
     assert (place / ("y" * 255) / "comparison.json").is_file()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "theirs", ["new.json", "new_validate.json", "new_vehicle.toml", "new_validate.csv"]
 )

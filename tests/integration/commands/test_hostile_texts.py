@@ -133,6 +133,7 @@ def test_what_every_file_of_ours_may_hold_is_read() -> None:
     }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "value",
     [
@@ -161,6 +162,7 @@ def test_toml_that_is_deep_or_long_is_one_line_in_every_file(
     assert file in flightid.refused(*calls[file])
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("value", ["[" * DEEP, "NaN", DIGITS, '{"a":' * DEEP])
 @pytest.mark.parametrize(
     ("file", "call"),
@@ -295,6 +297,7 @@ def test_numbers_that_nothing_can_be_computed_with_are_one_line(
         assert f"{key}: " in said and "1e-50 to 1e+50" in said
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "call",
     [
@@ -343,6 +346,7 @@ def test_digits_of_other_scripts_are_refused_by_every_reader(
     assert call.code == 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("bad", ["\x1b[31m", "\x07", "\x9b31m", "\u202e", "\x7f"])
 def test_control_characters_never_reach_the_terminal(
     flightid: CommandLine, place: Path, bad: str
@@ -368,6 +372,7 @@ def test_control_characters_never_reach_the_terminal(
     assert said.code == 2 and bad[0] not in said.err
 
 
+@pytest.mark.long
 def test_a_record_of_thousands_of_columns_is_read(flightid: CommandLine, place: Path) -> None:
     rows = (place / "flight.csv").read_text().splitlines()
     names = [f"further_channel_{k}" for k in range(9000)]
@@ -385,6 +390,7 @@ def test_a_record_of_thousands_of_columns_is_read(flightid: CommandLine, place: 
     assert len(tables[0]) >= 6 and tables[0][:6] == tables[1][:6]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("after", [0, 40])
 @pytest.mark.parametrize(
     "late",

@@ -40,6 +40,7 @@ def identified(
     return told, content
 
 
+@pytest.mark.long
 def test_both_readings_of_the_inputs_are_shown_where_they_differ(
     flightid: CommandLine, tmp_path: Path
 ) -> None:
@@ -118,6 +119,7 @@ def test_nothing_is_said_of_readings_that_do_not_matter(
     assert "input_reading" not in content and content["warnings"] == []
 
 
+@pytest.mark.long
 def test_a_measured_attitude_takes_the_weight_along(flightid: CommandLine, tmp_path: Path) -> None:
     """With speed and height exchanging, what an attitude tells brings derivatives nearer to the
     truth by several of their sigmas.
@@ -146,6 +148,7 @@ def test_a_measured_attitude_takes_the_weight_along(flightid: CommandLine, tmp_p
     assert content["noise_std"]["nz"] < 0.5 * blind["noise_std"]["nz"]
 
 
+@pytest.mark.long
 def test_at_constant_speed_a_measured_attitude_changes_nothing(
     flightid: CommandLine, tmp_path: Path
 ) -> None:
@@ -200,6 +203,7 @@ def test_a_derivative_of_impossible_sign_is_named_in_one_line(
     assert not any("not to be believed" in warning for warning in right["warnings"])
 
 
+@pytest.mark.long
 def test_each_segment_has_a_flight_path_of_its_own(flightid: CommandLine, tmp_path: Path) -> None:
     vehicle_file(tmp_path / "v.toml", BUSINESS_JET)
     record = recorded(
@@ -232,6 +236,7 @@ def test_each_segment_has_a_flight_path_of_its_own(flightid: CommandLine, tmp_pa
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("method", ["output-error", "filter-error"])
 def test_an_unstable_aircraft_is_identified_and_its_pieces_are_told(
     flightid: CommandLine, tmp_path: Path, method: str
@@ -266,6 +271,7 @@ def test_an_unstable_aircraft_is_identified_and_its_pieces_are_told(
     )
 
 
+@pytest.mark.long
 def test_a_degenerate_fit_is_no_result_and_says_what_to_do(
     flightid: CommandLine, tmp_path: Path
 ) -> None:

@@ -38,6 +38,7 @@ def identified(flightid: CommandLine, record: Path, *options: str) -> tuple[str,
     return " ".join(told.split()), content
 
 
+@pytest.mark.long
 def test_wild_points_are_set_aside(flightid: CommandLine, tmp_path: Path) -> None:
     clean, wild = recorded(tmp_path / "flight.csv", Hidden()), tmp_path / "wild.csv"
     expected = identified(flightid, clean)[1]
@@ -61,6 +62,7 @@ def test_wild_points_are_set_aside(flightid: CommandLine, tmp_path: Path) -> Non
     assert np.count_nonzero(np.isnan(written)) == len(WILD)
 
 
+@pytest.mark.long
 def test_a_residual_with_wild_points_is_not_called_noise(
     flightid: CommandLine, tmp_path: Path
 ) -> None:
@@ -75,6 +77,7 @@ def test_a_residual_with_wild_points_is_not_called_noise(
     assert not any("wild point" in warning for warning in content["warnings"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("channel", [2, 3])
 def test_one_wild_point_at_an_edge_of_the_input_is_found_too(
     flightid: CommandLine, tmp_path: Path, channel: int

@@ -189,6 +189,7 @@ REFUSED = [
 ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("options", "said"), REFUSED)
 @pytest.mark.parametrize("command", ["identify", "diagnose"])
 def test_one_line_for_what_is_not_there(
@@ -281,6 +282,7 @@ def test_a_survey_takes_them(searched: Path) -> None:
         read_flights(searched / "flights.toml")
 
 
+@pytest.mark.long
 def test_almost_all_cruise_is_said(flightid: CommandLine, searched: Path, tmp_path: Path) -> None:
     """One caution with the share and the command for the whole record; none for a maneuver of
     it.

@@ -165,6 +165,7 @@ WHOLE = LATERAL | {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["fAttasAilRud1", "fAttasAilRud2"])
 @pytest.mark.parametrize(
     ("columns", "boom", "twin"),

@@ -104,6 +104,7 @@ def test_a_column_of_1e30(
     )
 
 
+@pytest.mark.long
 def test_a_low_order_model_of_an_aircraft_that_it_does_not_fit(
     flightid: CommandLine, table: np.ndarray, tmp_path: Path
 ) -> None:
@@ -118,6 +119,7 @@ def test_a_low_order_model_of_an_aircraft_that_it_does_not_fit(
     assert "the free simulation runs away" in said and "filter-error" in said
 
 
+@pytest.mark.long
 def test_a_sound_record_overflows_nowhere(
     flightid: CommandLine, table: np.ndarray, tmp_path: Path
 ) -> None:

@@ -192,6 +192,7 @@ def parser() -> object:
     return get_command(cli.app)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("case", FILES)
 def test_a_wrong_model_file_is_told_alike_by_every_command(
     flightid: CommandLine, place: Path, case: str
@@ -285,6 +286,7 @@ WORDS: list[tuple[tuple[str, ...], str]] = [
 ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("options", "line"), WORDS, ids=[" ".join(options) for options, _ in WORDS]
 )

@@ -123,6 +123,7 @@ def test_a_mass_on_a_spring_is_identified(flightid: CommandLine, tmp_path: Path)
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("method", ["ekf", "equation-error"])
 def test_other_methods_find_the_same(flightid: CommandLine, tmp_path: Path, method: str) -> None:
     path, model = declared(tmp_path)
@@ -145,6 +146,7 @@ def test_other_methods_find_the_same(flightid: CommandLine, tmp_path: Path, meth
     )
 
 
+@pytest.mark.long
 def test_a_late_sensor_is_traced(flightid: CommandLine, tmp_path: Path) -> None:
     path, model = declared(tmp_path)
     late = late_sensor(model)
@@ -172,6 +174,7 @@ def test_a_late_sensor_is_traced(flightid: CommandLine, tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.long
 def test_of_two_inputs_the_late_one_is_named(flightid: CommandLine, tmp_path: Path) -> None:
     path = model_file(tmp_path, ROLL_AND_YAW)
     model = read_user_model(path).model
@@ -239,6 +242,7 @@ def test_nothing_is_found_where_nothing_is_missing(flightid: CommandLine, tmp_pa
     assert "CONSISTENT" in printed and " m/s2 " in printed
 
 
+@pytest.mark.long
 def test_models_are_listed_and_shown(flightid: CommandLine) -> None:
     lines = flightid.done("models").splitlines()
     assert [line.split()[0] for line in lines] == list(MODELS)

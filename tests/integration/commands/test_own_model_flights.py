@@ -119,6 +119,7 @@ def test_the_record_is_what_the_equations_give(flightid: CommandLine, tmp_path: 
     ]
 
 
+@pytest.mark.long
 def test_each_input_has_its_maneuver_and_a_seed_its_noise(
     flightid: CommandLine, tmp_path: Path
 ) -> None:
@@ -175,6 +176,7 @@ def test_each_input_has_its_maneuver_and_a_seed_its_noise(
     assert np.std(one["phi"].values - other["phi"].values) < 0.05 * np.ptp(one["phi"].values)
 
 
+@pytest.mark.long
 def test_a_model_rests_where_its_file_says(flightid: CommandLine, tmp_path: Path) -> None:
     path = model_file(tmp_path, TANK)
     flightid.done(
@@ -238,6 +240,7 @@ def test_a_start_is_off_within_its_bounds(
     assert off(Parameter("k", value, "1", bounds=bounds), share) == pytest.approx(expected)
 
 
+@pytest.mark.long
 def test_a_campaign_says_what_its_estimates_say(flightid: CommandLine, tmp_path: Path) -> None:
     path, out = model_file(tmp_path, SPRING), tmp_path / "out"
     printed = flightid.done(

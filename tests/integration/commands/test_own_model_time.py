@@ -64,6 +64,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("method", ["output-error", "equation-error", "ekf", "ukf", "filter-error"])
 def test_every_method_in_the_time_domain_finds_the_parameters(
     flightid: CommandLine, folder: Path, method: str
@@ -99,6 +100,7 @@ def test_the_frequency_domain_refuses_it_in_one_line(flightid: CommandLine, fold
     )
 
 
+@pytest.mark.long
 def test_the_other_commands_take_it(flightid: CommandLine, folder: Path) -> None:
     assert "CONSISTENT" in flightid.done(
         "diagnose", "record.csv", "--model", "timed.py", "--no-figures"

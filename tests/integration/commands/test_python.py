@@ -142,6 +142,7 @@ def test_identify_on_one_record_what_another_is_predicted_by(
     assert found.plot.held_out().axes and shown().startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 def test_diagnose(
     flightid: CommandLine, flight: Path, table: pandas.DataFrame, vehicle: Path, tmp_path: Path
 ) -> None:
@@ -190,6 +191,7 @@ def test_check(flightid: CommandLine, tmp_path: Path) -> None:
     assert fid.check(record).sentences == found.sentences and "gain" in found.to_dataframe()
 
 
+@pytest.mark.long
 def test_run_simulate_and_campaign(flightid: CommandLine, tmp_path: Path) -> None:
     flightid.done(
         "run", "rigid", "--seed", 2, *SLOWLY, "--no-figures", "--out", tmp_path / "command"

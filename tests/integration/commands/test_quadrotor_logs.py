@@ -122,6 +122,7 @@ def test_a_late_gyro_is_traced_from_logs_with_the_numbers_of_a_table(
             ), (suffix, name)
 
 
+@pytest.mark.long
 def test_a_sound_quadrotor_is_not_accused(
     flightid: CommandLine, logs: Path, tmp_path: Path
 ) -> None:
@@ -129,6 +130,7 @@ def test_a_sound_quadrotor_is_not_accused(
     assert found["verdict"] == "consistent" and not found["effects"]
 
 
+@pytest.mark.long
 def test_the_drafts_of_a_log_alone_lead_to_the_truth(
     flightid: CommandLine, logs: Path, tmp_path: Path
 ) -> None:
@@ -157,6 +159,7 @@ def test_the_drafts_of_a_log_alone_lead_to_the_truth(
         assert abs(parameter["estimate"] - TRUTH[name]) < 3.0 * parameter["std"], name
 
 
+@pytest.mark.long
 def test_idle_motors_are_said(flightid: CommandLine, tmp_path: Path) -> None:
     columns = flight(duration=9.0)
     columns["thrust_command"] = 0.0 * columns["time"]

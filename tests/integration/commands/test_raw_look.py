@@ -77,6 +77,7 @@ REFUSED: dict[str, tuple[Callable[[Record], Record], str]] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("fault", REFUSED)
 @pytest.mark.parametrize("command", ["diagnose", "identify", "check"])
 def test_what_is_certain_is_refused_with_its_remedy(
@@ -87,6 +88,7 @@ def test_what_is_certain_is_refused_with_its_remedy(
     assert told.startswith(f"flight.csv, {said}") and "--trust-record" in told
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("command", COMMANDS)
 def test_held_samples_are_set_aside_and_said(
     command: str, sound: Record, tmp_path: Path, flightid: CommandLine
@@ -105,6 +107,7 @@ def test_held_samples_are_set_aside_and_said(
     ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_trusted_record_is_only_warned_of(
     command: str, sound: Record, tmp_path: Path, flightid: CommandLine
@@ -119,6 +122,7 @@ def test_a_trusted_record_is_only_warned_of(
     assert any("elevator has the sign turned" in warning for warning in content["warnings"])
 
 
+@pytest.mark.long
 def test_a_diagnosis_says_what_it_saw_in_print_in_json_and_on_its_page(
     sound: Record, tmp_path: Path, flightid: CommandLine
 ) -> None:

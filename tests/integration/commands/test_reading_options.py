@@ -101,6 +101,7 @@ def test_maneuvers_of_a_bare_table(flightid: CommandLine, folder: Path, tmp_path
     )
 
 
+@pytest.mark.long
 def test_a_check_of_a_bare_table_and_of_a_maneuver(
     flightid: CommandLine, folder: Path, tmp_path: Path
 ) -> None:
@@ -162,6 +163,7 @@ def test_a_prediction_of_a_bare_table_and_of_a_maneuver(
     )
 
 
+@pytest.mark.long
 def test_a_diagnosis_and_a_survey_of_bare_tables(
     flightid: CommandLine, folder: Path, tmp_path: Path
 ) -> None:
@@ -244,6 +246,7 @@ def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
+@pytest.mark.long
 def test_a_stream_is_opened_as_a_record_is(
     flightid: CommandLine, stream: Path, tmp_path: Path
 ) -> None:

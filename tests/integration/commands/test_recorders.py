@@ -66,18 +66,21 @@ def by_hand(folder: Path, columns: dict[str, np.ndarray]) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_logs_give_the_numbers_of_a_table_made_by_hand(
     flightid: CommandLine, tmp_path: Path
 ) -> None:
     _same_numbers(flightid, tmp_path, flight())
 
 
+@pytest.mark.long
 def test_a_recorded_airspeed_that_swings_gives_the_numbers_of_a_table_made_by_hand(
     flightid: CommandLine, tmp_path: Path
 ) -> None:
     _same_numbers(flightid, tmp_path, flight(elevator=sweep, swing=0.8))
 
 
+@pytest.mark.long
 def test_sweeps_of_elevons_give_the_numbers_of_a_table_made_by_hand(
     flightid: CommandLine, tmp_path: Path
 ) -> None:
@@ -100,6 +103,7 @@ def _same_numbers(flightid: CommandLine, tmp_path: Path, columns: dict[str, np.n
             ), (log.name, name)
 
 
+@pytest.mark.long
 def test_topics_at_a_fifth_of_the_rate_give_the_truth(
     flightid: CommandLine, tmp_path: Path
 ) -> None:
@@ -110,6 +114,7 @@ def test_topics_at_a_fifth_of_the_rate_give_the_truth(
         ), (name, found[name])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("suffix", "write", "channels"), [(".ulg", px4, PX4), (".bin", ardupilot, ARDUPILOT)]
 )
@@ -194,6 +199,7 @@ def test_a_draft_of_a_log_is_a_map_that_reads_it(flightid: CommandLine, tmp_path
     )
 
 
+@pytest.mark.long
 def test_a_draft_finds_the_clock_with_a_gap_and_the_columns_whose_units_are_stated(
     flightid: CommandLine, tmp_path: Path
 ) -> None:
@@ -229,6 +235,7 @@ def test_a_draft_finds_the_clock_with_a_gap_and_the_columns_whose_units_are_stat
     )
 
 
+@pytest.mark.long
 def test_a_file_that_ends_within_a_row_is_read_without_it(
     flightid: CommandLine, tmp_path: Path
 ) -> None:
@@ -241,6 +248,7 @@ def test_a_file_that_ends_within_a_row_is_read_without_it(
     assert "row 2001: 3 cells under a header of 4" in flightid.done("map", path)
 
 
+@pytest.mark.long
 def test_the_next_command_has_the_options_that_opened_the_file(
     flightid: CommandLine, tmp_path: Path
 ) -> None:
@@ -267,6 +275,7 @@ def _uav(folder: Path) -> Path:
     return folder / "uav.toml"
 
 
+@pytest.mark.long
 def test_a_damaged_text_log_is_refused_in_one_line(flightid: CommandLine, tmp_path: Path) -> None:
     log = ardupilot(tmp_path / "uav.log", flight())
     log.write_text(log.read_text().replace("FMT, 1, 20, IMU, QBd", "FMT, 1, 20, IMU, Q?d"))

@@ -75,6 +75,7 @@ def write_csv(folder: Path, name: str = "flight.csv", **columns: np.ndarray) -> 
     return path
 
 
+@pytest.mark.long
 def test_a_log_of_a_recorder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log, out = write_log(tmp_path), tmp_path / "bode"
     words = ["response", str(log), "--input", "SIDD.Targ", "--output", "SIDD.Gx", "--out", str(out)]
@@ -206,6 +207,7 @@ def test_parts_of_a_record_are_pooled_and_gaps_part_it(tmp_path: Path) -> None:
     assert len(parts.to_dict()["parts"]) == 2
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -242,6 +244,7 @@ def test_bad_input_is_one_line(
     assert not out.exists()
 
 
+@pytest.mark.long
 def test_from_a_log_to_a_transfer_function_in_three_commands(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -268,6 +271,7 @@ def test_from_a_log_to_a_transfer_function_in_three_commands(
     ).read_text()
 
 
+@pytest.mark.long
 def test_a_delay_that_may_be_none_is_said_and_is_no_rounding_in_print(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -310,6 +314,7 @@ def test_fits_in_python(tmp_path: Path) -> None:
         found.plot.mismatch(1)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -339,6 +344,7 @@ def test_bad_fits_are_one_line(
     assert not out.exists()
 
 
+@pytest.mark.long
 def test_flying_qualities_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log, out = write_log(tmp_path), tmp_path / "roll"
     signals = ("--input", "SIDD.Targ", "--output", "SIDD.Gx")
@@ -417,6 +423,7 @@ LOOP_WORDS = (
 )
 
 
+@pytest.mark.long
 def test_stability_margins_of_pooled_flights(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -508,6 +515,7 @@ def test_bad_loops_are_one_line(
     assert shown.out == "" and shown.err.count("\n") == 1 and said in shown.err
 
 
+@pytest.mark.long
 def test_levels_of_fitted_forms(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     time, target, rate = chirp_flight()
     path, out = write_csv(tmp_path, time=time[::8], a=target[::8], b=rate[::8]), tmp_path / "roll"
@@ -530,6 +538,7 @@ def test_levels_of_fitted_forms(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert "control_anticipation" in pitch.flying_qualities["b/a"] and pitch.levels == {}
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -43,6 +43,7 @@ print("imported:", *(name for name in {HEAVY!r} if name in sys.modules))
     return set(done.stdout.splitlines()[-1].split()[1:])
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "arguments", [("--help",), ("run", "--help"), ("list",), ("list", "rigid")]
 )
@@ -68,12 +69,14 @@ def test_help_starts_fast() -> None:
     assert min(spent) < 0.3
 
 
+@pytest.mark.long
 def test_a_run_imports_neither_control_nor_pandas(tmp_path: Path) -> None:
     assert imported_by("run", "rigid", "--no-figures", "--out", str(tmp_path / "out")).isdisjoint(
         {"control", "pandas", "matplotlib", "pint"}
     )
 
 
+@pytest.mark.long
 def test_python_m_scenarios_is_the_command(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     call = [sys.executable, "-m", "scenarios", "run", "rigit"]

@@ -94,6 +94,7 @@ def stopped(code: str, folder: Path, *arguments: str) -> tuple[int, str, str]:
     return running.returncode, out, err
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="signals of a terminal")
 def test_a_campaign_keeps_the_table_of_the_flights_that_had_ended(tmp_path: Path) -> None:
     code, out, err = stopped(
@@ -121,6 +122,7 @@ def test_a_campaign_keeps_the_table_of_the_flights_that_had_ended(tmp_path: Path
     assert sorted(path.name for path in tmp_path.iterdir()) == ["begun", "kept"]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="signals of a terminal")
 def test_a_campaign_of_an_estimator_keeps_the_runs_that_had_ended(tmp_path: Path) -> None:
     words = ("campaign", "ballistic", "--runs", "9", "--seed", "1", "--jobs", "1", "--out", "kept")

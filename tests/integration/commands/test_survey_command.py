@@ -82,6 +82,7 @@ def surveyed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, fid.Survey
     return folder, found
 
 
+@pytest.mark.long
 def test_a_survey_finds_what_recurs_and_writes_it(surveyed: tuple[Path, fid.Survey]) -> None:
     folder, found = surveyed
     assert found.effects == ("sensor-delay:q",)
@@ -115,6 +116,7 @@ def test_a_survey_finds_what_recurs_and_writes_it(surveyed: tuple[Path, fid.Surv
     assert "sensor-delay:q" in found.summary()
 
 
+@pytest.mark.long
 def test_a_second_survey_by_the_command_computes_nothing(
     flightid: CommandLine, surveyed: tuple[Path, fid.Survey], tmp_path: Path
 ) -> None:

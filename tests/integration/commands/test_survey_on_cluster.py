@@ -42,6 +42,7 @@ def fleet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.long
 def test_workers_write_the_same_survey(
     flightid: CommandLine, cluster: Cluster, fleet: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -69,6 +70,7 @@ def test_workers_write_the_same_survey(
     assert (again.computed, tuple(again.failed)) == ((), ("b",))
 
 
+@pytest.mark.long
 def test_ctrl_c_keeps_the_flights_that_have_come(cluster: Cluster, fleet: Path) -> None:
     asked = read_flights("flights.toml")
 
@@ -91,6 +93,7 @@ def test_ctrl_c_keeps_the_flights_that_have_come(cluster: Cluster, fleet: Path) 
     assert [flight.name for flight in asked.flights if kept_of(flight, Path("morning"))] == kept
 
 
+@pytest.mark.long
 def test_a_worker_that_does_not_see_the_records_is_one_line(
     flightid: CommandLine, cluster: Cluster, fleet: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -108,6 +111,7 @@ def test_a_worker_that_does_not_see_the_records_is_one_line(
     )
 
 
+@pytest.mark.long
 def test_a_scheduler_that_does_not_answer_is_one_line(flightid: CommandLine, fleet: Path) -> None:
     pytest.importorskip("distributed")
     call = flightid("survey", "flights.toml", "--cluster", "tcp://127.0.0.1:9", "--out", "out")
@@ -115,6 +119,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(flightid: CommandLine, fle
     assert "Traceback" not in call.err and not (fleet / "out").exists()
 
 
+@pytest.mark.long
 def test_a_failure_says_where_the_flights_are_kept(
     fleet: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

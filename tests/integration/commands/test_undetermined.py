@@ -55,6 +55,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("kind", MODELS)
 def test_modes_are_known_where_their_parameters_are_not(
@@ -95,6 +96,7 @@ def test_modes_are_known_where_their_parameters_are_not(
             assert abs(value - true) < 4.0 * std
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("method", METHODS)
 def test_times_in_another_unit_end_in_an_outcome_or_one_line(
     flightid: CommandLine, tmp_path: Path, method: str

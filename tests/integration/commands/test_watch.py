@@ -152,6 +152,7 @@ def table_of(record: Record) -> np.ndarray:
     return np.vstack([record.time, *(channel.with_gaps() for channel in record.channels)])
 
 
+@pytest.mark.long
 def test_watch_finds_what_identify_finds(
     flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path
 ) -> None:
@@ -286,6 +287,7 @@ def test_what_is_shown_does_not_hang_on_how_rows_came() -> None:
     assert [piece.shape[1] for piece in pieces(session, table / 100.0)] == [1200]
 
 
+@pytest.mark.long
 def test_a_file_that_grows(
     flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path
 ) -> None:
@@ -328,6 +330,7 @@ def test_a_file_that_grows(
     )
 
 
+@pytest.mark.long
 def test_a_pipe_with_broken_lines(folder: Path, options: list[str], tmp_path: Path) -> None:
     header, *lines = (folder / "flight.csv").read_text().splitlines()
     cells = lines[80].split(",")
@@ -369,6 +372,7 @@ def test_a_pipe_with_broken_lines(folder: Path, options: list[str], tmp_path: Pa
         ), name
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_it_whole_and_its_page(
     folder: Path, options: list[str], tmp_path: Path
 ) -> None:
@@ -726,6 +730,7 @@ def test_how_rows_come_does_not_matter() -> None:
             np.testing.assert_array_equal(one.values, two.values)
 
 
+@pytest.mark.long
 def test_the_bank_and_the_frequency_domain_agree(
     flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path
 ) -> None:
@@ -836,6 +841,7 @@ def test_a_stream_that_is_too_short_has_no_number(
     assert "the stream is empty" in refused
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [2, 5])
 def test_frequency_and_time_agree_on_the_x29_like_flight(
     flightid: CommandLine, tmp_path: Path, seed: int

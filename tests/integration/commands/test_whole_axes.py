@@ -26,6 +26,7 @@ def records() -> dict[str, Record]:
     return {model: flown(model) for model in TRUE}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", list(TRUE))
 def test_what_identify_prints_and_writes(
     flightid: CommandLine, tmp_path: Path, records: dict[str, Record], model: str
@@ -115,6 +116,7 @@ def diagnosed(
     return printed, json.loads((out / "diagnosis.json").read_text(), parse_constant=pytest.fail)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("model", list(TRUE))
 def test_a_sound_record_is_consistent_and_the_kinematics_are_not_asked(
     flightid: CommandLine, tmp_path: Path, records: dict[str, Record], model: str
@@ -147,6 +149,7 @@ def test_a_sound_record_is_consistent_and_the_kinematics_are_not_asked(
     assert all(text in printed for text in shown[model])
 
 
+@pytest.mark.long
 def test_a_sentence_names_the_input_that_is_late(
     flightid: CommandLine, tmp_path: Path, records: dict[str, Record]
 ) -> None:
@@ -275,6 +278,7 @@ def test_a_gap_in_time_with_a_poor_start_is_named_and_does_no_harm(
 GAP = Path(__file__).parents[4] / "shared" / "cases" / "lateral-time-gap"
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not GAP.is_dir(), reason="the folder of shared cases is not here")
 def test_the_gap_of_a_measured_kind_is_fitted(flightid: CommandLine, tmp_path: Path) -> None:
     call = (

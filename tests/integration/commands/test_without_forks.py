@@ -179,6 +179,7 @@ def test_the_same_files_without_a_fork(name: str, flights: Path, tmp_path: Path)
         assert content == spawned[file], file
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["run", "identify", "diagnose"])
 def test_a_command_uses_nothing_that_windows_has_not(
     name: str, flights: Path, tmp_path: Path
@@ -191,6 +192,7 @@ def test_a_command_uses_nothing_that_windows_has_not(
     assert (tmp_path / "seen").read_text().count("process") == 1
 
 
+@pytest.mark.long
 def test_watch_reads_a_pipe_without_select(tmp_path: Path) -> None:
     write_record(tmp_path, problem.record(11, duration=6.0, gaps=True), "flight")
     record = (tmp_path / "flight.csv").read_bytes()
@@ -237,6 +239,7 @@ def test_the_choice_is_one_function(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not can_fork()
 
 
+@pytest.mark.long
 def test_a_wrong_start_method_is_one_line(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(ROOT), START_METHOD: "forkserver"}
     arguments = [
@@ -260,6 +263,7 @@ def test_a_wrong_start_method_is_one_line(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("coding", ["cp1252", "ascii"])
 def test_json_is_utf8_on_a_pipe_of_any_coding(coding: str, flights: Path, tmp_path: Path) -> None:
     import json

@@ -24,6 +24,7 @@ AIRCRAFT = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", AIRCRAFT)
 def test_a_wrong_length_is_cautioned_both_ways(
     flightid: CommandLine, tmp_path: Path, model: str

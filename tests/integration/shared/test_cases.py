@@ -81,6 +81,7 @@ def reference(flightid: CommandLine, tmp_path: Path) -> dict[str, Any]:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", [pytest.param(name, id=name.replace("/", "-")) for name in SAME])
 def test_one_record_in_every_form_gives_one_answer(
     flightid: CommandLine, tmp_path: Path, reference: dict[str, Any], name: str
@@ -127,6 +128,7 @@ def test_a_height_in_its_unit_gives_the_truth(flightid: CommandLine, tmp_path: P
         assert abs(found["estimate"] - 120.0) < 4.0 * found["std"] and found["std"] < 10.0
 
 
+@pytest.mark.long
 def test_missing_rows_leave_equation_error_alone(flightid: CommandLine, tmp_path: Path) -> None:
     model = CASES / "equation-error-missing-rows" / "roll_axis.py"
     found = identified(
@@ -142,6 +144,7 @@ def test_missing_rows_leave_equation_error_alone(flightid: CommandLine, tmp_path
     assert found["parameters"]["L_u"]["estimate"] == pytest.approx(50.0, rel=0.01)
 
 
+@pytest.mark.long
 def test_a_gap_in_time_is_two_records(flightid: CommandLine, tmp_path: Path) -> None:
     found = identified(flightid, tmp_path / "out", "lateral-time-gap/gap.csv", "--model", "lateral")
     assert found["parameters"]["Cl_p"]["estimate"] == pytest.approx(-0.51, abs=0.01)
@@ -163,6 +166,7 @@ def test_times_of_three_digits(flightid: CommandLine, tmp_path: Path) -> None:
     assert "the time stamps have few digits" in json.dumps(found)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["multirate_input", "topics"])
 def test_topics_at_several_rates(
     flightid: CommandLine, tmp_path: Path, reference: dict[str, Any], name: str

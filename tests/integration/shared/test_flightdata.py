@@ -413,6 +413,7 @@ def test_every_file_has_a_use() -> None:
     assert all(len(uses) <= 3 for uses in USES.values())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", [pytest.param(name, id=name.replace("/", "-")) for name in USES])
 def test_a_file_is_used_as_its_owner_would(
     flightid: CommandLine, tmp_path: Path, name: str

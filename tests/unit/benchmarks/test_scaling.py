@@ -77,6 +77,7 @@ def test_two_jobs_are_held_against_one(tmp_path: Path, monkeypatch: pytest.Monke
     assert all(row[1] == "8 s" and row[2] == "4 s" and row[3].startswith("2") for row in table.rows)
 
 
+@pytest.mark.long
 def test_memory_is_told_of_every_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Sequence[str]] = []
 

@@ -49,6 +49,7 @@ def test_the_bound_of_a_straight_line_is_that_of_textbooks() -> None:
         ] == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("model", ["rigid", "loes", "ballistic"])
 def test_a_clean_case_hides_nothing_and_depends_on_its_seed(model: str, tmp_path: Path) -> None:
     texts = []

@@ -51,6 +51,7 @@ def test_nothing_of_the_project_is_used() -> None:
     }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("model", MODELS)
 def test_calm_flights_are_those_of_the_equations_under_test(model: str) -> None:
     time, inputs = maneuver(model)
@@ -87,6 +88,7 @@ def test_calm_flights_are_those_of_the_equations_under_test(model: str) -> None:
         )
 
 
+@pytest.mark.long
 def test_a_flight_is_the_same_again_and_another_run_is_not() -> None:
     for noise in NOISES:
         one, again, other = (

@@ -62,6 +62,7 @@ def test_a_low_order_flight_obeys_its_equations() -> None:
     assert 0.5 * steady < size < 2.0 * steady
 
 
+@pytest.mark.long
 def test_known_margins_lie_on_the_loop() -> None:
     exact = true_margins("F")
     # The distance from -1 bounds the others: 2 sin(phase/2), and the gain that reaches -1.

@@ -95,6 +95,7 @@ def test_shares_are_counted_over_flights_and_within_them() -> None:
     assert sum(share.count for share in verdict_shares([right, wrong]).values()) == 2
 
 
+@pytest.mark.long
 def test_a_campaign_is_written_and_a_flight_of_it_flown_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -54,6 +54,7 @@ def test_scatter_and_common_value_are_those_of_the_contrasts() -> None:
     assert found.low < found.value < found.high
 
 
+@pytest.mark.long
 def test_intervals_hold_the_truth_and_one_value_is_called_one() -> None:
     rng = np.random.default_rng(2)
     held, p_same = [], []
@@ -154,6 +155,7 @@ def test_scaling_and_order_change_nothing_but_the_unit() -> None:
     assert other.scatter == pytest.approx(1e-4 * plain.scatter, rel=1e-3)
 
 
+@pytest.mark.long
 def test_a_trend_is_found_with_its_sigma_and_none_where_there_is_none() -> None:
     rng = np.random.default_rng(4)
     off, p_null = [], []

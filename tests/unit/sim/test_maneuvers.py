@@ -65,6 +65,7 @@ def test_mean_equals_quadrature_of_the_value(name: str) -> None:
         assert mean == pytest.approx(total / (b - a), abs=1e-10)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ALL)
 @given(data=st.data())
 def test_means_of_two_halves_make_the_mean_of_the_whole(name: str, data: st.DataObject) -> None:

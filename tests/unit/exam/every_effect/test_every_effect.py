@@ -24,6 +24,7 @@ from scenarios.tasks.study import Execution
 from tests.diagnoses import tracing_of
 
 
+@pytest.mark.long
 def test_rows_do_not_depend_on_how_many_there_are_and_are_read_as_they_were_written(
     tmp_path: Path,
 ) -> None:
@@ -122,6 +123,7 @@ def test_numbers_are_held_against_the_truth_in_their_sigmas() -> None:
     assert not bent.errors, "coefficients of a curve hang on the range of the record"
 
 
+@pytest.mark.long
 def test_the_command_writes_a_row_a_flight_and_flies_one_of_them_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -72,6 +72,7 @@ def with_term(model: Model, name: str, **changed: float) -> Model:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", sorted(TERMS))
 def test_absent_is_the_model_without_it_bit_for_bit(name: str) -> None:
     able = [model for model in MODELS.values() if applies(TERMS[name], model.equations)]

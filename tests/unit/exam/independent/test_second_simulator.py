@@ -222,6 +222,7 @@ def test_a_damper_damps_and_a_stop_stops() -> None:
     assert np.ptp(stopped["q"]) < 0.5 * np.ptp(open_loop["q"])
 
 
+@pytest.mark.long
 def test_the_same_number_gives_the_same_bytes(tmp_path: Path) -> None:
     for folder in ("one", "two"):
         own_flights.fly_flight(8, tmp_path / folder)
@@ -231,6 +232,7 @@ def test_the_same_number_gives_the_same_bytes(tmp_path: Path) -> None:
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
 
+@pytest.mark.long
 def test_curves_that_the_airplane_has_are_found() -> None:
     """The Beaver's moment bends with alpha; the lift of its fitted polynomial hardly does."""
     number = 1
@@ -271,6 +273,7 @@ def test_aircraft_that_are_kept_for_other_examinations_are_not_flown() -> None:
     }
 
 
+@pytest.mark.long
 @pytest.mark.skipif(
     not AVAILABLE, reason="JSBSim is not installed (pip install 'flightid[jsbsim]')"
 )
@@ -281,6 +284,7 @@ def test_a_flight_by_jsbsim_is_the_same_again(tmp_path: Path) -> None:
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
 
+@pytest.mark.long
 def test_amplification_is_that_of_the_free_decay() -> None:
     """The yaw rate of the F-4 after a pulse: its peaks fall by exp(-2 pi zeta/sqrt(1 - zeta^2)) a
     period.

@@ -64,6 +64,7 @@ def bare(model: str) -> Record:
     return flown(case(model), {}, drawn(model)[1][0], np.random.default_rng(5))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("name", "model"), EACH)
 def test_every_kind_is_seen_in_a_record_of_every_model_that_may_hide_it(
     name: str, model: str
@@ -88,6 +89,7 @@ def test_every_kind_is_seen_in_a_record_of_every_model_that_may_hide_it(
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("name", "model"), EACH)
 def test_an_answer_is_offered_to_the_search_of_that_model_and_so_are_accepted_names(
     name: str, model: str

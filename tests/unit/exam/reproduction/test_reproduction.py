@@ -336,6 +336,7 @@ def test_a_page_of_one_row(numbers: Numbers) -> None:
         table(["one", "two"], [["x", " "]])
 
 
+@pytest.mark.long
 def test_what_lies_in_the_folder_is_not_run_again_and_must_be_the_study(folder: Path) -> None:
     assert study_in(folder.parent, "one") == folder
     (folder.parent / "two").mkdir()

@@ -85,6 +85,7 @@ def test_with_nothing_on_a_record_is_the_plain_flight() -> None:
         )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "level",
     [
@@ -242,6 +243,7 @@ def test_flights_flown_at_once_are_those_flown_one_by_one(hidden: str) -> None:
                 )
 
 
+@pytest.mark.long
 def test_pseudo_true_values_are_the_nominal_ones_without_small_causes_and_not_with_them() -> None:
     calm, curved = (
         drawn(replace(CALM, moment_curvature=level), records=(2, 2), duration=10.0, step=0.01)

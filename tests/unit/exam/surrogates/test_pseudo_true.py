@@ -49,6 +49,7 @@ def with_hidden(drawn: Drawn, *names: str, records: tuple[int, ...] = (0, 1)) ->
     return hiding(drawn, effects)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", HIDDEN)
 @pytest.mark.parametrize("records", [(0, 1), (1,)])
 def test_flights_flown_at_once_are_those_flown_one_by_one(
@@ -122,6 +123,7 @@ def carrying(
     return found[0][0], [records for _, records in found]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("names", [(), ("sensor-delay:q",), ("elastic-mode",)])
 def test_one_fit_to_all_draws_is_that_of_levenberg_and_marquardt(names: tuple[str, ...]) -> None:
     """The general fit, which holds every record's sensitivities and damps every step, ends at the
@@ -156,6 +158,7 @@ def test_a_model_that_lacks_nothing_has_its_nominal_values() -> None:
         assert found.std[name] < 1e-6 * abs(value)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("names", [(), ("sensor-delay:q",)])
 def test_draws_fitted_one_by_one_and_joined_give_the_same_within_their_scatter(
     names: tuple[str, ...],

@@ -104,6 +104,7 @@ def test_every_level_has_its_law() -> None:
     assert set(LEVELS) == {item.name for item in fields(Causes)}
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", LEVELS)
 def test_each_level_shows_by_itself(name: str) -> None:
     levels, channel = LEVELS[name]
@@ -116,6 +117,7 @@ def test_each_level_shows_by_itself(name: str) -> None:
     )
 
 
+@pytest.mark.long
 def test_what_is_left_resembles_a_measured_flight() -> None:
     """Residuals that remember, and scatter several times what white residuals promise: as flight
     data show, and white noise does not.
@@ -140,6 +142,7 @@ def test_what_is_left_resembles_a_measured_flight() -> None:
     assert 2.0 < float(np.median(rest["inflation"])) < 15.0
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", KINDS)
 def test_every_hidden_effect_shows_and_vanishes_with_its_size(name: str) -> None:
     plan = drawn(step=0.02)
@@ -167,6 +170,7 @@ def test_the_names_that_can_be_hidden_are_those_of_the_library() -> None:
     assert group("sensor-lag:alpha") == group("vane-offset") != group("sensor-lag:q")
 
 
+@pytest.mark.long
 def test_a_hidden_effect_is_as_large_as_asked() -> None:
     plan = drawn(EVERY, duration=10.0)
     model, seed = declared_model(plan.declared, plan.starts), 11

@@ -134,6 +134,7 @@ def with_predictions(
     return scored(flown.drawn.surrogate, 1, flown, replace(tracing, diagnosis=diagnosis))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("after", "worse"), [(0.05, False), (0.1, False), (0.15, True)])
 def test_worse_means_by_more_than_the_scatter_of_the_error(after: float, worse: bool) -> None:
     assert (
@@ -205,6 +206,7 @@ def test_flights_are_counted_by_clopper_and_pearson_and_what_one_flight_says_tog
     assert share_within_flights([[True], [], [False]]) == share_of_flights([True, False])
 
 
+@pytest.mark.long
 def test_a_campaign_flies_every_seed_and_says_so(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -233,6 +235,7 @@ def test_a_campaign_flies_every_seed_and_says_so(
     assert row["said"].startswith("sensor-lag:alpha")
 
 
+@pytest.mark.long
 def test_a_campaign_goes_on_and_gives_the_same(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

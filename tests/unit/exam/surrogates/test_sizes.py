@@ -114,6 +114,7 @@ def test_an_accelerometer_ahead_or_behind_feels_the_pitch_acceleration(sign: flo
     assert np.array_equal(after["alpha"].values, before["alpha"].values)
 
 
+@pytest.mark.long
 def test_gusts_are_as_strong_as_drawn() -> None:
     """Kinematics gives them back without aerodynamics: alpha - theta + climb = w/V, the climb from
     the load factor alone.
@@ -233,6 +234,7 @@ def test_what_is_not_recorded_is_not_told_and_moves_no_other_draw() -> None:
     )
 
 
+@pytest.mark.long
 def test_a_size_too_small_to_show_is_drawn_larger_or_passed_over() -> None:
     def hidden(low: float, high: float) -> Surrogate:
         return replace(

@@ -135,6 +135,7 @@ def test_run_writes_a_study(
     }
 
 
+@pytest.mark.long
 def test_campaign_prints_shares_with_intervals(
     examined: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -77,6 +77,7 @@ def assert_run_equals(
     assert bank.log_likelihood[run] == pytest.approx(single.log_likelihood, rel=1e-9)
 
 
+@pytest.mark.long
 @settings(max_examples=3)
 @given(
     seed=st.integers(0, 10**6),

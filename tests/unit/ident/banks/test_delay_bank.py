@@ -69,6 +69,7 @@ FAR_STARTS = (
 )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("factors", FAR_STARTS, ids=lambda factors: ", ".join(factors))
 def test_the_result_hangs_on_no_start_that_is_far_off(factors: dict[str, float]) -> None:
     near, flown = from_near(), problem.record(2)

@@ -40,6 +40,7 @@ def test_smoothed_means_are_those_of_the_fixed_interval_smoother(max_step: float
         )
 
 
+@pytest.mark.long
 def test_settles_where_the_single_iterated_filter_does() -> None:
     flown = problem.record(6, duration=4.0)
     system = problem.system(flown)

@@ -23,6 +23,7 @@ def standing(found: Compatibility) -> list[str]:
     return [finding.name for finding in found.findings if finding.stands]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("channels", [THREE, FOUR, ALL])
 def test_sound_sensors_raise_nothing_and_both_methods_agree(channels: tuple[str, ...]) -> None:
     found = compatibility([record(channels, seed=3)], SETTINGS)
@@ -32,6 +33,7 @@ def test_sound_sensors_raise_nothing_and_both_methods_agree(channels: tuple[str,
     assert weigher.cache_info().currsize == 0, "what was made for this check is not kept after it"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("channel", THREE)
 def test_a_late_channel_stands_with_its_delay_within_the_standard_deviation(channel: str) -> None:
     found = compatibility([record(sensors=Sensors(delay={channel: 0.06}), seed=1)], SETTINGS)
@@ -45,6 +47,7 @@ def test_a_late_channel_stands_with_its_delay_within_the_standard_deviation(chan
     assert abs(both.output_error.value - 0.06) < 3.0 * both.output_error.std and both.agrees
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("sensors", "name", "value"),
     [
@@ -113,6 +116,7 @@ def test_a_delay_of_all_channels_alike_is_invisible_and_said_to_be() -> None:
     )
 
 
+@pytest.mark.long
 def test_theta_tells_the_biases_of_q_and_nz_apart() -> None:
     sensors = Sensors(bias={"q": 0.01, "nz": 0.05})
     found = compatibility([record(FOUR, sensors)], SETTINGS)
@@ -156,6 +160,7 @@ def test_az_serves_as_nz() -> None:
         )
 
 
+@pytest.mark.long
 def test_a_clock_that_starts_elsewhere_changes_nothing() -> None:
     plain = record(sensors=Sensors(delay={"q": 0.05}), seed=6)
     later = replace(plain, time=plain.time + 1000.0)
@@ -164,6 +169,7 @@ def test_a_clock_that_starts_elsewhere_changes_nothing() -> None:
         assert a.smoother.value == pytest.approx(b.smoother.value, abs=0.05 * a.smoother.std + 1e-9)
 
 
+@pytest.mark.long
 def test_spikes_and_gaps_do_no_harm() -> None:
     late = record(sensors=Sensors(delay={"alpha": 0.06}), seed=7)
     rng = np.random.default_rng(7)
@@ -178,6 +184,7 @@ def test_spikes_and_gaps_do_no_harm() -> None:
     assert sum("isolated wrong sample" in note for note in found.notes) >= 2
 
 
+@pytest.mark.long
 def test_reconstruction_follows_the_measurement_where_the_fault_is_taken_into_account() -> None:
     found = compatibility([record(sensors=Sensors(delay={"alpha": 0.06}))], SETTINGS)
     (one,) = found.reconstructions
@@ -235,6 +242,7 @@ def test_a_channel_that_does_not_move_ends_well() -> None:
     )
 
 
+@pytest.mark.long
 def test_exact_data_end_well() -> None:
     found = compatibility([record(FOUR, noise=0.0)], SETTINGS)
     assert all(
@@ -243,6 +251,7 @@ def test_exact_data_end_well() -> None:
     )
 
 
+@pytest.mark.long
 def test_a_gust_on_vane_and_load_is_not_laid_to_a_sensor() -> None:
     pattern = flights.three_two_one_one(0.06, 0.5, 1.0) + flights.doublet(-0.03, 1.0, 9.0)
     accused, noted = [], 0

@@ -103,6 +103,7 @@ def test_the_best_of_many_absent_faults_brings_the_charge_less_often_than_the_sh
         assert 0.02 * share < float(np.mean(gains.max(axis=1) > charge_of(share, 14))) < share
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("sensors", "values"),
     [
@@ -130,6 +131,7 @@ def test_a_pair_of_faults_is_found_with_both_values(
             assert abs(finding.value - values[finding.name]) < 3.0 * finding.std
 
 
+@pytest.mark.long
 def test_a_pair_that_one_other_fault_resembles_is_found_all_the_same() -> None:
     """Alpha late and q too large look much like an arm of the vane; the best single fault is not
     one of the two.
@@ -173,6 +175,7 @@ def test_a_group_holds_what_gains_as_much_within_chance_and_nothing_else() -> No
             assert finding.lost is not None and finding.lost > chance
 
 
+@pytest.mark.long
 def test_three_late_channels_are_two_against_the_one_that_is_least_late() -> None:
     hidden = Hidden(
         sensors={
@@ -212,6 +215,7 @@ def test_not_all_clocks_can_be_late() -> None:
     assert reference_sentence((SensorFault("q", SCALE),), timed) == ""
 
 
+@pytest.mark.long
 def test_without_a_recorded_control_the_load_is_no_clock() -> None:
     found = compatibility(
         [record(sensors=Sensors(delay={"alpha": 0.08, "q": 0.05}), seed=1)],
@@ -222,6 +226,7 @@ def test_without_a_recorded_control_the_load_is_no_clock() -> None:
     }
 
 
+@pytest.mark.long
 def test_an_accelerometer_ahead_is_a_lag_of_q_by_the_arm_over_the_airspeed() -> None:
     """q + T q_dot less (g/V) nz and q less (g/V) (nz - (arm/g) q_dot) are the same for arm = T
     V.
@@ -237,6 +242,7 @@ def test_an_accelerometer_ahead_is_a_lag_of_q_by_the_arm_over_the_airspeed() -> 
     assert SensorFault("nz", ARM).name == arm.name and not SensorFault("nz", ARM).one_sided
 
 
+@pytest.mark.long
 def test_an_accelerometer_behind_is_an_arm_of_the_vane() -> None:
     found = compatibility(
         [controlled(Hidden(accelerometer_arm=-2.0))], CompatibilitySettings(TRAINER.airspeed)

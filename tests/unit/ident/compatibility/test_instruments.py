@@ -44,6 +44,7 @@ def test_without_a_control_that_moves_there_are_none() -> None:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "sensor", "value"),
     [
@@ -61,6 +62,7 @@ def test_a_fault_shows_in_rough_air_in_its_size(
     assert fault.stands and abs(fault.value - value) < 3.0 * fault.std
 
 
+@pytest.mark.long
 def test_rough_air_alone_accuses_no_sensor() -> None:
     for seed in (2, 3):
         assert not [each.name for each in checked([in_rough_air(seed)]).findings if each.stands]

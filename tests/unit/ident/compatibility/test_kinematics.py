@@ -37,6 +37,7 @@ def test_a_true_flight_is_reconstructed(channels: tuple[str, ...]) -> None:
         )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("fault", "sensors", "size"),
     [

@@ -45,6 +45,7 @@ def test_no_channel_has_less_noise_than_its_rounding() -> None:
     assert resolution(np.zeros(100)) == 0.0
 
 
+@pytest.mark.long
 def test_the_check_finds_no_noise_below_that_of_rounding() -> None:
     """A gyro in steps of 0.001 rad/s and an accelerometer in steps of 0.01 g, without any noise of
     their own.

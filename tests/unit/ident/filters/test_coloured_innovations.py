@@ -80,6 +80,7 @@ def test_without_process_noise_it_is_close_to_the_correction_of_output_error() -
         assert found.sigma(name) == pytest.approx(fit.sigma(name), rel=0.25), name
 
 
+@pytest.mark.long
 def test_two_corrected_standard_deviations_hold_the_truth() -> None:
     record = matched_record(np.random.default_rng(1), 150)
     system, linear = compile_model(oscillator({}), online=True), matrices({})

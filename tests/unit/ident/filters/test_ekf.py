@@ -106,6 +106,7 @@ def assert_same(
 TRANSITIONS = [(Taylor(2), 2), (Taylor(3), 3), (Taylor(5), 5), (Exponential(), None)]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("density", [{}, DENSITY], ids=["quiet", "forced"])
 @pytest.mark.parametrize("step", [euler_step, rk4_step])
 @pytest.mark.parametrize(

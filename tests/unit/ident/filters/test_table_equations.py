@@ -170,6 +170,7 @@ def assert_equal(found: Estimate, expected: Estimate) -> None:
             )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("case", CASES)
 def test_equal_to_filterpy(case: str) -> None:
     make_record, make_system, settings = CASES[case]
@@ -183,6 +184,7 @@ def test_equal_to_filterpy(case: str) -> None:
         assert np.linalg.eigvalsh(P / size).min() > -1e-14
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("losses", [False, True])
 @pytest.mark.parametrize("max_step", [np.inf, 0.007])
 def test_equal_about_a_trajectory(losses: bool, max_step: float) -> None:

@@ -34,6 +34,7 @@ def fitted(
     return fit_transfer_functions([target], [FORMS[form]]).functions[0]
 
 
+@pytest.mark.long
 def test_cap_is_the_first_pitch_acceleration_over_the_steady_load_factor() -> None:
     found = {each.name: each for each in form_qualities(fitted("pitch", PITCH), AIRSPEED)}
     top, bottom = FORMS["pitch"].polynomials(PITCH)
@@ -54,6 +55,7 @@ def test_cap_is_the_first_pitch_acceleration_over_the_steady_load_factor() -> No
     }
 
 
+@pytest.mark.long
 def test_deviations_are_the_scatter() -> None:
     rng = np.random.default_rng(2)
     apart = np.subtract.outer(OMEGA, OMEGA) / (2.0 * math.pi) * 5.0
@@ -76,6 +78,7 @@ def test_a_roll_and_a_dutch_roll() -> None:
     assert form_qualities(fitted("dutch-roll", DUTCH), dutch_roll=False) == ()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("changes", "flown", "quantity", "level"),
     [

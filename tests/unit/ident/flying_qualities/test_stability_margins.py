@@ -47,6 +47,7 @@ def sampled(airframe: str) -> np.ndarray:
     return np.asarray(open_loop(x29)(np.exp(1j * OMEGA * x29.frame))).ravel()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("airframe", ["P", "S", "F", "D", "R"])
 def test_margins_of_the_x29_loop_are_those_of_python_control(airframe: str) -> None:
     x29 = load_x29(airframe)
@@ -103,6 +104,7 @@ def noisy(rng: np.random.Generator, share: float) -> np.ndarray:
     )
 
 
+@pytest.mark.long
 def test_intervals_hold_the_truth_and_deviations_are_the_scatter() -> None:
     rng = np.random.default_rng(6)
     exact = stability_margins(target(loop(OMEGA))).named
@@ -180,6 +182,7 @@ def shares_inside(airframe: str, seeds: int) -> dict[str, float]:
     return {name: float(np.mean(each)) for name, each in inside.items() if len(each) > 0.6 * seeds}
 
 
+@pytest.mark.long
 def test_flown_margins_hold_the_known_ones() -> None:
     shares = shares_inside("F", 20)
     assert set(shares) >= {"gain_increase", "phase_margin", "delay_margin", "distance"}

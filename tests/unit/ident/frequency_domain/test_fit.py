@@ -52,6 +52,7 @@ def errors(found: Estimate, case: Case) -> np.ndarray:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("model", ["rigid", "loes", "lateral", "own"])
 def test_it_is_output_error_by_other_means(model: str) -> None:
     """The same data but for what lies outside the band: estimates and sigmas differ by that

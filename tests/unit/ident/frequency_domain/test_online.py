@@ -153,12 +153,14 @@ def coverage(scale: float, duration: float, seeds: int) -> tuple[np.ndarray, np.
     return errors, np.mean(np.abs(errors) < 1.96, axis=0)
 
 
+@pytest.mark.long
 def test_sigmas_hold() -> None:
     errors, shares = coverage(1.0, 6.0, 40)
     assert 0.93 <= np.mean(shares) <= 0.995 and np.all(shares >= 0.85)
     assert np.all(np.abs(errors.mean(axis=0)) < 0.6)
 
 
+@pytest.mark.long
 def test_the_residuals_are_as_large_as_the_noise_of_the_samples_says() -> None:
     """At the true parameters the power of the residuals is what the noise of the samples predicts;
     at the lowest frequencies nearly all of it comes from the two ends of the increments."""
@@ -187,6 +189,7 @@ def test_sigmas_hold_over_two_hundred_seeds(scale: float, duration: float) -> No
     assert 0.935 <= np.mean(shares) <= 0.985 and np.all(shares >= 0.91)
 
 
+@pytest.mark.long
 def test_the_noise_of_regressors_is_taken_off() -> None:
     """With fifteen times the noise least squares are drawn towards zero; the estimate is not."""
     model, flight = bases.rigid_model(), bases.rigid_flight(10.0)
@@ -305,6 +308,7 @@ def test_a_low_order_equivalent_without_noise() -> None:
     np.testing.assert_allclose(values, LOES_TRUE, rtol=3e-3)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("lag", [0.15, 8.0])
 def test_a_start_of_the_lag_that_is_far_off_leads_to_the_same(lag: float) -> None:
     near, std = low_order(2, 1.0)
@@ -312,6 +316,7 @@ def test_a_start_of_the_lag_that_is_far_off_leads_to_the_same(lag: float) -> Non
     assert np.all(np.abs(far - near) < 0.2 * std)
 
 
+@pytest.mark.long
 def test_sigmas_of_a_low_order_equivalent_hold() -> None:
     errors = np.array(
         [(values - LOES_TRUE) / std for values, std in (low_order(seed, 1.0) for seed in range(12))]

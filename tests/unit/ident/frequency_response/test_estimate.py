@@ -90,6 +90,7 @@ def share_inside(kind: str, seeds: int) -> tuple[float, float, float]:
     return float(magnitude), float(phase), float(point)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", ["one", "two", "feedback"])
 def test_bands_hold_the_truth(kind: str) -> None:
     # 12 seeds of about 15 independent frequencies: 95 % +- 1.6 %, two and a half of which are
@@ -224,6 +225,7 @@ def test_partial_coherence_is_that_of_residuals() -> None:
     assert multiple[0] == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("instrumental", [False, True])
 def test_covariance_and_noise_of_a_regression(instrumental: bool) -> None:
     """Against the scatter over repeated noise with the correlation of the windows."""

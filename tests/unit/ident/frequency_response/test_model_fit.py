@@ -56,6 +56,7 @@ def test_without_noise_the_truth_is_found(share: float) -> None:
     np.testing.assert_allclose(found.values, list(TRUE.values()), rtol=1e-4)
 
 
+@pytest.mark.long
 def test_deviations_hold_over_seeds() -> None:
     z = []
     for seed in range(20):

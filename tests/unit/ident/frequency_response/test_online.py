@@ -54,6 +54,7 @@ def test_a_stream_gives_what_the_record_gives() -> None:
     np.testing.assert_allclose(found.degrees, whole.degrees, rtol=0.05)
 
 
+@pytest.mark.long
 def test_how_samples_come_makes_no_difference() -> None:
     table = rows(2)
     one, many = estimated(streamed(table, 1)), estimated(streamed(table, 1000))

@@ -79,6 +79,7 @@ def test_exact_responses_give_their_values(name: str) -> None:
     )
 
 
+@pytest.mark.long
 def test_deviations_are_the_scatter_of_fits() -> None:
     """Errors that are drawn with the correlation of neighbours give the reported deviations."""
     form, exact = FORMS["pitch"], written_out("pitch", 1j * OMEGA)

@@ -25,6 +25,7 @@ def scored(flights: list[LongFlight]) -> Score:
     return total
 
 
+@pytest.mark.long
 def test_two_flights() -> None:
     """Ten minutes each; the statistics are those of the slow test."""
     total = scored(fly([201, 204], length=600.0))

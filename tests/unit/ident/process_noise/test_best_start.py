@@ -98,6 +98,7 @@ def with_alpha(record: Record, values: np.ndarray) -> Record:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_noise_level_that_runs_to_its_limit_is_an_outcome_of_its_own(seed: int) -> None:
     """An alpha that is computed, not measured: a filter follows it alone, and sigmas shrink to
@@ -114,6 +115,7 @@ def test_a_noise_level_that_runs_to_its_limit_is_an_outcome_of_its_own(seed: int
     assert np.all(np.isfinite(estimate.values)) and np.all(np.isfinite(estimate.covariance))
 
 
+@pytest.mark.long
 def test_a_sensor_that_stands_still_is_degenerate_with_a_filter() -> None:
     record = noisy(rigid_model(), rigid_flight(6.0, 50.0), np.random.default_rng(1))
     stuck = with_alpha(record, np.full(len(record), 0.01))
@@ -123,6 +125,7 @@ def test_a_sensor_that_stands_still_is_degenerate_with_a_filter() -> None:
     assert estimate.outcome is Outcome.DEGENERATE
 
 
+@pytest.mark.long
 def test_the_output_whose_level_was_lost_is_told_by_name() -> None:
     record = noisy(rigid_model(), rigid_flight(6.0, 50.0), np.random.default_rng(3))
     computed = with_alpha(record, fly(compile_model(rigid_model()), rigid_flight(6.0, 50.0))[0])

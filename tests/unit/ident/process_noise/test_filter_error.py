@@ -100,6 +100,7 @@ def test_calm_air_gains_nothing() -> None:
     assert np.all(np.isfinite(estimate.std)) and np.all(estimate.std > 0)
 
 
+@pytest.mark.long
 def test_several_records_with_their_own_sensors() -> None:
     rng = np.random.default_rng(15)
     records = [rough_record(rng, 501), rough_record(rng, 401, size=-0.04, unit=0.35, missing=0.05)]

@@ -301,6 +301,7 @@ def under_control(seed: int) -> tuple[Aircraft, Record]:
     return craft, controlled(rng, craft, law, kind, 50.0, 16.0, size, noise, 0.03, (1.0, late))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "seed",
     [0, 12, 26, 56, 122, 141, 239, 297, 327, 4, 120, 235, 267, 277, 38, 67, 113],

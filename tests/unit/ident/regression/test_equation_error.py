@@ -107,6 +107,7 @@ def test_nearly_exact_data_give_the_truth_from_any_start(values: dict[str, float
     np.testing.assert_allclose(estimate.values, truth, rtol=0.02)
 
 
+@pytest.mark.long
 def test_noisy_records_give_a_starter_with_a_sigma() -> None:
     system = compile_model(
         rigid_model()
@@ -279,6 +280,7 @@ def _errors(settings_of: RegressionSettings, runs: int) -> np.ndarray:
     return np.array(found)
 
 
+@pytest.mark.long
 def test_instruments_leave_no_bias_by_noise_and_an_honest_sigma() -> None:
     squares, instruments = (
         _errors(RegressionSettings(), 12),
@@ -292,6 +294,7 @@ def test_instruments_leave_no_bias_by_noise_and_an_honest_sigma() -> None:
     assert np.all(rms > 0.4) and np.all(rms < 1.6)
 
 
+@pytest.mark.long
 def test_without_a_simulation_the_bias_of_least_squares_is_taken_off_and_stated(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

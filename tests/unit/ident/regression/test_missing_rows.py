@@ -64,6 +64,7 @@ def gap(first: int, last: int) -> np.ndarray:
     return kept
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("missing", [(299, 307), (310, 311), (100, 120)])
 def test_missing_rows_change_nothing_beyond_the_noise(

@@ -52,6 +52,7 @@ def test_white_residuals_leave_sigma_nearly_alone() -> None:
     assert np.all(np.mean(ratios, axis=0) < 1.15)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("correlation", [0.6, 0.9, 0.97])
 def test_coloured_regression_has_the_scatter_that_is_stated(correlation: float) -> None:
     """Against the closed form of an AR(1) regression, (X'X)^-1 X' R X (X'X)^-1 with R = rho^|i -
@@ -93,6 +94,7 @@ def test_missing_samples_do_not_count() -> None:
     np.testing.assert_allclose(again, corrected, rtol=1e-12)
 
 
+@pytest.mark.long
 def test_output_error_sigma_matches_the_scatter_of_coloured_noise() -> None:
     model, flight, rng = rigid_model(), rigid_flight(6.0, 25.0), np.random.default_rng(6)
     system = compile_model(model)

@@ -67,6 +67,7 @@ def test_of_even_noise_the_statistic_is_that_of_ljung_and_box_on_the_samples_tha
     assert ljung_box(holed, known, "q").statistic == pytest.approx(plain_box(series, lags))
 
 
+@pytest.mark.long
 def test_a_burst_is_no_colour() -> None:
     rng = np.random.default_rng(1)
     plain = np.array([plain_box(burst(rng, 1000)) for _ in range(RUNS)])

@@ -85,6 +85,7 @@ def test_pairs_with_missing_samples_count_what_is_there() -> None:
                 assert found[k, i, j] == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.long
 def test_the_covariance_of_a_gradient_is_the_double_sum_of_its_noise() -> None:
     """Gradients of many series have the scatter that the mean of the estimated covariances says,
     and the exact double sum says too.

@@ -103,6 +103,7 @@ def model_of(history: Histories, axis: str) -> np.ndarray:
     return columns_of(history, tuple(table), axis) @ np.array(list(table.values()))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("axis", ["CD", "CY", "CL", "Cl", "Cm", "Cn"])
 def test_coefficients_are_those_of_the_aircraft(axis: str) -> None:
     history = flown(1, 0.0)
@@ -111,6 +112,7 @@ def test_coefficients_are_those_of_the_aircraft(axis: str) -> None:
     assert np.std(error) < (0.03 if axis == "CD" else 0.005) * np.std(true)
 
 
+@pytest.mark.long
 def test_the_noise_is_what_the_sensors_give() -> None:
     clean, noisy = flown(2, 0.0), flown(2)
     for axis in ("CY", "Cl", "Cm", "Cn", "CL"):

@@ -150,6 +150,7 @@ def usual() -> tuple[list[Record], list[Record], Diagnosis]:
     return records, validation, run(records, validation)
 
 
+@pytest.mark.long
 def test_an_effect_is_traced_and_the_errors_are_those_of_held_out_data(
     usual: tuple[list[Record], list[Record], Diagnosis],
 ) -> None:
@@ -164,6 +165,7 @@ def test_an_effect_is_traced_and_the_errors_are_those_of_held_out_data(
     assert weights["sensor-lag:q"] == max(weights.values()) > 100.0
 
 
+@pytest.mark.long
 def test_two_runs_are_equal_to_the_last_bit(
     usual: tuple[list[Record], list[Record], Diagnosis],
 ) -> None:
@@ -180,6 +182,7 @@ def test_two_runs_are_equal_to_the_last_bit(
     )
 
 
+@pytest.mark.long
 def test_without_validation_the_errors_are_those_of_the_fit() -> None:
     records = [lagged(1)]
     diagnosis = run(records)
@@ -198,6 +201,7 @@ def test_a_clean_record_is_consistent() -> None:
         assert diagnosis.after[name].value == pytest.approx(quantity.value, abs=1e-3 * quantity.std)
 
 
+@pytest.mark.long
 def test_a_validation_record_may_lack_a_channel() -> None:
     records, validation = [lagged(1)], [without_output(lagged(2), "nz")]
     diagnosis = run(records, validation)
@@ -205,6 +209,7 @@ def test_a_validation_record_may_lack_a_channel() -> None:
     traces_the_lag(diagnosis)
 
 
+@pytest.mark.long
 def test_a_record_may_lack_nz() -> None:
     """Then nz is not predicted either, although the validation record has it."""
     records, validation = [without_output(lagged(1), "nz")], [lagged(2)]
@@ -220,6 +225,7 @@ def test_one_of_two_records_may_lack_nz() -> None:
     traces_the_lag(diagnosis)
 
 
+@pytest.mark.long
 def test_a_tenth_of_the_samples_may_be_missing() -> None:
     records, validation = [gappy(lagged(1), 0.1, 1)], [gappy(lagged(2), 0.1, 2)]
     diagnosis = run(records, validation)
@@ -228,6 +234,7 @@ def test_a_tenth_of_the_samples_may_be_missing() -> None:
     assert not np.any(diagnosis.fitted[0].used & ~records[0].output_array(OUTPUTS)[1])
 
 
+@pytest.mark.long
 def test_sampling_may_be_uneven() -> None:
     records, validation = [lagged(1, uneven(1))], [lagged(2, uneven(2))]
     assert np.ptp(np.diff(records[0].time)) > 0.4
@@ -236,6 +243,7 @@ def test_sampling_may_be_uneven() -> None:
     traces_the_lag(diagnosis)
 
 
+@pytest.mark.long
 def test_spikes_are_claimed_where_they_were_planted_and_spoil_nothing() -> None:
     record = lagged(1)
     values = record["q"].values.copy()
@@ -271,6 +279,7 @@ def test_spikes_of_the_recorded_input_are_mended() -> None:
     assert diagnosis.verdict is Verdict.TRACED
 
 
+@pytest.mark.long
 def test_a_guard_is_never_claimed() -> None:
     """The truth is a guard's term, which the library does not name."""
     guard = next(
@@ -285,6 +294,7 @@ def test_a_guard_is_never_claimed() -> None:
     assert any("guard:alpha-q" in caution.sentence for caution in diagnosis.warnings)
 
 
+@pytest.mark.long
 def test_beside_a_residual_that_is_not_noise_a_claim_has_its_spread_and_its_values_of_each_record() -> (  # noqa: E501
     None
 ):

@@ -94,6 +94,7 @@ def test_effects_that_worsen_held_out_data_are_not_claimed() -> None:
     assert Concern.NOT_NOISE in [caution.concern for caution in d.warnings]
 
 
+@pytest.mark.long
 def test_a_search_that_ends_at_its_means_says_so_and_a_set_is_no_larger_than_was_asked_for() -> (
     None
 ):

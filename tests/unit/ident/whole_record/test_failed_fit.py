@@ -64,6 +64,7 @@ def unstable(duration: float, margin: float) -> list[Record]:
     ]
 
 
+@pytest.mark.long
 def test_a_diagnosis_of_an_aircraft_that_no_free_simulation_follows_ends_in_one_line() -> None:
     """Growth by e^60 along the record: q error 2e6 rad/s after the fit, with derivatives near the
     truth.
@@ -88,6 +89,7 @@ def test_a_diagnosis_of_an_aircraft_that_no_free_simulation_follows_ends_in_one_
     )
 
 
+@pytest.mark.long
 def test_a_diagnosis_of_one_that_can_be_followed_goes_on() -> None:
     model = (
         model_from_constants("rigid", CONSTANTS, DERIVATIVES)

@@ -104,6 +104,7 @@ def away(estimate: Estimate, true: np.ndarray) -> np.ndarray:
     return np.abs(estimate.values - true) / estimate.std
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["rigid", "lateral", "longitudinal", "own"])
 def test_without_noise_an_output_error_estimate_has_the_sigma_of_its_integration(kind: str) -> None:
     record, system, true = flown(kind)
@@ -118,6 +119,7 @@ def test_without_noise_an_output_error_estimate_has_the_sigma_of_its_integration
     assert "the integration leaves larger errors than the noise of the record" in found.message
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["rigid", "lateral", "longitudinal", "own"])
 def test_without_noise_an_equation_error_estimate_has_the_sigma_of_its_sampling(kind: str) -> None:
     record, system, true = flown(kind)
@@ -129,6 +131,7 @@ def test_without_noise_an_equation_error_estimate_has_the_sigma_of_its_sampling(
     assert "slopes of samples leave larger errors than the noise of the record" in found.message
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["rigid", "own"])
 def test_noise_leaves_estimates_as_they_are(kind: str) -> None:
     record, system, _ = flown(kind, noise=0.02)
@@ -138,6 +141,7 @@ def test_noise_leaves_estimates_as_they_are(kind: str) -> None:
     assert with_sampling_error(plain, [record], system, FitSettings()) is plain
 
 
+@pytest.mark.long
 def test_noise_just_below_the_bound_changes_no_sigma() -> None:
     record, system, true = flown("rigid", noise=5e-4)
     found = fit_output_error([record], system)

@@ -111,6 +111,7 @@ def with_holes(record: Record, rng: np.random.Generator) -> Record:
     return Record(record.time[kept], cut[0], cut[1], record.hold)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("holed", [False, True])
 def test_equals_a_general_optimiser(holed: bool) -> None:
     rng = np.random.default_rng(1)
@@ -128,6 +129,7 @@ def test_equals_a_general_optimiser(holed: bool) -> None:
     assert np.max(np.abs(estimate.fitted[0] - outputs)) < 1e-5
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("model", ["rigid", "ballistic"])
 def test_fitted_output_is_the_sequential_simulation(model: str) -> None:
     if model == "rigid":
@@ -197,6 +199,7 @@ def test_records_of_unequal_length_share_parameters_and_keep_their_own_sensors()
     np.testing.assert_allclose(both.noise_std, [0.002, 0.002, 0.01], rtol=0.25)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("values", [RIGID_VALUES, UNSTABLE], ids=["stable", "unstable"])
 def test_converges_from_starts_forty_percent_wrong(values: dict[str, float]) -> None:
     truth = np.array([values[name] for name in FREE])

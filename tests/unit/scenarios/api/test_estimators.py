@@ -22,6 +22,7 @@ def start() -> fid.Vehicle:
     return fid.vehicle(bomber, derivatives={"Cm_q": 0.8 * bomber["Cm_q"]})
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("method", ["output-error", "equation-error", "ekf"])
 def test_an_estimator_finds_what_the_command_finds(
     method: str, record: fid.Record, start: fid.Vehicle
@@ -33,6 +34,7 @@ def test_an_estimator_finds_what_the_command_finds(
         assert found.sigma(name) == pytest.approx(each.sigma, rel=1e-6)
 
 
+@pytest.mark.long
 def test_a_smoother_knows_more_than_its_filter(record: fid.Record, start: fid.Vehicle) -> None:
     found = fid.estimators.ekf("rigid", record, start)
     assert found.history is not None

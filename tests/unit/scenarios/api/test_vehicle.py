@@ -84,6 +84,7 @@ def test_a_rigid_model_of_an_elastic_vehicle_leaves_its_modes_out() -> None:
     assert read_vehicle(fid.vehicle(elastic).source_for("rigid"), "rigid").modes == ()
 
 
+@pytest.mark.long
 @given(CONTENTS)
 @settings(max_examples=25, deadline=None)
 def test_what_is_written_reads_back(content: dict[str, Any]) -> None:

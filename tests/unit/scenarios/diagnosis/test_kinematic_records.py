@@ -66,6 +66,7 @@ def delay_of(found: Kinematics, name: str) -> SensorFinding:
     return next(each for each in found.result.findings if each.name == name)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("model", "channel"), [("lateral", "beta"), ("longitudinal", "alpha")])
 def test_a_late_vane_is_found_and_one_that_is_not_late_contradicted(
     records: dict[str, list[Record]], model: str, channel: str
@@ -85,6 +86,7 @@ def test_a_late_vane_is_found_and_one_that_is_not_late_contradicted(
     assert unnamed(sound, []) == [] and agreements(sound, [claim])[0].says == CONTRADICTS
 
 
+@pytest.mark.long
 def test_a_vane_ahead_is_found_and_a_claim_of_it_agrees(records: dict[str, list[Record]]) -> None:
     speed = CONSTANTS["lateral"]["airspeed"]
     found = asked(
@@ -98,6 +100,7 @@ def test_a_vane_ahead_is_found_and_a_claim_of_it_agrees(records: dict[str, list[
     assert said.says == AGREES and unnamed(found, [claim]) == []
 
 
+@pytest.mark.long
 def test_an_accelerometer_below_has_the_name_of_the_longitudinal_effect(
     records: dict[str, list[Record]],
 ) -> None:

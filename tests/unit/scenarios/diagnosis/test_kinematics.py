@@ -176,6 +176,7 @@ def test_a_late_vane_is_found_in_a_flight_and_agrees() -> None:
     assert other.says in (DIFFERS, CONTRADICTS)
 
 
+@pytest.mark.long
 def test_a_record_in_a_bank_is_no_witness_of_level_wings() -> None:
     """Whether its bank angle is recorded or only the rates that tell of it; a level one beside it
     is heard.
@@ -303,6 +304,7 @@ def test_the_twin_of_a_claim_is_no_fault_that_the_diagnosis_missed() -> None:
     assert unnamed(slow, [Claim("time-base", {"factor": Quantity(1.1, 0.01, "1")})]) == []
 
 
+@pytest.mark.long
 def test_files_are_checked_with_every_channel_as_flightid_check_does(tmp_path: Path) -> None:
     (tmp_path / "vehicle.toml").write_text(VEHICLE.replace("200.64984", str(SPEED)))
     for number in (1, 2):

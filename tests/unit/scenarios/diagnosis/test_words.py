@@ -264,6 +264,7 @@ def test_alternatives_come_with_the_maneuver_that_splits_them() -> None:
     assert verdict_advice(tracing_of(Verdict.CONSISTENT)) == []
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("effect", TRACEABLE, ids=lambda effect: effect.name)
 def test_every_declared_alias_has_advice_that_is_the_same_both_ways(effect) -> None:
     for alias in effect.aliases:

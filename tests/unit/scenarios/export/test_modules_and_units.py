@@ -41,6 +41,7 @@ def module_of(written: ExportedModel) -> ModuleType:
     return module
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("equations", BASES)
 def test_the_python_module_flies_the_same(equations: str) -> None:
     written, flight, expected = case(equations)
@@ -68,6 +69,7 @@ def test_a_parameter_of_the_module_may_be_changed() -> None:
     assert not np.allclose(found, expected, rtol=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("equations", BASES)
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 def test_the_unit_flies_the_same(equations: str, tmp_path: Path) -> None:

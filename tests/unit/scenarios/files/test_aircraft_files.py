@@ -35,6 +35,7 @@ def file_of(folder: Path, aircraft: Aircraft = TRIMMED) -> Path:
     return path
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("aircraft", [TRIMMED, MIXED], ids=["plain", "mixed"])
 def test_what_is_written_is_read_back(tmp_path: Path, aircraft: Aircraft) -> None:
     read, constraints = read_aircraft(read_toml_source(file_of(tmp_path, aircraft)))

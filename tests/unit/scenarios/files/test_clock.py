@@ -115,6 +115,7 @@ def test_stamps_of_a_calendar_count_from_the_first() -> None:
     assert clock.origin == pytest.approx(1.7e9)
 
 
+@pytest.mark.long
 @given(st.floats(0.01, 0.5), st.integers(2, 4), st.integers(200, 900), st.floats(0.0, 3.0))
 def test_a_grid_that_was_printed_with_few_digits_is_recovered(
     step: float, digits: int, count: int, begin: float

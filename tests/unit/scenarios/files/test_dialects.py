@@ -104,6 +104,7 @@ def records(draw: st.DrawFn) -> dict[str, tuple[str, list[float]]]:
     return out
 
 
+@pytest.mark.long
 @given(DIALECTS, records(), st.booleans())
 @settings(max_examples=60)
 def test_a_record_in_any_dialect_reads_back_equal(

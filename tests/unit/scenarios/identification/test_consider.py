@@ -62,6 +62,7 @@ def test_moments_scale_with_inertia_and_forces_with_mass(method: str) -> None:
     assert plain.considered is None and considered_content(plain.considered) == {}
 
 
+@pytest.mark.long
 def test_the_covariance_is_that_of_drawn_constants() -> None:
     """Estimates with constants drawn from their distribution scatter as the added covariance."""
     case = case_of("lateral", 1)

@@ -53,6 +53,7 @@ SERVED = [
 ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("model", "method"), SERVED)
 def test_a_method_that_serves_finds_the_truth(model: str, method: str) -> None:
     case = case_of(model)

@@ -42,6 +42,7 @@ def usual(model: str, method: str) -> IdentificationResult:
     return identify(case.record, case.vehicle, method)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("start", list(STARTS))
 @pytest.mark.parametrize(
     ("model", "method"),
@@ -77,6 +78,7 @@ def with_coloured_noise(record: Record, exact: Record, seed: int) -> Record:
     return replace(record, outputs=tuple(outputs))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["ekf", "ukf"])
 def test_coloured_noise_widens_sigmas_and_is_said(method: str) -> None:
     case, exact = case_of("rigid"), case_of("rigid", noise=0.0)
@@ -123,6 +125,7 @@ def test_standard_deviations_that_were_not_corrected_are_said_to_be_too_small() 
     assert "are up to" in said and said.endswith("those given are for white noise")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("digits", [6, 12])
 @pytest.mark.parametrize(
     ("model", "method"),
@@ -177,6 +180,7 @@ def test_linear_algebra_that_fails_is_one_line_on_the_record(
         identify(case.record, case.vehicle, method)
 
 
+@pytest.mark.long
 def test_filter_error_settles_where_biases_are_hardly_known(tmp_path: Path) -> None:
     """In still air the intensity of gusts is at its bound, and steps along biases stay long while
     the likelihood no longer changes.

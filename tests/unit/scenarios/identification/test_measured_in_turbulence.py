@@ -299,6 +299,7 @@ def settled(found: flightid.Identification) -> bool:
     return outcome(found) is Outcome.CONVERGED
 
 
+@pytest.mark.long
 def test_process_noise_without_measurement_noise_is_no_degenerate_fit() -> None:
     truth = {**LATERAL, **SIDE}
     start = {**begun(truth), **dict.fromkeys(LEVELS, 0.0)}
@@ -312,6 +313,7 @@ def test_process_noise_without_measurement_noise_is_no_degenerate_fit() -> None:
     assert np.max(np.abs(list(off(found, truth).values()))) < 4.0
 
 
+@pytest.mark.long
 def test_an_unstable_aircraft_whose_sensors_have_no_noise() -> None:
     record, model = unstable_in_a_loop(4), short_period(begun(UNSTABLE))
     plain = flightid.identify(record, model, hold="linear")
@@ -325,6 +327,7 @@ def test_an_unstable_aircraft_whose_sensors_have_no_noise() -> None:
     assert np.max(np.abs(list(off(found, moments).values()))) < 4.0
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("noise", [0.02, 0.0])
 def test_a_channel_recorded_twice_is_degenerate(noise: float) -> None:
     """A filter that follows one column meets both: two outputs met exactly say no more of the
@@ -372,6 +375,7 @@ def measured(name: str, columns: dict[str, int]) -> pd.DataFrame:
     return frame.assign(**{channel: table[:, column - 1] for channel, column in columns.items()})
 
 
+@pytest.mark.long
 def test_the_simulated_lateral_record_with_process_noise() -> None:
     columns = {
         "aileron": 17,
@@ -400,6 +404,7 @@ def test_the_simulated_lateral_record_with_process_noise() -> None:
         ), name
 
 
+@pytest.mark.long
 def test_the_simulated_unstable_record() -> None:
     """Its elevator was held at the mean of two samples, neither at the first nor on a line: a free
     simulation doubles that error every second.

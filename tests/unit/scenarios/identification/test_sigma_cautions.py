@@ -35,6 +35,7 @@ def cautions(method: str, noise: str, run: int = 0) -> list[str]:
     return [each for each in found.warnings if "too small" in each]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("method", sorted(SHORT_IN_GUSTS))
 @pytest.mark.parametrize("noise", ["markov-gusts", "dryden-gusts"])
 def test_gusts_are_cautioned_with_their_factor(method: str, noise: str) -> None:
@@ -44,6 +45,7 @@ def test_gusts_are_cautioned_with_their_factor(method: str, noise: str) -> None:
     assert f"up to {worst:g} times" in said and f"{100 * held:.0f} %" in said
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("method", sorted(SHORT_IN_GUSTS))
 @pytest.mark.parametrize("noise", ["white", "ar1"])
 def test_noise_of_each_sensor_by_itself_is_not(method: str, noise: str) -> None:
@@ -62,6 +64,7 @@ def test_methods_that_hold_in_gusts_are_not_cautioned() -> None:
     assert cautions("equation-error", "dryden-gusts") == []
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("method", sorted(LOST_ROWS))
 @pytest.mark.parametrize(("dropped", "cautioned"), [(0.02, False), (0.2, True)])
 def test_lost_rows_are_cautioned_from_the_measured_share_on(

@@ -36,6 +36,7 @@ def longitudinal() -> StateSpace:
     return space
 
 
+@pytest.mark.long
 def test_totals_are_linearised_about_level_flight(longitudinal: StateSpace) -> None:
     """Whose roots are the modes that are printed."""
     assert np.max(np.abs(longitudinal.rates)) < 1e-8 and longitudinal.x0[0] == 62.0

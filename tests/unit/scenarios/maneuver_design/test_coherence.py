@@ -187,6 +187,7 @@ def test_more_noise_makes_worse_responses(louder: DesignResult, planned: DesignR
     assert planned.maneuvers[0].responses.criterion <= planned.maneuvers[1].responses.criterion
 
 
+@pytest.mark.long
 def test_the_command_and_python(
     vehicle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

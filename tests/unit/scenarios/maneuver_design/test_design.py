@@ -91,6 +91,7 @@ def extremes(found: DesignResult, record: Record) -> dict[str, tuple[float, floa
     }
 
 
+@pytest.mark.long
 def test_a_flight_keeps_the_limits_and_comes_near_one(told: DesignResult) -> None:
     limits = told.setting.limits
     for each in told.maneuvers:
@@ -132,6 +133,7 @@ def test_the_maneuver_reads_back_and_flies_the_same(told: DesignResult, tmp_path
         )
 
 
+@pytest.mark.long
 def test_the_folder_has_a_page_and_strict_json(told: DesignResult, tmp_path: Path) -> None:
     folder = write_design(told, tmp_path / "plan", figures=("svg",))
     content = json.loads((folder / MAIN).read_text())
@@ -266,6 +268,7 @@ def test_a_falling_body_has_no_input() -> None:
         design(DesignRequest("ballistic", source))
 
 
+@pytest.mark.long
 def test_the_command_of_an_ambiguous_diagnosis_does_it_again(vehicle: Path) -> None:
     """What is printed, typed again, designs the same maneuver with the same chance, to the last
     bit.

@@ -115,6 +115,7 @@ def test_gaps_stay_gaps_and_areas_are_closed_and_simplified() -> None:
     )
 
 
+@pytest.mark.long
 def test_dots_that_cover_each_other_are_one_and_none_is_lost() -> None:
     generator = np.random.default_rng(2)
     points = np.column_stack(
@@ -145,6 +146,7 @@ def one() -> Figure:
     return noisy(20, 1)[0]
 
 
+@pytest.mark.long
 def test_figures_of_a_page_are_drawn_once_and_in_every_format(tmp_path: FilePath) -> None:
     calls: list[str] = []
 

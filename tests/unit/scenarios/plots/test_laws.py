@@ -141,6 +141,7 @@ OTHERS: dict[str, Callable[[], Figure]] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", FIGURES)
 def test_figures_of_records_and_estimates_obey(
     name: str, rigid: Study, broken: Study, falls: dict[str, Study]
@@ -154,6 +155,7 @@ def test_figures_of_records_and_estimates_obey(
     assert broken_laws(FIGURES[name](studies)) == []
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", OTHERS)
 def test_figures_of_several_studies_obey(name: str) -> None:
     assert broken_laws(OTHERS[name]()) == []
@@ -165,6 +167,7 @@ def test_states_of_a_filter_obey(rigid: Study) -> None:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("verdict", TRACINGS)
 def test_figures_of_a_diagnosis_obey_and_a_simulated_record_is_never_called_measured(
     verdict: str,

@@ -134,6 +134,7 @@ def studies(rigid: Study, broken: Study, falls: dict[str, Study]) -> Studies:
     }
 
 
+@pytest.mark.long
 def test_same_result_same_bytes(studies: Studies, tmp_path: Path) -> None:
     for write in (figure_png, figure_svg, figure_pdf):
         first, second = (write(FIGURES["fit"](studies)) for _ in range(2))
@@ -220,6 +221,7 @@ print("matplotlib.pyplot" in sys.modules, hashlib.sha256(png).hexdigest())
 """  # noqa: E501
 
 
+@pytest.mark.long
 def test_pyplot_stays_out_and_a_fresh_process_draws_the_same() -> None:
     environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": "7", "MPLBACKEND": "svg"}
     run = subprocess.run(

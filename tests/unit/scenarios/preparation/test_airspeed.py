@@ -45,6 +45,7 @@ def errors(model: Model, record: Record) -> dict[str, float]:
     return {name: estimate.value(name) / value - 1.0 for name, value in TRUE.items()}
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("weight", [True, False])
 @pytest.mark.parametrize(
     "measured", [("airspeed",), ("dynamic_pressure",), ("airspeed", "dynamic_pressure")]

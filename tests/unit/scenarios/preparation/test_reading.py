@@ -147,6 +147,7 @@ def test_segments_become_records_of_their_own(tmp_path: Path, linear: FallingSpe
     assert alone.name == "r.csv" and len(alone) == 301
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", range(3))
 def test_the_data_tell_linear_from_held(
     seed: int, tmp_path: Path, linear: FallingSpeed, held: FallingSpeed
@@ -161,6 +162,7 @@ def test_the_data_tell_linear_from_held(
         ) == (due is Hold.LINEAR)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "factors",
     [{"Cm_alpha": -1.0}, {"Cm_alpha": -3.0}, {"Cm_q": -1.0}, {"Cm_alpha": -1.0, "Cm_q": -1.0}],
@@ -272,6 +274,7 @@ def test_a_record_of_perturbations_alone_has_no_trim_lift(tmp_path: Path) -> Non
     assert any("perturbations alone fit better" in note for note in ready.notes)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", [16, 20, 62, 80])
 def test_an_unstable_fighter_under_its_controller_carries_its_weight(seed: int) -> None:
     """Fits that had not converged, or with a bias of nz of several g, made records of perturbations
@@ -285,6 +288,7 @@ def test_an_unstable_fighter_under_its_controller_carries_its_weight(seed: int) 
     assert all("lift" in record.input_names for record in ready.fitted)
 
 
+@pytest.mark.long
 def test_a_fit_that_has_not_converged_decides_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     records, derivatives = drawn_pair(16)
     model = model_from_constants("rigid", FIGHTER, derivatives)
@@ -304,6 +308,7 @@ def test_a_bias_beyond_the_reading_is_no_trim() -> None:
     ] == [False, False, False, True, True]
 
 
+@pytest.mark.long
 def test_a_fit_with_an_implausible_bias_decides_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Controls as recorded, off their trim: biases then stand for the motion that the trim
     deflection would make.

@@ -91,6 +91,7 @@ def test_the_residuals_state_names_the_channels() -> None:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("verdict", list(Verdict))
 def test_a_diagnosis_begins_with_it(verdict: Verdict) -> None:
     tracing = tracing_of(verdict)
@@ -114,6 +115,7 @@ def printed(show: Callable[[Console], None], width: int) -> str:
     return out.file.getvalue()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("width", [80, 120])
 def test_a_run_begins_with_it(width: int) -> None:
     study = run_scenario(load_scenario("ballistic", ()), 1)

@@ -63,6 +63,7 @@ def files(tmp_path: Path) -> list[Path]:
     return [tmp_path / f"m{seed}.csv" for seed in (1, 2, 3)]
 
 
+@pytest.mark.long
 def test_from_files_to_a_vehicle_file_that_reads_back(files: list[Path], tmp_path: Path) -> None:
     found = structure_of_files(Request(tuple(files)), OPTIONS)
     folder = write_structure(found, tmp_path / "terms", figures=("png",))
@@ -172,6 +173,7 @@ def test_a_vehicle_file_needs_no_terms(tmp_path: Path) -> None:
     assert aircraft.coefficients["Cm"] == {Term(): 0.0}
 
 
+@pytest.mark.long
 def test_in_python_as_by_the_command(files: list[Path], tmp_path: Path) -> None:
     found = fid.structure(files, files[0].parent / "vehicle.toml")
     command = structure_of_files(Request(tuple(files)), OPTIONS)

@@ -27,6 +27,7 @@ BATCHED = [
 ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("name", "method"), BATCHED)
 def test_a_row_does_not_depend_on_how_full_its_block_is(name: str, method: str) -> None:
     scenario = load_scenario(name, () if name == "ballistic" else SHORT)

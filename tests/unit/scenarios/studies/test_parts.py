@@ -110,6 +110,7 @@ def test_levels_agree_within_their_spread_or_for_every_purpose(
     assert Level("q", "rad/s", assumed, 1.0, 0.01).agrees == agrees
 
 
+@pytest.mark.long
 def test_a_wrong_measurement_noise_is_found_by_likelihood() -> None:
     scenario = load_scenario(
         "rigid", (*SHORT, "flight.rate=20", "estimate.noise_std={alpha=0.0044, q=0.0011}")

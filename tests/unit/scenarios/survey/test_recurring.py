@@ -75,6 +75,7 @@ def every_sample(
     return best.x[1:], share, -best.fun, expit(gains(best.x[1:]) + best.x[0])
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("size", "parameters"), [(0.35, 1), (0.6, 1), (0.35, 2)])
 def test_value_share_and_probabilities_are_those_of_all_samples(
     size: float, parameters: int

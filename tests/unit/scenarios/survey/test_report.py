@@ -69,6 +69,7 @@ def test_terminal_page_and_files_say_the_same(found: SurveyResult, campaign: Cam
     assert {float(row["mass"]) for row in rows} == {1.2e5 + 1e3 * n for n in range(6)}
 
 
+@pytest.mark.long
 def test_the_page_is_made_again_from_its_folder(campaign: Campaign) -> None:
     found = campaign.survey(*more(campaign, 6))
     write_survey(found, campaign.out, figures=("png",))

@@ -44,6 +44,7 @@ def _there(cluster: Cluster, asked: TaskRequest = ASKED) -> TaskRequest:
     return dataclasses.replace(asked, cluster=cluster.address)
 
 
+@pytest.mark.long
 def test_the_table_is_that_of_one_process(
     cluster: Cluster, whole: RowTable, tmp_path: Path
 ) -> None:
@@ -56,6 +57,7 @@ def test_the_table_is_that_of_one_process(
     assert same(run_study(Toy(), dataclasses.replace(kept, resume=True)), whole)
 
 
+@pytest.mark.long
 def test_work_is_sent_once_to_each_worker_and_has_one_thread(cluster: Cluster) -> None:
     table = run_study(Loads(pause=0.1), _there(cluster))
     columns = pd.DataFrame(dict(table.columns))
@@ -63,6 +65,7 @@ def test_work_is_sent_once_to_each_worker_and_has_one_thread(cluster: Cluster) -
     assert set(run_study(Threads(), _there(cluster)).columns["threads"]) == {1}
 
 
+@pytest.mark.long
 def test_what_fails_or_takes_too_long_is_recorded_and_ends_nothing(cluster: Cluster) -> None:
     work = Toy(raising=(9,), refused=(2,), killing=(21,))
     table, here = (
@@ -139,6 +142,7 @@ def test_nothing_answers_and_nothing_is_left_behind(
         run_study(Toy(), _there(cluster))
 
 
+@pytest.mark.long
 def test_a_worker_without_flightid_says_so(tmp_path: Path) -> None:
     (tmp_path / "path" / "scenarios").mkdir(parents=True)
     (tmp_path / "path" / "scenarios" / "__init__.py").write_text(
@@ -168,6 +172,7 @@ def test_a_block_whose_worker_dies_is_run_by_another(
     cluster.start(workers=1)
 
 
+@pytest.mark.long
 def test_the_scheduler_is_lost_and_what_had_ended_is_kept(
     cluster: Cluster, whole: RowTable, tmp_path: Path
 ) -> None:

@@ -70,6 +70,7 @@ def test_processes_give_the_same_table(whole: RowTable, jobs: int, tmp_path: Pat
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("jobs", [2, 3])
 def test_processes_that_are_started_afresh_give_the_same_table(
     whole: RowTable, jobs: int, monkeypatch: pytest.MonkeyPatch

@@ -55,6 +55,7 @@ def session(rows: np.ndarray) -> MarginSession:
     return watched(rows)
 
 
+@pytest.mark.long
 def test_the_known_margins_are_held_as_soon_as_the_sweep_has_passed(session: MarginSession) -> None:
     exact, last = margins(load_x29("F")), session.points[-1].margins
     assert last is not None and last.phase is not None and last.gain_increase is not None
@@ -81,6 +82,7 @@ def test_a_margin_is_shown_once_the_sweep_has_passed_its_crossing(session: Margi
             assert each.band[0] * 1.1 < margin.frequency.value < each.band[1] / 1.1
 
 
+@pytest.mark.long
 def test_how_rows_come_makes_no_difference(rows: np.ndarray) -> None:
     short = rows[:, :2400]
     one, many = watched(short), watched(short, 53)
@@ -88,6 +90,7 @@ def test_how_rows_come_makes_no_difference(rows: np.ndarray) -> None:
     assert len(one.points) == len(many.points) >= 28
 
 
+@pytest.mark.long
 def test_gaps_are_joined_or_end_a_window(rows: np.ndarray) -> None:
     short = rows[:, :2400].copy()
     missing = short.copy()
@@ -98,6 +101,7 @@ def test_gaps_are_joined_or_end_a_window(rows: np.ndarray) -> None:
     assert watched(lost).stream.samples == 2400  # type: ignore[union-attr]
 
 
+@pytest.mark.long
 def test_a_missing_sample_hardly_changes_anything(rows: np.ndarray, session: MarginSession) -> None:
     missing = rows.copy()
     missing[3, [900, 1800, 2700]] = np.nan
@@ -116,6 +120,7 @@ def test_what_is_written(session: MarginSession) -> None:
     assert {len(line.split(",")) for line in lines} == {23}
 
 
+@pytest.mark.long
 def test_without_the_excitation_a_bias_is_said(rows: np.ndarray) -> None:
     loop = margins_of(watched(rows[[0, 1, 3]], names=LoopNames("minus", "command", "returned")))
     assert loop is not None and "direct estimate" in loop.cautions[0]

@@ -90,6 +90,7 @@ def test_the_hypercube_meets_each_range_evenly() -> None:
         assert sorted(np.floor(8.0 * (column + 1.0)).astype(int)) == list(range(16))
 
 
+@pytest.mark.long
 def test_a_fitted_airframe_is_the_least_squares_one_and_has_the_equivalent() -> None:
     goal, begin = start()
     places = np.array([0.2, -0.2, 0.1, 0.0, 0.3, 0.2, 0.1, -0.1])
@@ -132,6 +133,7 @@ def test_margins_of_a_fitted_loop_are_those_of_the_oracle() -> None:
     )
 
 
+@pytest.mark.long
 def test_airframe_d_has_the_papers_equivalent_and_its_sign() -> None:
     d, goal = load_x29("D"), targets("flight")
     loop = equivalent_system(d)

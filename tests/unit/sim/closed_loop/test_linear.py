@@ -47,6 +47,7 @@ def test_margins_are_those_of_the_reference(
     assert found.phase == pytest.approx(phase, abs=0.05)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", NAMES)
 def test_margins_describe_the_loop_of_the_oracle(name: str) -> None:
     x29 = load_x29(name)

@@ -84,6 +84,7 @@ def test_totals_are_fed_back_as_they_differ_from_the_start() -> None:
     np.testing.assert_allclose(record["elevator"].values, LEVEL[1], rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.long
 def test_white_noise_forces_the_states_with_its_density() -> None:
     """Held hard in pitch, alpha is a first-order process: variance density / (2 L_alpha), the
     elevator's own part left to rounding.

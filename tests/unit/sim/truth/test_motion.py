@@ -104,6 +104,7 @@ FLIGHTS: dict[str, tuple[str, dict[str, Maneuver], np.ndarray, str]] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("case", FLIGHTS)
 def test_motion_is_that_of_a_solver_at_the_end_of_double_precision(case: str) -> None:
     name, by_input, time, method = FLIGHTS[case]

@@ -80,6 +80,7 @@ def oracle(aircraft: Aircraft, x: list[float], u: list[float]) -> dict[str, np.n
     }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("aircraft", [AIRLINER, OFF_CENTRE], ids=["plain", "off centre"])
 def test_rates_are_newtons_and_eulers(aircraft: Aircraft) -> None:
     system = system_of(aircraft)
@@ -145,6 +146,7 @@ def test_wind_is_taken_off_the_velocity() -> None:
     assert read["alpha"] == pytest.approx(np.arctan2(body[2], body[0]), rel=1e-12)
 
 
+@pytest.mark.long
 def test_a_throttle_a_mass_column_and_mixed_surfaces() -> None:
     aircraft = replace(
         AIRLINER,

@@ -57,6 +57,7 @@ def test_sound_sensors_raise_nothing_and_the_noise_is_found() -> None:
     )
 
 
+@pytest.mark.long
 def test_three_faults_of_different_axes_are_named_and_sized_together() -> None:
     wrong = Faults(bias={"q": 0.01}, delay={"beta": 0.06}, scale={"r": 1.08})
     found = compatibility([shown(fly(), WHOLE, wrong, 1)], SETTINGS)
@@ -79,6 +80,7 @@ def test_accelerometers_on_one_base_are_one_fault() -> None:
     assert abs(size - 3.0) < 3.0 * std
 
 
+@pytest.mark.long
 def test_both_vanes_on_a_boom_are_told_before_accelerometers_behind() -> None:
     """Both leave the same trace. A boom of 9 m is common, accelerometers 9 m behind the centre of
     gravity are not.
@@ -228,6 +230,7 @@ def test_a_fault_of_one_record_of_three_does_not_replicate() -> None:
     )
 
 
+@pytest.mark.long
 def test_recorded_controls_are_instruments_and_a_fault_is_found_in_gusts() -> None:
     flown = fly(gusts=0.3, seed=2)
     gusty = shown(flown, LATERAL, Faults(delay={"p": 0.06}), 2)

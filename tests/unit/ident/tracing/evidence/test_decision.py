@@ -55,6 +55,7 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
     assert found.named == ()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("name", "values"),
     [
@@ -70,6 +71,7 @@ def test_what_is_hidden_is_named(name: str, values: dict[str, float]) -> None:
     assert found.named[0].probability > 0.95
 
 
+@pytest.mark.long
 def test_beside_a_discrepancy_what_acts_all_along_is_named() -> None:
     """Slow errors of moment and lift in no library, and a vane far ahead: the vane is named."""
     records = []
@@ -252,3 +254,16 @@ def test_kinematics_choose_among_effects_that_are_not_told_apart() -> None:
         assert set(spread) == set(found.names)
         names[group] = set(found.names)
     assert names[((LATE,),)] == {LATE} and names[((ARM,),)] == {ARM}
+
+
+def test_a_search_that_offers_more_goes_on_from_the_sets_that_are_fitted() -> None:
+    """It ends where a search among all candidates from the beginning ends, with fewer fits."""
+    both = [effect("sensor-scale:q"), effect(LATE)]
+    values = {"sensor-scale:q.scale": 1.15, "sensor-delay:alpha.delay": 0.08}
+    problem = offered([planted(both, values, seed=1)])
+    few = [each for each in problem.candidates if each.name != LATE]
+    further = Search(problem, few).run().offering(problem.candidates, "all candidates").run()
+    whole = Search(problem, problem.candidates).run()
+    assert further.best().names == whole.best().names == {"sensor-scale:q", LATE}
+    assert further.best().weight == pytest.approx(whole.best().weight, abs=0.5)
+    assert further.fits < whole.fits

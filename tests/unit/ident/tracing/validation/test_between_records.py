@@ -40,6 +40,7 @@ def test_two_grown_sigmas_hold_the_mean_whatever_the_number_of_records() -> None
         assert 0.93 < held / (6 * flights) < 0.985, (count, held / (6 * flights))
 
 
+@pytest.mark.long
 def test_one_derivative_borrows_from_none() -> None:
     """Ten times its sigma: two records hold as much as Student's t does for one degree of freedom,
     no less.
@@ -95,6 +96,7 @@ def in_rough_air(seed: int, Cm_q: float) -> Record:
     return replace(record, name=f"flight {seed}")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("apart", "low", "high"), [(0.0, 1.0, 1.8), (0.5, 3.0, 30.0)])
 def test_records_differ_in_rough_air_as_their_derivatives_do(
     apart: float, low: float, high: float

@@ -71,6 +71,7 @@ def test_events_are_looked_for_anew_in_held_out_records(fitted: FittedModel) -> 
     assert own["unmeasured-input.moment"] < -0.003
 
 
+@pytest.mark.long
 def test_two_events_are_each_placed_beside_the_other() -> None:
     """The first of them, placed while the second is unexplained, is placed where that one is, and
     stays there unless it is asked again.

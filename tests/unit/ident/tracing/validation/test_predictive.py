@@ -80,6 +80,7 @@ def test_nothing_without_such_data_and_minus_infinity_where_the_larger_set_fails
     assert predictive_gains(root, best, held, HeldOut(None, None)) == (-math.inf,)
 
 
+@pytest.mark.long
 def test_with_process_noise_predictions_one_step_ahead_are_compared_record_by_record() -> None:
     """Turbulence improves no free simulation: it has to predict a step ahead, and what flies in
     still air it does not.

@@ -13,6 +13,7 @@ from ident.tracing.validation.whiteness import flat_spectrum, is_white, whitenes
 from tests.tracing_problem import OUTPUTS, fit_of, planted, problem_of, with_output, without_output
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("count", "interval", "missing"), [(1001, 0.02, 0.0), (800, 0.05, 0.0), (1001, 0.02, 0.1)]
 )

@@ -41,6 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     yield path
 
 
+@pytest.mark.long
 def test_folder_holds_what_it_lists(folder: Path) -> None:
     names = {entry.name for entry in folder.iterdir()}
     assert names == set(json.loads((folder / "diagnosis.json").read_bytes())["files"])
@@ -133,6 +134,7 @@ def test_evidence_has_a_row_for_each_candidate(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.long
 def test_same_diagnosis_same_bytes_but_for_the_time_stamp(folder: Path, tmp_path: Path) -> None:
     write_diagnosis(tracing_of(Verdict.TRACED, validations=2, count=120), tmp_path / "again")
     for entry in folder.iterdir():

@@ -70,6 +70,7 @@ def printed(name: str) -> float:
     return value
 
 
+@pytest.mark.long
 def test_a_record_is_quiet_at_first_and_has_all_channels(made: Made) -> None:
     _, record, _ = made
     assert record.output_names == tuple(OUTPUTS) and len(record) == 501

@@ -65,6 +65,7 @@ def test_the_flight_is_the_roll_axis_integrated_finely() -> None:
     )
 
 
+@pytest.mark.long
 def test_true_margins_are_those_of_the_true_response() -> None:
     one = scenario()
     found = true_margins(one)
@@ -83,6 +84,7 @@ def test_true_margins_are_those_of_the_true_response() -> None:
     assert true_parameters(one) == {"gain": 95.0, "inv_T_roll": 9.0, "delay": 0.032}
 
 
+@pytest.mark.long
 def test_the_x29_like_loop_has_its_own_margins() -> None:
     found, exact = true_margins(scenario("x29-margins")), margins(load_x29("F"))
     assert found["gain_increase"] == pytest.approx(exact.gain_increase, abs=0.01)
@@ -91,6 +93,7 @@ def test_the_x29_like_loop_has_its_own_margins() -> None:
     assert true_parameters(scenario("x29-margins")) == {}
 
 
+@pytest.mark.long
 def test_a_study_finds_the_truth_and_the_same_seed_the_same_numbers() -> None:
     one = scenario()
     study = run_sweep(one, 3)
@@ -126,6 +129,7 @@ def test_intervals_of_the_scenarios_hold(name: str) -> None:
     assert 0.9 <= np.mean(inside) <= 0.995
 
 
+@pytest.mark.long
 def test_from_the_command_line_and_python(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -178,6 +182,7 @@ def test_from_the_command_line_and_python(
     assert "gain increase" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_content_is_strict() -> None:
     text = json.dumps(
         sweep_comparison(run_sweep(scenario("x29-margins", "sweep.flights=1"), 1)),
@@ -187,6 +192,7 @@ def test_content_is_strict() -> None:
     assert "null" not in text
 
 
+@pytest.mark.long
 def test_every_sweep_of_the_catalogue_is_read_and_has_its_truth() -> None:
     names = scenario_names("sweep")
     assert set(names) == {"uav-sweep", "x29-margins"}
@@ -194,6 +200,7 @@ def test_every_sweep_of_the_catalogue_is_read_and_has_its_truth() -> None:
         assert "phase_margin" in true_margins(scenario(name))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("changes", "said"),
     [

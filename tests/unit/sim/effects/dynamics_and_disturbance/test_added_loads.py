@@ -73,6 +73,7 @@ def curve(low: float, high: float, sizes: list[float]) -> CubicSpline:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "sizes",
     [[0.02, -0.01, 0.004, 0.003], [0.02, -0.01, 0.004, 0.003, 0.003, -0.002, 0.002, 0.001, -0.001]],
@@ -104,6 +105,7 @@ def test_nonlinear_moment_and_lift(sizes: list[float]) -> None:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("share", [1.0, 0.0, 0.4])
 def test_nonlinear_control_bends_moment_and_lift_alike(share: float) -> None:
     sizes = [-0.02, 0.01, 0.004, -0.003]
@@ -362,6 +364,7 @@ def test_two_elastic_modes_and_one_on_the_equivalent_system() -> None:
     close(loes(find_effect("elastic-mode", Loes()), values), expected, 1e-5)
 
 
+@pytest.mark.long
 def test_guards_are_the_terms_that_they_name() -> None:
     chord, V = RIGID_VALUES["chord"], RIGID_VALUES["airspeed"]
     products = {

@@ -76,6 +76,7 @@ def test_roots_of_the_softer_aircraft_are_those_of_its_table(modes: int) -> None
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("modes", "factor"), [(0, 1.0), (1, 1.0), (4, 1.0), (4, 0.5)])
 def test_response_is_that_of_the_second_writing(modes: int, factor: float) -> None:
     flight = dataclasses.replace(rigid_flight(), max_step=0.0025)

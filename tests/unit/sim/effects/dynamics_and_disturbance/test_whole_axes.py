@@ -168,6 +168,7 @@ def test_an_aileron_that_weakens_is_another_deflection() -> None:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("port", "axis"), [("yaw", "Cn"), ("roll", "Cl"), ("side_force", "CY")])
 def test_derivatives_that_jump_and_a_load_that_nobody_recorded(port: str, axis: str) -> None:
     at, end, width = 1.21, 2.53, 0.01
@@ -225,6 +226,7 @@ def test_a_gust_from_ahead_is_felt_by_loads_and_pitot_tube() -> None:
     close(got, expected, 1e-5)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("name", "axis", "size"), [("yaw", "Cn", 0.03), ("roll", "Cl", 0.2), ("side-force", "CY", 0.5)]
 )

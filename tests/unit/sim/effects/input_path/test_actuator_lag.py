@@ -36,6 +36,7 @@ def brute_force(
     return np.array(means)
 
 
+@pytest.mark.long
 @given(seeds, lags)
 def test_is_the_mean_of_the_response_on_uneven_cells(seed: int, time_constant: float) -> None:
     generator = np.random.default_rng(seed)

@@ -90,6 +90,7 @@ def test_all_six_in_a_row_are_the_march() -> None:
         np.testing.assert_allclose(row, expected, rtol=0.0, atol=5e-4 * np.max(np.abs(expected)))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", list(SIZES))
 def test_outputs_are_smooth_in_every_size(name: str) -> None:
     # Over a change as small as a fit's last steps the derivative tells the difference: no stairs

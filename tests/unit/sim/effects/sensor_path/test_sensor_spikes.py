@@ -27,6 +27,7 @@ def values(name: str, size: float) -> dict[str, float]:
     }
 
 
+@pytest.mark.long
 @settings(max_examples=15, deadline=None)
 @given(st.integers(1, 9), st.integers(0, 1000))
 def test_as_many_isolated_samples_as_declared_are_off_by_the_size(count: int, seed: int) -> None:
