@@ -133,7 +133,5 @@ def test_search_ranks_guides_before_decisions_and_internals(
 ) -> None:
     page.goto(f"{site}search.html?q={word}")
     page.wait_for_function("document.querySelectorAll('#search-results li a').length > 10")
-    pages = [
-        str(each.get_attribute("href")) for each in page.locator("#search-results li a").all()
-    ]
+    pages = [str(each.get_attribute("href")) for each in page.locator("#search-results li a").all()]
     assert not any("decisions/" in each or "made/api/" in each for each in pages[:8]), pages[:8]
