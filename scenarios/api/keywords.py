@@ -13,8 +13,8 @@ from sim.errors import FlightidError
 P = ParamSpec("P")
 R = TypeVar("R")
 _OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]*)")
-# A method or hold with its value, and a command with the files and options behind it.
-_WITH_VALUE = re.compile(r"(?<![\w-])--(method|hold) ([a-z-]+)")
+# An option with its value, a word, and a command with the files and options behind it.
+_WITH_VALUE = re.compile(r"(?<![\w-])--(method|hold|margins) ([a-z-]+)")
 _COMMAND = re.compile(
     r"\bflightid ([a-z]+)((?: (?:--(?!method|hold)[a-z-]+ [^\s;,]+|[A-Z]{3,}|[^\s;,]+\.[a-z]\w*))*)"
 )
