@@ -80,8 +80,8 @@ def test_the_polynomials_of_the_vehicle_file_describe_the_tables() -> None:
     points = rng.uniform(low, high, (400, 5))
     rates = rng.uniform(-0.02, 0.02, (400, 3))
     true = [
-        tables.coefficients(a, b, de, da, dr, rates=tuple(rate.tolist()))
-        for (a, b, de, da, dr), rate in zip(points.tolist(), rates, strict=True)
+        tables.coefficients(alpha, beta, elevator, aileron, rudder, rates=(p, q, r))
+        for alpha, beta, elevator, aileron, rudder, p, q, r in np.hstack([points, rates]).tolist()
     ]
     names = ("alpha", "beta", "elevator", "aileron", "rudder")
     signals = dict(zip(names, points.T, strict=True)) | dict(zip("pqr", rates.T, strict=True))
