@@ -103,7 +103,7 @@ def figure_residual(
 def _draw_power(  # type: ignore[no-untyped-def]
     panel, time: np.ndarray, values: np.ndarray, noise: float, marks: Sequence[float]
 ) -> None:
-    from scenarios.plots.tracing import spectrum
+    from scenarios.plots.residuals import spectrum
 
     hertz, power = spectrum(values, float(time[1] - time[0]), len(values))
     panel.axhline(1.0, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)))

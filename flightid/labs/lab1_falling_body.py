@@ -87,7 +87,8 @@ def _(controls, mo, page, seed):
 @app.cell
 def _(command, controls, lab, mo, page, seed):
     asked = lab.changes(**controls.value)
-    study = lab.study(asked, seed.value)
+    with page.computing():
+        study = lab.study(asked, seed.value)
     _row = study.main.rows[0]
     _unit = lab.POUND_PER_SQUARE_FOOT
     _off = (_row.estimate - _row.true) / _row.std

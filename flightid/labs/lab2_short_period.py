@@ -30,6 +30,12 @@ def _(page):
 
 
 @app.cell
+def _(page):
+    page.sketch()
+    return
+
+
+@app.cell
 def _(mo):
     mo.md(r"""
     ## Theory
@@ -94,7 +100,8 @@ def _(controls, mo, page, seed):
 @app.cell
 def _(command, controls, lab, mo, page, seed, sigmas_off):
     asked = lab.changes(**controls.value)
-    study = lab.study(asked, seed.value)
+    with page.computing():
+        study = lab.study(asked, seed.value)
     _derived = study.main.derived
     _rows = [
         [

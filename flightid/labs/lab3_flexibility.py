@@ -41,6 +41,12 @@ def _(page):
 
 
 @app.cell
+def _(page):
+    page.sketch()
+    return
+
+
+@app.cell
 def _(mo):
     mo.md(r"""
     ## Theory
@@ -112,7 +118,8 @@ def _(controls, mo, page):
 @app.cell
 def _(command, controls, lab, mo, page, sigmas_off):
     asked = lab.changes(**controls.value)
-    study = lab.study(asked)
+    with page.computing():
+        study = lab.study(asked)
     _rows = [
         [
             row.name,

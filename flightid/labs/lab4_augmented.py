@@ -31,6 +31,12 @@ def _(page):
 
 
 @app.cell
+def _(page):
+    page.sketch()
+    return
+
+
+@app.cell
 def _(mo):
     mo.md(r"""
     ## Theory
@@ -93,7 +99,8 @@ def _(controls, mo, page, seed):
 @app.cell
 def _(command, controls, lab, mo, page, seed):
     asked = lab.changes(**controls.value)
-    study = lab.study(asked, seed.value)
+    with page.computing():
+        study = lab.study(asked, seed.value)
     _loop = study.of_loop
     _rows = [
         [

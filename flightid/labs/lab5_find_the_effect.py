@@ -30,6 +30,12 @@ def _(page):
 
 
 @app.cell
+def _(page):
+    page.sketch()
+    return
+
+
+@app.cell
 def _(lab, mo, page):
     _rows = [[words, suspect.shows] for words, suspect in lab.SUSPECTS.items()]
     mo.vstack(
@@ -93,7 +99,8 @@ def _(figure_record, lab, mo, page, seed):
 
 @app.cell
 def _(figure_residual, flown, lab, mo, np, page, seed):
-    _found = lab.fitted(seed.value)
+    with page.computing():
+        _found = lab.fitted(seed.value)
     _residuals = lab.residuals(seed.value)
     _rows = [
         [

@@ -113,7 +113,8 @@ def _(controls, mo, page, runs):
 @app.cell
 def _(command, controls, lab, mo, page, runs):
     asked = lab.changes(**controls.value)
-    many = lab.campaign(asked, runs.value)
+    with page.computing():
+        many = lab.campaign(asked, runs.value)
     _bound = lab.bound()
     _rows = [
         [

@@ -99,7 +99,8 @@ def _(controls, mo, page):
 @app.cell
 def _(command, controls, lab, mo, page):
     asked = lab.changes(**controls.value)
-    found = lab.study(asked)
+    with page.computing():
+        found = lab.study(asked)
     _rows = [
         [
             row.name.replace("_", " "),

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import marimo as mo
@@ -39,6 +40,18 @@ def picture(figure: Figure, told: str) -> Any:
     who do not see it.
     """
     return mo.image(figure_png(figure), alt=told, style={"width": "100%", "max-width": "770px"})
+
+
+def sketch() -> Any:
+    """The aircraft from the side and from above, with axes, angles, rates and their signs."""
+    told = "Aircraft from the side and from above with body axes, angles, rates and signs"
+    source = Path(__file__).with_name("axes.svg").read_bytes()
+    return mo.image(source, alt=told, style={"width": "100%", "max-width": "720px"})
+
+
+def computing(what: str = "Computing the flight and its estimates") -> Any:
+    """A message that stands while the block below it computes."""
+    return mo.status.spinner(title=f"{what} ...", remove_on_exit=True)
 
 
 def plain(text: str) -> str:

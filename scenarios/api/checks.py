@@ -14,7 +14,7 @@ from ident.flying_qualities.stability_margins import Margin
 from ident.frequency_response import LEAST_COHERENCE
 from scenarios import maneuvers
 from scenarios.api import plot, tables
-from scenarios.api.keywords import told_in_python
+from scenarios.api.keywords import in_python_words, told_in_python
 from scenarios.api.records import Choices, choices_of
 from scenarios.api.requests import (
     KEPT,
@@ -76,7 +76,7 @@ class Check:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What speaks against the records, one sentence each."""
-        return (*self.details.look.doubts, *self.details.look.set_aside)
+        return in_python_words((*self.details.look.doubts, *self.details.look.set_aside))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -209,7 +209,7 @@ class Maneuvers:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a user should know, one sentence each."""
-        return self.details.cautions
+        return in_python_words(self.details.cautions)
 
     def __len__(self) -> int:
         return len(self.details.maneuvers)
@@ -355,7 +355,7 @@ class FrequencyResponse:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a user should know, one sentence each."""
-        return self.details.cautions
+        return in_python_words(self.details.cautions)
 
     def summary(self) -> str:
         """What the command prints."""

@@ -11,7 +11,7 @@ from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
 
 from scenarios.api import plot, tables
-from scenarios.api.keywords import told_in_python
+from scenarios.api.keywords import in_python_words, told_in_python
 from scenarios.api.record import Record, record_of
 from scenarios.api.records import Choices
 from scenarios.api.requests import (
@@ -141,7 +141,7 @@ class Diagnosis:
         """What speaks against the records or the result, one sentence each."""
         from scenarios.diagnosis.report.evidence import warnings_of
 
-        return (*self.details.doubts, *warnings_of(self.details))
+        return in_python_words((*self.details.doubts, *warnings_of(self.details)))
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from scenarios import prediction as predicting
 from scenarios.api import plot, tables
-from scenarios.api.keywords import told_in_python
+from scenarios.api.keywords import in_python_words, told_in_python
 from scenarios.api.record import Record, record_of
 from scenarios.api.records import Choices, choices_of
 from scenarios.api.requests import (
@@ -158,11 +158,13 @@ class Identification:
     def warnings(self) -> tuple[str, ...]:
         """What speaks against the records or the result, one sentence each."""
         found = self.details.found
-        return (
-            *found.doubts,
-            *found.cautions,
-            *((found.reading.sentence,) if found.reading else ()),
-            *found.look.set_aside,
+        return in_python_words(
+            (
+                *found.doubts,
+                *found.cautions,
+                *((found.reading.sentence,) if found.reading else ()),
+                *found.look.set_aside,
+            )
         )
 
     @property
@@ -382,12 +384,17 @@ class Prediction:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What speaks against the record, one sentence each."""
-        return self.details.warnings
+        return in_python_words(self.details.warnings)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """How the record was prepared, one sentence each."""
         return self.details.notes
+
+    @property
+    def passed(self) -> dict[str, bool]:
+        """Pass or fail of each test of ``tolerances``."""
+        return {each.test.name: each.passed for each in self.details.verdicts}
 
     def response(self) -> pandas.DataFrame:
         """The record over ``time``, SI: inputs, measured outputs (``alpha``) and the model's
@@ -468,6 +475,7 @@ def predict(
     *,
     model: Declared | None = None,
     effects: str | PathLike[str] | Sequence[Traceable] | None = None,
+    tolerances: str | None = None,
     channels: Choices | None = None,
     columns: str | Sequence[str] | None = None,
     start: Times = None,
@@ -504,6 +512,7 @@ def predict(
         asked_of.plan,
         own_model,
         effects_of(effects),
+        tolerances,
     )
     if isinstance(study, str | PathLike):
         return Prediction(predict_record(replace(asked, study=Path(study))))

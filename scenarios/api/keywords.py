@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import ParamSpec, TypeVar
 
 from sim.errors import FlightidError
@@ -13,6 +13,11 @@ from sim.errors import FlightidError
 P = ParamSpec("P")
 R = TypeVar("R")
 _OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]*)")
+# An option with its value, a word, and a command with the files and options behind it.
+_WITH_VALUE = re.compile(r"(?<![\w-])--(method|hold|margins) ([a-z-]+)")
+_COMMAND = re.compile(
+    r"\bflightid ([a-z]+)((?: (?:--(?!method|hold)[a-z-]+ [^\s;,]+|[A-Z]{3,}|[^\s;,]+\.[a-z]\w*))*)"
+)
 # Options whose keyword is another word: those that Python keeps for itself, and plurals.
 WORDS = {
     "from": "start",
@@ -36,7 +41,24 @@ def as_keywords(text: str) -> str:
         name = WORDS.get(found[1], found[1].replace("-", "_"))
         return name if name.endswith(")") else f"{name}="
 
-    return _OPTION.sub(keyword, text)
+    return _OPTION.sub(keyword, _WITH_VALUE.sub(r'\1="\2"', text))
+
+
+def in_python_words(sentences: Iterable[str]) -> tuple[str, ...]:
+    """Sentences of a result, with functions and keywords in the place of commands and options.
+
+    Examples
+    --------
+    >>> in_python_words(["next: flightid diagnose f.csv --model rigid --vehicle v.toml"])
+    ('next: flightid.diagnose on the same records',)
+    """
+
+    def call(found: re.Match[str]) -> str:
+        given = " on the same records" if found[2] else ""
+        return f"flightid.{found[1].replace('response', 'frequency_response')}{given}"
+
+    found = (as_keywords(_COMMAND.sub(call, each)) for each in sentences)
+    return tuple(each.replace(" records method=", " records with method=") for each in found)
 
 
 @contextlib.contextmanager

@@ -33,13 +33,9 @@ from scenarios.files.declarations import named_after
 from scenarios.files.user_models import is_own
 from scenarios.identification.state_space import linearised
 from scenarios.maneuver_design import design as designing
-from scenarios.maneuver_design.report import (
-    design_text,
-    maneuvers_table,
-    peaks_of,
-    verdict_of,
-)
+from scenarios.maneuver_design.report import design_text, verdict_of
 from scenarios.maneuver_design.setting import TYPICAL, DesignRequest
+from scenarios.maneuver_design.tables import maneuvers_table, peaks_of
 from scenarios.report.figure_formats import formats_wanted
 from scenarios.studies import campaign as campaigns
 from scenarios.studies.campaign import Rebuilt
@@ -682,7 +678,7 @@ def design(
     duration: float | None = None,
     rate: float | None = None,
     band: tuple[float, float] | None = None,
-    pilot: bool = False,
+    computer: bool = False,
 ) -> Design:
     """Design a maneuver of each kind and compare them: ``flightid design`` in Python.
 
@@ -693,8 +689,8 @@ def design(
     other one. size : ``"typical"``, ``"found"``, or values of the first effect's own parameters.
     value, noise, amplitude : derivatives, noise by output, largest deflection by input; numbers in
     SI or texts with a unit. duration, rate : s, samples a second. band : Hz; a sweep and multisines
-    over it, compared by the
-        frequency responses to expect (``coherence``). pilot : the sweep is flown by hand.
+    over it, compared by the frequency responses to expect (``coherence``). computer : a flight
+    computer moves the controls; False: a pilot, who makes no quick steps and no multisines.
 
     Raises
     ------
@@ -721,7 +717,7 @@ def design(
                 duration,
                 rate,
                 band,
-                pilot,
+                computer,
             )
         )
     )

@@ -297,9 +297,12 @@ def design(
             ),
         ),
     ] = None,
-    pilot: Annotated[
+    computer: Annotated[
         bool,
-        typer.Option("--pilot", help="A pilot flies the sweep of --band by hand: 2 Hz at most."),
+        typer.Option(
+            "--computer",
+            help="A flight computer moves the controls: multisines, quick steps, wide bands.",
+        ),
     ] = False,
     out: Out = None,
     figures: Figures = None,
@@ -325,7 +328,7 @@ def design(
         duration,
         rate,
         band,
-        pilot,
+        computer,
     )
     with output_options(
         out,

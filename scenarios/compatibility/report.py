@@ -348,12 +348,12 @@ def check_page(check: CompatibilityCheck, drawn: Sequence[Drawn] = ()) -> Page:
         summary=tuple(map(as_sentence, lines[1:4])),
         warnings=tuple(map(as_sentence, check.look.doubts)),
         sections=(
+            *section("Figures", *figures(drawn)),
             *section("What stands", Bullets(tuple(map(as_sentence, lines)))),
             *section("Every fault by both methods", *_page_estimates(check)),
             *section(
                 "What these channels cannot tell", Bullets(tuple(map(_limit, result.cannot_tell)))
             ),
-            *section("Figures", *figures(drawn)),
             *section("The record as it was recorded", record_table(check.look)),
             *section("How it was made", *_made(check)),
         ),

@@ -13,6 +13,7 @@ from scenarios.files.sources import Source
 from scenarios.files.user_models import OwnModel
 from scenarios.files.vehicles import VehicleFile
 from scenarios.maneuver_design.design import DesignResult, design
+from scenarios.maneuver_design.limits import PILOT
 from scenarios.maneuver_design.setting import DesignRequest
 from scenarios.preparation.plan import Request
 from sim.declaration.model import Model
@@ -24,6 +25,7 @@ from sim.record import Record
 DIGITS = 4  # of every number that is asked: what is printed is what was designed with
 # s of a flight: with less there is no room, with more a design could take longer than the diagnosis
 SHORTEST, LONGEST = 10.0, 20.0
+SMALLER = 2.0  # a hand is quicker, in peaks a second, where it does not go to the full deflection
 
 
 def deciding_maneuver(
@@ -90,7 +92,22 @@ def _asked(
         ),
         duration=float(f"{span:.{DIGITS}g}"),
         rate=float(f"{1.0 / interval:.{DIGITS}g}"),
+        computer=not by_hand(model, records),
         command_names=_names(request, vehicle),
+    )
+
+
+def by_hand(model: Model, records: Sequence[Record]) -> bool:
+    """Whether no input of the records changes faster than a pilot's hand can; faster inputs are
+    from a flight computer, which can fly the next maneuver as well.
+    """
+    peaks = _peaks(model, records)
+    return all(
+        float(np.max(np.abs(np.diff(record[name].values)) / np.diff(record.time)))
+        <= SMALLER * peak / PILOT.rise
+        for record in records
+        for name, peak in peaks.items()
+        if name in record.input_names and len(record.time) > 1
     )
 
 

@@ -23,7 +23,13 @@ from ident.frequency_domain.output_error import (
     refuse_unfit,
 )
 from ident.statistics.residual_spectrum import common_disturbance
-from ident.statistics.residuals import ResidualTest, contradiction, shortfall
+from ident.statistics.residuals import (
+    MADE_BY_INPUTS,
+    ResidualTest,
+    contradiction,
+    share_from_inputs,
+    shortfall,
+)
 from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.output_error import UNDETERMINED, failed_simulation, none_determined
 from ident.whole_record.unstable_motion import GROWN, fastest, growth
@@ -372,7 +378,11 @@ def lost_rows(records: Sequence[Record]) -> float:
 
 
 def _of_gusts(records: Sequence[Record], estimate: Estimate) -> tuple[str, ...]:
-    if estimate.method in SHORT_IN_GUSTS and _moved_together(records, estimate):
+    if (
+        estimate.method in SHORT_IN_GUSTS
+        and _moved_together(records, estimate)
+        and not made_by_inputs(records, estimate)
+    ):
         factor, worst, held = SHORT_IN_GUSTS[estimate.method]
         return (
             f"one cause moves the residuals of several outputs, as gusts do: in gusts sigmas of "
@@ -409,6 +419,31 @@ def disturbed_outputs(
         test.channel for test in tests if not test.passed and test.channel in estimate.output_names
     )
     return tuple(dict.fromkeys(failed))  # an output may fail more than one test
+
+
+def in_rough_air(
+    records: Sequence[Record], estimate: Estimate, tests: Sequence[ResidualTest]
+) -> tuple[str, ...]:
+    """``disturbed_outputs`` where the residuals are not made by the inputs: a late input moves
+    several outputs as well, and is no rough air.
+    """
+    moved = disturbed_outputs(records, estimate, tests)
+    return () if moved and made_by_inputs(records, estimate) else moved
+
+
+def made_by_inputs(records: Sequence[Record], estimate: Estimate) -> bool:
+    """Whether the inputs of a record predict a good part of the residual of an output in the half
+    that the prediction does not know.
+    """
+    for record, residual, known in zip(records, *_residuals(records, estimate), strict=True):
+        if not record.inputs or len(record.time) < 2:
+            continue
+        inputs = np.array([channel.values for channel in record.inputs])
+        interval = float(np.median(np.diff(record.time)))
+        shares = share_from_inputs(residual, known, inputs, interval)
+        if np.max(shares, initial=0.0) > MADE_BY_INPUTS:
+            return True
+    return False
 
 
 def _moved_together(records: Sequence[Record], estimate: Estimate) -> bool:

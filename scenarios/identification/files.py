@@ -21,7 +21,12 @@ from scenarios.files.writing import (
     write_record,
     write_responses,
 )
-from scenarios.identification.assessment import IdentificationResult, RecordFit, reading_content
+from scenarios.identification.assessment import (
+    SETTLED,
+    IdentificationResult,
+    RecordFit,
+    reading_content,
+)
 from scenarios.identification.consider import considered_content
 from scenarios.identification.identify import Identified
 from scenarios.identification.report import (
@@ -32,6 +37,7 @@ from scenarios.identification.report import (
     intervals_content,
     kept_identification,
 )
+from scenarios.identification.state_space import linearised
 from scenarios.kept import write_kept
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, axis_label, display_unit
 from scenarios.preparation.recording import record_content
@@ -67,15 +73,17 @@ def identification_figures(
         figure_correlation,
         figure_innovations,
         figure_parameter_histories,
+        figure_poles,
     )
-    from scenarios.plots.signals import figure_fit, figure_record, response_of, units_of
+    from scenarios.plots.signals import context, figure_fit, figure_record, response_of, units_of
 
     estimate, title = found.estimate, f"{found.record.name}: {found.vehicle.model}, {found.method}"
-    yield "record", partial(figure_record, measured, title, data)
     response = response_of(estimate)
+    above = context(found.record, estimate.output_names)
     noise = dict(zip(estimate.output_names, estimate.noise_std.tolist(), strict=True))
     sensors = {**noise, **sensor_noise}
-    yield "fit", partial(figure_fit, found.record, [response], None, title, sensors, data)
+    yield "fit", partial(figure_fit, found.record, [response], None, title, sensors, data, above)
+    yield "record", partial(figure_record, measured, title, data)
     yield from other_records(found, sensors, data)
     if found.band is not None and found.fits[0].figures is not None:
         yield "spectra", partial(figure_spectra, found.fits[0], noise, found.band, title, data)
@@ -95,11 +103,43 @@ def identification_figures(
             "innovations",
             partial(figure_innovations, estimate.history, estimate.output_names, units, title),
         )
+    if (poles := poles_of(found)) is not None:
+        yield "poles", partial(figure_poles, *poles, title)
     if len(estimate.names) > 1:
         yield (
             "correlation",
             partial(figure_correlation, estimate.names, estimate.correlation, title),
         )
+
+
+DRAWS = 60  # of the parameters, for the cloud about the poles
+
+
+def poles_of(found: IdentificationResult) -> tuple[np.ndarray, np.ndarray] | None:
+    """Poles ``(n,)`` of the estimate, 1/s, and ``(DRAWS, n)`` at parameters drawn from its
+    covariance; None where the model is not linearised about a steady motion.
+    """
+    system, estimate = found.system, found.estimate
+    if system is None or "altitude" in system.state_names or estimate.outcome not in SETTLED:
+        return None
+    rng = np.random.default_rng(1)
+    draws = rng.multivariate_normal(
+        estimate.values, estimate.covariance, DRAWS, check_valid="ignore", method="eigh"
+    )
+    try:
+        rows = [
+            linearised(
+                system,
+                dict(zip(estimate.names, values.tolist(), strict=True)),
+                found.record,
+                found.vehicle.own,
+            ).eigenvalues
+            for values in (estimate.values, *draws)
+        ]
+    except FlightidError:
+        return None
+    poles = np.array(rows)
+    return (poles[0], poles[1:]) if poles.size and np.all(np.isfinite(poles)) else None
 
 
 def other_records(
@@ -108,7 +148,7 @@ def other_records(
     """The free simulation of every record but the first: ``fit_2``, ..., and ``held_out``,
     ``held_out_2``, ... of those that were not fitted.
     """
-    from scenarios.plots.signals import Response, figure_fit
+    from scenarios.plots.signals import Response, context, figure_fit
 
     count = {True: 0, False: 0}
     for each in found.fits:
@@ -120,7 +160,8 @@ def other_records(
         name = f"{'held_out' if each.held_out else 'fit'}{f'_{number}' if number > 1 else ''}"
         response = Response("free simulation", dict(zip(each.outputs, each.simulated, strict=True)))
         title = f"{each.record.name}: {found.vehicle.model}, {found.method}\n{word}"
-        yield name, partial(figure_fit, each.record, [response], None, title, noise, data)
+        above = context(each.record, each.outputs)
+        yield name, partial(figure_fit, each.record, [response], None, title, noise, data, above)
 
 
 def figure_spectra(

@@ -59,8 +59,9 @@ from scenarios.identification.conditions import (
     cautions_of,
     chosen_band,
     delays_of,
-    disturbed_outputs,
     failed,
+    in_rough_air,
+    made_by_inputs,
     sigma_cautions,
     with_weight_if_needed,
     without_theta,
@@ -526,7 +527,7 @@ def _filter_error_proposed(
     """The command for filter error, where residuals are as process noise makes them and the model
     has a place for it.
     """
-    moved = disturbed_outputs([found.record, *found.others], found.estimate, found.tests)
+    moved = in_rough_air([found.record, *found.others], found.estimate, found.tests)
     if not moved:
         return ()
     try:
@@ -570,9 +571,13 @@ def _not_to_be_used(
     failed_in = residual_phrase([test for test in found.tests if not test.passed])
     if not failed_in:
         return ()
+    records = [found.record, *found.others]
+    whole = len(found.estimate.fitted) == len(records)
     gusts = (
         "; if the air was rough, judge by one-step prediction, not by the free simulation"
-        if disturbed_outputs([found.record, *found.others], found.estimate, found.tests)
+        if in_rough_air(records, found.estimate, found.tests)
+        else " and follow the inputs: the model lacks a part of the response"
+        if whole and made_by_inputs(records, found.estimate)
         else ""
     )
     follows = f"; next: {_command(request, 'diagnose')}" if vehicle.model != "loes" else ""

@@ -49,7 +49,7 @@ from scenarios.report.document import (
     table,
 )
 from scenarios.report.figure_formats import Drawn
-from scenarios.report.folder import figures
+from scenarios.report.folder import first_figure
 from scenarios.report.quantities import (
     console,
     derived_line,
@@ -494,11 +494,8 @@ def identification_page(
         for use, file in (("vehicle", found.vehicle.identity), ("model", found.vehicle.own_file))
         if file
     ]
-    samples = (
-        f"{sum(map(len, records))} samples of {len(records)} records"
-        if len(records) > 1
-        else f"{len(found.record)} samples"
-    )
+    several = f" of {len(records)} records" if len(records) > 1 else ""
+    samples = f"{sum(map(len, records))} samples{several}"
     reading = (found.reading.sentence,) if found.reading else ()
     hint = estimate.outcome.hint
     return Page(
@@ -515,9 +512,10 @@ def identification_page(
         summary=summary_sentences(identification_summary(found)),
         warnings=tuple(map(as_sentence, (*found.doubts, *found.cautions, *reading))),
         sections=(
+            *section("Recorded and estimated", *first_figure(drawn)[0]),
             *section("What was found", *_found(found, flown)),
             *section("Prediction", fits_table(found.fits)),
-            *section("Figures", *figures(drawn)),
+            *section("Further figures", *first_figure(drawn)[1]),
             *section("Residuals and noise", *_evidence(found)),
             *section("The record as it was recorded", record_table(found.look)),
             *section("How it was made", *_made(found)),

@@ -4,6 +4,7 @@ and time.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -22,7 +23,6 @@ from ident.maneuver_design import (
 )
 from scenarios.maneuver_design.coherence import Predicted, predicted_responses
 from scenarios.maneuver_design.setting import (
-    BY_HAND,
     JUST_FOUND,
     KINDS,
     OVER_A_BAND,
@@ -244,8 +244,8 @@ def design(
     effects = rivals_of(asked, setting.model)
     acting = _acting(asked, effects, _reference(setting)) if effects else ()
     found = []
-    over = BY_HAND if asked.pilot else OVER_A_BAND
-    kinds = [kind for kind in KINDS if asked.band is None or kind in over]
+    able = [kind for kind in KINDS if kind in asked.flown.kinds]
+    kinds = [kind for kind in able if asked.band is None or kind in OVER_A_BAND]
     for number, kind in enumerate(kinds):
         progress(kind, number / len(kinds))
         best = (
@@ -306,10 +306,10 @@ def _acting(
 
 
 def _sampled(setting: Setting, share: float) -> float:
-    """A pace that is a whole number of samples, s."""
-    return (
-        max(1.0, round(share * setting.room.pulse / setting.room.interval)) * setting.room.interval
-    )
+    """A pace that is a whole number of samples and no shorter than can be flown, s."""
+    interval = setting.room.interval
+    least = math.ceil(setting.flown.shortest_step / interval - 1e-9)
+    return max(1, least, round(share * setting.room.pulse / interval)) * interval
 
 
 def _best_pace(

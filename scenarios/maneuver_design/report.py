@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,32 +17,36 @@ import numpy as np
 from ident.maneuver_design import Acting, Contest
 from scenarios.files.channel_names import TIME
 from scenarios.files.sources import versions
-from scenarios.files.user_models import unit_in
 from scenarios.files.writing import study_folder, write_json, write_record, write_text
 from scenarios.maneuver_design.design import DesignedManeuver, DesignResult
-from scenarios.maneuver_design.setting import PACE_IS, offset_of
+from scenarios.maneuver_design.limits import offset_of
+from scenarios.maneuver_design.tables import (
+    acting_text,
+    contest_table,
+    extremes_text,
+    maneuver_text,
+    maneuvers_table,
+    margins_table,
+    notes_of,
+    pace_text,
+    peaks_of,
+    percent,
+    responses_table,
+    sigmas_table,
+    units_shown,
+)
 from scenarios.report.document import (
-    BY_ROW,
-    PURE,
-    UNDETERMINED,
     Bullets,
-    Cell,
-    Column,
-    Number,
     Page,
     Prose,
-    Table,
     as_sentence,
     capital,
-    formatted,
     now,
     reproduction,
     section,
-    table,
 )
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
-from scenarios.report.quantities import shown_in, spaced
 from scenarios.report.summary import BELOW, Summary, summary_lines
 from scenarios.report.terminal import table_as_lines
 from scenarios.report.text_tables import WIDTH, wrapped
@@ -54,8 +58,6 @@ if TYPE_CHECKING:
 
 # ---- A design in lines for the terminal
 
-# outputs whose extremes stand in the table, those that the model has
-SHOWN = ("nz", "alpha", "q", "beta", "p", "r", "phi", "ny", "airspeed")
 LEAST = 0.05  # chance, below which no maneuver is said to decide
 
 
@@ -63,6 +65,9 @@ def design_text(design: DesignResult, width: int = WIDTH, details: str = BELOW) 
     """What a terminal of this width shows."""
     lines = [*summary_lines(summary_of(design, details), width), ""]
     lines += table_as_lines(replace(maneuvers_table(design), caption=_title(design)), width)
+    if design.setting.limits.outputs:
+        caption = f"{design.best.kind}: margins to the limits"
+        lines += ["", *table_as_lines(margins_table(design, caption), width)]
     if design.acting:
         caption = f"{design.best.kind}: who would be told from whom"
         lines += ["", *table_as_lines(contest_table(design, caption), width, keys=2)]
@@ -83,9 +88,11 @@ def summary_of(design: DesignResult, details: str = BELOW) -> Summary:
     """Vehicle and limits; the best maneuver; what it tells and how far it goes."""
     setting, best = design.setting, design.best
     seconds = setting.room.time[-1]
+    count = len(design.maneuvers)
+    kinds = "one kind" if count == 1 else f"{count} kinds"
     study = (
-        f"{setting.vehicle.name}, {setting.model.name} model: {len(design.maneuvers)} kinds of "
-        f"maneuver, {seconds:g} s at {setting.rate:g} Hz"
+        f"{setting.vehicle.name}, {setting.model.name} model: {kinds} of maneuver flown by "
+        f"{setting.flown.name}, {seconds:g} s at {setting.rate:g} Hz"
     )
     return Summary(
         study,
@@ -104,165 +111,6 @@ def verdict_of(design: DesignResult) -> str:
         return f"NONE DECIDES: within these limits no maneuver tells {names}"
     return (
         f"FLY: {maneuver_text(design, best)} tells {names} with a chance of {percent(best.chance)}"
-    )
-
-
-def maneuver_text(design: DesignResult, maneuver: DesignedManeuver) -> str:
-    """``"3-2-1-1 (step 0.48 s), elevator 3.2 deg"``."""
-    peaks = [
-        f"{name} {_shown(design, name, value)}"
-        for name, value in peaks_of(design, maneuver).items()
-    ]
-    return f"{maneuver.kind} ({pace_text(maneuver)}), {', '.join(peaks)}"
-
-
-def pace_text(maneuver: DesignedManeuver) -> str:
-    """The step of steps, the highest frequency of the others."""
-    if PACE_IS[maneuver.kind] == "step":
-        return f"step {maneuver.pace:.3g} s"
-    return f"up to {0.5 / maneuver.pace:.3g} Hz"
-
-
-def peaks_of(design: DesignResult, maneuver: DesignedManeuver) -> dict[str, float]:
-    """Largest deflection from rest by input."""
-    return {
-        name: float(np.max(np.abs(row)))
-        for name, row in zip(design.setting.rest, maneuver.flight.rows, strict=True)
-    }
-
-
-def maneuvers_table(design: DesignResult) -> Table:
-    """The maneuvers at equal amplitude and time, the best first."""
-    setting, some, told = design.setting, design.maneuvers, bool(design.acting)
-    outputs = [name for name in SHOWN if name in setting.noise] or list(setting.noise)[:3]
-    columns: list[tuple[Column, list[Cell]]] = [
-        (Column("maneuver"), [each.kind for each in some]),
-        (Column("pace", right=True), [pace_text(each) for each in some]),
-    ]
-    for name in setting.rest:
-        peaks = [_level(design, name, peaks_of(design, each)[name]) for each in some]
-        columns.append((Column(f"peak {name}", PURE), peaks))
-    shares = [formatted(100.0 * each.criterion, ".3g") for each in some]
-    columns.append((Column("mean sigma", "%", printed="mean sigma %"), shares))
-    if told:
-        likelihoods = [formatted(each.log_likelihood, ".1f") for each in some]
-        chances = [formatted(100.0 * each.chance, ".0f") for each in some]
-        columns.append((Column("log likelihood", PURE), likelihoods))
-        columns.append((Column("chance", "%", printed="chance %"), chances))
-    for name in outputs:
-        ranges = list[Cell](_range(design, each, name) for each in some)
-        columns.append((Column(f"{name} from .. to", right=True), ranges))
-    columns.append((Column("held by"), [each.flight.bound_by or "amplitude" for each in some]))
-    return table("Equal amplitude and time, within the limits, the best first", *columns)
-
-
-def contest_table(design: DesignResult, caption: str) -> Table:
-    """What each effect's flight says against the other, of the best maneuver."""
-    some = [(each, each.decision) for each in design.best.contests]
-
-    def percent(heading: str) -> Column:
-        return Column(heading, "%", printed=f"{heading} %")
-
-    return table(
-        caption,
-        (Column("acts"), [acting_text(each.true) for each, _ in some]),
-        (Column("is told from"), [each.rival.effect.name for each, _ in some]),
-        (Column("gain over none", PURE), [formatted(each.found, ".1f") for each, _ in some]),
-        (Column("log likelihood", PURE), [formatted(d.log_likelihood, ".1f") for _, d in some]),
-        (Column("sigma", PURE), [formatted(0.5 * d.std, ".1f") for _, d in some]),
-        (percent("told"), [formatted(100.0 * each.chance, ".1f") for each, _ in some]),
-        (percent("wrong"), [formatted(100.0 * d.wrong, ".2g") for _, d in some]),
-    )
-
-
-def sigmas_table(design: DesignResult, caption: str) -> Table:
-    """Expected standard deviations by parameter and maneuver."""
-    parameters, names = design.setting.model.parameters, list(design.best.sigmas)
-
-    def sigma(name: str, std: float) -> Cell:
-        known = std < 1e3 * max(abs(parameters[name].value), 1e-3)
-        return formatted(std, ".2g") if known else UNDETERMINED
-
-    return table(
-        caption,
-        (Column("parameter"), names),
-        (Column("value", BY_ROW), [Number(parameters[name].value) for name in names]),
-        *(
-            (Column(each.kind, BY_ROW), [sigma(name, each.sigmas[name]) for name in names])
-            for each in design.maneuvers
-        ),
-        units=[parameters[name].unit for name in names],
-    )
-
-
-def responses_table(design: DesignResult, caption: str) -> Table:
-    """What each maneuver would give of every response over the band."""
-    kinds = [(each.kind, each.responses) for each in design.maneuvers if each.responses is not None]
-    first = kinds[0][1]
-    places = [
-        (m, q, f"{output}/{name}")
-        for m, output in enumerate(first.outputs)
-        for q, name in enumerate(first.inputs)
-    ]
-    columns: list[tuple[Column, list[Cell]]] = []
-    for kind, found in kinds:
-        usable, least, errors = list[Cell](), list[Cell](), list[Cell]()
-        for m, q, _ in places:
-            usable.append(Number(100.0 * float(found.usable[m, q]), digits=0))
-            least.append(Number(float(found.coherence[m, q].min()), digits=2))
-            error = 100.0 * float(np.median(found.random_error[m, q]))
-            errors.append(Number(error, shown=f"{error:.2g}" if error < 100.0 else "above 100"))
-        columns += [
-            (Column(f"{kind}: usable", "%", printed=f"{kind}: usable %"), usable),
-            (Column("coherence, least", PURE), least),
-            (Column("random error, median", "%", printed="random error, median %"), errors),
-        ]
-    return table(caption, (Column("response"), [label for _, _, label in places]), *columns)
-
-
-def notes_of(design: DesignResult) -> list[str]:
-    """What the design rests on: noise, limits, trim, sizes."""
-    setting = design.setting
-    noise = [f"{name} {_shown(design, name, value)}" for name, value in setting.noise.items()]
-    limits = [
-        f"{name} {_ends(design, name, ends)}" for name, ends in setting.limits.outputs.items()
-    ]
-    limits += [
-        f"{name} {_shown(design, name, value)}" for name, value in setting.limits.amplitude.items()
-    ]
-    limits += [
-        f"{name} {_shown(design, name, value)} a second"
-        for name, value in setting.limits.rate.items()
-    ]
-    notes = [
-        f"noise (1 sigma): {', '.join(noise)}",
-        f"limits: {', '.join(limits)}; load factors are totals, 1 in level flight",
-    ]
-    trim = [
-        f"{name} {_shown(design, name, value)}" for name, value in setting.rest.items() if value
-    ]
-    return notes + ([f"trim: {', '.join(trim)}"] if trim else [])
-
-
-def acting_text(acting: Acting) -> str:
-    """An effect with its values."""
-    units = {item.name: item.unit for item in acting.effect.parameters}
-    told = []
-    for name, value in acting.values.items():
-        factor, unit = shown_in(units.get(name, "1"), name)
-        told.append(f"{name} {factor * value:.3g}{spaced(unit)}")
-    return f"{acting.effect.name} ({', '.join(told)})"
-
-
-def percent(chance: float) -> str:
-    """A probability in per cent; none is said to be sure."""
-    return "more than 99 %" if chance > 0.995 else f"{100.0 * chance:.0f} %"
-
-
-def extremes_text(design: DesignResult, maneuver: DesignedManeuver) -> str:
-    """Extremes of all outputs in one line."""
-    return ", ".join(
-        f"{name} {_range(design, maneuver, name)}" for name in maneuver.flight.extremes
     )
 
 
@@ -296,35 +144,6 @@ def _tells(design: DesignResult) -> str:
     )
 
 
-def _range(design: DesignResult, maneuver: DesignedManeuver, name: str) -> str:
-    low, high = maneuver.flight.extremes[name]
-    factor, unit = shown_in(unit_in(design.setting.model, name), name)
-    return f"{factor * low:.3g} .. {factor * high:.3g}{spaced(unit)}"
-
-
-def _ends(design: DesignResult, name: str, ends: tuple[float, float]) -> str:
-    factor, unit = shown_in(unit_in(design.setting.model, name), name)
-    return f"{factor * ends[0]:.3g} to {factor * ends[1]:.3g}{spaced(unit)}"
-
-
-def _level(design: DesignResult, name: str, value: float) -> Cell:
-    factor, unit = shown_in(unit_in(design.setting.model, name), name)
-    return Number(factor * value, unit=unit, shown=_shown(design, name, value))
-
-
-def _shown(design: DesignResult, name: str, value: float) -> str:
-    factor, unit = shown_in(unit_in(design.setting.model, name), name)
-    return f"{factor * value:.3g}{spaced(unit)}"
-
-
-def units_shown(design: DesignResult) -> Mapping[str, str]:
-    """Unit inside of every channel."""
-    return {
-        name: unit_in(design.setting.model, name)
-        for name in (*design.setting.rest, *design.setting.noise)
-    }
-
-
 # ---- The content of design.json: SI, load factors in g and as totals
 
 SCHEMA = "flightid/design/1"
@@ -347,6 +166,7 @@ def design_content(design: DesignResult) -> dict[str, Any]:
         "duration": float(setting.room.time[-1]),
         "rate": setting.rate,
         "hold": "previous",
+        "flown_by": setting.flown.name,
         "noise": dict(setting.noise),
         "trim": dict(setting.rest),
         "limits": {
@@ -381,6 +201,7 @@ def maneuver_content(design: DesignResult, maneuver: DesignedManeuver) -> dict[s
         "scale": maneuver.flight.scale,
         "held_by": maneuver.flight.bound_by or "amplitude",
         "extremes": {name: list(ends) for name, ends in maneuver.flight.extremes.items()},
+        "margins": dict(maneuver.flight.margins),
         "mean_sigma": maneuver.criterion,
         "sigmas": {name: std for name, std in maneuver.sigmas.items() if math.isfinite(std)},
     }
@@ -515,7 +336,13 @@ def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
         summary=(),
         warnings=(),
         sections=(
+            *section("Figures", *figures(drawn)),
             *section("Maneuvers", maneuvers_table(design)),
+            *(
+                section("Margins to the limits", margins_table(design, f"The {design.best.kind}"))
+                if setting.limits.outputs
+                else ()
+            ),
             *(
                 section(
                     "Who is told from whom",
@@ -530,7 +357,6 @@ def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
                 responses_table(design, "Of one flight") if design.best.responses else None,
             ),
             *section("Expected standard deviations", sigmas_table(design, "Cramer-Rao bounds")),
-            *section("Figures", *figures(drawn)),
             *section(
                 "What it rests on", Bullets(tuple(map(as_sentence, map(capital, notes_of(design)))))
             ),

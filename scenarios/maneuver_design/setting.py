@@ -13,20 +13,28 @@ import numpy as np
 
 from ident.maneuver_design import Planned
 from ident.whole_record.layout import FitSettings
-from scenarios.files.declarations import closest, read_toml
+from scenarios.files.declarations import closest
 from scenarios.files.formats.cells import plain_number
 from scenarios.files.schemas import number_in
 from scenarios.files.sources import Source
 from scenarios.files.user_models import OwnModel, channel_units, inputs_at_rest, is_own, unit_in
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.identification.model_checks import PULSE, doublet_motion
+from scenarios.maneuver_design.limits import (
+    COMPUTER,
+    PILOT,
+    Flyer,
+    Limits,
+    limits_of,
+    usual_limits,
+    with_usual_rates,
+)
 from scenarios.preparation.declared_model import (
     model_of_file,
     outputs_with_bias,
     root_sizes,
     step_for,
 )
-from scenarios.preparation.measured_inputs import of_totals
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.errors import DeclarationError
@@ -39,7 +47,7 @@ from sim.maneuvers import (
     least_peak_multisine,
     three_two_one_one,
 )
-from sim.maths import G0, complex_step_jacobian
+from sim.maths import complex_step_jacobian
 from sim.record import Channel, Hold, Record
 
 # ---- What a design is asked, in the words of its command line, which do it again
@@ -60,7 +68,8 @@ class DesignRequest:
     the first effect's own parameters. values : derivatives that are better known than from the
     vehicle file. noise, amplitude : by output, by input. duration, rate : s and samples a second;
     None: as the model's roots, or the band, ask for. band : Hz; sweeps and multisines over it,
-    compared by the frequency responses that they give. pilot : a pilot flies the sweep by hand.
+    compared by the frequency responses that they give. computer : a flight computer moves the
+    controls, not a pilot.
     """
 
     model: str | OwnModel
@@ -74,7 +83,7 @@ class DesignRequest:
     duration: float | None = None
     rate: float | None = None
     band: tuple[float, float] | None = None
-    pilot: bool = False
+    computer: bool = False
     command_names: Mapping[str, str] = field(default_factory=dict)
 
     def command(self) -> str:
@@ -96,8 +105,13 @@ class DesignRequest:
         words += ["--duration", f"{self.duration:g}"] if self.duration is not None else []
         words += ["--rate", f"{self.rate:g}"] if self.rate is not None else []
         words += ["--band", *(f"{each:g}" for each in self.band)] if self.band is not None else []
-        words += ["--pilot"] if self.pilot else []
+        words += ["--computer"] if self.computer else []
         return shlex.join(words)
+
+    @property
+    def flown(self) -> Flyer:
+        """Who moves the controls."""
+        return COMPUTER if self.computer else PILOT
 
 
 # ---- Maneuvers of equal peak amplitude and equal length
@@ -115,7 +129,8 @@ class Room:
     The first and last two pulses are rest: the trim shows, and the motion dies out.
     ``corners`` : rad/s of each input, above which a sine of full amplitude is faster than the limit
     of its rate: limit over amplitude; empty where no rate is limited. ``band`` : rad/s, of sweeps
-    and multisines; None follows the pace.
+    and multisines; None follows the pace. ``longest_sweep``, ``rest`` : s, of one sweep, and
+    between steps.
     """
 
     time: np.ndarray
@@ -123,6 +138,8 @@ class Room:
     inputs: int
     corners: tuple[float, ...] = ()
     band: tuple[float, float] | None = None
+    longest_sweep: float = math.inf
+    rest: float = 0.0
 
     def corner(self, one: int) -> float:
         """The corner of an input, rad/s; infinite where its rate is not limited."""
@@ -158,7 +175,7 @@ def steps_in_turn(
     """A maneuver of ``units`` paces on one input after the other, each round with the other sign,
     while there is time.
     """
-    length, gap = units * pace, max(2.0 * room.pulse, pace)
+    length, gap = units * pace, max(2.0 * room.pulse, pace, room.rest)
     out = np.zeros((room.inputs, len(room.time)))
     at, count = room.lead, 0
     while at + length <= room.lead + room.active + 1e-9:
@@ -174,7 +191,7 @@ def sweeps(room: Room, pace: float) -> Shapes:
 
     Where it would be faster than the limit of the rate, its amplitude falls with the frequency.
     """
-    each = room.active / room.inputs
+    each = min(room.active / room.inputs, room.longest_sweep)
     low, high = max(2.0 * math.pi / each, SLOWEST * 1.5 / room.pulse), math.pi / pace
     low, high = room.band or (low, high)
     if high < 1.5 * low:
@@ -227,25 +244,7 @@ KINDS: Mapping[str, Callable[[Room, float], Shapes]] = {
     "multisine": multisines,
 }
 OVER_A_BAND = ("sweep", "multisine")  # kinds that take a band
-BY_HAND = ("sweep",)  # of these, what a pilot can fly
-# Hz, to which a pilot follows a sweep: Tischler and Remple, "Aircraft and Rotorcraft System
-# Identification", 2nd edition, AIAA 2012, chapter 5; Williams, Ham and Tischler, "Flight Test
-# Manual, Rotorcraft Frequency Domain Flight Testing", US Army AQTD Project 93-14, 1995.
-FASTEST_BY_HAND = 2.0
 PACE_IS = {"3-2-1-1": "step", "doublet": "step", "sweep": "up to", "multisine": "up to"}
-
-
-def no_faster(rows: np.ndarray, rate: np.ndarray, interval: float) -> np.ndarray:
-    """Samples ``(inputs, N)`` that follow ``rows`` and change by no more than ``rate (inputs,)`` in
-    a second.
-    """
-    out = rows.copy()
-    if not np.any(np.isfinite(rate)):
-        return out
-    most = rate * interval
-    for k in range(1, rows.shape[1]):
-        out[:, k] = out[:, k - 1] + np.clip(rows[:, k] - out[:, k - 1], -most, most)
-    return out
 
 
 def as_held(record: Record) -> dict[str, MultiStep]:
@@ -257,142 +256,6 @@ def as_held(record: Record) -> dict[str, MultiStep]:
     return {
         channel.name: MultiStep(tuple(channel.values.tolist()), times) for channel in record.inputs
     }
-
-
-# ---- What a maneuver must not exceed
-
-DEGREE = np.pi / 180.0
-# Chosen: gentle flying that perturbations about trim still describe; load factors are totals, 1 in
-# level flight.
-USUAL: Mapping[str, tuple[float, float]] = {
-    "nz": (0.0, 2.0),
-    "ny": (-0.5, 0.5),
-    **{
-        name: (-size * DEGREE, size * DEGREE)
-        for name, size in {"q": 25.0, "beta": 10.0, "p": 60.0, "r": 20.0, "phi": 60.0}.items()
-    },
-}
-# either side of the trim; of the airspeed a share
-ANGLE_OF_ATTACK, PITCH, SPEED = 8.0 * DEGREE, 20.0 * DEGREE, 0.1
-DEFLECTION = 5.0 * DEGREE
-THRUST = 0.05  # of the weight
-
-
-@dataclass(frozen=True)
-class Limits:
-    """``outputs`` : lowest and highest reading, SI and total load factors; ``amplitude`` : largest
-    deflection from rest by input; ``rate`` : its fastest change, unit/s, by input where it is
-    limited."""
-
-    outputs: Mapping[str, tuple[float, float]]
-    amplitude: Mapping[str, float]
-    rate: Mapping[str, float]
-
-
-def offset_of(model: Model, output: str) -> float:
-    """What is added to an output of the model to have the total: of a load factor of perturbations
-    the weight.
-    """
-    return 1.0 if output == "nz" and not of_totals(model) else 0.0
-
-
-def usual_limits(model: Model, rest: Mapping[str, float]) -> Limits:
-    """Limits where nobody names any. ``rest`` : outputs in trim. A user's own model has those of
-    channels that it calls the same.
-    """
-    outputs: dict[str, tuple[float, float]] = {}
-    for signal in model.equations.outputs:
-        name, at = signal.name, rest[signal.name]
-        if name == "alpha" and signal.unit == "rad":
-            outputs[name] = (at - ANGLE_OF_ATTACK, at + ANGLE_OF_ATTACK)
-        elif name == "theta" and signal.unit == "rad":
-            outputs[name] = (at - PITCH, at + PITCH)
-        elif name == "airspeed" and at > 0.0:
-            outputs[name] = ((1.0 - SPEED) * at, (1.0 + SPEED) * at)
-        elif name in USUAL and (not is_own(model) or signal.unit in ("rad", "rad/s")):
-            outputs[name] = USUAL[name]
-    return Limits(
-        outputs,
-        {
-            signal.name: _usual_amplitude(model, signal.name, signal.unit)
-            for signal in model.equations.inputs
-        },
-        {},
-    )
-
-
-def limits_of(given: Path | Mapping[str, Any] | None, model: Model, usual: Limits) -> Limits:
-    """The usual limits with those of a file, or of its content, in their place.
-
-    Keys: ``OUTPUT_max`` (alone it holds to both sides of zero, but of a load factor),
-    ``OUTPUT_min``, ``INPUT_amplitude``, ``INPUT_rate``.
-
-    Raises
-    ------
-    DeclarationError : a key that there is not, a value of a wrong kind, unit or sign, a lowest
-    above a highest.
-    """
-    if given is None:
-        return usual
-    where = str(given) if isinstance(given, Path) else "limits"
-    content = read_toml(given) if isinstance(given, Path) else dict(given)
-    known = _keys(model)
-    outputs, amplitude, rate = dict(usual.outputs), dict(usual.amplitude), dict(usual.rate)
-    found: dict[str, dict[str, float]] = {}
-    for key, value in content.items():
-        if key not in known:
-            raise DeclarationError(
-                "there is no such key", where=f"{where}, key {key}", remedy=closest(key, known)
-            )
-        name, kind, unit = known[key]
-        number = number_in(value, unit, f"{where}, key {key}")
-        if kind in ("amplitude", "rate"):
-            if number <= 0.0:
-                raise DeclarationError(
-                    f"value {number:g} is not above 0",
-                    where=f"{where}, key {key}",
-                    remedy="give a positive number",
-                )
-            (amplitude if kind == "amplitude" else rate)[name] = number
-        else:
-            found.setdefault(name, {})[kind] = number
-    for name, ends in found.items():
-        low, high = outputs.get(name, (-np.inf, np.inf))
-        high = ends.get("max", high)
-        # A pull-up's limit says nothing of a push-over's; an angle's or a rate's holds to both
-        # sides.
-        low = ends.get(
-            "min", low if name in ("nz", "airspeed") or "max" not in ends else -abs(high)
-        )
-        if not low < high:
-            raise DeclarationError(
-                f"{low:g} is not below {high:g}",
-                where=f"{where}, key {name}_max",
-                remedy="give a highest above the lowest",
-            )
-        outputs[name] = (low, high)
-    return Limits(outputs, amplitude, rate)
-
-
-def _keys(model: Model) -> dict[str, tuple[str, str, str]]:
-    """Key -> channel, what it limits, and its unit."""
-    out: dict[str, tuple[str, str, str]] = {}
-    for signal in model.equations.outputs:
-        out |= {f"{signal.name}_{end}": (signal.name, end, signal.unit) for end in ("min", "max")}
-    for signal in model.equations.inputs:
-        unit = unit_in(model, signal.name)
-        out[f"{signal.name}_amplitude"] = (signal.name, "amplitude", unit)
-        out[f"{signal.name}_rate"] = (signal.name, "rate", "1/s" if unit == "1" else f"{unit}/s")
-    return out
-
-
-def _usual_amplitude(model: Model, name: str, unit: str) -> float:
-    """An angle of some degrees; thrust of a share of the weight; one of any other unit."""
-    if unit == "rad":
-        return DEFLECTION
-    if name == "thrust" and "mass" in model.parameters:
-        return THRUST * model.parameters["mass"].value * G0
-    return 1.0
 
 
 # ---- From what is asked to what flies
@@ -425,7 +288,7 @@ class Setting:
     """What a design works on.
 
     ``model`` has its biases and starts in trim; ``rest`` are the inputs there, ``still`` the
-    outputs, by name. ``step`` s of a fit.
+    outputs, by name. ``step`` s of a fit; ``flown`` : who moves the controls.
     """
 
     vehicle: VehicleFile
@@ -436,6 +299,7 @@ class Setting:
     rest: Mapping[str, float]
     still: Mapping[str, float]
     step: float
+    flown: Flyer = PILOT
 
     @property
     def rate(self) -> float:
@@ -496,7 +360,7 @@ def setting_of(asked: DesignRequest) -> Setting:
     )
     model, rest = in_trim(model)
     still = _outputs_at(model, rest)
-    pulse = PULSE / _frequency(model, rest)
+    pulse = max(PULSE / _frequency(model, rest), asked.flown.shortest_step)
     _refuse_band(asked)
     room = _room(asked, model, pulse)
     noise = _noise(asked, model)
@@ -504,10 +368,11 @@ def setting_of(asked: DesignRequest) -> Setting:
     inputs = {signal.name: unit_in(model, signal.name) for signal in model.equations.inputs}
     amplitude = _positive(numbers_of(asked.amplitude, inputs, "--amplitude"), "--amplitude")
     limits = replace(limits, amplitude={**limits.amplitude, **amplitude})
+    limits = with_usual_rates(limits, model, asked.flown)
     corners = [limits.rate.get(name, math.inf) / size for name, size in limits.amplitude.items()]
     room = replace(room, corners=tuple(corners) if np.any(np.isfinite(corners)) else ())
     biased = model.with_biases(outputs_with_bias(model, list(noise)))
-    setting = Setting(vehicle, biased, room, limits, noise, rest, still, 0.01)
+    setting = Setting(vehicle, biased, room, limits, noise, rest, still, 0.01, asked.flown)
     return replace(
         setting,
         step=step_for(model, [setting.planned(np.zeros((len(rest), len(room.time)))).record], 0.01),
@@ -586,18 +451,21 @@ def _frequency(model: Model, rest: Mapping[str, float]) -> float:
 def _refuse_band(asked: DesignRequest) -> None:
     """Raise DeclarationError for a band that is none, or for effects beside it."""
     if asked.band is None:
-        if asked.pilot:
-            what = "a pilot's sweep needs its band"
-            raise DeclarationError(what, where="--pilot", remedy="add --band LOW HIGH in Hz")
         return
     low, high = asked.band
-    if asked.pilot and high > FASTEST_BY_HAND:
-        what = f"a pilot does not follow a sweep to {high:g} Hz by hand"
-        remedy = f"give {FASTEST_BY_HAND:g} Hz at most, or leave --pilot out"
-        raise DeclarationError(what, where="--band, --pilot", remedy=remedy)
     if not (0.0 < 1.5 * low <= high and math.isfinite(high)):
         remedy = "give LOW HIGH in Hz, the higher one and a half times the lower or more"
         raise DeclarationError(f"{low:g} to {high:g} Hz is no band", where="--band", remedy=remedy)
+    flown = asked.flown
+    if high > flown.fastest:
+        what = f"{flown.name} does not follow a sweep to {high:g} Hz by hand"
+        remedy = f"give {flown.fastest:g} Hz at most, or --computer if no pilot flies it"
+        raise DeclarationError(what, where="--band", remedy=remedy)
+    if CYCLES / low > flown.longest_sweep:
+        what = f"five periods of {low:g} Hz are longer than a sweep by hand"
+        least = math.ceil(1e3 * CYCLES / flown.longest_sweep) / 1e3
+        remedy = f"give {least:g} Hz or more, or --computer if no pilot flies it"
+        raise DeclarationError(what, where="--band", remedy=remedy)
     if asked.tell:
         what = "maneuvers for a band are compared by responses, not by effects"
         raise DeclarationError(what, where="--band, --tell", remedy="leave one of them out")
@@ -639,7 +507,14 @@ def _room(asked: DesignRequest, model: Model, pulse: float) -> Room:
         raise DeclarationError(
             f"{count} samples", where="--duration, --rate", remedy=f"ask for {MOST_SAMPLES} at most"
         )
-    room = Room(np.arange(count + 1) / rate, pulse, len(model.equations.inputs), band=band)
+    room = Room(
+        np.arange(count + 1) / rate,
+        pulse,
+        len(model.equations.inputs),
+        band=band,
+        longest_sweep=asked.flown.longest_sweep,
+        rest=asked.flown.rest,
+    )
     if count < 20 or room.active < 4.0 * pulse * room.inputs:
         raise DeclarationError(
             f"{duration:g} s leave no room for a maneuver",

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ident.maneuver_design import Planned, simulated
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from scenarios.maneuver_design.setting import Setting, no_faster, offset_of
+from scenarios.maneuver_design.limits import no_faster, offset_of
+from scenarios.maneuver_design.setting import Setting
 from sim.errors import DeclarationError, ModelError
 
 # behind a limit of the rate the peak hardly follows the amplitude
@@ -22,6 +23,9 @@ TOO_WILD = 0.2  # by which a maneuver whose simulation leaves all measure is mad
 class LimitedManeuver:
     """A maneuver within its limits: ``rows (inputs, N)`` from rest, the share ``scale`` of the
     amplitude, its simulation, and extremes by output.
+
+    ``margins`` : by output, the share by which its excursion may grow until it reaches a limit;
+    an output that does not move, or has no limit, has none.
     """
 
     rows: np.ndarray
@@ -30,6 +34,7 @@ class LimitedManeuver:
     motion: FittedModel
     extremes: Mapping[str, tuple[float, float]]
     bound_by: str
+    margins: Mapping[str, float] = field(default_factory=dict)
 
 
 def within_limits(
@@ -58,9 +63,13 @@ def within_limits(
             scale *= TOO_WILD
             continue
         extremes = _extremes(setting, motion)
-        worst, name = _worst(setting, extremes)
+        shares = used_shares(setting, extremes)
+        worst, name = max(((share, name) for name, share in shares.items()), default=(0.0, ""))
         if worst <= 1.0:
-            return LimitedManeuver(rows, scale, planned, simulated(planned), extremes, bound_by)
+            margins = {name: 1.0 / share - 1.0 for name, share in shares.items() if share > 0.0}
+            return LimitedManeuver(
+                rows, scale, planned, simulated(planned), extremes, bound_by, margins
+            )
         scale, bound_by = scale * INSIDE / worst ** (1.0 if attempt < USUALLY else STUBBORN), name
     raise DeclarationError(
         f"no maneuver stays within {bound_by or 'the limits'}",
@@ -81,9 +90,9 @@ def _extremes(setting: Setting, motion: FittedModel) -> dict[str, tuple[float, f
     }
 
 
-def _worst(setting: Setting, extremes: Mapping[str, tuple[float, float]]) -> tuple[float, str]:
-    """The largest excursion from rest over what its limit allows, and whose it is."""
-    worst, whose = 0.0, ""
+def used_shares(setting: Setting, extremes: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+    """The excursion from rest over what its limit allows, of each output that has a limit."""
+    shares = {}
     for name, (low, high) in extremes.items():
         least, most = setting.limits.outputs.get(name, (-np.inf, np.inf))
         at = setting.still[name] + offset_of(setting.model, name)
@@ -93,7 +102,5 @@ def _worst(setting: Setting, extremes: Mapping[str, tuple[float, float]]) -> tup
                 where="--limits",
                 remedy="let the limits hold the rest",
             )
-        share = max((at - low) / (at - least), (high - at) / (most - at))
-        if share > worst:
-            worst, whose = share, name
-    return worst, whose
+        shares[name] = max((at - low) / (at - least), (high - at) / (most - at))
+    return shares

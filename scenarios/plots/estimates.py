@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -30,6 +31,7 @@ from scenarios.plots.style import (
     GREEN,
     GREY,
     LABEL_SIZE,
+    ORANGE,
     SKY,
     TICK_SIZE,
     TRUE,
@@ -106,6 +108,108 @@ def figure_parameter_histories(
     for panel in sheet.panels[-columns:]:
         time_axis(panel)
     return finish(sheet, title, head=0.24)
+
+
+def figure_watched(
+    time: np.ndarray,
+    courses: Mapping[str, tuple[str, np.ndarray, np.ndarray]],
+    reference: Mapping[str, ValueAndStd] = MappingProxyType({}),
+    title: str = "",
+) -> Figure:
+    """Estimates of a stream over its time with a band of two standard deviations, a panel each.
+
+    Parameters
+    ----------
+    time : ``(N,)`` s. courses : by parameter its unit, values and standard deviations ``(N,)``.
+    reference : a dashed line and a band of two standard deviations.
+
+    An axis shows where an estimate settles, so a wide band may begin outside.
+    """
+    columns = 2 if len(courses) <= 4 else 3
+    rows = -(-len(courses) // columns)
+    sheet = make_sheet(
+        [1.15] * rows, (1.0,) * columns, count=len(courses), row_gap=0.36, column_gap=0.58, left=0.6
+    )
+    for panel, (name, (text, values, std)) in zip(sheet.panels, courses.items(), strict=True):
+        unit = display_unit(text, name)
+        x, sigma = unit.factor * values, unit.factor * std
+        caption(panel, axis_label(name, unit), LABEL_SIZE)
+        panel.fill_between(
+            time,
+            x - 2.0 * sigma,
+            x + 2.0 * sigma,
+            color=SKY,
+            alpha=0.35,
+            linewidth=0,
+            label="±2σ",
+        )
+        panel.plot(time, x, color=BLUE, linewidth=1.2, label="estimate")
+        later = slice(len(time) // 2, None)
+        ends = [
+            float(np.nanmin((x - 3.0 * sigma)[later])),
+            float(np.nanmax((x + 3.0 * sigma)[later])),
+        ]
+        if name in reference and reference[name][1] is not None:
+            value, wide = (unit.factor * float(each or 0.0) for each in reference[name])
+            panel.axhspan(
+                value - 2.0 * wide,
+                value + 2.0 * wide,
+                color=ORANGE,
+                alpha=0.2,
+                linewidth=0,
+                label="reference ±2σ",
+            )
+            ends += [value - 2.5 * wide, value + 2.5 * wide]
+        if np.all(np.isfinite(ends)) and max(ends) > min(ends):
+            panel.set_ylim(min(ends), max(ends))
+    for panel in sheet.panels[-columns:]:
+        time_axis(panel)
+    return finish(sheet, title, head=0.24)
+
+
+def figure_poles(poles: np.ndarray, draws: np.ndarray, title: str = "") -> Figure:
+    """Poles of an identified model in the upper half of the complex plane, with the cloud of what
+    the covariance of the estimates allows.
+
+    Parameters
+    ----------
+    poles : ``(n,)`` complex, 1/s. draws : ``(N, n)``, poles at estimates drawn from the covariance.
+
+    Poles right of the axis are unstable. The distance from the origin is the natural frequency, the
+    cosine of the angle to the negative real axis the damping ratio.
+    """
+    sheet = make_sheet([2.6], left=0.75)
+    panel = sheet.panels[0]
+    cloud, shown = (np.ravel(each)[np.ravel(each).imag >= -1e-9] for each in (draws, poles))
+    panel.axvline(0.0, **ZERO)
+    panel.axhline(0.0, **ZERO)
+    panel.plot(
+        cloud.real,
+        cloud.imag,
+        linestyle="none",
+        marker=".",
+        markersize=3.5,
+        markeredgewidth=0.0,
+        color=SKY,
+        label="drawn from the covariance",
+    )
+    panel.plot(
+        shown.real,
+        shown.imag,
+        linestyle="none",
+        marker="x",
+        markersize=7.0,
+        markeredgewidth=1.6,
+        color=BLUE,
+        label="estimate",
+    )
+    panel.set_xlabel("real part (1/s)", fontsize=LABEL_SIZE)
+    y_label(panel, "imaginary part (rad/s)")
+    reach = max(float(np.abs(shown).max(initial=0.0)), 1e-3)
+    low, high = float(shown.real.min(initial=0.0)), float(shown.real.max(initial=0.0))
+    panel.set_xlim(low - 0.25 * reach, high + 0.25 * reach)
+    panel.set_ylim(-0.1 * reach, 1.3 * float(shown.imag.max(initial=0.0)) + 0.1 * reach)
+    return finish(sheet, title, head=0.2)
 
 
 def _unit(history: FilterHistory, name: str, unit: str, true: float) -> DisplayUnit:

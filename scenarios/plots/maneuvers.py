@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ident.maneuver_detection import AXES, PAUSE, Maneuver
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, axis_label, display_unit, plain
@@ -483,6 +484,7 @@ def figure_effects(
             1 + np.arange(len(flights)), [plain(flight) for flight in flights], rotation=90
         )
     else:
+        panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         panel.set_xlabel(
             f"flight, in the order of the file: {plain(flights[0])} to {plain(flights[-1])}",
             fontsize=LABEL_SIZE,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ident.compatibility.kinematics import UNITS
 from ident.compatibility.trials import Reconstruction
@@ -189,6 +190,13 @@ def figure_fit(
     return finish(sheet, title, head=0.16)
 
 
+def context(record: Record, shown: Sequence[str]) -> list[Channel]:
+    """What stands above the outputs ``shown``: the inputs, and outputs of which no model speaks,
+    such as the airspeed.
+    """
+    return [*record.inputs, *(each for each in record.outputs if each.name not in shown)]
+
+
 def _alone(panels: Sequence[Axes], record: Record, channels: Sequence[Channel]) -> None:
     """A panel for each channel that nothing is estimated of, held inputs as steps."""
     held = record.hold is Hold.PREVIOUS
@@ -198,6 +206,7 @@ def _alone(panels: Sequence[Axes], record: Record, channels: Sequence[Channel]) 
         steps = held and channel.name in record.input_names
         style = "steps-post" if steps else "default"
         panel.plot(record.time, values, color=GREEN, linewidth=1.2, drawstyle=style)
+        panel.yaxis.set_major_locator(MaxNLocator(3))
         y_label(panel, axis_label(channel.name, unit))
 
 

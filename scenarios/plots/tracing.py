@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: derivatives, evidence, residuals and their spectra, values by record."""
+"""Figures of a diagnosis: derivatives, evidence, values by record."""
 
 from __future__ import annotations
 
@@ -9,21 +9,18 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
+from matplotlib.ticker import MaxNLocator
 
-from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
+from ident.tracing.diagnosis import Candidate, Quantity
 from scenarios.plots.display import (
-    MEASURED_DATA,
     NamedEffects,
     Replicated,
-    axis_label,
     display_unit,
     is_alternative,
     plain,
     reason,
     symbol,
 )
-from scenarios.plots.signals import Response, figure_fit
 from scenarios.plots.style import (
     BLACK,
     BLUE,
@@ -37,13 +34,10 @@ from scenarios.plots.style import (
     ZERO,
     Sheet,
     caption,
-    decades,
     finish,
     folded,
     make_sheet,
-    method_style,
     text_width,
-    time_axis,
     y_label,
 )
 from scenarios.report.quantities import displayed, value_text
@@ -157,8 +151,8 @@ class _Round:
 def figure_evidence(
     candidates: Sequence[Candidate], standing: NamedEffects = NOTHING, title: str = ""
 ) -> Figure:
-    """A panel a round: how far each candidate's log posterior odds lie below the best one's, as
-    numbers, and why it was not chosen.
+    """A panel a round: the gain of each candidate, its log posterior odds against the model of the
+    round, as a bar and a number, and why it was not chosen.
 
     Filled bars were fitted, open ones are linearised. The rounds are those that led to what stands,
     ``PANELS`` at most.
@@ -247,14 +241,13 @@ def _colour(c: Candidate, standing: NamedEffects) -> str:
 
 
 def _draw_odds(panel: Axes, each: _Round, standing: NamedEffects) -> None:
-    """Bars from the left edge to how far the odds lie below the best, on a scale that is linear up
-    to one and logarithmic from there.
+    """A bar for the gain of each candidate, from zero; one below zero, which is no gain, to the
+    left.
     """
-    best = max(c.weight for c in each.shown)
-    behind = [best - c.weight for c in each.shown]
-    edge = -max(2.0 * max(behind), 10.0)
-    panel.set_xscale("symlog", linthresh=1.0, linscale=0.6)
-    for y, c, below in zip(_places(each), each.shown, behind, strict=True):
+    gains = [c.weight for c in each.shown]
+    most, least = max(*gains, 0.0), min(*gains, 0.0)
+    low = max(least, -0.25 * most) if most > 0.0 else least
+    for y, c, gain in zip(_places(each), each.shown, gains, strict=True):
         colour = _colour(c, standing)
         what = (
             "claimed"
@@ -267,8 +260,7 @@ def _draw_odds(panel: Axes, each: _Round, standing: NamedEffects) -> None:
         )
         panel.barh(
             y,
-            -below - edge,
-            left=edge,
+            max(gain, low),
             height=0.66,
             color=colour if c.fitted else "white",
             edgecolor=colour,
@@ -276,13 +268,9 @@ def _draw_odds(panel: Axes, each: _Round, standing: NamedEffects) -> None:
             label=what,
         )
     panel.axvline(0.0, **ZERO)
-    panel.set_xlim(edge, 0.6)
-    powers = [-(10.0**power) for power in range(int(np.log10(-edge)), -1, -1)]
-    panel.xaxis.set_major_locator(FixedLocator([*powers[:: 1 if len(powers) < 4 else 2], 0.0]))
-    panel.xaxis.set_minor_locator(NullLocator())
-    panel.xaxis.set_major_formatter(
-        FuncFormatter(lambda value, position: f"{value:.0f}".replace("-", "−"))
-    )
+    span = (most - low) or 1.0
+    panel.set_xlim(low - 0.02 * span, most + 0.04 * span)
+    panel.xaxis.set_major_locator(MaxNLocator(5))
     panel.set_yticks(_places(each), [plain(c.name) for c in each.shown], fontsize=_SMALL)
 
 
@@ -338,7 +326,8 @@ def _labels(sheet: Sheet, rounds: Sequence[_Round]) -> None:
         panel.grid(False, axis="y")
         panel.set_ylim(-1.55 if each.others else -0.55, len(each.shown) - 0.45)
         panel.spines["left"].set_color(LIGHT)
-    sheet.panels[-1].set_xlabel("log posterior odds below the best", fontsize=LABEL_SIZE)
+    gain = "gain: log posterior odds against the model of the round"
+    sheet.panels[-1].set_xlabel(gain, fontsize=LABEL_SIZE)
 
 
 def _odds(c: Candidate) -> str:
@@ -410,181 +399,3 @@ def _shown(quantities: Sequence[Quantity], name: str) -> tuple[np.ndarray, np.nd
         np.minimum(stds, 1e3 * np.maximum(np.abs(values), 1e-12)),
         np.abs(values),
     )
-
-
-# ---- Residuals and their spectra before and after, and the held-out record
-
-_BAND = "±2σ of the sensor noise"
-
-
-def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: str = "") -> Figure:
-    """Residuals of the fitted record against time, left with the declared model, right with the
-    effects, one scale for both.
-
-    Where nothing was added there is one column. ``noise`` is the noise's standard deviation by
-    channel. Samples that were set aside are ringed; angles in degrees.
-    """
-    shown = _measured(fitted)
-    count, same = len(shown), _same(fitted, [row for row, _ in shown])
-    sides = (
-        (("residual", fitted.after),)
-        if same
-        else (("before", fitted.before), ("after", fitted.after))
-    )
-    sheet = make_sheet([1.25] * count, (1.0,) * len(sides), row_gap=0.3, column_gap=0.42)
-    for line, (row, name) in zip(sheet.axes, shown, strict=True):
-        channel = fitted.record[name]
-        unit, valid = display_unit(channel.unit), channel.valid
-        aside = valid & ~fitted.used[row]
-        limit = 0.0
-        for panel, (when, residuals) in zip(line, sides, strict=True):
-            values = unit.factor * residuals[row]
-            _few_ticks(panel)
-            _band(panel, unit.factor * noise.get(name, 0.0))
-            panel.plot(
-                fitted.record.time[valid],
-                values[valid],
-                color=BLUE,
-                marker=".",
-                markersize=2.5,
-                markeredgewidth=0.0,
-                linestyle="none",
-                label="residual",
-            )
-            if np.any(aside):
-                ring: dict[str, Any] = {
-                    "marker": "o",
-                    "markersize": 5.5,
-                    "markerfacecolor": "none",
-                    "markeredgewidth": 0.9,
-                    "linestyle": "none",
-                }
-                panel.plot(
-                    fitted.record.time[aside],
-                    values[aside],
-                    color=VERMILION,
-                    label="set aside",
-                    **ring,
-                )
-            limit = max(limit, float(np.abs(values[valid]).max(initial=0.0)))
-            rms = (
-                float(np.sqrt(np.mean(values[valid & fitted.used[row]] ** 2)))
-                if np.any(valid & fitted.used[row])
-                else 0.0
-            )
-            caption(panel, f"{when}: rms {rms:#.3g} {unit.text}")
-        for panel in line:
-            panel.set_ylim(-1.08 * limit or -1.0, 1.08 * limit or 1.0)
-        for panel in line[1:]:
-            panel.tick_params(labelleft=False)
-        y_label(line[0], axis_label(name, unit))
-    for panel in sheet.axes[-1]:
-        time_axis(panel)
-    return finish(sheet, title, head=0.24)
-
-
-def figure_held_out(
-    prediction: Prediction, noise: Mapping[str, float], title: str = "", data: str = MEASURED_DATA
-) -> Figure:
-    """The predicted record: its inputs and airspeed, its other samples, called ``data``, predicted
-    with and without the effects, and below what each leaves; angles in degrees.
-
-    One prediction where nothing was added.
-    """
-    same = np.array_equal(prediction.after, prediction.before)
-    both = (("predicted after", prediction.after), ("predicted before", prediction.before))
-    shown = (("predicted", prediction.before),) if same else both
-    responses = [
-        Response(label, dict(zip(prediction.channels, values, strict=True)))
-        for label, values in shown
-    ]
-    record = prediction.record
-    speed = [
-        c for c in record.outputs if c.name == "airspeed" and c.name not in prediction.channels
-    ]
-    figure = figure_fit(record, responses, None, title, noise, data, above=[*record.inputs, *speed])
-    for panel in figure.axes:
-        _few_ticks(panel)
-    return figure
-
-
-def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str = "") -> Figure:
-    """Power spectra of the residuals before and after over that of the noise: white noise of the
-    right size lies at one. One where nothing was added.
-
-    Periodograms under a Hann window, averaged over neighbouring frequencies. Samples missing or set
-    aside count as zero, uneven sampling is read as even at its mean interval.
-    """
-    shown = _measured(fitted)
-    sheet = make_sheet([1.25] * len(shown), row_gap=0.3)
-    same = _same(fitted, [row for row, _ in shown])
-    interval = float(fitted.record.time[-1] - fitted.record.time[0]) / (len(fitted.record) - 1)
-    for panel, (row, name) in zip(sheet.panels, shown, strict=True):
-        used = fitted.used[row] & fitted.record[name].valid
-        panel.axhline(1.0, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)), label="white noise")
-        both = ((fitted.before[row], "before", 1), (fitted.after[row], "after", 0))
-        alone = ((fitted.after[row], "residual", 0),)
-        lines = alone if same else both
-        for residual, label, order in lines:
-            hertz, power = spectrum(
-                np.where(used, residual, 0.0), interval, int(np.count_nonzero(used))
-            )
-            panel.plot(
-                hertz,
-                power / (noise.get(name) or 1.0) ** 2,
-                label=label,
-                **method_style(order, alone=len(lines) == 1),
-            )
-        panel.set_yscale("log")
-        panel.set_xscale("log")
-        bottom, top = panel.get_ylim()
-        panel.set_ylim(max(bottom, 1e-2), min(max(top, 10.0), 1e6))
-        decades(panel.xaxis, (1.0, 2.0, 5.0))
-        decades(panel.yaxis)
-        y_label(panel, f"{symbol(name)}: power / noise (–)")
-    sheet.panels[-1].set_xlabel("frequency (Hz)", fontsize=LABEL_SIZE)
-    return finish(sheet, title, head=0.12)
-
-
-def spectrum(residual: np.ndarray, interval: float, used: int) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (Hz) and power of a series ``(N,)`` of which ``used`` samples are not zero by
-    default; white noise of variance s2 gives s2.
-    """
-    n = len(residual)
-    window = np.hanning(n)
-    share = float(np.sum(window**2)) * max(used, 1) / n
-    power = np.abs(np.fft.rfft(residual * window)) ** 2 / share
-    hertz = np.fft.rfftfreq(n, interval)
-    width = 1 if n < 100 else 5
-    smooth = np.convolve(power[1:], np.ones(width) / width, mode="valid")
-    return hertz[1 + width // 2 : 1 + width // 2 + len(smooth)], smooth
-
-
-def _same(fitted: FittedRecord, rows: Sequence[int]) -> bool:
-    """Whether before and after differ by less than a figure can show: nothing was added."""
-    change, size = (
-        np.abs(fitted.before - fitted.after)[rows].max(axis=1, initial=0.0),
-        np.abs(fitted.after)[rows].max(axis=1, initial=0.0),
-    )
-    return bool(np.all(change <= 5e-3 * size))
-
-
-def _measured(fitted: FittedRecord) -> list[tuple[int, str]]:
-    """Row and name of the channels that this record has; others of the fit may lack it."""
-    return [
-        (row, name)
-        for row, name in enumerate(fitted.channels)
-        if name in fitted.record.output_names
-    ]
-
-
-def _band(panel: Axes, sigma: float) -> None:
-    if sigma > 0.0:
-        panel.axhspan(-2.0 * sigma, 2.0 * sigma, color=SKY, alpha=0.25, linewidth=0, label=_BAND)
-    panel.axhline(0.0, **ZERO)
-
-
-def _few_ticks(panel: Axes) -> None:
-    """Ticks are most of what drawing costs, and a narrow panel has no room for many."""
-    for axis, bins in ((panel.xaxis, 5), (panel.yaxis, 3)):
-        axis.set_major_locator(MaxNLocator(nbins=bins, steps=[1, 2, 2.5, 5, 10]))

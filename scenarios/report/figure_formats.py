@@ -94,6 +94,7 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
             "Innovations with two sigmas, and their autocorrelation with the band of white noise"
         ),
         "correlation": "Correlation of the estimates",
+        "poles": "Poles of the estimate, with those that its covariance allows",
         "errors": "Errors of the estimates in sigmas",
         "repeated": "Errors over repeated flights in reported sigmas",
         "determination": "How far this record determines each parameter",

@@ -91,6 +91,15 @@ def figures(drawn: Sequence[Drawn]) -> tuple[Figure, ...]:
     return tuple(Figure(f"figure-{each.stem}", each.svg, each.caption, each.plot) for each in drawn)
 
 
+def first_figure(drawn: Sequence[Drawn]) -> tuple[tuple[Figure, ...], tuple[Figure, ...]]:
+    """The figure with which a page begins, inputs above outputs with their residuals, and the
+    others; without the one of the record alone, which shows the same.
+    """
+    fit = [each for each in drawn if each.stem == "fit"]
+    others = [each for each in drawn if each not in fit and not (fit and each.stem == "record")]
+    return figures(fit), figures(others)
+
+
 def _older(folder: Path) -> str:
     return "the study is of an older version" if _document(folder) else "it is no study folder"
 

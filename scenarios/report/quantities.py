@@ -228,7 +228,7 @@ def number_text(value: float, std: float | None = None) -> str:
     from math import floor, log10
 
     last = floor(log10(std)) - 1  # the decimal place of the deviation's second digit
-    if last >= -5:
+    if last >= -5 or (last >= -7 and abs(value) >= 0.01):
         return f"{value:.{max(0, -last)}f}"
     return f"{value:.{max(1, floor(log10(max(abs(value), std))) - last)}e}"
 

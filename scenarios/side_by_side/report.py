@@ -249,6 +249,7 @@ def compared_page(compared: SideBySide, drawn: Sequence[Drawn] = ()) -> Page:
             else []
         ),
         sections=(
+            *section("Figures", *figures(drawn)),
             *section("The studies", _studies(compared.columns)),
             *section("Estimates", *compared_tables(compared)),
             *section(
@@ -260,7 +261,6 @@ def compared_page(compared: SideBySide, drawn: Sequence[Drawn] = ()) -> Page:
                     )
                 ),
             ),
-            *section("Figures", *figures(drawn)),
         ),
         reproduction=reproduction(
             ["flightid", "compare", *(_named(column) for column in compared.columns)]

@@ -460,13 +460,13 @@ def campaign_page(
             as_sentence(line) for line in (broken, *cause_sentences(judgement.findings)) if line
         ),
         sections=(
+            *section("Figures", *figures(drawn)),
             *section("Bias and scatter", sizes_table(campaign), Prose(SIZES_NOTE, "note")),
             *section(
                 "Whether the sigmas are right",
                 *findings_blocks(judgement.findings),
                 *statistics_blocks(judgement.statistics),
             ),
-            *section("Figures", *figures(drawn)),
             *section(
                 "How it was made",
                 Prose(

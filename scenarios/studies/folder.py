@@ -163,13 +163,13 @@ def study_figures(study: StudyResult) -> Iterator[Named]:
         figure_equivalents,
         figure_repeated,
     )
-    from scenarios.plots.signals import figure_fit, figure_record
+    from scenarios.plots.signals import context, figure_fit, figure_record
     from scenarios.plots.studies import figure_determination
 
     scenario, main = study.scenario, study.main
     title = scenario.title
-    yield "record", partial(figure_record, study.record, title, SIMULATED_DATA)
     responses = [_response(method) for method in _told_apart(study)]
+    known = {name for each in responses for name in each.outputs}
     yield (
         "fit",
         partial(
@@ -180,8 +180,10 @@ def study_figures(study: StudyResult) -> Iterator[Named]:
             title,
             study.truth.noise_std,
             SIMULATED_DATA,
+            context(study.record, tuple(known)),
         ),
     )
+    yield "record", partial(figure_record, study.record, title, SIMULATED_DATA)
     for method in study.methods:
         if method.estimation.flight is not None:
             yield (

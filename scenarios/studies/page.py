@@ -19,7 +19,7 @@ from scenarios.report.document import (
     summary_sentences,
 )
 from scenarios.report.figure_formats import Drawn
-from scenarios.report.folder import figures
+from scenarios.report.folder import first_figure
 from scenarios.report.quantities import test_line
 from scenarios.report.shared_tables import (
     derived_table,
@@ -55,6 +55,7 @@ def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
     white = all(test.passed for test in main.tests)
     tone = "open" if outcome not in SETTLED else "good" if white else "fair"
     files = [("model", file.name, file.sha256) for file in scenario.files]
+    first, others = first_figure(drawn)
     return Page(
         title=capital(scenario.title),
         kind=f"Study {scenario.name}, {main.estimation.label}",
@@ -64,6 +65,7 @@ def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
         summary=summary_sentences(study_summary(study)),
         warnings=tuple(as_sentence(line) for line in (main.result.estimate.message,) if line),
         sections=(
+            *section("Recorded and estimated", *first),
             *section("What was found", *_found(study, main)),
             *section(
                 "Other methods", parts=tuple(_method(study, method) for method in study.methods[1:])
@@ -73,7 +75,7 @@ def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
             ),
             *_determined(study),
             *section("Structures from stiff to soft", *_swept(study)),
-            *section("Figures", *figures(drawn)),
+            *section("Further figures", *others),
             *section("Residuals and noise", *_evidence(study)),
             *section("How it was made", *_made(study)),
         ),

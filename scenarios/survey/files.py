@@ -208,6 +208,7 @@ def survey_page(
         ),
         warnings=tuple(map(as_sentence, survey.warnings)),
         sections=(
+            *section("Figures", *figures(drawn)),
             *section(
                 "New since the last survey",
                 Bullets(tuple(map(as_sentence, map(capital, fresh(survey))))),
@@ -227,7 +228,6 @@ def survey_page(
                 "Flights that stand out",
                 outlying_table(survey),
             ),
-            *section("Figures", *figures(drawn)),
             *section(
                 "Flights",
                 flights_table(survey, linked),

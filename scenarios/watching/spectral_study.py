@@ -12,13 +12,23 @@ from typing import Any
 from ident.estimate import Estimate
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_record
-from scenarios.report.document import Block, Page, as_sentence, capital, now, reproduction, section
+from scenarios.report.document import (
+    Block,
+    Page,
+    Section,
+    as_sentence,
+    capital,
+    now,
+    reproduction,
+    section,
+)
 from scenarios.report.folder import write_page
 from scenarios.report.quantities import console, number_text
 from scenarios.report.shared_tables import derived_table, estimates_table, fixed_table
 from scenarios.report.text_tables import TableColumn, print_table
 from scenarios.studies.comparison import SCHEMA
 from scenarios.studies.rows import Row
+from scenarios.watching.history_figure import history_section
 from scenarios.watching.reference import CrossValidation, Reference, comparisons, outside_of
 from scenarios.watching.session import Watch
 from scenarios.watching.spectral import (
@@ -127,7 +137,8 @@ def write_spectral(out: Path, watch: Watch, session: SpectralSession, name: str)
     items = items_of(session, found, watch.reference)
     with study_folder(out, "comparison.json") as scratch:
         record_file, _ = write_record(scratch, record_of(session))
-        (scratch / NAME).write_text(history_csv(session), encoding="ascii", newline="\n")
+        history = history_csv(session)
+        (scratch / NAME).write_text(history, encoding="ascii", newline="\n")
         digest = hashlib.sha256(record_file.read_bytes()).hexdigest()
         content = {
             "schema": SCHEMA,
@@ -148,15 +159,20 @@ def write_spectral(out: Path, watch: Watch, session: SpectralSession, name: str)
             },
             "versions": versions(),
         }
-        write_page(scratch, spectral_page(content, name, digest))
+        first = history_section(scratch, history, content, f"{content['vehicle']}: {name}")
+        write_page(scratch, spectral_page(content, name, digest, first))
         write_json(
             scratch / "comparison.json",
             {**content, "inputs": {"records": [name], "sha256": [digest]}},
         )
 
 
-def spectral_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
-    """The page of a stream that was identified in the frequency domain."""
+def spectral_page(
+    content: Mapping[str, Any], name: str, digest: str, first: tuple[Section, ...] = ()
+) -> Page:
+    """The page of a stream that was identified in the frequency domain; ``first``: the sections
+    with which it begins.
+    """
     stream = content["stream"]
     told = (
         f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} mended"
@@ -175,6 +191,7 @@ def spectral_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
         summary=(),
         warnings=tuple(map(as_sentence, content.get("warnings", ()))),
         sections=(
+            *first,
             *section("What was found", *found_blocks(content)),
             *section("How it was made", fixed_table("What was held", fixed)),
         ),

@@ -29,6 +29,7 @@ from scenarios.report.document import (
     Column,
     Number,
     Page,
+    Section,
     Table,
     as_sentence,
     capital,
@@ -42,6 +43,7 @@ from scenarios.report.shared_tables import derived_table, estimates_table, fixed
 from scenarios.report.summary import PAGE
 from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content
 from scenarios.studies.rows import Row
+from scenarios.watching.history_figure import history_section
 from scenarios.watching.reference import CrossValidation, Reference
 from scenarios.watching.rows import OUTPUTS
 from scenarios.watching.session import STARTED, Session, Step
@@ -324,9 +326,11 @@ def lines(bank: OnlineBank, steps: Sequence[Step], refine: bool = False) -> str:
 # ---- The page of a watch that has ended
 
 
-def watch_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
+def watch_page(
+    content: Mapping[str, Any], name: str, digest: str, first: tuple[Section, ...] = ()
+) -> Page:
     """The page of ``content``, what stands in ``comparison.json``; ``digest`` is that of the rows
-    that were taken.
+    that were taken, ``first`` the sections with which the page begins.
     """
     stream, reference, methods = (
         content["stream"],
@@ -357,6 +361,7 @@ def watch_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
         summary=(as_sentence(told),) if reference else (),
         warnings=tuple(content.get("warnings", ())),
         sections=(
+            *first,
             *section("What was found", *_found(content)),
             *section(
                 "As the stream left it", *(_found(methods["online"]) if "online" in methods else ())
@@ -509,14 +514,17 @@ def write_watch(
     """Write the study; the history that grew until now becomes one of its files."""
     with study_folder(out, "comparison.json") as scratch:
         record_file, _ = write_record(scratch, end.record)
-        (scratch / NAME).write_text(history.finish(), encoding="ascii", newline="\n")
+        told = history.finish()
+        (scratch / NAME).write_text(told, encoding="ascii", newline="\n")
         if session.spectral is not None and session.spectral.points:
             (scratch / FREQUENCY).write_text(
                 history_csv(session.spectral), encoding="ascii", newline="\n"
             )
         digest = hashlib.sha256(record_file.read_bytes()).hexdigest()
         content = watch_content(session, reference, end)
-        write_page(scratch, watch_page(content, name, digest))
+        title = f"{content['vehicle']}: {name}"
+        first = history_section(scratch, told, content, title)
+        write_page(scratch, watch_page(content, name, digest, first))
         write_json(
             scratch / "comparison.json",
             {**content, "inputs": {"records": [name], "sha256": [digest]}},

@@ -79,12 +79,12 @@ def loop_page(study: LoopStudy, drawn: Sequence[Drawn] = ()) -> Page:
         summary=tuple(as_sentence(line) for line in (qualities, scenario.findings) if line),
         warnings=(),
         sections=(
+            *section("Figures", *figures(drawn)),
             *tables["Estimate"],
             *section(
                 "What it says", *(Prose(as_sentence(line)) for line in sentences(study) if line)
             ),
             *(each for title, parts in tables.items() if title != "Estimate" for each in parts),
-            *section("Figures", *figures(drawn)),
             *section("Residuals", tests_table("Residual tests", study.tests)),
             *_made(study, window, choices),
         ),

@@ -125,3 +125,13 @@ def test_print_shows_the_article_alone(site: str, page: Page) -> None:
         and not page.locator("header.bd-header").is_visible()
     )
     keep_picture(page, "site-print")
+
+
+@pytest.mark.parametrize("word", ["delay", "sweep", "residual"])
+def test_search_ranks_guides_before_decisions_and_internals(
+    site: str, page: Page, word: str
+) -> None:
+    page.goto(f"{site}search.html?q={word}")
+    page.wait_for_function("document.querySelectorAll('#search-results li a').length > 10")
+    pages = [str(each.get_attribute("href")) for each in page.locator("#search-results li a").all()]
+    assert not any("decisions/" in each or "made/api/" in each for each in pages[:8]), pages[:8]

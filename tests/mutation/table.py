@@ -654,7 +654,7 @@ SCENARIOS = (
         ("record[name].values - record[name].values[0]", "record[name].values"),
     ),
     *changes(
-        "scenarios/maneuver_design/setting.py",
+        "scenarios/maneuver_design/limits.py",
         ("tests/unit/scenarios/maneuver_design/test_setting.py",),
         ("else -abs(high)", "else -np.inf"),
     ),

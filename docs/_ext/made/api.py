@@ -9,6 +9,7 @@ from pathlib import Path
 
 # The packages at the top, in the order in which a reader meets them.
 ROOTS = ("flightid", "scenarios", "ident", "sim")
+PUBLIC = "flightid"  # its names have pages of their own, made/python
 
 NOTEBOOK = re.compile(r"lab\d+_")
 
@@ -73,7 +74,7 @@ def package_page(folder: Path, readme: str, root: Path) -> str:
     # A name that the package takes from a module of the same name is told there.
     parts.append(
         automodule(name, [path.stem for path in modules])
-        if has_interface(folder / "__init__.py")
+        if has_interface(folder / "__init__.py") and name != PUBLIC
         else described(name)
     )
     parts += [f"## {path.name}\n\n{automodule(f'{name}.{path.stem}')}" for path in modules]

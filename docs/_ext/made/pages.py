@@ -8,7 +8,9 @@ from pathlib import Path
 from docs._ext.made.api import modules_of, overview, package_page, packages, page_of
 from docs._ext.made.commands import commands_page
 from docs._ext.made.effects import effects_page
+from docs._ext.made.gallery import gallery_page
 from docs._ext.made.models import models_page, names_page
+from docs._ext.made.python import python_pages
 from docs._ext.made.scenarios import scenario_pages, scenarios_page
 from docs._ext.made.vehicles import vehicles_page
 
@@ -17,6 +19,7 @@ FROM_CODE: Mapping[str, Callable[[], str]] = {
     "commands": commands_page,
     "scenarios": scenarios_page,
     "effects": effects_page,
+    "gallery": gallery_page,
     "models": models_page,
     "names": names_page,
     "vehicles": vehicles_page,
@@ -68,6 +71,7 @@ def made_pages(root: Path, turn: Callable[[str, str, str], str]) -> dict[str, st
     """
     pages = {f"made/{name}": write() for name, write in FROM_CODE.items()}
     pages |= {f"made/{name}": text for name, text in scenario_pages().items()}
+    pages |= {f"made/{name}": text for name, text in python_pages()}
     pages["made/api/README"] = overview(root)
     for path, page in copied(root):
         pages[f"made/{page}"] = turn(

@@ -86,11 +86,13 @@ CAPTIONS = {
     ),
     "residuals": "Residuals of the fitted data with the declared model and with the effects",
     "evidence": (
-        "Log posterior odds of each candidate below those of the best, and why it was not chosen; "
+        "Gain of each candidate as a bar, its log posterior odds, and why it was not chosen; "
         "open bars are linearised"
     ),
     "derivatives": "Derivatives with the declared model and with the effects",
-    "spectra": "Spectra of the residuals over that of the noise",
+    "spectra": (
+        "Spectra of the residuals over that of the noise, and their coherence with the inputs"
+    ),
 }
 DECLARED_CAPTIONS = {
     **CAPTIONS,
@@ -118,13 +120,8 @@ def draw_diagnosis(
 
 def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:
     """File stems of all figures, and what makes each."""
-    from scenarios.plots.tracing import (
-        figure_derivatives,
-        figure_evidence,
-        figure_held_out,
-        figure_residuals,
-        figure_spectra,
-    )
+    from scenarios.plots.residuals import figure_held_out, figure_residuals, figure_spectra
+    from scenarios.plots.tracing import figure_derivatives, figure_evidence
 
     kind, noise = pictured.kind, pictured.noise
     out: list[tuple[str, Callable[[], Figure]]] = []

@@ -264,10 +264,10 @@ def sweep_page(study: SweepStudy, drawn: tuple[Drawn, ...]) -> Page:
         summary=(as_sentence(summary.result),),
         warnings=tuple(map(as_sentence, cautions(study))),
         sections=(
+            *section("Figures", *figure_blocks(drawn)),
             *section("Against the truth", estimates_table("Parameters and margins", study.rows)),
             *section("Transfer function", *model),
             *section("Stability margins", *margins),
-            *section("Figures", *figure_blocks(drawn)),
             *section(
                 "What was flown",
                 Prose(scenario.about),

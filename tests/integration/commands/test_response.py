@@ -464,9 +464,9 @@ def test_a_loop_that_adds_has_the_same_margins(tmp_path: Path) -> None:
     assert minus.margins["phase_margin"]["value"] == pytest.approx(
         plus.margins["phase_margin"]["value"], rel=1e-9
     )
-    assert not any("--margins" in line for line in (*minus.warnings, *plus.warnings))
+    assert not any("margins=" in line for line in (*minus.warnings, *plus.warnings))
     wrong = fid.frequency_response(other, "command", "returned", margins="minus", **wanted)
-    assert any("--margins plus fits these signals" in line for line in wrong.warnings)
+    assert any('margins="plus" fits these signals' in line for line in wrong.warnings)
 
 
 def test_margins_without_an_excitation_say_that_they_are_biased() -> None:

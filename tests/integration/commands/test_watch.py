@@ -61,6 +61,7 @@ WRITTEN = {
     "report.html",
     "report.json",
     "study.txt",
+    "watched.png",
 }
 
 ROOT = Path(__file__).parents[3]
@@ -74,6 +75,7 @@ WRITTEN = {
     "report.html",
     "report.json",
     "study.txt",
+    "watched.png",
 }
 PARAMETERS = {
     "L_alpha",

@@ -5,7 +5,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from docs._ext import check
@@ -152,3 +155,72 @@ def test_the_check_of_a_site_finds_what_is_wrong(tmp_path: Path) -> None:
         "index.html: x.png: there is no such file",
         "x.css fetches from another host",
     ]
+
+
+def test_an_index_finds_the_objects_that_sphinx_finds() -> None:
+    """Oracle: the parent class, which looks through all objects."""
+    domains = pytest.importorskip("sphinx.domains.python", reason="the site's extra is absent")
+    from docs._ext.references import IndexedPythonDomain
+
+    names = ("a.Model", "a.b.Model", "a.b.Model.fit", "c.fit", "Model", "c.d", "c.d.fit", "e.M")
+    kinds = ("class", "class", "method", "function", "class", "module", "function", "data")
+    found = []
+    for domain in (domains.PythonDomain, IndexedPythonDomain):
+        env: Any = SimpleNamespace(domaindata={})
+        one = domain(env)
+        for number, (name, kind) in enumerate(zip(names, kinds, strict=True)):
+            one.data["objects"][name] = domains.ObjectEntry(f"page{number}", name, kind, False)
+        found.append(
+            [
+                one.find_obj(env, module, parent, name, role, mode)
+                for module in ("", "a", "a.b", "c", "c.d")
+                for parent in ("", "Model")
+                for name in ("Model", "fit", "fit()", "b.Model", "d.fit", "M", "ndarray", "")
+                for role in (None, "class", "func", "obj", "meth", "mod")
+                for mode in (0, 1)
+            ]
+        )
+    assert found[0] == found[1] and sum(map(len, found[0])) > 50
+
+
+def test_every_public_name_and_every_picture_is_shown() -> None:
+    import flightid
+    from docs._ext.made.gallery import PICTURES, gallery_page
+    from docs._ext.made.python import python_pages
+    from scenarios.studies.catalogue import scenario_names
+
+    pages = dict(python_pages())
+    public = {name for name in flightid.__all__ if not name.startswith("_")}
+    assert {name.rpartition("/")[2] for name in pages} == public | {"python"}
+    assert all(f"python/{name}.md" in pages["python"] for name in public)
+    shown = gallery_page()
+    pictures = sorted(PICTURES.glob("*.svg"))
+    assert len(pictures) > 80 and all(f"gallery/{each.name}" in shown for each in pictures), (
+        "docs/_ext/gallery_pictures.py makes them again"
+    )
+    assert all(f"scenario/{name}.md" in shown for name in scenario_names())
+    assert sum(each.stat().st_size for each in pictures) < 1_000_000
+
+
+def test_a_thumbnail_shows_lines_in_its_frame() -> None:
+    from xml.etree import ElementTree
+
+    from docs._ext.gallery_pictures import HEIGHT, WIDTH, thumbnail
+
+    time = np.linspace(0.0, 1.0, 500)
+    rows = [(np.array([time, time**2]), "#000000"), (np.array([0.0 * time]), "#111111")]
+    lines = [
+        each
+        for each in ElementTree.fromstring(thumbnail(rows, words="x")).iter()
+        if each.tag.endswith("polyline")
+    ]
+    assert [each.attrib["stroke"] for each in lines] == ["#888888", "#000000", "#111111"]
+    for each in lines:
+        points = np.array([pair.split(",") for pair in each.attrib["points"].split()], dtype=float)
+        assert np.all((points >= 0.0) & (points <= (WIDTH, HEIGHT))) and len(points) <= 160
+
+
+def test_the_sketch_of_axes_is_one_in_documents_and_labs() -> None:
+    shown = (ROOT / "docs" / "axes.svg").read_bytes()
+    assert shown == (ROOT / "flightid" / "labs" / "axes.svg").read_bytes()
+    assert all(sign in shown.decode() for sign in ("nose up", "right wing down", "trailing edge"))

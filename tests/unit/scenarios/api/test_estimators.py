@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import flightid as fid
-from scenarios.api.keywords import as_keywords
+from scenarios.api.keywords import as_keywords, in_python_words
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,11 @@ def test_a_prepared_record_is_what_the_keywords_prepare(
 
 def test_messages_name_keywords(record: fid.Record) -> None:
     assert as_keywords("use --method ekf, --from and --trust-record") == (
-        "use method= ekf, start= and trust_record="
+        'use method="ekf", start= and trust_record='
+    )
+    said = ("flightid identify a.csv --model rigid --start 3 --method filter-error estimates it",)
+    assert in_python_words(said) == (
+        'flightid.identify on the same records with method="filter-error" estimates it',
     )
     calls = [
         lambda: record.resample(1e4),

@@ -10,11 +10,12 @@ from typing import cast
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import lfilter
 
 import flightid
 from exam.coverage.independent_flights import flown
 from ident.estimate import Estimate
-from ident.statistics.residuals import ResidualTest
+from ident.statistics.residuals import MADE_BY_INPUTS, ResidualTest, share_from_inputs
 from scenarios.identification import conditions
 from scenarios.identification.conditions import (
     FILTER_ERROR,
@@ -118,3 +119,39 @@ def test_an_output_that_fails_two_tests_is_named_once(monkeypatch: pytest.Monkey
         for kind in ("whiteness", "size")
     ]
     assert disturbed_outputs([], estimate, tests) == ("alpha", "q")
+
+
+def test_outputs_that_are_all_late_are_no_rough_air() -> None:
+    """A delay common to all sensors moves all residuals together, as gusts do, but with the
+    inputs.
+    """
+    flight = flown("rigid", "white", 0)
+    frame = pd.DataFrame(flight.columns)
+    outputs = [name for name in frame if str(name).split()[0] in ("alpha", "q", "nz")]
+    frame[outputs] = frame[outputs].shift(4).bfill()
+    vehicle = {**flight.vehicle, "derivatives": dict(flight.start)}
+    found = flightid.identify(frame, "rigid", vehicle, hold="previous")
+    said = " ".join((*found.warnings, *found.details.found.notes))
+    assert "follow the inputs" in said and "--" not in " ".join(found.warnings)
+    assert not any(word in said for word in ("rough", "gusts", "turbulence"))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_share_from_inputs_is_that_of_a_response_and_not_of_noise(seed: int) -> None:
+    """A response of known share of the power is found as that share; red noise as nothing."""
+    rng = np.random.default_rng(seed)
+    count, interval = 1000, 0.02
+    u = np.repeat(rng.choice([-1.0, 0.0, 1.0], count // 25), 25)[None, :]
+    response = np.convolve(u[0], np.exp(-np.arange(150) * interval / 0.4))[:count]
+    noise = rng.standard_normal(count)
+    red = lfilter([1.0], [1.0, -0.97], rng.standard_normal(count))
+    rows = np.array([response / response.std() + noise, red, np.zeros(count)])
+    valid = np.ones((3, count), dtype=bool)
+    shares = share_from_inputs(rows, valid, u, interval)
+    assert shares[0] == pytest.approx(0.5, abs=0.1)
+    assert shares[1] < MADE_BY_INPUTS and shares[2] == 0.0
+    missing = valid.copy()
+    missing[0, rng.random(count) < 0.3] = False
+    with_gaps = share_from_inputs(np.where(missing, rows, 0.0), missing, u, interval)
+    assert with_gaps[0] == pytest.approx(0.5, abs=0.12)
+    assert np.all(share_from_inputs(rows, valid, u[:0], interval) == 0.0)

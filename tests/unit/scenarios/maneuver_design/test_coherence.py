@@ -15,15 +15,9 @@ from scipy import signal
 import flightid as fid
 from scenarios.cli import main
 from scenarios.maneuver_design.design import DesignResult, design
+from scenarios.maneuver_design.limits import no_faster
 from scenarios.maneuver_design.report import design_text
-from scenarios.maneuver_design.setting import (
-    KINDS,
-    DesignRequest,
-    Room,
-    multisines,
-    no_faster,
-    sweeps,
-)
+from scenarios.maneuver_design.setting import KINDS, DesignRequest, Room, multisines, sweeps
 from scenarios.plots.maneuvers import figure_coherence
 from sim.declaration.compile import compile_model
 from sim.maths import complex_step_jacobian
@@ -56,6 +50,7 @@ def planned(vehicle: Path) -> DesignResult:
             {"elevator_rate": "20 deg/s"},
             band=BAND,
             noise=("alpha=0.002", "q=0.01"),
+            computer=True,
         )
     )
 
@@ -122,6 +117,7 @@ def louder(vehicle: Path) -> DesignResult:
             {"elevator_rate": "20 deg/s"},
             band=BAND,
             noise=("alpha=0.012", "q=0.06"),
+            computer=True,
         )
     )
 
@@ -205,6 +201,7 @@ def test_the_command_and_python(
         "--band",
         "0.2",
         "3",
+        "--computer",
     ]
     assert typed(*command, "--out", out) == 0
     printed = " ".join(capsys.readouterr().out.split())
@@ -218,7 +215,7 @@ def test_the_command_and_python(
     assert (out / "coherence.png").is_file() and "Expected frequency responses" in (
         out / "report.html"
     ).read_text()
-    plan = fid.design("rigid", vehicle, band=(0.2, 3.0))
+    plan = fid.design("rigid", vehicle, band=(0.2, 3.0), computer=True)
     frame = plan.coherence("q", "elevator")
     assert frame["coherence"].tolist() == pairs[1]["coherence"]
     with pytest.raises(fid.InputError, match="there is no 'p'"):
@@ -238,10 +235,15 @@ def test_laws_of_its_figure(planned: DesignResult) -> None:
     ("more", "said"),
     [
         (["--band", "3", "0.2"], "3 to 0.2 Hz is no band"),
+        (["--band", "0.2", "3"], "a pilot does not follow a sweep to 3 Hz by hand"),
+        (["--band", "0.01", "1"], "give 0.042 Hz or more, or --computer"),
         (["--band", "0", "2"], "0 to 2 Hz is no band"),
-        (["--band", "0.2", "3", "--tell", "input-delay,actuator-lag"], "not by effects"),
-        (["--band", "0.2", "3", "--rate", "20"], "too few for 3 Hz"),
-        (["--band", "0.05", "3", "--duration", "20"], "too short for 0.05 Hz"),
+        (
+            ["--band", "0.2", "3", "--computer", "--tell", "input-delay,actuator-lag"],
+            "not by effects",
+        ),
+        (["--band", "0.2", "3", "--computer", "--rate", "20"], "too few for 3 Hz"),
+        (["--band", "0.05", "3", "--computer", "--duration", "20"], "too short for 0.05 Hz"),
     ],
 )
 def test_bad_bands_are_one_line(

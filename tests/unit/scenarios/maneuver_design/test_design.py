@@ -8,6 +8,7 @@ import csv
 import json
 import shlex
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +20,9 @@ from ident.tracing.diagnosis import Claim, Quantity, Verdict
 from scenarios.diagnosis.deciding import deciding_maneuver
 from scenarios.files.records import read_record
 from scenarios.maneuver_design.design import DesignResult, design
+from scenarios.maneuver_design.limits import ACTUATOR_RATE, PILOT, no_faster, offset_of
 from scenarios.maneuver_design.report import MAIN, design_text, write_design
-from scenarios.maneuver_design.setting import (
-    DesignRequest,
-    as_held,
-    no_faster,
-    offset_of,
-    setting_of,
-)
+from scenarios.maneuver_design.setting import DesignRequest, as_held, setting_of
 from scenarios.preparation.plan import Request
 from sim.errors import DeclarationError
 from sim.maneuvers import least_peak_multisine, peak_factor, schroeder_multisine
@@ -75,6 +71,7 @@ def told(vehicle: Path) -> DesignResult:
             tell=("vane-offset", "sensor-lag:alpha"),
             size="arm=1 m",
             duration=12.0,
+            computer=True,
         )
     )
 
@@ -152,7 +149,12 @@ def test_the_folder_has_a_page_and_strict_json(told: DesignResult, tmp_path: Pat
         for each in content["maneuvers"]
         for contest in each["contests"]
     )
+    best = content["maneuvers"][0]
+    assert content["flown_by"] == "a flight computer" and set(best["margins"]) == set(
+        best["extremes"]
+    )
     page = (folder / "report.html").read_text()
+    assert "Margins to the limits" in page
     assert "vane-offset" in page and "<svg" in page and (folder / "maneuvers.svg").is_file()
     assert all(each.kind in design_text(told) for each in told.maneuvers)
 
@@ -181,8 +183,41 @@ def test_a_rate_limit_follows_as_fast_as_it_may() -> None:
     assert np.array_equal(no_faster(rows, np.array([np.inf]), 0.1), rows)
 
 
+def holds(row: np.ndarray, interval: float) -> list[float]:
+    """Lengths (s) for which a row stays on one side beyond half its peak."""
+    level = np.sign(np.where(np.abs(row) > 0.5 * np.max(np.abs(row)), row, 0.0))
+    ends = np.flatnonzero(np.diff(level)) + 1
+    return [(end - begin) * interval for begin, end in pairwise(ends) if level[begin] != 0.0]
+
+
+def test_what_is_said_to_fly_can_be_flown_by_hand(vehicle: Path) -> None:
+    """By default: no multisine, a hand's rate, no step shorter than a pilot makes; what the finer
+    flight reaches leaves the margins that are said.
+    """
+    found = design(DesignRequest("rigid", vehicle, duration=12.0))
+    assert {each.kind for each in found.maneuvers} == {"3-2-1-1", "doublet", "sweep"}
+    limits = found.setting.limits
+    assert limits.rate["elevator"] == min(ACTUATOR_RATE, limits.amplitude["elevator"] / PILOT.rise)
+    for each in found.maneuvers:
+        record = each.flight.planned.record
+        u = record["elevator"].values
+        fastest = np.max(np.abs(np.diff(u))) / found.setting.room.interval
+        assert fastest <= limits.rate["elevator"] * (1.0 + 1e-9)
+        assert each.pace >= PILOT.shortest_step - 1e-9
+        if each.kind != "sweep":
+            steps = holds(u - u[0], found.setting.room.interval)
+            assert steps and min(steps) >= 0.5 * PILOT.shortest_step
+        for name, (low, high) in extremes(found, record).items():
+            least, most = limits.outputs[name]
+            rest = 1.0 if name == "nz" else 0.0
+            left = min((most - rest) / (high - rest), (rest - least) / (rest - low)) - 1.0
+            assert each.flight.margins[name] == pytest.approx(left, rel=0.02, abs=2e-3)
+    assert "flown by a pilot" in " ".join(design_text(found).split())
+    assert "margin %" in design_text(found)
+
+
 def test_two_inputs_fly_one_after_the_other_or_at_once() -> None:
-    found = fid.design("lateral", fid.vehicle("navion_lateral")).details
+    found = fid.design("lateral", fid.vehicle("navion_lateral"), computer=True).details
     for each in found.maneuvers:
         both = np.min(np.abs(each.flight.rows), axis=0)
         assert bool(np.max(both) > 0.0) is (each.kind == "multisine")
@@ -238,7 +273,9 @@ def test_the_command_of_an_ambiguous_diagnosis_does_it_again(vehicle: Path) -> N
     """What is printed, typed again, designs the same maneuver with the same chance, to the last
     bit.
     """
-    first = design(DesignRequest("rigid", vehicle, duration=12.0))
+    first = design(
+        DesignRequest("rigid", vehicle, {"elevator_rate": 100.0}, duration=12.0, computer=True)
+    )
     after = {
         name: Quantity(1.07 * first.setting.model.parameters[name].value, 0.01, "1/rad")
         for name in first.best.sigmas
@@ -305,6 +342,7 @@ def fid_equations() -> Any:
 def asked_by(command: str) -> DesignRequest:
     """What the command line makes of a command."""
     words = shlex.split(command)[2:]
+    assert words.pop() == "--computer", "the records have steps from sample to sample"
     options = dict(zip(words[::2], words[1::2], strict=True))
     return DesignRequest(
         options["--model"],
@@ -316,4 +354,5 @@ def asked_by(command: str) -> DesignRequest:
         amplitude=(options["--amplitude"],),
         duration=float(options["--duration"]),
         rate=float(options["--rate"]),
+        computer=True,
     )

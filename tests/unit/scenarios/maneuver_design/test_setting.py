@@ -8,25 +8,37 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from scenarios.identification.model_checks import PULSE
 from scenarios.maneuver_design import report
+from scenarios.maneuver_design.limits import (
+    ACTUATOR_RATE,
+    COMPUTER,
+    ENGINE_RISE,
+    PILOT,
+    Limits,
+    limits_of,
+    usual_limits,
+    with_usual_rates,
+)
 from scenarios.maneuver_design.report import maneuver_content
 from scenarios.maneuver_design.setting import (
     DesignRequest,
-    Limits,
+    Room,
     _frequency,
     _refuse_band,
     _room,
     _rounded,
-    limits_of,
-    usual_limits,
+    steps_in_turn,
+    sweeps,
 )
-from scenarios.maneuver_design.within_limits import _worst
+from scenarios.maneuver_design.within_limits import used_shares
 from sim.declaration import own_model
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
+from sim.maneuvers import doublet
 from tests.bases import rigid_model
 
 REST = {"push": 0.0}
@@ -152,8 +164,9 @@ def test_a_limit_is_used_up_from_the_rest_to_itself(
         limits=limits, still={"nz": 0.0, "alpha": 0.1, "q": 0.0}, model=rigid_model()
     )
     extremes = {"nz": (low, high), "alpha": (0.08, 0.12), "q": (-9.0, 9.0)}
-    used, name = _worst(setting, extremes)
-    assert used == pytest.approx(share) and name == whose
+    shares = used_shares(setting, extremes)
+    assert max(shares, key=lambda name: shares[name]) == whose
+    assert shares[whose] == pytest.approx(share) and shares["q"] == 0.0
 
 
 def test_limits_that_the_rest_does_not_keep_are_refused() -> None:
@@ -161,7 +174,7 @@ def test_limits_that_the_rest_does_not_keep_are_refused() -> None:
         limits=Limits({"nz": (1.1, 1.6)}, {}, {}), still={"nz": 0.0}, model=rigid_model()
     )
     with pytest.raises(DeclarationError, match="nz is 1 before any maneuver"):
-        _worst(setting, {"nz": (1.0, 1.2)})
+        used_shares(setting, {"nz": (1.0, 1.2)})
 
 
 @pytest.mark.parametrize(("bound", "shown"), [("alpha, nz", "alpha, nz"), ("", "amplitude")])
@@ -169,7 +182,9 @@ def test_a_maneuver_is_held_by_the_output_that_reaches_its_limit_else_by_its_amp
     bound: str, shown: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(report, "peaks_of", lambda *_: {})
-    flight = SimpleNamespace(scale=0.5, bound_by=bound, extremes={"alpha": (-0.1, 0.2)})
+    flight = SimpleNamespace(
+        scale=0.5, bound_by=bound, extremes={"alpha": (-0.1, 0.2)}, margins={"alpha": 0.5}
+    )
     maneuver: Any = SimpleNamespace(
         kind="doublet",
         pace=1.0,
@@ -186,10 +201,52 @@ def test_a_maneuver_is_held_by_the_output_that_reaches_its_limit_else_by_its_amp
 
 
 @pytest.mark.parametrize(
-    ("band", "said"), [((0.1, 3.0), "does not follow a sweep to 3 Hz"), (None, "needs its band")]
+    ("band", "said"), [((0.1, 3.0), "does not follow a sweep to 3 Hz"), ((0.02, 1.0), "0.042 Hz")]
 )
-def test_a_pilot_flies_no_more_than_two_hertz(band: tuple[float, float] | None, said: str) -> None:
+def test_a_pilot_flies_no_more_than_two_hertz_nor_two_minutes(
+    band: tuple[float, float], said: str
+) -> None:
     with pytest.raises(DeclarationError, match=said):
-        _refuse_band(replace(ASKED, band=band, pilot=True))
-    _refuse_band(replace(ASKED, band=(0.1, 2.0), pilot=True))
-    assert replace(ASKED, band=(0.1, 2.0), pilot=True).command().endswith("--band 0.1 2 --pilot")
+        _refuse_band(replace(ASKED, band=band))
+    _refuse_band(replace(ASKED, band=band, computer=True))
+    _refuse_band(replace(ASKED, band=(0.05, 2.0)))
+    assert replace(ASKED, band=band, computer=True).command().endswith("--computer")
+    assert "--computer" not in ASKED.command()
+
+
+def test_the_slower_of_hand_and_actuator_limits_the_rate_unless_a_rate_is_named() -> None:
+    model = rigid_model()
+    for degrees, by_hand in ((3.0, 20.0), (12.0, 60.0)):
+        limits = Limits({}, {"elevator": degrees * DEGREE}, {})
+        assert with_usual_rates(limits, model, PILOT).rate == pytest.approx(
+            {"elevator": by_hand * DEGREE}
+        )
+        assert with_usual_rates(limits, model, COMPUTER).rate == {"elevator": ACTUATOR_RATE}
+    named = Limits({}, {"elevator": 0.05}, {"elevator": 9.0})
+    assert with_usual_rates(named, model, PILOT).rate == {"elevator": 9.0}
+    engine: Any = SimpleNamespace()
+    thrust = Limits({}, {"thrust": 600.0}, {})
+    assert with_usual_rates(thrust, engine, COMPUTER).rate == {"thrust": 600.0 / ENGINE_RISE}
+    push = Limits({}, {"push": 1.0}, {})
+    assert with_usual_rates(push, chain(-2.0), COMPUTER).rate == {}
+    assert with_usual_rates(push, chain(-2.0), PILOT).rate == {"push": 1.0 / PILOT.rise}
+
+
+def test_a_pilot_rests_between_steps_and_ends_a_long_sweep() -> None:
+    time = np.arange(20001) * 0.01
+    free, human = Room(time, 0.3, 1), Room(time, 0.3, 1, longest_sweep=120.0, rest=1.0)
+
+    def pauses(room: Room) -> float:
+        rows = steps_in_turn(room, 0.3, doublet, 2.0)
+        assert rows is not None
+        active = np.flatnonzero(rows[0])
+        gaps = np.diff(active) * 0.01
+        return float(np.min(gaps[gaps > 0.1]))
+
+    assert pauses(free) == pytest.approx(0.6, abs=0.03)
+    assert pauses(human) == pytest.approx(1.0, abs=0.03)
+    long, short = sweeps(free, 0.3), sweeps(human, 0.3)
+    assert long is not None and short is not None
+    for rows, seconds in ((long, free.active), (short, 120.0)):
+        moving = np.flatnonzero(np.abs(rows[0]) > 1e-9)
+        assert 0.01 * (moving[-1] - moving[0]) == pytest.approx(seconds, abs=0.1)

@@ -21,6 +21,7 @@ from scenarios.plots.estimates import (
     figure_correlation,
     figure_innovations,
     figure_parameter_histories,
+    figure_poles,
 )
 from scenarios.plots.signals import (
     Response,
@@ -325,3 +326,24 @@ def test_large_correlations_are_framed_and_undefined_ones_grey() -> None:
     assert not small.texts, "what is below a half carries no number"
     with pytest.raises(ModelError, match="two parameters or more"):
         figure_correlation(["CL_alpha"], np.eye(1))
+
+
+def test_poles_are_roots_of_the_estimate_with_the_scatter_of_its_covariance() -> None:
+    """Oracle: a first-order roll, whose pole is L_p and whose scatter is that of L_p."""
+    from scenarios.identification.files import poles_of
+    from scenarios.identification.identify import identify
+    from tests.every_model import case_of
+
+    case = case_of("own", 1)
+    found = identify(case.record, case.vehicle, "output-error")
+    poles = poles_of(found)
+    assert poles is not None
+    at, draws = poles
+    value, sigma = found.estimate.value("L_p"), found.estimate.sigma("L_p")
+    assert np.min(np.abs(at - value)) < 1e-9
+    roll = draws[np.arange(len(draws)), np.argmin(np.abs(draws - value), axis=1)].real
+    assert np.std(roll) == pytest.approx(sigma, rel=0.35)
+    panel = figure_poles(at, draws, "poles").axes[0]
+    crosses = [line for line in panel.lines if line.get_label() == "estimate"]
+    assert np.any(np.isclose(np.asarray(crosses[0].get_xdata(), dtype=float), value))
+    assert poles_of(replace(found, system=None)) is None

@@ -13,16 +13,16 @@ from matplotlib.patches import Rectangle
 from ident.tracing.diagnosis import Candidate, FittedRecord, Quantity, Verdict
 from scenarios.plots.display import NamedEffects, Replicated, reason
 from scenarios.plots.drawing import figure_png
-from scenarios.plots.style import BLUE
-from scenarios.plots.tracing import (
-    figure_derivatives,
-    figure_evidence,
+from scenarios.plots.residuals import (
+    coherence_level,
     figure_held_out,
-    figure_replication,
     figure_residuals,
     figure_spectra,
+    input_coherence,
     spectrum,
 )
+from scenarios.plots.style import BLUE
+from scenarios.plots.tracing import figure_derivatives, figure_evidence, figure_replication
 from tests.diagnoses import BALLISTIC, NOISE, tracing_of
 
 
@@ -127,10 +127,10 @@ def test_evidence_says_beside_each_bar_why_it_was_not_chosen() -> None:
     }
     (panel,) = figure.axes
     bars = [bar for bar in panel.patches if isinstance(bar, Rectangle)]
-    ends = sorted((bar.get_x() + bar.get_width() for bar in bars), reverse=True)
-    assert ends[:3] == pytest.approx([0.0, -8.0, -11.0]), (
-        "bars end where the odds lie below the best"
-    )
+    assert {bar.get_x() for bar in bars} == {0.0}, "bars begin at no gain"
+    gains = sorted((bar.get_width() for bar in bars), reverse=True)
+    assert gains == pytest.approx([1539.0, 1531.0, 1528.0, 1400.0, 800.0, -4.0])
+    assert panel.get_xscale() == "linear"
     open_bars = [bar for bar in bars if to_hex(bar.get_facecolor()) == "#ffffff"]
     assert len(open_bars) == 1, "what was not fitted is an open bar"
 
@@ -270,3 +270,24 @@ def test_figures_of_a_fall_and_of_runaway_predictions_can_be_drawn() -> None:
         figure_spectra(d.fitted[0], {}),
     ):
         assert figure_png(figure).startswith(b"\x89PNG")
+
+
+def test_coherence_with_the_inputs_is_the_share_of_the_power_that_follows_them() -> None:
+    """Oracle: a residual of known shares; what follows two inputs is coherent with both, and white
+    noise exceeds the level once in twenty.
+    """
+    rng = np.random.default_rng(4)
+    inputs = rng.standard_normal((2, 20000))
+    noise = rng.standard_normal(20000)
+    followed = np.roll(inputs[0], 3) + 0.5 * inputs[1]
+    shares = input_coherence(followed + noise, inputs, 0.02)[1]
+    assert np.mean(shares) == pytest.approx(1.25 / 2.25, abs=0.08)
+    assert np.min(input_coherence(followed, inputs, 0.02)[1]) > 0.98
+    hertz, alone = input_coherence(noise, inputs, 0.02)
+    assert np.mean(alone > coherence_level(2)) == pytest.approx(0.05, abs=0.025)
+    assert hertz[0] > 0.0 and hertz[-1] <= 25.0
+    for unmoved in (
+        input_coherence(0.0 * noise, inputs, 0.02),
+        input_coherence(noise, 0.0 * inputs, 0.02),
+    ):
+        assert np.all(np.isfinite(unmoved[1])) and np.max(unmoved[1]) < 1e-6

@@ -1,0 +1,141 @@
+"""Pictures of every kind of page on one sheet: ``python -m tests.browser.contact_sheet OUT``.
+
+Each page is shown 1280 and 390 px wide and in print: printed by the browser, and by
+``flightid report --pdf``. Pictures of single pages are kept beside the sheet.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tests.browser.conftest import ARGUMENTS, DESKTOP, PHONE, executable
+from tests.browser.every_page import COMMANDS, make_pages
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+    from playwright.sync_api import Browser
+
+SCALE = 0.4  # of the pictures on the sheet
+TALLEST = 4000  # px of a picture that stands on the sheet; the rest is in its own file
+GAP, HEAD = 24, 40  # px between pictures, above a row
+PAPER = 60  # dots an inch
+
+
+def main(words: list[str] | None = None) -> None:
+    """Make pages, pictures and the sheet."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("out", type=Path, help="folder of the pictures; sheet.png is the sheet")
+    parser.add_argument(
+        "--only", nargs="*", choices=list(COMMANDS), help="kinds of pages; else all"
+    )
+    asked = parser.parse_args(words)
+    path = executable()
+    if path is None or shutil.which("pdftoppm") is None:
+        sys.exit("needs Chromium and pdftoppm (Debian: apt-get install chromium poppler-utils)")
+    from playwright.sync_api import sync_playwright
+
+    pages = make_pages(asked.out / "studies", tuple(asked.only or COMMANDS))
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=[*ARGUMENTS])
+        pictures = {
+            kind: pictures_of(browser, page, asked.out / kind) for kind, page in pages.items()
+        }
+        browser.close()
+    sheet_of(pictures).save(asked.out / "sheet.png")
+    print(f"{asked.out / 'sheet.png'}: {', '.join(pages)}")
+
+
+def pictures_of(browser: Browser, source: Path, stem: Path) -> list[Path]:
+    """The page at both widths and on paper, as files whose names begin with ``stem``."""
+    found = []
+    for name, size in (("desktop", DESKTOP), ("phone", PHONE)):
+        page = browser.new_page(viewport={"width": size["width"], "height": size["height"]})
+        page.goto(source.as_uri())
+        page.wait_for_timeout(300)
+        found.append(stem.with_name(f"{stem.name}-{name}.png"))
+        page.screenshot(path=str(found[-1]), full_page=True)
+        page.close()
+    page = browser.new_page()
+    page.goto(source.as_uri())
+    printed = stem.with_name(f"{stem.name}-print.pdf")
+    page.pdf(path=str(printed), format="A4", print_background=True)
+    page.close()
+    command = [sys.executable, "-m", "flightid", "report", str(source.parent), "--pdf"]
+    subprocess.run(command, check=True, capture_output=True)
+    reported = stem.with_name(f"{stem.name}-report.pdf")
+    (source.parent / "report.pdf").replace(reported)
+    return found + [rasterised(each) for each in (printed, reported)]
+
+
+def rasterised(document: Path) -> Path:
+    """The pages of a PDF one above the other, in one picture."""
+    stem = document.with_suffix("")
+    subprocess.run(["pdftoppm", "-r", str(PAPER), "-png", document, stem], check=True)
+    sheets = sorted(stem.parent.glob(f"{stem.name}-[0-9]*.png"))
+    picture = column([_opened(each) for each in sheets])
+    for each in sheets:
+        each.unlink()
+    found = stem.with_suffix(".png")
+    picture.save(found)
+    return found
+
+
+def column(pictures: list[Image]) -> Image:
+    """Pictures one above the other on grey."""
+    from PIL import Image
+
+    whole = Image.new(
+        "RGB",
+        (max(each.width for each in pictures), sum(each.height + GAP for each in pictures)),
+        "#888888",
+    )
+    at = 0
+    for each in pictures:
+        whole.paste(each, (0, at))
+        at += each.height + GAP
+    return whole
+
+
+def sheet_of(pictures: dict[str, list[Path]]) -> Image:
+    """A row of pictures for each kind of page, its name above."""
+    from PIL import Image, ImageDraw
+
+    rows = []
+    for kind, files in pictures.items():
+        small = []
+        for file in files:
+            picture = _opened(file)
+            shown = picture.crop((0, 0, picture.width, min(picture.height, TALLEST)))
+            size = int(shown.width * SCALE), max(1, int(shown.height * SCALE))
+            small.append(shown.resize(size))
+        row = Image.new(
+            "RGB",
+            (
+                sum(each.width + GAP for each in small),
+                HEAD + max(each.height for each in small) + GAP,
+            ),
+            "#bbbbbb",
+        )
+        ImageDraw.Draw(row).text((8, 10), kind, fill="black", font_size=20)
+        at = 0
+        for each in small:
+            row.paste(each, (at, HEAD))
+            at += each.width + GAP
+        rows.append(row)
+    return column(rows)
+
+
+def _opened(file: Path) -> Image:
+    from PIL import Image
+
+    with Image.open(file) as picture:
+        return picture.convert("RGB")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,74 @@
+"""Every kind of page that a command writes, made once in a folder."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+FLIGHTS = """model = "rigid"
+vehicle = "flight_vehicle.toml"
+
+[[flights]]
+records = ["flight.csv"]
+
+[[flights]]
+records = ["flight_validate.csv"]
+
+[[flights]]
+records = ["clean.csv"]
+"""
+MODEL = ("--model", "rigid", "--vehicle", "flight_vehicle.toml")
+# Kind of page -> the command that writes it, in the order in which they need each other.
+COMMANDS: Mapping[str, tuple[str, ...]] = {
+    "run": ("run", "rigid"),
+    "run-filter": ("run", "rigid-process-noise-a"),
+    "run-trace": ("run", "trace-pair"),
+    "run-loop": ("run", "x29-simulation"),
+    "run-sweep": ("run", "uav-sweep"),
+    "identify": ("identify", "flight.csv", *MODEL),
+    "diagnose": ("diagnose", "flight.csv", *MODEL, "--validate", "flight_validate.csv"),
+    "predict": ("predict", "identify", "flight_validate.csv"),
+    "check": ("check", "flight.csv", "--vehicle", "flight_vehicle.toml"),
+    "maneuvers": ("maneuvers", "flight.csv"),
+    "response": ("response", "flight.csv", "--input", "elevator", "--output", "q"),
+    "design": ("design", *MODEL),
+    "campaign": ("campaign", "rigid", "--runs", "6"),
+    "compare": ("compare", "run", "run-filter"),
+    "survey": ("survey", "flights.toml"),
+    "watch": ("watch", "flight.csv", *MODEL, "--reference", "identify", "--idle", "1"),
+}
+# Fewer, for tests that look at one thing on each form of page.
+FEW = ("run", "identify", "diagnose", "predict", "check", "design", "compare", "watch")
+
+
+def make_pages(folder: Path, kinds: tuple[str, ...] = tuple(COMMANDS)) -> dict[str, Path]:
+    """Write the pages of these kinds below a folder, with what they need; page by kind.
+
+    Raises CalledProcessError, with what the command said, where one fails.
+    """
+    needed = set(kinds)
+    needed |= {"identify"} if needed & {"predict", "watch"} else set()
+    needed |= {"run", "run-filter"} if "compare" in needed else set()
+    folder.mkdir(parents=True, exist_ok=True)
+    _typed(folder, "simulate", "trace-delay", "--out", "flight.csv")
+    _typed(folder, "simulate", "trace-nothing", "--out", "clean.csv")
+    (folder / "flights.toml").write_text(FLIGHTS, encoding="utf-8")
+    pages = {}
+    for kind, command in COMMANDS.items():
+        if kind in needed:
+            _typed(folder, *command, "--out", kind)
+            pages[kind] = folder / kind / "report.html"
+    return {kind: pages[kind] for kind in kinds}
+
+
+def _typed(folder: Path, *words: str) -> None:
+    """A command as it is typed in the folder; one that finds a doubt ends with 1."""
+    done = subprocess.run(
+        [sys.executable, "-m", "flightid", *words], cwd=folder, capture_output=True, text=True
+    )
+    if done.returncode not in (0, 1):
+        print(done.stdout, done.stderr, sep="\n", file=sys.stderr)
+        done.check_returncode()
