@@ -53,6 +53,14 @@ from scenarios.report.folder import figures, write_page
 from scenarios.report.shared_tables import FITS, NO_FIT, fit_cells, rows_table
 from scenarios.report.terminal import table_as_lines
 from scenarios.report.text_tables import WIDTH, wrapped
+from scenarios.tolerances import (
+    ToleranceVerdict,
+    read_tests,
+    tolerance_content,
+    tolerance_figures,
+    tolerance_table,
+    verdicts_of,
+)
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
@@ -69,7 +77,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class PredictionRequest:
     """What a prediction is asked: a study folder, a record and how its columns are named; ``model``
-    and ``effects`` are a user's files, run, or what such files hold.
+    and ``effects`` are a user's files, run, or what such files hold. ``tolerances`` : tests of
+    simulator qualification, see `scenarios.tolerances`.
     """
 
     study: Path
@@ -78,6 +87,7 @@ class PredictionRequest:
     plan: Plan = field(default_factory=Plan)
     model: Path | OwnModel | None = None
     effects: Path | tuple[Traceable, ...] | None = None
+    tolerances: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +124,7 @@ class PredictionResult:
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
     simulated: bool = False
+    verdicts: tuple[ToleranceVerdict, ...] = ()
 
 
 def predict_record(asked: PredictionRequest) -> PredictionResult:
@@ -124,6 +135,7 @@ def predict_record(asked: PredictionRequest) -> PredictionResult:
     DeclarationError : the folder keeps no model; a file of the user's that it rests on is not
     named, or is another one. RecordError : anything in the record that keeps it from being used.
     """
+    tests = read_tests(asked.tolerances) if asked.tolerances is not None else ()
     file = read_kept(asked.study)
     vehicle = vehicle_of_study(file, asked.model)
     model = model_of_file(vehicle)
@@ -173,6 +185,7 @@ def predict_record(asked: PredictionRequest) -> PredictionResult:
         (*files_read_unnamed([source], None), *ready.notes),
         _warnings(ready),
         all_simulated([source]),
+        verdicts_of(tests, record, channels, after.rows) if after.figures is not None else (),
     )
 
 
@@ -368,6 +381,7 @@ def prediction_figures(found: PredictionResult) -> Iterator[Named]:
     data = SIMULATED_DATA if found.simulated else MEASURED_DATA
     above = context(found.record, found.channels)
     yield "prediction", partial(figure_fit, found.record, shown, None, title, {}, data, above)
+    yield from tolerance_figures(found.verdicts, found.record, found.channels, found.after.rows)
 
 
 # ---- A prediction in lines for the terminal
@@ -389,6 +403,8 @@ def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
     if kept.made_by == DIAGNOSE and effects and not kept.claimed:
         lines += wrapped("the effects are hints: the study claimed none of them", width)
     lines += table_as_lines(errors_table(found), width, keys=2)
+    if found.verdicts:
+        lines += ["", *table_as_lines(tolerance_table(found.verdicts, record), width, keys=1)]
     for note in found.notes:
         lines += wrapped(f"note: {note}", width)
     return "\n".join(lines) + "\n"
@@ -471,6 +487,11 @@ def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Pag
         sections=(
             *section("Measured and predicted", *figures(drawn)),
             *section("Errors", errors_table(found)),
+            *(
+                section("Tolerances", tolerance_table(found.verdicts, record))
+                if found.verdicts
+                else ()
+            ),
             *section(
                 "How it was made", Bullets(tuple(map(as_sentence, (_samples(found), *found.notes))))
             ),
@@ -538,6 +559,7 @@ def prediction_content(found: PredictionResult) -> dict[str, Any]:
         "finite": found.after.figures is not None,
         "channels": figures_of(found.after),
         **({"declared": figures_of(found.before)} if found.before is not None else {}),
+        **({"tolerances": tolerance_content(found.verdicts, record)} if found.verdicts else {}),
         "warnings": list(found.warnings),
         "notes": list(found.notes),
         "inputs": {

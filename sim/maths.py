@@ -35,6 +35,25 @@ def plus(x: Any, port: Any) -> Any:
     return x if type(port) is float and port == 0.0 else x + port
 
 
+def add_product(total: Any, factor: Any, x: Any) -> Any:
+    """``total + factor x``, in the array of ``total`` where the sum fits into it.
+
+    Parameters
+    ----------
+    total : a sum that nobody else holds. factor, x : numbers or arrays.
+    """
+    more = factor * x
+    if (
+        type(total) is np.ndarray
+        and type(more) is np.ndarray
+        and total.shape == more.shape
+        and total.dtype == more.dtype
+    ):
+        total += more
+        return total
+    return total + more
+
+
 def times(factor: Any, x: Any) -> Any:
     """``factor * x``; a factor that is a plain one costs nothing."""
     return x if type(factor) is float and factor == 1.0 else factor * x

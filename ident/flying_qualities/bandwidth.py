@@ -121,8 +121,11 @@ def attitude_bandwidth(target: Target, *, rate: bool) -> Bandwidth:
     return Bandwidth(neutral, phase, gain, delay, tuple(notes))
 
 
-# rad/s and s: MIL-STD-1797A, 4.2.1.2, pitch, flight phase category A; points of its figure as in
-# the routines of C. Regan, 2006. Beyond the last point they go on level.
+PITCH_SOURCE = "MIL-STD-1797A, 4.2.1.2, category A; points of its figure not verified"
+# rad/s and s. The standard prints a figure. Its points are those of MATLAB routines by C. Regan,
+# 2006, after P. Stoliker, where they are marked as to be checked; the first of level 1 there, 11.2
+# rad/s at no delay, lies on no boundary and is left out. Beyond the last point nothing is known:
+# both limits go on level here, and are drawn broken.
 PITCH_LEVELS: tuple[tuple[tuple[float, float], ...], ...] = (
     (
         (6.5, 0.0),
@@ -255,17 +258,25 @@ def parabola_at(curve: Curve, values: np.ndarray, std: np.ndarray, at: float) ->
     ``values``, ``std`` : ``(F,)``, of the curve and its errors, which neighbours share as the
     windows do.
     """
-    x = np.log(curve.omega / at)
-    near = np.argsort(np.abs(x))[: max(_FEWEST, int(np.count_nonzero(np.abs(x) <= REACH)))]
-    near.sort()
-    powers = np.column_stack([np.ones(near.size), x[near], x[near] ** 2])
-    gain = np.linalg.pinv(powers / std[near, None]) / std[near]
-    covariance = gain @ shared_covariance(curve, std[near], near) @ gain.T
+    gain, covariance, near = parabola_weights(curve, std, at)
     found = gain @ values[near]
     spread = math.sqrt(max(float(covariance[0, 0]), 0.0))
     weights = np.zeros(curve.omega.size)
     weights[near] = gain[0]
     return Parabola(float(found[0]), float(found[1]), 2.0 * float(found[2]), spread, weights)
+
+
+def parabola_weights(
+    curve: Curve, std: np.ndarray, at: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights ``(3, N)`` of the N points about ``at``, rad/s, in the coefficients of a parabola in
+    ln(omega), the covariance ``(3, 3)`` of the coefficients, and the points' places ``(N,)``."""
+    x = np.log(curve.omega / at)
+    near = np.argsort(np.abs(x))[: max(_FEWEST, int(np.count_nonzero(np.abs(x) <= REACH)))]
+    near.sort()
+    powers = np.column_stack([np.ones(near.size), x[near], x[near] ** 2])
+    gain = np.asarray(np.linalg.pinv(powers / std[near, None]) / std[near])
+    return gain, np.asarray(gain @ shared_covariance(curve, std[near], near) @ gain.T), near
 
 
 def _phase_delay(curve: AttitudeCurve, neutral: float) -> BandwidthQuantity:

@@ -16,7 +16,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.flying_qualities.bandwidth import REACH, BandwidthQuantity, parabola_at
+from ident.flying_qualities.bandwidth import (
+    REACH,
+    BandwidthQuantity,
+    parabola_at,
+    parabola_weights,
+)
 from ident.frequency_response.transfer_function import Target
 
 REQUIRED_GAIN, REQUIRED_PHASE = 6.0, 45.0  # dB and deg, below the first structural mode
@@ -156,7 +161,7 @@ def stability_margins(target: Target) -> StabilityMargins:
     crossings, lost = _determined(_crossings(curve, curve.gain, curve.gain_std))
     phases = [_across(curve, "phase", *each) for each in crossings]
     delays = [_across(curve, "delay", *each) for each in crossings]
-    distance = _least_distance(curve)
+    distance = _least_distance(target)
     band = f"the usable band is {curve.omega[0]:.3g} to {curve.omega[-1]:.3g} rad/s"
     notes = []
     if not gains:
@@ -265,24 +270,88 @@ def _at(curve: LoopCurve, kind: str, at: float) -> _Near:
     return _Near(angle / at, math.radians(phase.std) / at, slope, gain.value / gain.std)
 
 
-def _least_distance(curve: LoopCurve) -> Margin | None:
-    """The least distance from -1, at the vertex of the parabola about the least point."""
-    least = int(np.argmin(curve.distance))
-    if least in (0, curve.omega.size - 1):
+def _least_distance(target: Target) -> Margin | None:
+    """The least distance from -1, where the slope of the smoothed distance is zero.
+
+    Its interval holds every distance d whose pair (d, slope 0) is, at some frequency, no further
+    from distance and slope of the response than their errors allow: the likelihood ratio with one
+    degree, in which the frequency is a nuisance. It reaches further up than down, for the least of
+    a noisy curve lies low.
+    """
+    from scipy.stats import chi2
+
+    distances = np.abs(1.0 + target.response)
+    least = int(np.argmin(distances))
+    if least in (0, distances.size - 1):
         return None
-    at = float(curve.omega[least])
+    first, last = float(target.omega[0]), float(target.omega[-1])
+    start = float(target.omega[least])
+    at = start
     for _ in range(_STEPS):
-        near = parabola_at(curve, curve.distance, curve.distance_std, at)
+        near = _apart(target, at)
         if not near.curvature > 0.0:
             break
-        step = float(np.clip(-near.slope / near.curvature, -REACH, REACH))
-        at = float(np.clip(at * math.exp(step), curve.omega[0], curve.omega[-1]))
-    near = parabola_at(curve, curve.distance, curve.distance_std, at)
-    size = 10.0 ** (near.value / 20.0)
-    ends = [10.0 ** ((near.value + sign * NORMAL * near.std) / 20.0) for sign in (-1.0, 1.0)]
-    where = BandwidthQuantity(at, 0.0)
-    return Margin(
-        "distance", BandwidthQuantity(size, size * near.std / _DECIBEL), where, ends[0], ends[1]
+        move = float(np.clip(-near.slope / near.curvature, -0.25 * REACH, 0.25 * REACH))
+        at = float(np.clip(at * math.exp(move), first, last))
+    if abs(math.log(at / start)) > REACH or _apart(target, at).value > _apart(target, start).value:
+        at = start  # the parabola turned elsewhere
+    middle = _apart(target, at)
+    limit, std = float(chi2.ppf(LEVEL, 1)), math.sqrt(middle.variance)
+    low, high, open_ = middle.value - NORMAL * std, middle.value + NORMAL * std, False
+    spread = math.sqrt(middle.slope_variance) / max(middle.curvature, 1e-12)
+    step = min(_STEP, max(_SHARE * spread, 1e-4))
+    for direction in (-step, step):
+        there = at
+        while True:
+            if not first <= there <= last:
+                open_ = True
+                break
+            near = _apart(target, there)
+            spare = limit - near.slope**2 / max(near.slope_variance, 1e-300)
+            if spare < 0.0:
+                break
+            shared = near.covariance / max(near.slope_variance, 1e-300)
+            centre = near.value - shared * near.slope
+            half = math.sqrt(max(near.variance - shared * near.covariance, 0.0) * spare)
+            low, high = min(low, centre - half), max(high, centre + half)
+            there *= math.exp(direction)
+    size = BandwidthQuantity(middle.value, std)
+    where = BandwidthQuantity(at, at * min(spread, REACH))
+    return Margin("distance", size, where, max(low, 0.0), high, open_)
+
+
+@dataclass(frozen=True)
+class _Apart:
+    """Distance of a smoothed response from -1 at a frequency, its slope and curvature by ln(omega),
+    the variances of distance and slope, and their covariance."""
+
+    value: float
+    slope: float
+    curvature: float
+    variance: float
+    slope_variance: float
+    covariance: float
+
+
+def _apart(target: Target, at: float) -> _Apart:
+    """1 + L as a complex parabola in ln(omega) through the points about ``at``, rad/s.
+
+    The distance itself is no parabola where the response passes -1 closely, the response is. Its
+    errors along the distance and across it are independent.
+    """
+    gain, covariance, near = parabola_weights(target, target.std, at)
+    a = gain @ (1.0 + target.response[near])
+    size = abs(a[0])
+    along = np.conj(a / size) if size > 0.0 else np.ones(3)
+    turn = float((along[0] * a[1]).imag) if size > 0.0 else 0.0
+    share = turn / size if size > 0.0 else 0.0
+    return _Apart(
+        float(size),
+        float((along[0] * a[1]).real),
+        float((along[0] * 2.0 * a[2]).real) + turn * share,
+        float(covariance[0, 0]),
+        float(covariance[1, 1] + share**2 * covariance[0, 0]),
+        float(covariance[0, 1]),
     )
 
 

@@ -28,9 +28,12 @@ from sim.errors import RecordError
 
 # ---- Frequency responses of records: composite over window lengths, several inputs, feedback
 
-LEAST_COHERENCE = 0.6  # Tischler and Remple's limit of a usable response
+LEAST_COHERENCE = 0.6  # Tischler and Remple's limits of a usable response: coherence,
+RANDOM_ERROR = 0.2  # and random error of the magnitude
+ASIDE = 0.6  # over the window's length: mean distance of an input's power from a usable frequency
 DERIVATIVES = 2  # of the window, that the regression takes along
 LOBE = 2.0  # over its length: half width of the main lobe of a Hann window
+ALONE = 3.0  # periods in a window that alone has enough averages for its derivatives
 _SPARE = 4.0  # real degrees of freedom that must be left for the noise
 _DOWN = 4.0  # power of the random error by which a window counts, Tischler and Remple's
 _NUMBERS = 400_000  # regressors that are worked on at a time
@@ -95,8 +98,9 @@ class FrequencyResponses:
     input_coherence : ``(q, F)``, of each input with the other inputs, zero with one; of a joint
         estimate of each input with the references.
     usable : bool ``(m, q, F)``, the usable band.
-    averages : ``(m, F)``, number of independent averages. lengths : ``(m, F)``, s, weighted mean
-        length of the windows. spectra : how it was estimated.
+    averages : ``(m, F)``, number of independent averages. lengths : ``(m, F)``, s, weighted
+        geometric mean of the windows' lengths, by which the errors of neighbours are correlated.
+    spectra : how it was estimated.
     joint : whether it is a joint input-output estimate.
     leaked : bool ``(q, F)``, where an input (its reference) has no power of its own: what its
         transforms hold comes from beyond their main lobe. Empty with sine tapers.
@@ -197,18 +201,27 @@ def responses_of_segments(
         what = f"no window is long enough for {frequency[~usable_rows.any(axis=0)][0]:.4g} Hz"
         remedy = f"begin the band at {lowest:.4g} Hz or higher"
         raise RecordError(what, where="frequency response", remedy=remedy)
+    relaxed = None
+    if spectra.derivatives == DERIVATIVES and not spectra.tapers:
+        relaxed = segments.usable(frequency, ALONE)
     parts = []
     for output in range(m):
-        weights, averages = _weights(segments, output, left, usable_rows)
+        weights, averages = _weights(segments, output, left, usable_rows, relaxed)
         response, std, degrees = _pooled(segments, output, z, left, weights, spectra.derivatives)
         around = np.concatenate([segments.transforms[left, 0], segments.transforms[[output], 0]])
         multiple, partial = coherences(spectral_matrix(around, weights))
         of_inputs = _input_coherence(segments, z, left, weights, joint=joint)
         windows = np.array(segments.lengths)[segments.windows]
-        lengths = windows @ weights / weights.sum(axis=0)
-        parts.append((response, std, degrees, multiple, partial, of_inputs, averages, lengths))
-    response, std, degrees, multiple, partial, of_inputs, averages, lengths = (
-        np.stack([part[n] for part in parts]) for n in range(8)
+        # Short windows join more neighbours than long ones part: between the harmonic mean, as if
+        # all were of one length alone, and the arithmetic, which is too sure.
+        lengths = np.exp(np.log(windows) @ weights / weights.sum(axis=0))
+        aside = _aside(segments, left, weights)
+        aside = aside if not spectra.tapers else np.zeros_like(aside)
+        parts.append(
+            (response, std, degrees, multiple, partial, of_inputs, averages, lengths, aside)
+        )
+    response, std, degrees, multiple, partial, of_inputs, averages, lengths, aside = (
+        np.stack([part[n] for part in parts]) for n in range(9)
     )
     found = FrequencyResponses(
         frequency,
@@ -225,7 +238,7 @@ def responses_of_segments(
         joint,
     )
     leaked = _leaked(segments, left, usable_rows) if not spectra.tapers else found.leaked
-    return replace(found, usable=_usable(found), leaked=leaked)
+    return replace(found, usable=_usable(found, aside), leaked=leaked)
 
 
 def detrended(signals: np.ndarray) -> np.ndarray:
@@ -251,14 +264,45 @@ def _segments(
 
 
 def _weights(
-    segments: Segments, output: int, inputs: slice, usable: np.ndarray
+    segments: Segments, output: int, inputs: slice, usable: np.ndarray, relaxed: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weights ``(R, F)`` of the segments, each window's by its random error, and the averages.
 
-    A window counts as (least error / its error)^4, shared among its segments.
+    A window counts as (least error / its error)^4, shared among its segments. Where that leaves too
+    few degrees of freedom for derivatives of the windows, those that have enough by themselves
+    count alone: a long window without derivatives is biased, and no scatter shows it.
+
+    ``usable``, ``relaxed`` : bool ``(R, F)``, rows that may count, usually and alone; None where no
+    derivatives are taken along.
     """
+    errors, enough = _window_errors(segments, output, inputs, usable)
+    weights = _by_error(segments, errors, usable)
+    averages = effective_averages(weights, segments.overlap)
+    q = segments.transforms[inputs].shape[0]
+    short = ~_carried(averages, q)
+    if relaxed is None or not short.any():
+        return weights, averages
+    alone = short & enough.any(axis=0)
+    weights = np.where(
+        alone, _by_error(segments, np.where(enough, errors, np.inf), usable), weights
+    )
+    # Where none of the usual windows has enough, the longest of the relaxed ones that has.
+    errors, enough = _window_errors(segments, output, inputs, relaxed)
+    longest = enough & (np.cumsum(enough, axis=0) == 1)
+    errors, alone = np.where(longest, errors, np.inf), short & ~alone & enough.any(axis=0)
+    weights = np.where(alone, _by_error(segments, errors, relaxed), weights)
+    return weights, effective_averages(weights, segments.overlap)
+
+
+def _window_errors(
+    segments: Segments, output: int, inputs: slice, usable: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Squared random errors ``(W, F)`` by each window length alone, smoothed over frequency, and
+    whether it leaves degrees of freedom beside the derivatives, bool."""
     x, y = segments.transforms[inputs, 0], segments.transforms[[output], 0]
+    q = x.shape[0]
     errors = np.full((len(segments.lengths), usable.shape[1]), np.inf)
+    enough = np.zeros(errors.shape, dtype=bool)
     for number in range(len(segments.lengths)):
         rows = segments.windows == number
         own = usable[rows].astype(float)
@@ -268,10 +312,20 @@ def _weights(
         averages = effective_averages(own, segments.overlap[rows][:, rows])
         matrix = spectral_matrix(np.concatenate([x[:, rows], y[:, rows]]), own)
         multiple, _ = coherences(matrix)
-        spare = np.maximum(averages - x.shape[0], 1e-3)
+        spare = np.maximum(averages - q, 1e-3)
         squared = (1.0 - multiple) / np.maximum(multiple, 1e-9) / (2.0 * spare)
-        errors[number] = np.where(there & (averages > x.shape[0] + 1.0), squared, np.inf)
-    errors = _smoothed(errors)
+        errors[number] = np.where(there & (averages > q + 1.0), squared, np.inf)
+        enough[number] = there & _carried(averages, q)
+    return _smoothed(errors), enough
+
+
+def _carried(averages: np.ndarray, q: int, derivatives: int = DERIVATIVES) -> np.ndarray:
+    """Whether so many averages leave degrees of freedom beside the derivatives, bool."""
+    return np.asarray(2.0 * (averages - (derivatives + 1) * q) >= _SPARE)
+
+
+def _by_error(segments: Segments, errors: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Weights ``(R, F)`` of the segments by the squared errors ``(W, F)`` of their windows."""
     least = np.min(errors, axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.where(np.isfinite(errors), (least / errors) ** (0.5 * _DOWN), 0.0)
@@ -279,8 +333,7 @@ def _weights(
     counts = np.bincount(segments.windows, minlength=len(segments.lengths))
     share = ratio / np.maximum(counts, 1)[:, None]
     weights = share[segments.windows] * usable
-    weights = np.where(weights.sum(axis=0) > 0.0, weights, usable.astype(float))
-    return weights, effective_averages(weights, segments.overlap)
+    return np.where(weights.sum(axis=0) > 0.0, weights, usable.astype(float))
 
 
 def _smoothed(errors: np.ndarray) -> np.ndarray:
@@ -314,7 +367,7 @@ def _pooled(
     degrees, open_ = np.zeros(count), np.ones(count, dtype=bool)
     for order in range(derivatives, -1, -1):
         terms = order + 1
-        here = open_ & ((2.0 * (averages - terms * q) >= _SPARE) | (order == 0))
+        here = open_ & (_carried(averages, q, order) | (order == 0))
         if not here.any():
             continue
         plain = np.arange(q) * terms
@@ -349,6 +402,18 @@ def _leaked(segments: Segments, inputs: slice, usable: np.ndarray) -> np.ndarray
     return np.asarray(away > LOBE**2 * power)
 
 
+def _aside(segments: Segments, inputs: slice, weights: np.ndarray) -> np.ndarray:
+    """Mean distance ``(q, F)`` of an input's power from a frequency, in units of one over the
+    length of the window; zero without derivatives."""
+    rows = segments.transforms[inputs]
+    if rows.shape[1] < 2:
+        return np.zeros((rows.shape[0], rows.shape[3]))
+    length = np.array(segments.lengths)[segments.windows][:, None] / (2.0 * math.pi)
+    power = np.sum(weights * np.abs(rows[:, 0]) ** 2, axis=1)
+    moment = np.sum(weights * length * (np.conj(rows[:, 0]) * rows[:, 1]).imag, axis=1)
+    return np.asarray(moment / np.maximum(power, np.finfo(float).tiny))
+
+
 def _input_coherence(
     segments: Segments, inputs: slice, references: slice, weights: np.ndarray, *, joint: bool
 ) -> np.ndarray:
@@ -364,11 +429,13 @@ def _input_coherence(
     return np.array(rows)
 
 
-def _usable(found: FrequencyResponses) -> np.ndarray:
-    """The longest run of frequencies, in octaves, whose coherence reaches the limit.
+def _usable(found: FrequencyResponses, aside: np.ndarray) -> np.ndarray:
+    """The longest run of frequencies, in octaves, whose coherence and random error reach their
+    limits and whose input has power on both sides.
 
-    The coherence is the median over neighbours. A joint estimate wants it of output and of input
-    with the references.
+    All are medians over neighbours. A joint estimate wants the coherence of output and of input
+    with the references. ``aside`` : mean distance ``(m, q, F)`` of the input's power; where a sweep
+    ends within a window it lies on one side, and neither coherence nor scatter shows the error.
     """
     from scipy.ndimage import median_filter
 
@@ -378,8 +445,13 @@ def _usable(found: FrequencyResponses) -> np.ndarray:
         for one, partial in enumerate(row):
             if found.joint:
                 partial = np.minimum(found.coherence[output], found.input_coherence[one])
-            smooth = median_filter(partial, size=min(_SIMILAR, partial.size), mode="nearest")
-            out[output, one] = longest_run(smooth >= found.spectra.least_coherence, log)
+            size = min(_SIMILAR, partial.size)
+            coherent, error, away = (
+                median_filter(each, size=size, mode="nearest")
+                for each in (partial, found.random_error[output, one], aside[output, one])
+            )
+            good = (coherent >= found.spectra.least_coherence) & (error <= RANDOM_ERROR)
+            out[output, one] = longest_run(good & (np.abs(away) <= ASIDE), log)
     return out
 
 

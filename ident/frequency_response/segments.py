@@ -161,14 +161,14 @@ class Segments:
     lengths: tuple[float, ...]
     overlap: csr_array
 
-    def usable(self, frequency: np.ndarray) -> np.ndarray:
+    def usable(self, frequency: np.ndarray, shorter: float = SHORTER) -> np.ndarray:
         """Whether a row's window is long enough for a frequency in Hz, bool ``(R, F)``.
 
         The longest window of those that are there serves down to ``LOWEST`` periods, shorter ones
-        to ``SHORTER``, where what their derivatives leave of the bias is small.
+        to ``shorter``, where what their derivatives leave of the bias is small.
         """
         lengths = np.array(self.lengths)[self.windows]
-        least = np.where(lengths < lengths.max() * (1.0 - 1e-9), SHORTER, LOWEST)
+        least = np.where(lengths < lengths.max() * (1.0 - 1e-9), shorter, LOWEST)
         return np.asarray(frequency * lengths[:, None] >= least[:, None] * (1.0 - 1e-9))
 
 

@@ -177,7 +177,8 @@ class FittedResponse:
     Attributes
     ----------
     name : of the response. form : of the function. values : all parameters.
-    std, insensitivity : standard deviation of the free ones, and with the others held.
+    std, insensitivity : standard deviation of the free ones, and with all others known, which is
+        never more.
     cost : Tischler's J. numerator, denominator : highest power first.
     covariance : of the free parameters, in the order of ``std``.
     """
@@ -306,7 +307,10 @@ class _Problem:
 
         best, least, ended = np.zeros(len(self.keys)), math.inf, False
         low = np.array(
-            [0.0 if name == DELAY or "frequency" in name else -np.inf for _, name in self.keys]
+            [
+                0.0 if name in (DELAY, "inv_T_roll") or "frequency" in name else -np.inf
+                for _, name in self.keys
+            ]
         )
         for start in zip(*starts, strict=True):
             p = np.array([start[n][name] for n, name in self.keys])
@@ -331,8 +335,7 @@ class _Problem:
         gains = inverse @ slopes.T
         parameters = gains @ covariance @ gains.T
         spread = np.sqrt(np.maximum(np.diag(parameters), 0.0))
-        alone = slopes.T / np.maximum(np.diag(normal), 1e-300)[:, None]
-        held = np.sqrt(np.maximum(np.einsum("ir,rs,is->i", alone, covariance, alone), 0.0))
+        held = conditional_std(parameters)
         values = self.values(p)
         functions = []
         for n, (target, form) in enumerate(zip(self.targets, self.forms, strict=True)):
@@ -373,6 +376,27 @@ class _Problem:
     def noise(self) -> np.ndarray:
         """Covariance of the weighted errors: of each response's neighbours by their windows."""
         return weighted_noise(self.targets)
+
+
+def conditional_std(covariance: np.ndarray) -> np.ndarray:
+    """Standard deviations ``(q,)`` of parameters, each with all others known.
+
+    1/sqrt((C^-1)_ii) of the covariance C ``(q, q)``: Tischler's insensitivity 1/sqrt(H_ii), with
+    the inverse covariance in the place of the Hessian. It is at most sqrt(C_ii).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> conditional_std(np.array([[4.0, 0.0], [0.0, 9.0]])).tolist()
+    [2.0, 3.0]
+    >>> conditional_std(np.array([[1.0, 0.6], [0.6, 1.0]])).round(6).tolist()
+    [0.8, 0.8]
+    """
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.where(std > 0.0, std, 1.0)
+    inverse = np.linalg.pinv(covariance / np.outer(scale, scale), rcond=1e-12, hermitian=True)
+    # Where C is singular the pseudo-inverse may lie below one on its diagonal.
+    return np.asarray(std / np.sqrt(np.maximum(np.diag(inverse), 1.0)))
 
 
 def weighted_errors(targets: Sequence[Target], ratios: Sequence[np.ndarray]) -> np.ndarray:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,7 @@ BODY, WIND, MOMENTS = ("CX", "CY", "CZ"), ("CD", "CY", "CL"), ("Cl", "Cm", "Cn")
 BANDWIDTH = 3.0  # Hz, of the smoothed derivative, where it is half in power
 NEEDED = ("airspeed", "alpha", "beta", "p", "q", "r", "ax", "ay", "az")
 _ZERO = (0.0, 0.0, 0.0)
+_LENGTHS = {"p": "span", "q": "chord", "r": "span"}  # of non-dimensional rates
 Point = tuple[float, float, float]
 
 
@@ -81,6 +82,34 @@ class Histories:
     averaging: np.ndarray
     rows: np.ndarray
     bandwidth: float
+    signal_noise: Mapping[str, float] = field(default_factory=dict)
+
+    def noise_through(self, table: Mapping[Term, float], axis: str) -> np.ndarray:
+        """Noise variance that the signals of terms bring into their sum, ``(M,)``.
+
+        Parameters
+        ----------
+        table : values of the terms. axis : the coefficient.
+        """
+        total = np.zeros(len(self.time))
+        for name, std in self.signal_noise.items():
+            terms = {term: value for term, value in table.items() if name in term.signals}
+            if not terms or std == 0.0:
+                continue
+            moved = (
+                replace(
+                    self,
+                    signals={**self.signals, name: self.signals[name] + sign * std},
+                    samples={**self.samples, name: self.samples[name] + sign * std},
+                )
+                for sign in (0.5, -0.5)
+            )
+            high, low = (
+                sum(value * each.column(term, axis) for term, value in terms.items())
+                for each in moved
+            )
+            total += (high - low) ** 2
+        return total
 
     def column(self, term: Term, axis: str) -> np.ndarray:
         """A term's weighted means over the windows, ``(M,)``, as a coefficient's are formed."""
@@ -195,7 +224,9 @@ def histories_of(
             where=name,
             remedy="give a longer record or a larger --bandwidth",
         )
-    s = _at_cg(_smooth(channels, half), airframe, step)
+    smooth = _smooth(channels, half)
+    jumps = _jumps(channels, smooth, surfaces, step) if held else {}
+    s = _at_cg(smooth, airframe, step, jumps)
     c = {key: np.broadcast_to(np.asarray(v, float), time.shape) for key, v in _constants(airframe)}
     rows = np.arange(0, len(time) - 2 * half, half)
     kernel = _averaging(half)
@@ -223,7 +254,8 @@ def histories_of(
     scatter = _scatter(noises, kernel, slope, c, s, at)
     sigma = {axis: scatter[axis] for axis in found}
     width = bandwidth_of(half, 1.0 / step)
-    return Histories(name, time[at], signals, samples, found, sigma, kernel, rows, width)
+    left = _signal_noise(noises, wide, half, c, s)
+    return Histories(name, time[at], signals, samples, found, sigma, kernel, rows, width, left)
 
 
 def _constants(airframe: Airframe) -> list[tuple[str, Any]]:
@@ -243,7 +275,35 @@ def _smooth(channels: Mapping[str, np.ndarray], half: int) -> dict[str, np.ndarr
     }
 
 
-def _at_cg(s: dict[str, np.ndarray], airframe: Airframe, step: float) -> dict[str, np.ndarray]:
+def _jumps(
+    channels: Mapping[str, np.ndarray],
+    smooth: Mapping[str, np.ndarray],
+    surfaces: Mapping[str, np.ndarray],
+    step: float,
+) -> dict[str, np.ndarray]:
+    """Half of what a step of held surfaces adds to each angular acceleration at its sample.
+
+    A central difference is the mean of both sides of the step, and an accelerometer reads the
+    later side. The difference of both sides is regressed on the steps and on the smooth motion.
+    """
+    moves = [np.diff(row)[:-1] for row in surfaces.values()]
+    moves = [row for row in moves if np.any(row)]
+    if not moves:
+        return {}
+    flow = [step * np.gradient(smooth[name], step)[1:-1] for name in (*"pqr", "alpha", "beta")]
+    columns = np.array([*moves, *flow]).T
+    scale = np.maximum(np.max(np.abs(columns), axis=0), 1e-300)
+    found = {}
+    for rate in ("p", "q", "r"):
+        sides = np.diff(channels[rate], 2) / step
+        values = np.linalg.lstsq(columns / scale, sides, rcond=1e-10)[0] / scale
+        found[rate] = np.pad(0.5 * columns[:, : len(moves)] @ values[: len(moves)], 1)
+    return found
+
+
+def _at_cg(
+    s: dict[str, np.ndarray], airframe: Airframe, step: float, jumps: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
     """Channels as sensors at the centre of gravity would read them."""
     s = dict(s)
     p, q, r = s["p"], s["q"], s["r"]
@@ -258,7 +318,7 @@ def _at_cg(s: dict[str, np.ndarray], airframe: Airframe, step: float) -> dict[st
             s[name] = s[name] - (r * x - p * z) / V
     x, y, z = airframe.sensors.get("accelerometer", _ZERO)
     if (x, y, z) != _ZERO:
-        dp, dq, dr = (np.gradient(rate, step) for rate in (p, q, r))
+        dp, dq, dr = (np.gradient(s[rate], step) + jumps.get(rate, 0.0) for rate in ("p", "q", "r"))
         s["ax"] = s["ax"] + x * (q * q + r * r) - y * (p * q - dr) - z * (p * r + dq)
         s["ay"] = s["ay"] - x * (p * q + dr) + y * (p * p + r * r) - z * (q * r - dp)
         s["az"] = s["az"] - x * (p * r - dq) - y * (q * r + dp) + z * (p * p + q * q)
@@ -324,6 +384,25 @@ def _moments(
     return {
         axis: turning[axis] + mean(row / (qS * (chord if axis == "Cm" else span)))
         for axis, row in rest.items()
+    }
+
+
+def _signal_noise(
+    noise: Mapping[str, float],
+    wide: np.ndarray,
+    half: int,
+    c: Mapping[str, np.ndarray],
+    s: Mapping[str, np.ndarray],
+) -> dict[str, float]:
+    """Standard deviations of the signals of terms behind smoothing and averaging."""
+    from scipy.signal import savgol_coeffs
+
+    left = math.sqrt(float(np.sum(np.convolve(wide, savgol_coeffs(max(2 * half + 1, 7), 4)) ** 2)))
+    speed = float(np.mean(s["airspeed"]))
+    lengths = {name: float(np.mean(c[key])) for name, key in _LENGTHS.items()}
+    scale = {name: 0.5 * length / speed for name, length in lengths.items()}
+    return {
+        name: noise[name] * left * scale.get(name, 1.0) for name in ("alpha", "beta", *_LENGTHS)
     }
 
 

@@ -80,7 +80,7 @@ def collinearity_of(
     ]
     groups = [group for group in groups if len(group) > 1]
     together = [{a, b} for a, b, _ in pairs] + [set(group) for group in groups]
-    advice = [_advice(sorted(each), surfaces) for each in together]
+    advice = [_advice(sorted(each, key=lambda term: term.text), surfaces) for each in together]
     return Collinearity(
         axis,
         chosen,

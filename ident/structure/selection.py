@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,6 +31,8 @@ from sim.aerodynamics.terms import Term
 
 F_IN = 20.0  # partial F ratio: Klein and Morelli, section 5.4, for many samples
 LEAST = 2e-4  # share of the variance that a term has to explain
+LARGE = 1.3  # residual over noise, above which a share of the residual is enough
+OF_RESIDUAL = 0.02  # that share
 ALIKE = 1e-9  # share of a column that the others leave, below which it is no column of its own
 STEPWISE, ORTHOGONAL = "stepwise", "orthogonal"
 
@@ -43,6 +45,7 @@ class Products:
     ----------
     terms : k columns. gram : ``(g, k, k)`` by maneuver; cross : ``(g, k)`` with the coefficient;
         total, squares : ``(g,)`` its sum and sum of squares; counts : ``(g,)`` samples.
+    noise : sum of squares that the sensors' noise explains; infinite where it is unknown.
     """
 
     terms: tuple[Term, ...]
@@ -51,6 +54,14 @@ class Products:
     total: np.ndarray
     squares: np.ndarray
     counts: np.ndarray
+    noise: float = math.inf
+
+    def least_gain(self, least: float, sse: float) -> float:
+        """Sum of squares that a term has to explain where ``sse`` is left: ``least`` of the
+        variance, or less while the residual is clearly larger than the noise.
+        """
+        of_variance = least * self.spread
+        return min(of_variance, OF_RESIDUAL * sse) if sse > LARGE**2 * self.noise else of_variance
 
     @property
     def spread(self) -> float:
@@ -142,7 +153,8 @@ def stepwise(
     Parameters
     ----------
     products : the constant term's column, if offered, begins in the model.
-    f_in : least partial F ratio of a term. least : share of the variance that it explains at least.
+    f_in : least partial F ratio of a term. least : share of the variance that it explains at least;
+        while the residual is above ``LARGE`` times the noise, ``OF_RESIDUAL`` of it is enough.
     """
     chosen = [i for i, term in enumerate(products.terms) if not term.factors]
     steps: list[SelectionStep] = []
@@ -152,7 +164,7 @@ def stepwise(
         gains, sse = _gains(products, chosen)
         best = int(np.argmax(gains)) if len(gains) else -1
         F = _ratio(products, gains[best], sse - gains[best], len(chosen) + 1)
-        if best < 0 or f_in > F or gains[best] < least * products.spread:
+        if best < 0 or f_in > F or gains[best] < products.least_gain(least, sse):
             break
         chosen = [*chosen, best]
         steps.append(_step(products, chosen, best, True, F))
@@ -164,7 +176,7 @@ def stepwise(
             ]
             worst = int(np.argmin(losses))
             F = _ratio(products, losses[worst], sse, len(chosen))
-            if f_in <= F and losses[worst] >= 0.5 * least * products.spread:
+            if f_in <= F and losses[worst] >= 0.5 * products.least_gain(least, sse):
                 break
             gone = chosen[worst]
             chosen = [i for i in chosen if i != gone]
@@ -228,14 +240,19 @@ def select(
     blocks = [columns_of(h, terms, axis) for h in histories] if blocks is None else blocks
     rows = [h.coefficients[axis] for h in histories]
     products = products_of(blocks, rows, terms)
-    chosen, steps = _METHODS[method](products)
-    values, held = _solve(products, chosen), _held_out(products, chosen)
+    noise_squares = _noise_squares(histories, axis, {})
+    for _ in range(2):  # the noise of the signals is known when terms have values
+        products = replace(products, noise=noise_squares)
+        chosen, steps = _METHODS[method](products)
+        values, held = _solve(products, chosen), _held_out(products, chosen)
+        table = dict(zip([terms[i] for i in chosen], values.tolist(), strict=True))
+        noise_squares = _noise_squares(histories, axis, table)
     parts = [block[:, chosen] for block in blocks]
     residuals = [row - part @ values for row, part in zip(rows, parts, strict=True)]
     covariance = _covariance(parts, residuals, len(chosen))
     sse = sum(float(e @ e) for e in residuals)
     n = float(products.counts.sum())
-    noise = math.sqrt(sum(float(h.sigma[axis] @ h.sigma[axis]) for h in histories) / n)
+    noise = math.sqrt(noise_squares / n)
     rms = math.sqrt(sse / max(n - len(chosen), 1.0))
     found = Selection(
         axis,
@@ -250,9 +267,14 @@ def select(
         rms,
         noise,
     )
-    if not further or rms < 1.3 * noise:
+    if not further or rms < LARGE * noise:
         return found
     return _with_lacking(found, histories, parts, rows, further, products.spread)
+
+
+def _noise_squares(histories: Sequence[Histories], axis: str, table: Mapping[Term, float]) -> float:
+    """Sum of squares that the noise of the sensors explains, that of the terms' signals as well."""
+    return sum(float(np.sum(h.sigma[axis] ** 2 + h.noise_through(table, axis))) for h in histories)
 
 
 def _with_lacking(
@@ -264,8 +286,6 @@ def _with_lacking(
     spread: float,
 ) -> Selection:
     """The same with the terms, not offered, that explain the residual best."""
-    from dataclasses import replace
-
     every = (*found.terms, *further)
     blocks = [
         np.hstack([part, columns_of(h, further, found.axis)])

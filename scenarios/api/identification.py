@@ -391,6 +391,11 @@ class Prediction:
         """How the record was prepared, one sentence each."""
         return self.details.notes
 
+    @property
+    def passed(self) -> dict[str, bool]:
+        """Pass or fail of each test of ``tolerances``."""
+        return {each.test.name: each.passed for each in self.details.verdicts}
+
     def response(self) -> pandas.DataFrame:
         """The record over ``time``, SI: inputs, measured outputs (``alpha``) and the model's
         (``predicted_alpha``); of a diagnosis also ``declared_alpha``, without the effects found."""
@@ -470,6 +475,7 @@ def predict(
     *,
     model: Declared | None = None,
     effects: str | PathLike[str] | Sequence[Traceable] | None = None,
+    tolerances: str | None = None,
     channels: Choices | None = None,
     columns: str | Sequence[str] | None = None,
     start: Times = None,
@@ -506,6 +512,7 @@ def predict(
         asked_of.plan,
         own_model,
         effects_of(effects),
+        tolerances,
     )
     if isinstance(study, str | PathLike):
         return Prediction(predict_record(replace(asked, study=Path(study))))

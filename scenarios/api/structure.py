@@ -45,6 +45,11 @@ class Structure:
             found[axis] = float(each.held_out if left_out else each.r2)
         return found
 
+    @property
+    def predicted(self) -> dict[str, dict[str, float]]:
+        """R2 by record and coefficient of the records of ``validate``."""
+        return {name: dict(told) for name, told in self.details.predicted.items()}
+
     def summary(self) -> str:
         """What the command prints."""
         from scenarios.structure.report import structure_text
@@ -90,6 +95,7 @@ class Structure:
 def structure(
     records: Source | Sequence[Source],
     vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle,
+    validate: Source | Sequence[Source] = (),
     *,
     method: str = structures.METHODS[0],
     degree: int = structures.DEGREE,
@@ -114,6 +120,7 @@ def structure(
     records : one a maneuver, each a ``Record`` or whatever ``read_record`` takes; airspeed, alpha,
         beta, p, q, r, ax, ay, az and the surfaces of the file.
     vehicle : file of model ``aircraft``; its terms are a baseline or are not used.
+    validate : records whose coefficients are predicted, not fitted: ``predicted`` of the result.
     method : ``"stepwise"`` or ``"orthogonal"``. degree : of the products of signals offered.
     splines : knots in alpha. bandwidth : Hz, of the angular accelerations.
     terms : path of a file with the terms offered. baseline : increments to the file's terms.
@@ -133,7 +140,9 @@ def structure(
     """
     plan = plan_from(start, stop, hold, rate, lowpass, False, columns)
     request = with_parts(
-        request_of(records, "aircraft", vehicle, channels=channels, plan=plan), maneuver, maneuvers
+        request_of(records, "aircraft", vehicle, validate, channels=channels, plan=plan),
+        maneuver,
+        maneuvers,
     )
     file = None if terms is None else Path(terms)
     options = structures.StructureOptions(method, bandwidth, degree, splines, file, baseline)
@@ -147,8 +156,8 @@ def export(study: str | PathLike[str], to: str, path: str | PathLike[str] | None
     Parameters
     ----------
     study : folder that ``identify`` or ``diagnose`` saved, or a vehicle file of model ``aircraft``.
-    to : ``"python"``, ``"fmu"`` or ``"jsbsim"``. path : of the file; one named after the vehicle in
-        the current folder when None.
+    to : ``"python"``, ``"fmu"``, ``"jsbsim"`` or ``"dave-ml"``.
+    path : of the file; one named after the vehicle in the current folder when None.
 
     Returns
     -------

@@ -19,14 +19,13 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from scenarios.cli.model_commands import export, structure
+from scenarios.cli.model_commands import export, predict, structure
 from scenarios.cli.record_commands import (
     check,
     diagnose,
     identify,
     maneuvers,
     map_,
-    predict,
     response,
     survey,
     watch,

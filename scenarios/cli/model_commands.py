@@ -1,4 +1,4 @@
-"""Commands on model structure and on models that leave the tool: their options."""
+"""Commands on models of studies: structure, prediction, export; their options."""
 
 from __future__ import annotations
 
@@ -7,47 +7,41 @@ from typing import Annotated
 
 import typer
 
+from scenarios.cli.groups import Output, Preparation, with_groups
 from scenarios.cli.options import (
-    AsJson,
     Channels,
+    ClockRate,
     Columns,
-    Figures,
     From,
-    Held,
-    Lowpass,
     ManeuverFile,
     Maneuvers,
-    NoFigures,
-    Out,
-    Quiet,
-    Rate,
     Records,
     To,
+    Trust,
     VehicleOption,
     of,
 )
 from scenarios.preparation.maneuver_file import with_maneuvers
 from scenarios.preparation.plan import Request, plan_of
-from scenarios.report.figure_formats import formats_of
 
 METHOD_WORDS = ("stepwise", "orthogonal")
-TARGETS = ("python", "fmu", "jsbsim")
+TARGETS = ("python", "fmu", "jsbsim", "dave-ml")
 
 # ---- flightid structure
 
 
+@with_groups
 def structure(
     records: Records,
+    *,
     vehicle: VehicleOption = None,
-    channels: Channels = None,
-    columns: Columns = None,
-    start: From = None,
-    stop: To = None,
-    maneuver: Maneuvers = None,
-    maneuvers: ManeuverFile = None,
-    hold: Held = None,
-    rate: Rate = None,
-    lowpass: Lowpass = None,
+    validate: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--validate", metavar="RECORD...", help="Predict the coefficients of these records."
+        ),
+    ] = None,
+    preparation: Preparation,
     method: Annotated[
         str,
         typer.Option(
@@ -79,33 +73,84 @@ def structure(
     bandwidth: Annotated[
         float, typer.Option("--bandwidth", metavar="HZ", help="Of the angular accelerations.")
     ] = 3.0,
-    out: Out = None,
-    figures: Figures = None,
-    no_figures: NoFigures = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    output: Output,
 ) -> None:
     """Which terms of the aerodynamic coefficients the records support; a vehicle file of them.
 
     Stepwise regression or orthogonal functions; collinear terms are told with the maneuver that
     would separate them.
     """
-    from scenarios.cli.options import output_options
     from scenarios.commands.structure import find_structure
     from scenarios.structure.study import StructureOptions
 
-    plan = plan_of(start, stop, hold, rate, lowpass, columns=columns)
-    plan = with_maneuvers(plan, records, maneuver, maneuvers)
-    request = Request(tuple(records), vehicle=vehicle, channels=channels, plan=plan)
+    plan = preparation.plan(records)
+    request = Request(
+        tuple(records),
+        vehicle=vehicle,
+        validate=tuple(validate or ()),
+        channels=preparation.channels,
+        plan=plan,
+    )
     options = StructureOptions(method, bandwidth, degree, splines, terms, baseline)
-    with output_options(
-        out,
-        formats_of(figures, no_figures),
-        quiet=quiet,
-        as_json=as_json,
-        documents=["structure.json"],
-    ) as told:
+    with output.of("structure.json") as told:
         find_structure(request, options, told.out, told.figures)
+
+
+# ---- flightid predict
+
+
+@with_groups
+def predict(
+    study: Annotated[
+        Path,
+        typer.Argument(
+            metavar="STUDY", help="Folder that identify, diagnose or a run of trace-* wrote."
+        ),
+    ],
+    record: Annotated[
+        Path,
+        typer.Argument(metavar="RECORD", help="Record of the same vehicle, from any recorder."),
+    ],
+    *,
+    channels: Channels = None,
+    columns: Columns = None,
+    start: From = None,
+    stop: To = None,
+    maneuver: Maneuvers = None,
+    maneuvers: ManeuverFile = None,
+    rate: ClockRate = None,
+    trust: Trust = False,
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", metavar="FILE.py", help="The study's own model, which is run."),
+    ] = None,
+    effects: Annotated[
+        Path | None,
+        typer.Option("--effects", metavar="FILE", help="The study's own effects, which are run."),
+    ] = None,
+    tolerances: Annotated[
+        str | None,
+        typer.Option(
+            "--tolerances",
+            metavar="TEST,...",
+            help="Pass or fail in tests of simulator qualification, or in those of FILE.toml.",
+        ),
+    ] = None,
+    output: Output,
+) -> None:
+    """The model of a study on another record: initial states and biases alone are fitted."""
+    from scenarios.commands.failures import one_segment
+    from scenarios.commands.records import predict_with_study
+    from scenarios.prediction import PredictionRequest
+
+    plan = plan_of(start, stop, rate=rate, trusted=trust, columns=columns)
+    plan = one_segment(with_maneuvers(plan, [record], maneuver, maneuvers))
+    with output.of("prediction.json") as told:
+        predict_with_study(
+            PredictionRequest(study, record, channels, plan, model, effects, tolerances),
+            told.out,
+            told.figures,
+        )
 
 
 # ---- flightid export
@@ -141,7 +186,8 @@ def export(
         typer.Option("--model", metavar="FILE.py", help="The study's own model, which is run."),
     ] = None,
 ) -> None:
-    """The model of a study for another program: a Python module, an FMU, a JSBSim file.
+    """The model of a study for another program: a Python module, an FMU, a JSBSim
+    file, a DAVE-ML file.
 
     SI and radians, with the values found and the starting states of the first record.
     """

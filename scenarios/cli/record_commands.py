@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from scenarios.cli.groups import Output, Preparation, with_groups
 from scenarios.cli.options import (
     METHOD_NAMES,
     AsJson,
@@ -17,24 +18,16 @@ from scenarios.cli.options import (
     Cluster,
     Columns,
     Figures,
-    From,
-    Held,
-    Lowpass,
-    ManeuverFile,
-    Maneuvers,
     Model,
     NoFigures,
     Out,
     Quiet,
-    Rate,
     Records,
-    To,
     Trust,
     VehicleOption,
     methods,
     of,
 )
-from scenarios.preparation.maneuver_file import with_maneuvers
 from scenarios.preparation.plan import Request, plan_of
 from scenarios.report.figure_formats import formats_of
 from sim.errors import DeclarationError
@@ -65,33 +58,24 @@ def map_(
 # ---- flightid maneuvers
 
 
+@with_groups
 def maneuvers(
     record: Annotated[
         Path, typer.Argument(metavar="RECORD", help="A recorded flight of any length.")
     ],
+    *,
     channels: Channels = None,
     columns: Columns = None,
     rate: ClockRate = None,
-    out: Out = None,
-    figures: Figures = None,
-    no_figures: NoFigures = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    output: Output,
 ) -> None:
     """The maneuvers in a long record: steps, doublets, 3-2-1-1, sweeps, multisines, pull-ups,
     turns, trim points.
     """
-    from scenarios.cli.options import output_options
     from scenarios.commands.records import search_record
 
     plan = plan_of(rate=rate, columns=columns)
-    with output_options(
-        out,
-        formats_of(figures, no_figures),
-        quiet=quiet,
-        as_json=as_json,
-        documents=["maneuvers.json"],
-    ) as told:
+    with output.of("maneuvers.json") as told:
         search_record(record, channels, plan, told.out, told.figures)
 
 
@@ -204,20 +188,14 @@ Coherence = Annotated[
 ]
 
 
+@with_groups
 def response(
     records: Records,
+    *,
     inputs: Inputs = None,
     outputs: Outputs = None,
     references: References = None,
-    channels: Channels = None,
-    columns: Columns = None,
-    start: From = None,
-    stop: To = None,
-    maneuver: Maneuvers = None,
-    maneuvers: ManeuverFile = None,
-    hold: Held = None,
-    rate: Rate = None,
-    lowpass: Lowpass = None,
+    preparation: Preparation,
     band: Band = None,
     window: Windows = None,
     tapers: Tapers = 0,
@@ -233,26 +211,14 @@ def response(
     pilot_delay: PilotDelay = None,
     model: FittedModel = None,
     vehicle: ModelVehicle = None,
-    out: Out = None,
-    figures: Figures = None,
-    no_figures: NoFigures = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    output: Output,
 ) -> None:
     """Frequency responses of any record: magnitude, phase, coherence and their errors."""
-    from scenarios.cli.options import output_options
     from scenarios.commands.records import respond
 
-    plan = plan_of(start, stop, hold, rate, lowpass, columns=columns)
-    plan = with_maneuvers(plan, records, maneuver, maneuvers)
-    request = Request(tuple(records), channels=channels, plan=plan)
-    with output_options(
-        out,
-        formats_of(figures, no_figures),
-        quiet=quiet,
-        as_json=as_json,
-        documents=["responses.json"],
-    ) as told:
+    plan = preparation.plan(records)
+    request = Request(tuple(records), channels=preparation.channels, plan=plan)
+    with output.of("responses.json") as told:
         respond(
             request,
             (tuple(inputs or ()), tuple(outputs or ()), tuple(references or ())),
@@ -271,19 +237,13 @@ def response(
 # ---- flightid identify
 
 
+@with_groups
 def identify(
     records: Records,
     model: Model,
+    *,
     vehicle: VehicleOption = None,
-    channels: Channels = None,
-    columns: Columns = None,
-    start: From = None,
-    stop: To = None,
-    maneuver: Maneuvers = None,
-    maneuvers: ManeuverFile = None,
-    hold: Held = None,
-    rate: Rate = None,
-    lowpass: Lowpass = None,
+    preparation: Preparation,
     trust: Trust = False,
     method: Annotated[
         str,
@@ -333,35 +293,23 @@ def identify(
             help="Write A, B, C, D about trim with names: .json, .mat or .npz.",
         ),
     ] = None,
-    out: Out = None,
-    figures: Figures = None,
-    no_figures: NoFigures = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    output: Output,
 ) -> None:
     """Parameters of a model from measured records."""
-    from scenarios.cli.options import output_options
     from scenarios.commands.records import identify_records, options_of
 
-    plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust, columns=columns)
-    plan = with_maneuvers(plan, records, maneuver, maneuvers)
+    plan = preparation.plan(records, trusted=trust)
     request = Request(
         tuple(records),
         model,
         vehicle,
         tuple(validate or ()),
-        channels=channels,
+        channels=preparation.channels,
         plan=plan,
         aircraft_class=aircraft_class,
         flight_phase=category,
     )
-    with output_options(
-        out,
-        formats_of(figures, no_figures),
-        quiet=quiet,
-        as_json=as_json,
-        documents=["comparison.json"],
-    ) as told:
+    with output.of("comparison.json") as told:
         identify_records(
             request, method, told.out, told.figures, options_of(profile, band, engine), matrices
         )
@@ -370,9 +318,11 @@ def identify(
 # ---- flightid diagnose
 
 
+@with_groups
 def diagnose(
     records: Records,
     model: Model,
+    *,
     vehicle: VehicleOption = None,
     validate: Annotated[
         list[Path] | None,
@@ -388,15 +338,7 @@ def diagnose(
             "--effects", metavar="FILE", help="Python file with effects of your own; it is run."
         ),
     ] = None,
-    channels: Channels = None,
-    columns: Columns = None,
-    start: From = None,
-    stop: To = None,
-    maneuver: Maneuvers = None,
-    maneuvers: ManeuverFile = None,
-    hold: Held = None,
-    rate: Rate = None,
-    lowpass: Lowpass = None,
+    preparation: Preparation,
     trust: Trust = False,
     effort: Annotated[
         str,
@@ -409,135 +351,49 @@ def diagnose(
     ] = "normal",
     aircraft_class: Class = None,
     category: Category = None,
-    out: Out = None,
-    figures: Figures = None,
-    no_figures: NoFigures = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    output: Output,
 ) -> None:
     """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and
     after.
     """
-    from scenarios.cli.options import output_options
     from scenarios.commands.diagnose import diagnose_records
 
-    plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust, columns=columns)
-    plan = with_maneuvers(plan, records, maneuver, maneuvers)
+    plan = preparation.plan(records, trusted=trust)
     request = Request(
         tuple(records),
         model,
         vehicle,
         tuple(validate or ()),
         effects,
-        channels,
+        preparation.channels,
         plan,
         effort,
         aircraft_class,
         category,
     )
-    with output_options(
-        out,
-        formats_of(figures, no_figures),
-        quiet=quiet,
-        as_json=as_json,
-        documents=["diagnosis.json"],
-    ) as told:
+    with output.of("diagnosis.json") as told:
         diagnose_records(request, told.out, told.figures, progress=told.progress)
-
-
-# ---- flightid predict
-
-
-def predict(
-    study: Annotated[
-        Path,
-        typer.Argument(
-            metavar="STUDY", help="Folder that identify, diagnose or a run of trace-* wrote."
-        ),
-    ],
-    record: Annotated[
-        Path,
-        typer.Argument(metavar="RECORD", help="Record of the same vehicle, from any recorder."),
-    ],
-    channels: Channels = None,
-    columns: Columns = None,
-    start: From = None,
-    stop: To = None,
-    maneuver: Maneuvers = None,
-    maneuvers: ManeuverFile = None,
-    rate: ClockRate = None,
-    trust: Trust = False,
-    model: Annotated[
-        Path | None,
-        typer.Option("--model", metavar="FILE.py", help="The study's own model, which is run."),
-    ] = None,
-    effects: Annotated[
-        Path | None,
-        typer.Option("--effects", metavar="FILE", help="The study's own effects, which are run."),
-    ] = None,
-    out: Out = None,
-    figures: Figures = None,
-    no_figures: NoFigures = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
-) -> None:
-    """The model of a study on another record: initial states and biases alone are fitted."""
-    from scenarios.cli.options import output_options
-    from scenarios.commands.failures import one_segment
-    from scenarios.commands.records import predict_with_study
-    from scenarios.prediction import PredictionRequest
-
-    plan = plan_of(start, stop, rate=rate, trusted=trust, columns=columns)
-    plan = one_segment(with_maneuvers(plan, [record], maneuver, maneuvers))
-    with output_options(
-        out,
-        formats_of(figures, no_figures),
-        quiet=quiet,
-        as_json=as_json,
-        documents=["prediction.json"],
-    ) as told:
-        predict_with_study(
-            PredictionRequest(study, record, channels, plan, model, effects), told.out, told.figures
-        )
 
 
 # ---- flightid check
 
 
+@with_groups
 def check(
     records: Records,
+    *,
     vehicle: VehicleOption = None,
-    channels: Channels = None,
-    columns: Columns = None,
-    start: From = None,
-    stop: To = None,
-    maneuver: Maneuvers = None,
-    maneuvers: ManeuverFile = None,
-    hold: Held = None,
-    rate: Rate = None,
-    lowpass: Lowpass = None,
+    preparation: Preparation,
     trust: Trust = False,
-    out: Out = None,
-    figures: Figures = None,
-    no_figures: NoFigures = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    output: Output,
 ) -> None:
     """Data compatibility: what the kinematics alone say of the sensors."""
-    from scenarios.cli.options import output_options
     from scenarios.commands.records import check_records
 
-    plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust, columns=columns)
-    plan = with_maneuvers(plan, records, maneuver, maneuvers)
-    with output_options(
-        out,
-        formats_of(figures, no_figures),
-        quiet=quiet,
-        as_json=as_json,
-        documents=["compatibility.json"],
-    ) as told:
+    plan = preparation.plan(records, trusted=trust)
+    with output.of("compatibility.json") as told:
         check_records(
-            Request(tuple(records), vehicle=vehicle, channels=channels, plan=plan),
+            Request(tuple(records), vehicle=vehicle, channels=preparation.channels, plan=plan),
             told.out,
             told.figures,
         )

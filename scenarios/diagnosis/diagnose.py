@@ -11,22 +11,20 @@ from typing import TYPE_CHECKING
 from ident.tracing.diagnosis import Diagnosis, Prediction, Verdict
 from scenarios.diagnosis.candidates import can_act, candidates_for
 from scenarios.diagnosis.effort import settings_of
-from scenarios.diagnosis.input_reading import (
-    left_open,
-    moves_between_samples,
-    no_worse,
-    read_again,
-    refitted,
-    tells_times,
-)
 from scenarios.diagnosis.kinematic_records import OF_MODEL, kinematics_of_files
 from scenarios.diagnosis.laid_down import at_bounds, said_of
 from scenarios.diagnosis.opening import (
     Opened,
     Posed,
+    left_open,
+    moves_between_samples,
+    no_worse,
     opened_files,
     own_effects,
     posed_for,
+    read_again,
+    refitted,
+    tells_times,
     vehicle_path_of,
 )
 from scenarios.diagnosis.overflows import Overflows, Trace

@@ -29,11 +29,18 @@ def _jsbsim(model: ExportedModel) -> tuple[bytes, str]:
     return jsbsim_file(model).encode(), f"JSBSim loads it as aircraft/{name}/{name}.xml"
 
 
+def _dave_ml(model: ExportedModel) -> tuple[bytes, str]:
+    from scenarios.export.dave_ml import dave_ml_file
+
+    return dave_ml_file(model).encode(), "coefficients and check cases, no equations of motion"
+
+
 # By target: what writes the file, and the ending of its name.
 _WRITERS: dict[str, tuple[Callable[[ExportedModel], tuple[bytes, str]], str]] = {
     "python": (_python, ".py"),
     "fmu": (_fmu, ".fmu"),
     "jsbsim": (_jsbsim, ".xml"),
+    "dave-ml": (_dave_ml, ".dml"),
 }
 
 

@@ -32,9 +32,10 @@ from sim.vehicles.aircraft import (
     DEFAULTS,
     FURTHER,
     MOMENTS,
+    NAME,
     OUTPUTS,
     SENSORS,
-    VARYING_ALL,
+    VARYING,
     WIND_AXES,
     Aircraft,
     Point,
@@ -203,7 +204,7 @@ def _refuse_names(vehicle: Mapping[str, Any], path: Path) -> None:
                 what = f"{part} is no surface"
                 raise DeclarationError(what, where=where, remedy=closest(part, surfaces))
     for key, known in (
-        ("columns", VARYING_ALL),
+        ("columns", VARYING),
         ("states", tuple(FURTHER)),
         ("biases", (*OUTPUTS, *FURTHER)),
     ):
@@ -298,43 +299,54 @@ def written(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> st
     -------
     Text in TOML, which ``read_aircraft`` reads back to the same numbers.
     """
-    c = aircraft.constants
-    lines = [f'model = "aircraft"\nname = "{aircraft.name}"']
-    lines += [
-        f"{name} = {c[name]!r}" for name in CONSTANTS if not name.startswith(("cg_", "thrust"))
-    ]
-    start = aircraft.start
-    lines += [
-        f"airspeed = {float(start.get('airspeed', 1.0))!r}",
-        f"trim_alpha = {float(start.get('alpha', 0.0))!r}",
-        f"trim_theta = {float(start.get('theta', 0.0))!r}",
-    ]
-    for key, names in (
-        ("columns", aircraft.varying),
-        ("states", aircraft.further),
-        ("biases", aircraft.biases),
-    ):
-        lines.append(f"{key} = [{', '.join(f'{name!r}' for name in names)}]".replace("'", '"'))
-    lines.append(f"wind = {str(aircraft.wind).lower()}")
-    rest = [name for name in (*aircraft.surfaces, aircraft.thrust.signal) if name in start]
-    if rest:
-        lines += ["", "[trim]", *(f"{name} = {float(start[name])!r}" for name in rest)]
-    lines += ["", "[surfaces]", *(f'{n} = "{unit}"' for n, unit in aircraft.surfaces.items())]
-    for name, parts in aircraft.mixes.items():
-        lines += ["", f"[mixes.{name}]", *(f"{n} = {float(v)!r}" for n, v in parts.items())]
-    lines += ["", "[thrust]", f'input = "{aircraft.thrust.signal or "none"}"']
-    lines += [f"arm = {c['thrust_arm']!r}", f"angle = {c['thrust_angle']!r}"]
+    import tomlkit
+    from tomlkit.items import KeyType, SingleKey
+
+    c, start = aircraft.constants, aircraft.start
+    plain = {
+        "model": NAME,
+        "name": aircraft.name,
+        **{name: c[name] for name in CONSTANTS if not name.startswith(("cg_", "thrust"))},
+        "airspeed": start.get("airspeed", 1.0),
+        "trim_alpha": start.get("alpha", 0.0),
+        "trim_theta": start.get("theta", 0.0),
+        "columns": list(aircraft.varying),
+        "states": list(aircraft.further),
+        "biases": list(aircraft.biases),
+        "wind": aircraft.wind,
+    }
+    moved = (*aircraft.surfaces, aircraft.thrust.signal)
+    thrust: dict[str, Any] = {"input": aircraft.thrust.signal or "none"}
+    thrust |= {"arm": c["thrust_arm"], "angle": c["thrust_angle"]}
     if aircraft.thrust.signal == "throttle":
         shares, forces = aircraft.thrust.table
-        lines += [f"throttle = {list(shares)!r}", f"force = {list(forces)!r}"]
-    lines += ["", "[center_of_gravity]", *(f"{axis} = {c[f'cg_{axis}']!r}" for axis in "xyz")]
-    for name, place in aircraft.sensors.items():
-        pairs = zip("xyz", place, strict=True)
-        lines += ["", f"[sensors.{name}]", *(f"{a} = {float(v)!r}" for a, v in pairs)]
+        thrust |= {"throttle": list(shares), "force": list(forces)}
+    tables: dict[str, Any] = {
+        "trim": {name: float(start[name]) for name in moved if name in start},
+        "surfaces": aircraft.surfaces,
+        "mixes": {name: _numbers(parts) for name, parts in aircraft.mixes.items()},
+        "thrust": thrust,
+        "center_of_gravity": {axis: c[f"cg_{axis}"] for axis in "xyz"},
+        "sensors": {
+            name: _numbers(dict(zip("xyz", place, strict=True)))
+            for name, place in aircraft.sensors.items()
+        },
+    }
+    document = tomlkit.document()
+    for key, value in {**plain, **{key: table for key, table in tables.items() if table}}.items():
+        document.add(key, tomlkit.item(value))
+    coefficients = tomlkit.table(is_super_table=True)
     for axis, terms in aircraft.coefficients.items():
-        lines += ["", f"[aerodynamics.{axis}]"]
+        table = tomlkit.table()
         for term, value in terms.items():
-            sigma = (sigmas or {}).get(f"{axis}_{term.label}")
-            told = f"  # +- {sigma:.2g}" if sigma is not None else ""
-            lines.append(f'"{term.text}" = {float(value)!r}{told}')
-    return "\n".join(lines) + "\n"
+            number = tomlkit.item(float(value))
+            if (sigma := (sigmas or {}).get(f"{axis}_{term.label}")) is not None:
+                number.comment(f"+- {sigma:.2g}")
+            table.append(SingleKey(term.text, KeyType.Basic), number)
+        coefficients.append(axis, table)
+    document.append("aerodynamics", coefficients)
+    return tomlkit.dumps(document)
+
+
+def _numbers(table: Mapping[str, Any]) -> dict[str, float]:
+    return {name: float(value) for name, value in table.items()}

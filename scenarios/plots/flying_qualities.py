@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from matplotlib.figure import Figure
 
-from ident.flying_qualities.bandwidth import PITCH_LEVELS
+from ident.flying_qualities.bandwidth import PITCH_LEVELS, PITCH_SOURCE
 from ident.flying_qualities.levels import criteria
 from ident.flying_qualities.pilot_in_loop import LEVELS as RESONANCES
 from ident.flying_qualities.pilot_in_loop import step_response
@@ -169,11 +169,13 @@ def _bandwidth(panel: Any, one: Any) -> None:
     ends = max(12.0, 1.25 * band.value), max(0.2, 1.4 * delay.value)
     for level, points in enumerate(PITCH_LEVELS):
         x, y = (list(each) for each in zip(*points, strict=True))
-        _limit(panel, [*x, ends[0]], [*y, y[-1]], level)
+        _limit(panel, x, y, level)
+        beyond = {"color": _LEVEL_COLOURS[level], "linewidth": 1.0, "linestyle": (0, (4, 3))}
+        panel.plot([x[-1], ends[0]], [y[-1], y[-1]], **beyond)
     panel.set_xlim(0.0, ends[0])
     panel.set_ylim(0.0, ends[1])
     _mark(panel, (band.value, band.std), (delay.value, delay.std))
-    words = "pitch, category A: MIL-STD-1797A"
+    words = "pitch: " + PITCH_SOURCE.replace("; ", ";\n")
     _named(panel, "bandwidth (rad/s)", "phase delay (s)", words)
 
 

@@ -18,6 +18,7 @@ from ident.frequency_response import (
     estimate_responses,
 )
 from ident.frequency_response.estimate import (
+    RANDOM_ERROR,
     decimated,
     frequencies,
     input_band,
@@ -50,7 +51,7 @@ if TYPE_CHECKING:
 
 NO_MODEL = ModelOptions()
 PROPORTIONAL = 0.9999  # median coherence of an input with the others, above which nothing is left
-LEAKED = 0.1  # of the usable frequencies, above which a caution is due
+LEAKED = 0.1  # of the frequencies, above which a caution is due
 CORRELATED = 0.5  # mean coherence of an input with the others, from which a caution says so
 DISAGREE = 0.1  # share of the usable band in which direct and joint estimate differ beyond 95 %
 # Of the joint estimate's variance, what that of the difference has at least. Measured over 87
@@ -325,7 +326,11 @@ def cautions_of(
         for column, one in enumerate(names.inputs):
             if not found.usable[row, column].any():
                 limit = f"{found.spectra.least_coherence:g}"
-                out.append(f"{output}/{one}: no frequency has a coherence of {limit}")
+                error = f"{100.0 * RANDOM_ERROR:g} %"
+                out.append(
+                    f"{output}/{one}: no frequency is usable, with a coherence of {limit}, a "
+                    f"random error of {error} and power of the input on both sides"
+                )
             elif direct is not None:
                 out += _bias_of_direct(found, direct, row, column, f"{output}/{one}")
     out += _leaks(found, names)
@@ -339,18 +344,19 @@ def cautions_of(
 
 
 def _leaks(found: FrequencyResponses, names: Names) -> list[str]:
-    """Usable frequencies at which an input has no power of its own: a coherence there is that of
-    what leaks through the windows from elsewhere."""
+    """Frequencies at which an input has no power of its own: a coherence there is that of what
+    leaks through the windows from elsewhere."""
     out = []
     excitations = names.references if found.joint else names.inputs
     for column, leaked in enumerate(found.leaked):
-        usable = found.usable[:, column].any(axis=0)
-        places = found.frequency[leaked & usable]
-        if places.size > LEAKED * np.count_nonzero(usable):
+        places = found.frequency[leaked]
+        if places.size > LEAKED * leaked.size:
+            usable = int(np.count_nonzero(leaked & found.usable[:, column].any(axis=0)))
             said = f"{excitations[column]} has hardly any power between {places[0]:.3g} and"
+            kept = f"{usable} of them count as usable" if usable else "none of them is usable"
             out.append(
-                f"{said} {places[-1]:.3g} Hz, where {places.size} of {np.count_nonzero(usable)} "
-                "usable frequencies hold what leaks from others; name the swept --band"
+                f"{said} {places[-1]:.3g} Hz, where {places.size} of {leaked.size} frequencies "
+                f"hold what leaks from others ({kept}); name the swept --band"
             )
     return out
 

@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 
 from ident.flying_qualities.bandwidth import (
+    PITCH_SOURCE,
     AttitudeCurve,
     Bandwidth,
     BandwidthQuantity,
@@ -478,7 +479,7 @@ def _chart_lines(one: Qualities) -> list[str]:
             ]
             out.append(
                 f"bandwidth and phase delay, if this is pitch: {level_text(level, *ends)}"
-                " (MIL-STD-1797A, 4.2.1.2, category A; points of its figure not verified)"
+                f" ({PITCH_SOURCE})"
             )
     if isinstance(one.pilot, str):
         out.append(one.pilot)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
 MAIN = "structure.json"
 SCHEMA = "flightid/structure/1"
 VEHICLE = "vehicle.toml"
+TOGETHER = 0.98  # correlation of two surfaces: a variance inflation of 25
 
 
 def structure_text(found: FoundStructure, width: int = WIDTH) -> str:
@@ -56,6 +58,8 @@ def structure_text(found: FoundStructure, width: int = WIDTH) -> str:
         width,
     )
     lines += table_as_lines(summary_table(found), width, keys=1)
+    if found.predicted:
+        lines += ["", *table_as_lines(prediction_table(found), width, keys=1)]
     for axis in found.selections:
         lines += ["", *table_as_lines(terms_table(found, axis), width, keys=1)]
     for sentence in findings(found):
@@ -85,6 +89,16 @@ def summary_table(found: FoundStructure) -> Table:
         Column("residual/noise"),
     )
     return rows_table("coefficients", columns, rows)
+
+
+def prediction_table(found: FoundStructure) -> Table:
+    """R2 of each coefficient on records that were not fitted."""
+    rows: list[list[Cell]] = [
+        [name, *(formatted(value, ".4f", PURE) for value in told.values())]
+        for name, told in found.predicted.items()
+    ]
+    columns = (Column("not fitted"), *(Column(f"R2 {axis}") for axis in found.selections))
+    return rows_table("records that were not fitted", columns, rows)
 
 
 def terms_table(found: FoundStructure, axis: str) -> Table:
@@ -117,7 +131,7 @@ def _held(value: float) -> Cell:
 
 def findings(found: FoundStructure) -> list[str]:
     """Sentences: what is lacking, where methods differ, what goes together and the remedy."""
-    told: list[str] = []
+    told = _surfaces_together(found)
     for axis, each in found.selections.items():
         if each.lacking:
             term, F, share = each.lacking[0]
@@ -146,6 +160,26 @@ def findings(found: FoundStructure) -> list[str]:
             )
             told += [f"To separate {advice}." for advice in together.advice]
     return list(dict.fromkeys(told))
+
+
+def _surfaces_together(found: FoundStructure) -> list[str]:
+    """Sentences on surfaces whose movements no record tells apart."""
+    mixed = {part for parts in found.aircraft.mixes.values() for part in parts}
+    names = [
+        name for name in (*found.aircraft.surfaces, *found.aircraft.mixes) if name not in mixed
+    ]
+    rows = {}
+    for name in names:
+        parts = [h.samples[name] - np.mean(h.samples[name]) for h in found.histories]
+        row = np.concatenate(parts)
+        if np.any(row):
+            rows[name] = row / np.sqrt(row @ row)
+    return [
+        f"{one} and {other} move together (correlation {float(rows[one] @ rows[other]):.3f}): "
+        "their effects cannot be told apart; move one after the other."
+        for one, other in combinations(rows, 2)
+        if abs(float(rows[one] @ rows[other])) > TOGETHER
+    ]
 
 
 # ---- Figures
@@ -211,6 +245,7 @@ def structure_page(found: FoundStructure, drawn: Sequence[Drawn] = ()) -> Page:
         sections=(
             *section("Figures", *page_figures(drawn)),
             *section("Coefficients", summary_table(found)),
+            *(section("Not fitted", prediction_table(found)) if found.predicted else ()),
             *section("Findings", Bullets(tuple(findings(found)))),
             *section("Terms", *(terms_table(found, axis) for axis in found.selections)),
             *section("How it was made", Bullets(found.notes)),
@@ -260,6 +295,7 @@ def structure_content(found: FoundStructure) -> dict[str, Any]:
             }
             for axis, each in found.selections.items()
         },
+        "r2_not_fitted": {name: dict(told) for name, told in found.predicted.items()},
         "findings": findings(found),
         "notes": list(found.notes),
         "inputs": [{"name": each.name, "sha256": each.sha256} for each in found.files],
@@ -268,7 +304,6 @@ def structure_content(found: FoundStructure) -> dict[str, Any]:
 
 
 def _selection(each: Selection) -> Mapping[str, Any]:
-    held = each.held_out if math.isfinite(each.held_out) else None
     return {
         "method": each.method,
         "terms": {
@@ -276,7 +311,7 @@ def _selection(each: Selection) -> Mapping[str, Any]:
             for term, value, sigma in zip(each.terms, each.values, each.sigma, strict=True)
         },
         "r2": each.r2,
-        "r2_left_out": held,
+        **_left_out(each.held_out),
         "residual_rms": each.rms,
         "noise_rms": each.noise,
         "steps": [
@@ -286,9 +321,14 @@ def _selection(each: Selection) -> Mapping[str, Any]:
                 "F": step.F,
                 "r2": step.r2,
                 "pse": step.pse,
-                "r2_left_out": step.held_out if math.isfinite(step.held_out) else None,
+                **_left_out(step.held_out),
             }
             for step in each.steps
         ],
         "lacking": [{"term": term.text, "F": F, "share": share} for term, F, share in each.lacking],
     }
+
+
+def _left_out(r2: float) -> dict[str, float]:
+    """R2 on maneuvers left out; nothing where there is one maneuver alone."""
+    return {"r2_left_out": r2} if math.isfinite(r2) else {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations_with_replacement
 from pathlib import Path
 
@@ -30,7 +30,7 @@ from scenarios.files.measured.record_file import (
 )
 from scenarios.files.sources import InputFile, Source
 from scenarios.files.vehicles import BESIDE
-from scenarios.preparation.plan import Request, column_choices
+from scenarios.preparation.plan import WHOLE, Request, column_choices
 from scenarios.preparation.reading import prepare
 from sim.aerodynamics.terms import Term, parse_term
 from sim.errors import DeclarationError, RecordError
@@ -89,6 +89,7 @@ class FoundStructure:
     aircraft : with the terms and values found (in addition to the baseline where there is one).
     selections : by coefficient; other : by the method that was not asked for.
     collinearity : by coefficient. histories : of each maneuver. files : that were read.
+    predicted : R2 by record and coefficient of records that were not fitted.
     """
 
     aircraft: Aircraft
@@ -99,6 +100,7 @@ class FoundStructure:
     files: tuple[InputFile, ...]
     options: StructureOptions
     notes: tuple[str, ...] = ()
+    predicted: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def sigmas(self) -> dict[str, float]:
@@ -128,11 +130,18 @@ def structure_of_files(request: Request, options: StructureOptions) -> FoundStru
             )
     source = with_plain_terms(read_toml_source(given))
     aircraft, _ = read_aircraft(source)
-    refuse_twice(request.records)
+    refuse_twice((*request.records, *request.validate))
     sources = read_record_files(request.records)
-    found, notes = _prepared(sources, aircraft, request)
-    identities = (*(each.identity for each in sources), source.identity)
-    return structure_of(found, aircraft, options, identities, notes)
+    fitted, notes = _prepared(sources, aircraft, request)
+    left_out = read_record_files(request.validate)
+    identities = (*(each.identity for each in (*sources, *left_out)), source.identity)
+    found = structure_of(fitted, aircraft, options, identities, notes)
+    if not left_out:
+        return found
+    whole = replace(request, plan=replace(request.plan, segments=WHOLE, chosen=()))
+    records, further = _prepared(left_out, aircraft, whole)
+    predicted = predicted_r2(found, records)
+    return replace(found, predicted=predicted, notes=(*notes, *further))
 
 
 def with_plain_terms(source: Source) -> Source:
@@ -216,6 +225,34 @@ def structure_of(
         options,
         tuple(notes),
     )
+
+
+def predicted_r2(found: FoundStructure, records: Sequence[Record]) -> dict[str, dict[str, float]]:
+    """How well a structure predicts the coefficients of maneuvers that it was not fitted to.
+
+    Parameters
+    ----------
+    found : the structure. records : as of ``structure_of``.
+
+    Returns
+    -------
+    R2 by name of the record and coefficient: 1 - sum (z - y)^2 / sum (z - mean z)^2.
+
+    Raises
+    ------
+    RecordError : a channel is missing or half of it is.
+    """
+    told: dict[str, dict[str, float]] = {}
+    for record in records:
+        history = coefficients_of(record, found.aircraft, found.options.bandwidth)
+        told[record.name] = {}
+        for axis, terms in found.aircraft.coefficients.items():
+            measured = history.coefficients[axis]
+            model = sum(value * history.column(term, axis) for term, value in terms.items())
+            spread = float(np.sum((measured - measured.mean()) ** 2))
+            error = float(np.sum((measured - model) ** 2))
+            told[record.name][axis] = 1.0 - error / spread if spread > 0.0 else 0.0
+    return told
 
 
 def coefficients_of(record: Record, aircraft: Aircraft, bandwidth: float = BANDWIDTH) -> Histories:

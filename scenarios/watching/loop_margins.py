@@ -19,7 +19,12 @@ from ident.flying_qualities.stability_margins import (
     turned,
 )
 from ident.frequency_response import FrequencyResponses
-from ident.frequency_response.estimate import frequencies, longest_run, window_lengths
+from ident.frequency_response.estimate import (
+    RANDOM_ERROR,
+    frequencies,
+    longest_run,
+    window_lengths,
+)
 from ident.frequency_response.online import (
     OnlineResponses,
     estimated,
@@ -46,7 +51,6 @@ from sim.errors import DeclarationError, RecordError
 
 LOW, HIGH, SAMPLES = 0.2, 10.0, 5.0  # Hz, and samples a period of the highest frequency
 BEGINNING = 2.0  # s that are collected before the rate is known
-RANDOM_ERROR = 0.2  # Tischler and Remple's limit of a usable point
 INSIDE = 0.1  # of ln(omega), by which a crossing lies inside the band before its margin is shown
 JOINED = 0.1  # of a period of the highest frequency, one sample at least: joined by a line
 SCHEMA = "flightid/margins/1"

@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from sim.errors import DeclarationError
-from sim.maths import absolute, maximum
+from sim.maths import absolute, maximum, real, where
 
 ANGLES = ("alpha", "beta")
 RATES = ("p", "q", "r")
@@ -79,7 +79,7 @@ class Factor:
         if self.knot is None:
             return _raised(value, self.power)
         if self.power == 0:
-            return 0.0 * value + (value > self.knot)
+            return 0.0 * value + where(real(value) > self.knot, 1.0, 0.0)
         return _raised(maximum(value - self.knot, 0.0 * value), self.power)
 
 
@@ -142,6 +142,64 @@ class Term:
             value = factor.of(values[factor.signal])
             out = value if place == 0 else out * value
         return out
+
+
+class TermTable:
+    """Values of many terms, each power and each product formed once.
+
+    Parameters
+    ----------
+    terms : in the order of the values; may repeat.
+
+    Examples
+    --------
+    >>> terms = [parse_term(text, ("alpha", "q")) for text in ("alpha^2", "alpha^2*q")]
+    >>> TermTable(terms).values({"alpha": 3.0, "q": 2.0})
+    [9.0, 18.0]
+    """
+
+    def __init__(self, terms: Sequence[Term]) -> None:
+        self._steps: list[Factor | tuple[int, int]] = []  # a factor, or a product of two steps
+        self._known: dict[Factor | tuple[Factor, ...], int] = {}
+        self._places = [self._place_of(term.factors) if term.factors else None for term in terms]
+
+    def values(self, signals: Mapping[str, Any]) -> list[Any]:
+        """Values of the terms; to the last bit those of ``Term.of``.
+
+        Parameters
+        ----------
+        signals : by name, numbers or arrays of one shape, complex ones as well.
+        """
+        found: list[Any] = []
+        for step in self._steps:
+            if isinstance(step, Factor):
+                found.append(step.of(signals[step.signal]))
+            else:
+                found.append(found[step[0]] * found[step[1]])
+        return [1.0 if place is None else found[place] for place in self._places]
+
+    def _place_of(self, factors: tuple[Factor, ...]) -> int:
+        """The step that gives a product of factors."""
+        if len(factors) == 1:
+            return self._factor(factors[0])
+        if factors not in self._known:
+            self._add(factors, (self._place_of(factors[:-1]), self._factor(factors[-1])))
+        return self._known[factors]
+
+    def _factor(self, factor: Factor) -> int:
+        """The step that gives a factor; a power comes from the power below it."""
+        if factor not in self._known:
+            power = factor.knot is None and not factor.absolute and factor.power > 1
+            if power:
+                below = self._factor(replace(factor, power=factor.power - 1))
+                self._add(factor, (below, self._factor(replace(factor, power=1))))
+            else:
+                self._add(factor, factor)
+        return self._known[factor]
+
+    def _add(self, key: Factor | tuple[Factor, ...], step: Factor | tuple[int, int]) -> None:
+        self._known[key] = len(self._steps)
+        self._steps.append(step)
 
 
 def parse_term(text: str, signals: Collection[str], where: str = "term") -> Term:

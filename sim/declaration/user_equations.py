@@ -9,6 +9,7 @@ from collections import namedtuple
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import cache
 from pathlib import Path
 from traceback import walk_tb
 from types import SimpleNamespace
@@ -485,6 +486,12 @@ def parameters_read(equations: OwnEquations, starts: Starts) -> frozenset[str]:
     return frozenset(object.__getattribute__(p, "__dict__")["_asked"])
 
 
+@cache
+def _parameter_class(names: tuple[str, ...]) -> Any:
+    """A named tuple of parameters; to make its class takes longer than to fill it."""
+    return namedtuple("Parameters", names)
+
+
 def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], Any]:
     """All answers at some signals and parameters by function and name, checked for names and kinds.
 
@@ -493,7 +500,7 @@ def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], 
     ModelError : an answer that is no mapping, lacks a name or has one too many, or is no number.
     """
     s = signals_from(starts.signals)
-    p = with_locked_arrays(namedtuple("Parameters", starts.parameters)(**starts.parameters))
+    p = with_locked_arrays(_parameter_class(tuple(starts.parameters))(**starts.parameters))
     if equations.formed is not None:
         found = _asked(equations, "flow", equations.formed, s, p)
         for name, value in found.items():

@@ -26,12 +26,12 @@ from typing import Any
 
 import numpy as np
 
-from sim.aerodynamics.terms import AS_TERM, FLOW, RATES, Term
+from sim.aerodynamics.terms import AS_TERM, FLOW, RATES, Term, TermTable
 from sim.declaration.model import Model
 from sim.declaration.user_equations import OwnEquations
 from sim.declaration.user_model import own_model
 from sim.errors import DeclarationError, ModelError
-from sim.maths import G0, arctan, cos, interpolate, plus, sin, sqrt
+from sim.maths import G0, add_product, arctan, cos, interpolate, plus, sin, sqrt
 
 NAME = "aircraft"
 BODY_AXES, WIND_AXES = ("CX", "CY", "CZ"), ("CD", "CY", "CL")
@@ -56,8 +56,17 @@ CONSTANTS: Mapping[str, str] = MappingProxyType(
         "thrust_angle": "rad",
     }
 )
-VARYING = ("mass", "roll_inertia", "pitch_inertia", "yaw_inertia", "cross_inertia", "air_density")
-VARYING_ALL = (*VARYING, "cg_x", "cg_y", "cg_z")  # constants that may be columns of the record
+VARYING = (  # constants that may be columns of the record
+    "mass",
+    "roll_inertia",
+    "pitch_inertia",
+    "yaw_inertia",
+    "cross_inertia",
+    "air_density",
+    "cg_x",
+    "cg_y",
+    "cg_z",
+)
 DEFAULTS: Mapping[str, float] = MappingProxyType(
     {
         "cross_inertia": 0.0,
@@ -295,10 +304,13 @@ class _Motion:
 
     def __init__(self, aircraft: Aircraft) -> None:
         self.aircraft = aircraft
-        self.sums = [
-            (axis, [(f"{axis}_{term.label}", term) for term in aircraft.coefficients[axis]])
+        named = [
+            (axis, f"{axis}_{term.label}", term)
             for axis in (*aircraft.forces, *MOMENTS)
+            for term in aircraft.coefficients[axis]
         ]
+        self.named = [(axis, name) for axis, name, _ in named]
+        self.table = TermTable([term for _, _, term in named])
         self.needs_mach = any("mach" in term.signals for _, (_, term) in aircraft.terms.items())
         self.places = {name: aircraft.sensors.get(name, (0.0, 0.0, 0.0)) for name in SENSORS}
 
@@ -335,21 +347,17 @@ class _Motion:
             "thrust_force": self._thrust(s),
             **{AS_TERM + name: value for name, value in values.items()},
         }
-        known: dict[Term, Any] = {}
-        for axis, terms in self.sums:
-            total: Any = 0.0
-            for name, term in terms:
-                if term not in known:
-                    known[term] = term.of(values)
-                total = total + getattr(p, name) * known[term]
-            found[f"{axis}_terms"] = total
+        totals: dict[str, Any] = {axis: 0.0 for axis in (*self.aircraft.forces, *MOMENTS)}
+        for (axis, name), term in zip(self.named, self.table.values(values), strict=True):
+            totals[axis] = add_product(totals[axis], getattr(p, name), term)
+        found |= {f"{axis}_terms": total for axis, total in totals.items()}
         return found
 
     def rates(self, s: Any, p: Any) -> Mapping[str, Any]:
         """Rates of all states."""
         c = self._constants(s, p)
         (X, Y, Z), (L, M, N) = self._loads(s, c)
-        u, v, w = _velocity(s)
+        u, v, w = _velocity(s) if self.aircraft.wind else (s.u_air, s.v_air, s.w_air)
         sin_phi, cos_phi = sin(s.phi), cos(s.phi)
         sin_theta, cos_theta = sin(s.theta), cos(s.theta)
         u_dot = s.r * v - s.q * w - G0 * sin_theta + X / c["mass"]

@@ -31,7 +31,6 @@ LONG = {
     "ident/tracing/screening/context.py::search_context": "longer at 100 columns",
     "ident/whole_record/gauss_newton.py::fit_whole_records": "longer at 100 columns",
     "ident/whole_record/layout.py::lay_out": "longer at 100 columns",
-    "scenarios/cli/record_commands.py::identify": "longer at 100 columns",
     "scenarios/cli/record_commands.py::watch": "longer at 100 columns",
     "scenarios/cli/study_commands.py::design": "longer at 100 columns",
     "scenarios/files/records.py::read_with_notes": "longer at 100 columns",

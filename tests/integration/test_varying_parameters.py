@@ -101,6 +101,7 @@ def stalling(alpha: float) -> float:
     return float(1.0 - 0.6 / (1.0 + np.exp(-(alpha - 0.04) / 0.015)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("unit", [1.0, pytest.param(1e6, marks=pytest.mark.slow)])
 def test_a_spring_that_hardens_is_a_stiffness_that_depends_on_displacement(unit: float) -> None:
     """In newtons as in meganewtons."""
@@ -153,6 +154,7 @@ def test_what_no_record_tells_apart_is_told_with_its_alternative() -> None:
     assert {*names(found), *found.effects[0].alternatives} == {"varies:c(x)", "varies:k(v)"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("guard", "extra"),
     [

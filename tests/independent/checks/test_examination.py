@@ -48,6 +48,7 @@ def bad(outcomes: Sequence[Outcome], *grades: Grade) -> list[str]:
     ]
 
 
+@pytest.mark.long
 def test_a_late_vane_is_told_and_degrees_are_refused(tmp_path: Path) -> None:
     asked = [Case("fighter", "late-alpha", "large"), Case("jet", "alpha-degrees", "small")]
     late, degrees = outcomes_of(

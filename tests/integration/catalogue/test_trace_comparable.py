@@ -146,6 +146,7 @@ def test_python_compares_with_the_same_values() -> None:
     assert frame.loc["M_delta", "sigmas"] == pytest.approx(printed["M_delta"].sigmas, abs=1e-6)
 
 
+@pytest.mark.long
 def test_the_noise_of_both_copies_cancels(monkeypatch: pytest.MonkeyPatch) -> None:
     found = study("trace-breakout")
     first = {row.name: row.comparable for row in (*found.derivatives, *found.effects)}

@@ -50,6 +50,16 @@ def test_identify_export_and_check(flightid: CommandLine, folder: Path) -> None:
         assert abs(found[name]["estimate"] - value) < 4.0 * found[name]["std"]
     flightid.done("export", folder / "fit", "--to", "python", "--out", folder / "plane.py")
     assert "def derivatives" in (folder / "plane.py").read_text()
+    flightid.done(
+        "predict", folder / "fit", record, "--tolerances", "short-period,roll-response",
+        "--out", folder / "band",
+    )  # fmt: skip
+    judged = json.loads((folder / "band" / "prediction.json").read_text())["tolerances"]
+    assert [each["passed"] for each in judged] == [True, True]
+    assert (folder / "band" / "tolerances-short-period.png").is_file()
+    assert "short-period" in flightid.refused(
+        "predict", folder / "fit", record, "--tolerances", "short"
+    )
     told = flightid.done("check", record, "--vehicle", vehicle, "--no-figures")
     assert "alpha" in told
 

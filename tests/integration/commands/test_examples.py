@@ -127,6 +127,7 @@ def test_the_examples_run(folder: Path) -> None:
     assert (campaign["scenario"], campaign["runs"]) == ("ballistic", 20)
 
 
+@pytest.mark.long
 def test_a_diagnosis_predicts_later_what_it_predicted_at_once(folder: Path) -> None:
     found, error = (
         content(folder / "prediction" / "prediction.json"),

@@ -61,6 +61,7 @@ def done(
     return dict(json.loads((out / "study" / name).read_text()))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "method", ["output-error", pytest.param("equation-error", marks=pytest.mark.slow)]
 )
@@ -92,6 +93,7 @@ def test_logs_give_the_truth_and_the_numbers_of_a_table_made_by_hand(
             )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "suffixes", [(".ulg",), pytest.param((".csv", ".ulg", ".bin"), marks=pytest.mark.slow)]
 )

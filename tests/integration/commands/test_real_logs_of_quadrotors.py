@@ -38,6 +38,7 @@ def estimated(
     return dict(json.loads((out / "comparison.json").read_text())["parameters"])
 
 
+@pytest.mark.long
 def test_a_hover_logged_at_10_hz_gives_the_numbers_of_a_table_and_of_plain_least_squares(
     flightid: CommandLine, tmp_path: Path
 ) -> None:
@@ -127,6 +128,7 @@ def _by_hand(log: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     }
 
 
+@pytest.mark.long
 def test_a_log_with_idle_motors_says_so(flightid: CommandLine, tmp_path: Path) -> None:
     log = LOGS / "px4_sample.ulg"
     pytest.importorskip("pyulog")

@@ -157,6 +157,7 @@ def diagnosed(
     return dict(json.loads((out / "diagnosis.json").read_text()))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("delay", [0.0, pytest.param(0.06, marks=pytest.mark.slow)])
 def test_logs_of_sweeps_are_diagnosed_as_the_table_made_by_hand(
     flightid: CommandLine, tmp_path: Path, delay: float

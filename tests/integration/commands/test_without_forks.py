@@ -162,6 +162,7 @@ def commands(flights: Path) -> Mapping[str, list[str]]:
     }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "name",
     ["run", "identify", "diagnose", "campaign", pytest.param("survey", marks=pytest.mark.slow)],

@@ -71,6 +71,7 @@ def size_of(drawn: Drawn) -> float:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "name",
     [pytest.param(name, marks=pytest.mark.slow if name in DEAR else ()) for name in DECLARED],

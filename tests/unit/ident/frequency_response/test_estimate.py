@@ -304,6 +304,44 @@ def test_the_usable_band_ends_where_the_noise_begins() -> None:
     )
 
 
+def test_a_short_sweep_across_a_mode_is_not_biased_by_its_longest_window() -> None:
+    """Windows of half of the record have too few averages for their derivatives. They count where
+    no shorter window can, below 3 periods of the next length, and nowhere else."""
+    step, duration, low = 1.0 / 32.0, 100.0, 0.05
+    time = step * np.arange(round(duration / step))
+    system = signal.cont2discrete(([0.614, 0.24], [1.0, 1.06, 2.25]), step, "zoh")
+    sweep = signal.chirp(np.maximum(time - 40.0, 0.0), low, 60.0, 1.0, "logarithmic", -90.0)
+    x = np.where(time < 40.0, np.sin(2.0 * math.pi * low * time), sweep)
+    y = signal.lfilter(np.ravel(system[0]), system[1], x)
+    frequency = frequencies(low, 1.0)
+    record, spectra = Signals(step, x[None], y[None]), Spectra(window_lengths([duration], low))
+    assert spectra.windows[:2] == (50.0, 25.0)
+    found = estimate_responses([record], frequency, spectra)
+    z = np.exp(2j * math.pi * frequency * step)
+    exact = np.polyval(np.ravel(system[0]), z) / np.polyval(system[1], z)
+    errors = np.abs(found.response[0, 0] / exact - 1.0)
+    served = (frequency >= 3.0 / 25.0) & (frequency < 0.7)
+    assert errors[served].max() < 0.03  # 0.15 by the longest window
+    assert np.all(found.lengths[0][served] < 26.0)
+    assert np.all(found.lengths[0][frequency < 3.0 / 25.0] > 49.0)
+
+
+def test_the_usable_band_ends_where_a_sweep_ends() -> None:
+    """The last window that holds the end of a sweep has its power below: coherent and wrong."""
+    step, duration, high = 0.02, 120.0, 2.0
+    time = step * np.arange(round(duration / step))
+    x = signal.chirp(time, 0.05, duration, high, method="logarithmic")
+    y = signal.lfilter(*LAG, x)
+    y = y + 0.02 * y.std() * np.random.default_rng(1).standard_normal(time.size)
+    frequency = frequencies(0.1, 4.0)
+    spectra = Spectra(window_lengths([duration], 0.1))
+    found = estimate_responses([Signals(step, x[None], y[None])], frequency, spectra)
+    usable = found.usable[0, 0]
+    assert 0.7 * high < frequency[usable].max() < high
+    off = np.abs(found.response[0, 0] / truth(LAG, frequency) - 1.0)
+    assert off[usable].max() < 0.1 < off[~usable & (frequency < 1.2 * high)].max()
+
+
 def test_the_band_of_an_input() -> None:
     time = STEP * np.arange(20000)
     x = np.sin(2.0 * math.pi * 2.0 * time) + np.sin(2.0 * math.pi * 0.1 * time)

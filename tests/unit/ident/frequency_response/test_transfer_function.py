@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy import signal
 
 from ident.frequency_response.transfer_function import (
@@ -13,6 +15,7 @@ from ident.frequency_response.transfer_function import (
     Form,
     Target,
     coherence_weight,
+    conditional_std,
     fit_transfer_functions,
     form_of,
     mismatch_cost,
@@ -94,6 +97,44 @@ def test_deviations_are_the_scatter_of_fits() -> None:
         reported.append([one.std[name] for name in form.parameters])
     scatter, std = np.std(values, axis=0), np.median(reported, axis=0)
     np.testing.assert_allclose(std / scatter, 1.0, atol=0.2)
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    name=st.sampled_from(["pitch", "roll", "dutch-roll"]),
+    tilt=st.floats(-2.0, 2.0),
+    length=st.floats(2.0, 200.0),
+    seed=st.integers(0, 1000),
+)
+def test_no_parameter_is_known_worse_where_the_others_are_known(
+    name: str, tilt: float, length: float, seed: int
+) -> None:
+    """The cost weights points by their coherence, whatever their errors: where these differ much
+    from one frequency to another, a fit with the others held scatters more than the free one."""
+    rng = np.random.default_rng(seed)
+    std = 0.02 * (OMEGA / 3.0) ** tilt
+    exact = written_out(name, 1j * OMEGA)
+    response = exact * (1.0 + std * (rng.standard_normal((OMEGA.size, 2)) @ np.array([1.0, 1j])))
+    coherence = 1.0 / (1.0 + 40.0 * std**2)
+    data = Target("y/x", OMEGA, response, coherence, std * np.abs(response), length)
+    (one,) = fit_transfer_functions([data], [FORMS[name]]).functions
+    names = list(one.std)
+    for at, key in enumerate(names):
+        assert 0.0 < one.insensitivity[key] <= one.std[key], key
+        # The variance left once the others are known, written out.
+        rest = [n for n in range(len(names)) if n != at]
+        c = one.covariance
+        whole = c[np.ix_(rest, rest)]
+        scale = np.sqrt(np.diag(whole))
+        weights = np.linalg.solve(whole / np.outer(scale, scale), c[rest, at] / scale)
+        left = c[at, at] - float(weights @ (c[rest, at] / scale))
+        assert one.insensitivity[key] ** 2 == pytest.approx(left, rel=1e-4), key
+
+
+def test_a_parameter_without_error_is_insensitive_to_nothing() -> None:
+    alike = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+    found = conditional_std(alike)
+    assert found[2] == 0.0 and np.all(found <= np.sqrt(np.diag(alike)))
 
 
 def test_what_is_fixed_stays_and_the_others_are_known_better() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
-from scenarios.diagnosis.input_reading import (
+from scenarios.diagnosis.opening import (
     Refit,
     left_open,
     moves_between_samples,

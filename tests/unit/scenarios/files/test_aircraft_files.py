@@ -31,12 +31,17 @@ MIXED = replace(
 
 def file_of(folder: Path, aircraft: Aircraft = TRIMMED) -> Path:
     path = folder / "plane.toml"
-    path.write_text(written(aircraft))
+    path.write_text(written(aircraft), encoding="utf-8")
     return path
 
 
+QUOTED = replace(TRIMMED, name='the "new" wing\\ \x7f\n\u00fc')
+
+
 @pytest.mark.sampled
-@pytest.mark.parametrize("aircraft", [TRIMMED, MIXED], ids=["plain", "mixed"])
+@pytest.mark.parametrize(
+    "aircraft", [QUOTED, TRIMMED, MIXED], ids=["quotes in its name", "plain", "mixed"]
+)
 def test_what_is_written_is_read_back(tmp_path: Path, aircraft: Aircraft) -> None:
     read, constraints = read_aircraft(read_toml_source(file_of(tmp_path, aircraft)))
     assert read == replace(aircraft, start=read.start) and not constraints
@@ -69,7 +74,7 @@ def test_units_and_constraints(tmp_path: Path) -> None:
 
 def test_sigmas_stand_beside_the_values(tmp_path: Path) -> None:
     text = written(TRIMMED, {"Cm_alpha": 0.0123})
-    assert '"alpha" = -1.0  # +- 0.012' in text
+    assert '"alpha" = -1.0 # +- 0.012' in text
 
 
 @pytest.mark.parametrize(

@@ -82,6 +82,30 @@ def test_from_files_to_a_vehicle_file_that_reads_back(files: list[Path], tmp_pat
     assert "R2 left out" in text
 
 
+def test_one_maneuver_alone_is_written_without_what_is_left_out(
+    files: list[Path], tmp_path: Path
+) -> None:
+    found = structure_of_files(Request((files[0],)), OPTIONS)
+    folder = write_structure(found, tmp_path / "one", figures=())
+    content = json.loads((folder / "structure.json").read_text())
+    cm = content["coefficients"]["Cm"]
+    assert cm["steps"] and "r2_left_out" not in cm and "r2_left_out" not in cm["steps"][0]
+
+
+def test_surfaces_that_move_together_are_named() -> None:
+    record = record_of(1)
+    moved = tuple(
+        Channel.of("rudder", "rad", 0.5 * record["aileron"].values)
+        if each.name == "rudder"
+        else each
+        for each in record.inputs
+    )
+    found = structure_of([replace(record, inputs=moved)], CURVED, OPTIONS)
+    (line,) = [each for each in findings(found) if "move together" in each]
+    assert line.startswith("aileron and rudder") and "1.000" in line
+    assert not any("move together" in each for each in findings(structure_of([record], CURVED)))
+
+
 def test_increments_to_a_baseline_are_what_it_lacks() -> None:
     found = structure_of(
         [record_of(1), record_of(2)], AIRLINER, StructureOptions(degree=2, baseline=True)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.aerodynamics.terms import FLOW, Factor, Term, parse_term
+from sim.aerodynamics.terms import FLOW, Factor, Term, TermTable, parse_term
 from sim.errors import DeclarationError
 
 SIGNALS = (*FLOW, "elevator", "rudder")
@@ -91,3 +91,20 @@ def test_what_is_no_term_is_refused_in_one_line(text: str, told: str) -> None:
     with pytest.raises(DeclarationError, match=told) as caught:
         parse_term(text, SIGNALS, "vehicle x, key aerodynamics.Cm")
     assert "aerodynamics.Cm" in str(caught.value) and "\n" not in str(caught.value)
+
+
+@given(st.lists(st.lists(FACTORS, max_size=3), max_size=6), st.booleans())
+def test_a_table_of_terms_has_their_values_to_the_last_bit(
+    products: list[list[Factor]], stepped: bool
+) -> None:
+    terms = [Term(tuple(factors)) for factors in products]
+    rng = np.random.default_rng(3)
+    signals = {name: rng.uniform(-0.5, 0.5, 4) + (1e-30j if stepped else 0.0) for name in SIGNALS}
+    for term, value in zip(terms, TermTable(terms).values(signals), strict=True):
+        assert np.array_equal(value, term.of(signals))
+
+
+@pytest.mark.parametrize("value", [0.1 + 1e-30j, 0.1, np.array([0.1 + 1e-30j])])
+def test_a_step_takes_complex_numbers_as_they_are(value: complex) -> None:
+    assert Factor("alpha", 0, knot=0.05).of(value) == 1.0
+    assert Factor("alpha", 0, knot=0.2).of(value) == 0.0

@@ -1,0 +1,39 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from pathlib import Path
+
+import typer.main
+
+from scenarios.cli import app
+from scenarios.cli.groups import GROUPS, Output, Preparation, with_groups
+from scenarios.cli.record_commands import identify
+
+
+def test_a_group_becomes_its_options_in_place() -> None:
+    taken: list[object] = []
+
+    def command(records: list[Path], *, preparation: Preparation, last: int = 3) -> None:
+        taken.extend((records, preparation, last))
+
+    opened = with_groups(command)
+    names = [each.name for each in dataclasses.fields(Preparation)]
+    assert list(inspect.signature(opened).parameters) == ["records", *names, "last"]
+    opened([Path("a.csv")], rate=20.0, last=4)
+    assert taken == [[Path("a.csv")], Preparation(rate=20.0), 4]
+
+
+def test_the_groups_of_a_command_reach_the_shell() -> None:
+    command = typer.main.get_command(app).commands["identify"]  # type: ignore[attr-defined]
+    shown = {parameter.name for parameter in command.params}
+    for group in GROUPS:
+        assert {each.name for each in dataclasses.fields(group)} <= shown
+    assert shown == set(inspect.signature(identify).parameters)
+
+
+def test_a_folder_and_no_figures(tmp_path: Path) -> None:
+    with Output(out=tmp_path, no_figures=True).of() as told:
+        assert told.out == tmp_path and told.figures == ()
