@@ -47,6 +47,7 @@ def test_all_malformed_calls_end_well(kind: int, material: Material, tmp_path: P
     assert faults(range(kind, COUNT, len(KINDS)), material, tmp_path) == {}
 
 
+@pytest.mark.long
 def test_a_number_is_one_case_however_often_it_is_asked_for(
     material: Material, tmp_path: Path
 ) -> None:

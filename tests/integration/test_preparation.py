@@ -88,6 +88,7 @@ def test_a_filter_runs_along_one_segment(flightid: CommandLine, folder: Path) ->
     assert "note: " in flightid.done("identify", folder / "flight.csv", *words, "--to", 6)
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize(
     "command", [("identify", "--model", "rigid"), ("diagnose", "--model", "rigid"), ("check",)]

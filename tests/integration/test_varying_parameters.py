@@ -178,6 +178,7 @@ def test_what_an_own_model_has_no_name_for_stays_without_one(guard: str, extra: 
     assert any(guard in caution.sentence for caution in found.warnings)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "model", [loaded_spring(), pytest.param(spring_model(), marks=pytest.mark.slow)]
 )

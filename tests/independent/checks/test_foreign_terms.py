@@ -107,6 +107,7 @@ def linear_of(name: str, size: float, v: Vehicle) -> tuple[np.ndarray, np.ndarra
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", VEHICLES)
 def test_with_nothing_added_it_is_the_second_simulator(name: str) -> None:
     for hidden in (Hidden(), Hidden(exchange=True, climb=0.0)):

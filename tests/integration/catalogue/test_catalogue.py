@@ -185,6 +185,7 @@ def test_no_filter_is_told_another_noise_than_its_sensors_have(name: str) -> Non
         assert not estimation.noise_std
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize(
     "name",
@@ -288,6 +289,7 @@ def test_ballistic_shows_what_the_papers_set_up_hides_and_the_cure_of_the_rest()
     assert papers.rows[0].published_sigmas == pytest.approx(-7.3, abs=0.1)
 
 
+@pytest.mark.long
 def test_the_third_taylor_term_is_worth_far_less_than_the_papers_columns_differ() -> None:
     for scenario, name, most in (
         ("ballistic", "paper", 0.2),
@@ -439,6 +441,7 @@ def test_equivalents_are_within_three_sigma_of_condensation_and_the_residual_say
     assert share > 3 * white
 
 
+@pytest.mark.long
 def test_a_rigid_model_serves_the_first_flexible_aircraft_and_no_longer_the_second() -> None:
     serves = {}
     for name in ("flexible-ac1-equivalent", "flexible-ac2-equivalent"):

@@ -78,6 +78,7 @@ def test_the_sweep_passes_through_the_scenarios_own_flight(
         )
 
 
+@pytest.mark.long
 def test_a_stiff_structure_is_the_rigid_aircraft_and_a_soft_one_is_not(
     swept: tuple[StudyResult, Sweep],
 ) -> None:

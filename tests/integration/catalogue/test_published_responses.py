@@ -60,6 +60,7 @@ def flown(model: object, amplitude: float, names: tuple[str, ...], path: Path) -
     return path
 
 
+@pytest.mark.long
 def test_the_low_order_equivalent_of_the_x29_simulation(tmp_path: Path) -> None:
     values = {name: value for name, (value, _) in PRINTED.items()} | HELD
     model = bases.loes_model(values)
@@ -91,6 +92,7 @@ def test_the_low_order_equivalent_of_the_x29_simulation(tmp_path: Path) -> None:
     assert damping == pytest.approx(0.574, abs=0.01)
 
 
+@pytest.mark.long
 def test_the_derivatives_of_the_rigid_aircraft(tmp_path: Path) -> None:
     model = bases.rigid_model()
     names = ("elevator", "alpha", "q", "nz")

@@ -257,6 +257,7 @@ def test_a_scale_height_is_found_beside_a_drag_that_drifts() -> None:
     assert abs(change.value - 0.05) < 4.0 * change.std < 0.01
 
 
+@pytest.mark.long
 def test_a_requirement_is_a_sentence_with_both_numbers() -> None:
     low = Requirement("the damping over its standard deviation", 1.14, 2.0, at_least=True)
     high = Requirement("the standard deviation of CL_q", 28.3, 10.0, at_least=False, unit="1/rad")

@@ -159,6 +159,7 @@ def test_simulation_and_flight_agree_with_the_loops_own_equivalent() -> None:
     }
 
 
+@pytest.mark.long
 def test_bias_is_told_against_the_equivalent_that_flies() -> None:
     # Held at the paper's L_q, the equivalent has an L_alpha that no airframe flies and no filter
     # finds.

@@ -104,6 +104,7 @@ def test_filter_agrees_with_the_loops_own_equivalent(case: tuple[Case, float]) -
     assert flown.found.refined + HALF_HOLD == pytest.approx(flown.expected.delay, abs=0.004)
 
 
+@pytest.mark.long
 def test_the_control_lift_is_not_identifiable_and_shows_it(flight: Case) -> None:
     estimate = flight.found.estimate
     i, j = estimate.names.index("L_delta"), estimate.names.index("L_q")

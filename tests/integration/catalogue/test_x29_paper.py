@@ -79,6 +79,7 @@ def test_the_noise_flown_is_the_papers() -> None:
         ), name
 
 
+@pytest.mark.long
 def test_sigmas_come_out_near_the_printed_ones() -> None:
     # Within a half: the paper's input, which decides them too, is not known.
     estimate, plain = flight().result.estimate, flight().plain.estimate

@@ -37,6 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
+@pytest.mark.long
 def test_identify_export_and_check(flightid: CommandLine, folder: Path) -> None:
     record, vehicle = folder / "flight.csv", folder / "plane.toml"
     flightid.done(

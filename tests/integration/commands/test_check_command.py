@@ -125,6 +125,7 @@ def test_a_known_vane_arm_is_no_finding(flightid: CommandLine, place: Path) -> N
     assert "stands: vane-offset" in flightid.done("check", "vane.csv")
 
 
+@pytest.mark.long
 def test_no_vehicle_file_is_needed_where_the_airspeed_is_recorded(
     flightid: CommandLine, place: Path
 ) -> None:
@@ -244,6 +245,7 @@ BAD: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("case", BAD)
 def test_bad_input(flightid: CommandLine, place: Path, case: str) -> None:
     head, *rows = (place / "flight1.csv").read_text().splitlines()

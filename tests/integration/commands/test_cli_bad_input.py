@@ -376,6 +376,7 @@ def test_record(flightid: CommandLine, place: Path, case: str) -> None:
     refused(flightid, place, identify(record="wrong.csv"), ("wrong.csv", *parts))
 
 
+@pytest.mark.long
 def test_record_in_another_encoding(flightid: CommandLine, place: Path) -> None:
     (place / "wrong.csv").write_bytes(
         "time,elevator,alpha,q\n0,0,0,0\n0.1,0,0,0°\n".encode("latin-1")
@@ -398,6 +399,7 @@ def test_record_that_is_not_there(flightid: CommandLine, place: Path) -> None:
     refused(flightid, place, identify(record="."), ("this is a folder",))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("case", VEHICLES)
 def test_vehicle_file(flightid: CommandLine, place: Path, case: str) -> None:
     (before, after), parts = VEHICLES[case]
@@ -413,6 +415,7 @@ def test_channel_map(flightid: CommandLine, place: Path, case: str) -> None:
     refused(flightid, place, identify("--channels", "map.toml"), parts)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("case", OPTIONS)
 def test_option_of_identify(flightid: CommandLine, place: Path, case: str) -> None:
     options, parts = OPTIONS[case]
@@ -426,6 +429,7 @@ def test_usage(flightid: CommandLine, place: Path, case: str) -> None:
     refused(flightid, place, arguments, parts)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("case", SCENARIOS)
 def test_scenario(flightid: CommandLine, place: Path, case: str) -> None:
     change, parts = SCENARIOS[case]
@@ -450,6 +454,7 @@ def test_a_wrong_scenario_file_is_named(flightid: CommandLine, place: Path) -> N
         refused(flightid, place, ("run", "mine.toml", "--out", "out"), parts)
 
 
+@pytest.mark.long
 def test_out_that_is_a_file(flightid: CommandLine, place: Path) -> None:
     for out, parts in (
         ("vehicle.toml", ("vehicle.toml", "a file, not a folder")),

@@ -87,6 +87,7 @@ def table(folder: Path) -> pandas.DataFrame:
     return pandas.DataFrame([[float(cell) for cell in row] for row in rows], columns=header)
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_finds_the_derivatives(
@@ -115,6 +116,7 @@ def test_every_method_finds_the_derivatives(
     assert not any("true" in row or "published" in row for row in content["parameters"].values())
 
 
+@pytest.mark.long
 def test_what_identify_writes(
     flightid: CommandLine, rigid_folder: Path, vehicle: Path, tmp_path: Path
 ) -> None:
@@ -165,6 +167,7 @@ def test_every_format_gives_the_same_numbers(
         assert found(again) == found(first), name
 
 
+@pytest.mark.long
 def test_degrees_and_radians_give_the_same_numbers(
     flightid: CommandLine, rigid_folder: Path, vehicle: Path, tmp_path: Path
 ) -> None:
@@ -287,6 +290,7 @@ def test_inputs_joined_by_lines_are_read_from_the_sidecar(
     assert json.loads((tmp_path / "linear" / "record.json").read_text())["hold"] == "linear"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "method",
     [
@@ -346,6 +350,7 @@ def test_the_record_itself_is_never_replaced(
     assert contents(tmp_path) == before
 
 
+@pytest.mark.long
 def test_records_that_say_too_little_end_in_an_outcome(
     flightid: CommandLine, rigid_folder: Path, vehicle: Path, tmp_path: Path
 ) -> None:

@@ -94,6 +94,7 @@ def test_a_listed_scenario_is_a_file_that_runs(flightid: CommandLine, tmp_path: 
     assert (mine.flight, mine.estimations) == (theirs.flight, theirs.estimations)
 
 
+@pytest.mark.long
 def test_comparison_of_the_rigid_aircraft(rigid_folder: Path) -> None:
     content = strict(rigid_folder / "comparison.json")
     assert content["schema"] == "flightid/comparison/1"
@@ -396,6 +397,7 @@ def test_a_run_of_a_campaign_is_the_run_of_that_seed(
         assert float(rows[1][f"std_{name}"]) == pytest.approx(row["std"], rel=1e-7)
 
 
+@pytest.mark.long
 def test_effects_and_vehicles_are_shown(flightid: CommandLine) -> None:
     overview = flightid.done("effects")
     assert [line.split()[0] for line in overview.splitlines()] == list(effect_names())

@@ -62,6 +62,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_run_and_compare_leaves_the_studies_and_their_comparison(flown: Path) -> None:
     written = {"compared.json", "compared.csv", "report.html", "report.json", "study.txt"}
     assert {entry.name for entry in flown.iterdir()} == {

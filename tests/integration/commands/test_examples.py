@@ -145,6 +145,7 @@ def test_a_diagnosis_predicts_later_what_it_predicted_at_once(folder: Path) -> N
     assert [row["declared_q"] for row in later] == [row["before_q"] for row in at_once]
 
 
+@pytest.mark.long
 def test_an_identification_predicts_later_what_it_predicted_at_once(folder: Path) -> None:
     ended = typed(
         f"flightid identify flight.csv {shlex.join(RECORD)} --validate flight_validate.csv --json "

@@ -70,6 +70,7 @@ def test_each_command_names_what_it_found_beside_the_record(
     assert f"note: {SAID}flight.json" in flat(flightid.done("predict", "identify", "flight.csv"))
 
 
+@pytest.mark.long
 def test_what_is_named_or_is_not_there_is_not_spoken_of(
     flightid: CommandLine, folder: Path
 ) -> None:

@@ -79,6 +79,7 @@ def full() -> Iterator[int]:
     os.close(handle)
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize("call", [("--help",), ("vehicles",), IDENTIFY])
 def test_a_full_standard_output_is_one_line(place: Path, full: int, call: tuple[str, ...]) -> None:
@@ -249,6 +250,7 @@ def test_a_path_without_an_end_or_a_file_is_one_line(
     assert set(place.iterdir()) == before
 
 
+@pytest.mark.long
 def test_bombs_are_refused_by_their_size_with_the_limit(
     flightid: CommandLine, place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -311,11 +313,13 @@ def test_a_folder_that_cannot_be_is_one_line(flightid: CommandLine, place: Path,
     assert out[:50] in said and contents(place) == before
 
 
+@pytest.mark.long
 def test_the_longest_name_of_a_folder_serves(flightid: CommandLine, place: Path) -> None:
     flightid.done("run", "rigid", "--out", "y" * 255, "--figures", "none")
     assert (place / ("y" * 255) / "comparison.json").is_file()
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize(
     "theirs", ["new.json", "new_validate.json", "new_vehicle.toml", "new_validate.csv"]

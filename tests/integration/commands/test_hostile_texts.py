@@ -279,6 +279,7 @@ def test_units_with_powers_are_converted(unit: str, target: str, factor: float) 
     assert to_si(1.0, unit, target, "here") == pytest.approx(factor, rel=1e-12)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "line", ["mass = 1e-300", 'mass = "1e-300 lb"', "Cm_q = -28e300", "air_density = 1e300"]
 )

@@ -172,6 +172,7 @@ def test_at_constant_speed_a_measured_attitude_changes_nothing(
     assert content["parameters"] == blind["parameters"]
 
 
+@pytest.mark.long
 def test_a_derivative_of_impossible_sign_is_named_in_one_line(
     flightid: CommandLine, tmp_path: Path
 ) -> None:
@@ -236,6 +237,7 @@ def test_each_segment_has_a_flight_path_of_its_own(flightid: CommandLine, tmp_pa
     )
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize("method", ["output-error", "filter-error"])
 def test_an_unstable_aircraft_is_identified_and_its_pieces_are_told(

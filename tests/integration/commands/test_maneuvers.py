@@ -87,6 +87,7 @@ def identified(flightid: CommandLine, folder: Path, out: Path, *options: object)
     return content
 
 
+@pytest.mark.long
 def test_the_table_and_the_folder(flightid: CommandLine, folder: Path, tmp_path: Path) -> None:
     told = flightid.done("maneuvers", folder / "flight.csv", "--out", tmp_path / "found")
     assert "2 maneuvers (1 3-2-1-1, 1 doublet)" in told
@@ -119,6 +120,7 @@ def test_the_table_and_the_folder(flightid: CommandLine, folder: Path, tmp_path:
     assert json.loads(again)["maneuvers"] == content["maneuvers"]
 
 
+@pytest.mark.long
 def test_a_maneuver_is_the_pair_of_its_times(
     flightid: CommandLine, searched: Path, tmp_path: Path
 ) -> None:
@@ -137,6 +139,7 @@ def test_a_maneuver_is_the_pair_of_its_times(
     assert sentence in by_name["notes"]
 
 
+@pytest.mark.long
 def test_several_and_a_file_of_ones_own(
     flightid: CommandLine, folder: Path, tmp_path: Path
 ) -> None:
@@ -148,6 +151,7 @@ def test_several_and_a_file_of_ones_own(
     assert both["parameters"] == by_hand["parameters"]
 
 
+@pytest.mark.long
 def test_python(searched: Path) -> None:
     record = fid.read_record(searched / "flight.csv")
     found = fid.find_maneuvers(record)
@@ -232,6 +236,7 @@ FILES = [
 ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("text", "said"), FILES)
 def test_one_line_for_a_file_that_is_wrong(
     flightid: CommandLine, folder: Path, tmp_path: Path, text: str, said: str
@@ -330,6 +335,7 @@ def test_a_record_without_a_clock_and_without_a_header(
     assert len(fid.find_maneuvers(columns, rate=20.0)) == len(wanted)
 
 
+@pytest.mark.long
 def test_columns_that_look_like_controls_are_said_and_a_drafted_map_reads_them(
     flightid: CommandLine, folder: Path, tmp_path: Path
 ) -> None:

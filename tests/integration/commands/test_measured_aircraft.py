@@ -97,6 +97,7 @@ def test_hfb_320_by_the_commands_of_the_page(
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", list(FLOWN))
 def test_maneuvers_of_measured_flights(flightid: CommandLine, tmp_path: Path, name: str) -> None:
     if name == "hfb320":

@@ -192,6 +192,7 @@ def parser() -> object:
     return get_command(cli.app)
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize("case", FILES)
 def test_a_wrong_model_file_is_told_alike_by_every_command(
@@ -207,6 +208,7 @@ def test_a_wrong_model_file_is_told_alike_by_every_command(
     assert contents(place) == before
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("text", "line"),
     [
@@ -299,6 +301,7 @@ def test_a_wrong_word_of_a_flight(
     assert contents(place) == before
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("options", "line"),
     [
@@ -353,6 +356,7 @@ def edited(text: str, *pairs: tuple[str, str]) -> Callable[[Path], None]:
 MODEL = '[estimate]\nmodel = "my_model.py"'
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("write", "line"),
     [

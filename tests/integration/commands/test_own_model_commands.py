@@ -235,6 +235,7 @@ def test_only_what_finds_its_signals_is_offered(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.long
 def test_nothing_is_found_where_nothing_is_missing(flightid: CommandLine, tmp_path: Path) -> None:
     path, model = declared(tmp_path)
     record = pushed(tmp_path, model, 4)

@@ -35,6 +35,7 @@ def common(content: Any) -> Any:
     return [common(value) for value in content] if isinstance(content, list) else content
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "scenario", ["trace-nothing", pytest.param("trace-delay", marks=pytest.mark.slow)]
 )

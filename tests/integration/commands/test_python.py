@@ -60,6 +60,7 @@ def timeless(folder: Path) -> dict[str, Any]:
     return {name: content for name, content in found.items() if not name.startswith("runs/")}
 
 
+@pytest.mark.long
 def test_identify(
     flightid: CommandLine, flight: Path, table: pandas.DataFrame, vehicle: Path, tmp_path: Path
 ) -> None:

@@ -130,6 +130,7 @@ def test_a_check_of_a_bare_table_and_of_a_maneuver(
     )
 
 
+@pytest.mark.long
 def test_a_prediction_of_a_bare_table_and_of_a_maneuver(
     flightid: CommandLine, folder: Path, tmp_path: Path
 ) -> None:

@@ -113,6 +113,7 @@ def test_a_log_of_a_recorder(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert "coherence" in page and "<svg" in page
 
 
+@pytest.mark.long
 def test_python_gives_the_command(tmp_path: Path) -> None:
     time, target, rate = chirp_flight(2)
     path = write_csv(tmp_path, time=time[::8], wanted=target[::8], p=np.radians(rate[::8]))
@@ -480,6 +481,7 @@ def test_margins_without_an_excitation_say_that_they_are_biased() -> None:
         plain.plot.loop()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -206,6 +206,7 @@ def test_watch_finds_what_identify_finds(
     ]
 
 
+@pytest.mark.long
 def test_history_ends_at_the_online_estimate(
     flightid: CommandLine, flown: Record, folder: Path, options: list[str], tmp_path: Path
 ) -> None:
@@ -404,6 +405,7 @@ def test_ctrl_c_ends_it_whole_and_its_page(
     assert set(contents(out)) == WRITTEN
 
 
+@pytest.mark.long
 def test_reference_gives_the_start_and_the_bounds(
     flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path
 ) -> None:
@@ -488,6 +490,7 @@ def test_flags_take_both_uncertainties(flown: Record) -> None:
     assert "…" not in drawn.file.getvalue()  # type: ignore[attr-defined]
 
 
+@pytest.mark.long
 def test_what_another_start_would_not_have_found_is_no_number() -> None:
     """Of a start that is 60 % off the plain bank says nothing, where it would have been sure of
     numbers that are wrong.
@@ -538,6 +541,7 @@ def test_without_vehicle_and_reference_it_starts_as_the_paper_did() -> None:
     }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("text", "word"),
     [
@@ -559,6 +563,7 @@ def test_streams_that_are_refused(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_calls_that_are_refused(
     flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path
 ) -> None:
@@ -608,6 +613,7 @@ def test_calls_that_are_refused(
     assert "linear between samples" in flightid.refused("watch", tmp_path / "record.csv", *options)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("method", ["output-error", "filter-error"])
 def test_identify_knows_the_low_order_equivalent_system(
     flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path, method: str
@@ -665,6 +671,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("model", ["rigid", "lateral", "longitudinal"])
 def test_a_stream_of_measured_states(
     flightid: CommandLine, measured: Path, tmp_path: Path, model: str

@@ -116,6 +116,7 @@ def diagnosed(
     return printed, json.loads((out / "diagnosis.json").read_text(), parse_constant=pytest.fail)
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize("model", list(TRUE))
 def test_a_sound_record_is_consistent_and_the_kinematics_are_not_asked(
@@ -186,6 +187,7 @@ def test_a_control_must_be_there(
     assert said in line and f"name the column {absent}" in line
 
 
+@pytest.mark.long
 def test_files_and_methods_that_do_not_fit(
     flightid: CommandLine, tmp_path: Path, records: dict[str, Record]
 ) -> None:
@@ -228,6 +230,7 @@ def test_files_and_methods_that_do_not_fit(
     )
 
 
+@pytest.mark.long
 def test_the_kinematics_are_checked_with_a_longitudinal_file(
     flightid: CommandLine, tmp_path: Path, records: dict[str, Record]
 ) -> None:
@@ -235,6 +238,7 @@ def test_the_kinematics_are_checked_with_a_longitudinal_file(
     assert "relation of alpha: alpha, q, nz" in printed and "relation of theta: theta, q" in printed
 
 
+@pytest.mark.long
 def test_a_gap_in_time_with_a_poor_start_is_named_and_does_no_harm(
     flightid: CommandLine, tmp_path: Path
 ) -> None:

@@ -162,6 +162,7 @@ def commands(flights: Path) -> Mapping[str, list[str]]:
     }
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize(
     "name",

@@ -83,6 +83,7 @@ def follow(
     return found
 
 
+@pytest.mark.long
 @present
 @pytest.mark.parametrize("page", [PAGES[0], pytest.param(PAGES[1], marks=pytest.mark.slow)])
 def test_what_the_program_says(

@@ -46,6 +46,7 @@ def test_stepwise_regression_chooses_the_printed_terms_with_the_printed_values(m
     assert all(abs(truth[i] - printed[i]) < 2.0 * errors[i] for i in chosen)
 
 
+@pytest.mark.long
 def test_the_check_finds_the_printed_bias_of_the_pitch_rate(
     flightid: CommandLine, tmp_path: Path
 ) -> None:

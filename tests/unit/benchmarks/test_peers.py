@@ -41,6 +41,7 @@ def answer(job: Job, contender: Contender) -> Answer:
     return found
 
 
+@pytest.mark.sampled
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.mark.parametrize(("job", "peer"), PAIRS)
 def test_a_peer_gives_the_same_answer(job: Job, peer: Contender) -> None:

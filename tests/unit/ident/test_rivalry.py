@@ -153,6 +153,7 @@ def test_the_difference_of_log_likelihoods_scatters_as_told() -> None:
     assert np.mean(difference < -CLEAR) == pytest.approx(told.wrong, abs=0.02)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("share", [0.1, 1.0, 3.0])
 def test_where_noise_levels_are_estimated_the_difference_is_that_of_logarithms(
     share: float,

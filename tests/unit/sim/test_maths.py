@@ -36,6 +36,7 @@ numbers = st.floats(-5.0, 5.0)
 seeds = st.integers(0, 10_000)
 
 
+@pytest.mark.long
 @given(numbers)
 def test_exp_and_cos_agree_for_every_kind_of_number(x: float) -> None:
     for function, plain, general in ((exp, math.exp, cmath.exp), (cos, math.cos, cmath.cos)):

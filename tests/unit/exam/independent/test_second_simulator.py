@@ -197,6 +197,7 @@ def test_records_obey_kinematics_and_gusts_reach_vane_and_loads() -> None:
     assert risen["nz"][600] - risen["nz"][599] > 0.0
 
 
+@pytest.mark.long
 def test_dryden_gusts_have_their_variance_and_their_seed() -> None:
     one, again, other = (
         dryden(50.0, 0.8, 5.0, 40000, np.random.default_rng(seed)) for seed in (1, 1, 2)

@@ -125,6 +125,7 @@ def test_the_tables_come_again_from_the_files(
         assert "name a file that python -m exam random wrote" in said and said.count("\n") == 1
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize("group", ["foreign", "recorder"])
 def test_a_group_that_is_asked_for_is_drawn(group: str, tmp_path: Path) -> None:

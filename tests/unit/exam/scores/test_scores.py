@@ -289,6 +289,7 @@ def test_what_a_claim_says_is_read_from_it() -> None:
     assert is_curve("moment-nonlinearity") and not is_curve("vane-offset")
 
 
+@pytest.mark.long
 def test_the_terminal_the_page_and_the_files_say_the_same(tmp_path: Path) -> None:
     scores = many(5, 40)
     text, content = (
@@ -322,6 +323,7 @@ def test_the_terminal_the_page_and_the_files_say_the_same(tmp_path: Path) -> Non
     ) and not drawn_scores(scores, "x", tmp_path, ())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "scores",
     [

@@ -122,6 +122,7 @@ EACH = [
 ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", EACH)
 def test_every_hidden_effect_shows_and_vanishes_with_its_size(name: str) -> None:
     plan = drawn()
@@ -216,6 +217,7 @@ def test_the_catalogue(name: str) -> None:
     ) <= set(LATERAL_KINDS)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hidden", ["sensor-delay:r", "gust-turbulence"])
 def test_flights_flown_at_once_are_those_flown_one_by_one(hidden: str) -> None:
     plan = drawn(LEVELS, records=(2, 2), duration=4.0)

@@ -178,6 +178,7 @@ def test_draws_fitted_one_by_one_and_joined_give_the_same_within_their_scatter(
     )
 
 
+@pytest.mark.long
 def test_where_the_fit_starts_does_not_matter() -> None:
     drawn = plan(replace(EVERY, turbulence=0.05))
     first = pseudo_true(drawn, {}, 4, np.random.default_rng(8))

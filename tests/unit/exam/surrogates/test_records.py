@@ -46,6 +46,7 @@ def values(record: Record) -> np.ndarray:
     return np.array([channel.values for channel in record.channels])
 
 
+@pytest.mark.long
 def test_same_seed_same_bytes(tmp_path: Path) -> None:
     surrogate, written = short(EVERY), []
     for name in ("a", "b"):

@@ -71,6 +71,7 @@ def size_of(drawn: Drawn) -> float:
     )
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize(
     "name",

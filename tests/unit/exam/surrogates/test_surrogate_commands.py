@@ -103,6 +103,7 @@ def test_simulate_writes_all_records_of_the_flight(
     assert record.hold is Hold.LINEAR and len(record) == 201
 
 
+@pytest.mark.long
 def test_run_writes_a_study(
     examined: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

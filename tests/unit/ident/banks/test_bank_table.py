@@ -33,6 +33,7 @@ def start_of(laid_out: FilterProblem, start: np.ndarray) -> tuple[np.ndarray, np
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "density", [{}, {"q": 1e-6}, {"alpha": 1e-7, "q": 1e-6}], ids=["no noise", "one", "two"]
 )

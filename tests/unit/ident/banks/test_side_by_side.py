@@ -142,6 +142,7 @@ def assert_near(found: BankPass, expected: BankPass) -> None:
         )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("case", CASES)
 def test_equal_to_the_stacked_filters(case: str) -> None:
     found, expected = both(CASES[case], True)
@@ -155,6 +156,7 @@ def test_equal_to_the_stacked_filters(case: str) -> None:
     assert np.linalg.eigvalsh(P / (size[:, :, None] * size[:, None])).min() > -1e-14
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("passes", [1, 4])
 def test_no_run_depends_on_the_others(passes: int, monkeypatch: pytest.MonkeyPatch) -> None:
     record, system, settings = (

@@ -141,6 +141,7 @@ def test_a_pair_that_one_other_fault_resembles_is_found_all_the_same() -> None:
     assert set(leaders(found)) == {"sensor-delay:alpha", "sensor-scale:q"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("sensors", "name"),
     [

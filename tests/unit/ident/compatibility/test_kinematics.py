@@ -64,6 +64,7 @@ def test_a_fault_is_found_in_its_true_size(
     assert found.sizes[0] == pytest.approx(size, rel=0.04)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("kind", "size"), [("scale", -0.2), ("delay", 0.12), ("lag", 0.12)])
 def test_the_arm_of_the_vane_multiplies_the_true_pitch_rate(kind: str, size: float) -> None:
     faulty = (
@@ -76,6 +77,7 @@ def test_the_arm_of_the_vane_multiplies_the_true_pitch_rate(kind: str, size: flo
     assert found.sizes == pytest.approx([size, 12.0], rel=0.02)
 
 
+@pytest.mark.long
 @settings(max_examples=25)
 @given(
     st.sampled_from(["scale", "delay", "lag", "drift", "bias"]),

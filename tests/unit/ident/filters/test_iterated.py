@@ -39,6 +39,7 @@ def fall() -> tuple[Record, Model, float]:
     return record, replace(truth, parameters=parameters, initial=initial), beta
 
 
+@pytest.mark.long
 def test_equals_the_most_probable_parameters_where_the_plain_filter_is_far_off(
     fall: tuple[Record, Model, float],
 ) -> None:

@@ -13,6 +13,7 @@ from tests.oracles.kalman import fundamental, process_noise
 CASES = [(Taylor(2), 2), (Taylor(3), 3), (Taylor(6), 6), (Exponential(), None)]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("transition", "terms"), CASES)
 @given(seed=st.integers(0, 10**6), dt=st.floats(1e-3, 0.5))
 def test_noise_equals_its_integral(

@@ -25,6 +25,7 @@ DENSITY = {"position": 0.002, "speed": 0.05, "force": 0.01, "bias_mixed": 0.001}
 OUTPUTS = ("place", "mixed", "speed")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("density", [{}, DENSITY], ids=["quiet", "forced"])
 @pytest.mark.parametrize(("step", "terms"), [(euler_step, 2), (rk4_step, 5)])
 @pytest.mark.parametrize("run", [run_ekf, run_ukf])
@@ -117,6 +118,7 @@ def test_filters_and_smoothers_agree_on_the_aircraft() -> None:
     assert np.max(np.abs(a.mean[:2] - b.mean[:2]) / a.std[:2]) < 2.0
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("transition", [Taylor(2), Exponential()])
 def test_smoothing_helps(transition: Transition) -> None:
     system, record = (

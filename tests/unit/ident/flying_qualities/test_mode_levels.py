@@ -88,6 +88,7 @@ FIRST = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("aircraft_class", ["I", "II-C", "III"])
 @pytest.mark.parametrize("category", CATEGORIES)
 def test_limits_of_the_lateral_modes(aircraft_class: str, category: str) -> None:

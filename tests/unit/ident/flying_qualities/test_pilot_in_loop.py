@@ -71,6 +71,7 @@ def test_the_pilot_is_the_best_of_all(frequency: float, delay: float) -> None:
     assert found.level == resonance_level(resonance)
 
 
+@pytest.mark.long
 def test_deviations_hold_the_truth() -> None:
     exact = neal_smith(curve(attitude(OMEGA), 1e-5), DEMAND)
     assert isinstance(exact, NealSmith)

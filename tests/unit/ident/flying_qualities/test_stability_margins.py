@@ -47,6 +47,7 @@ def sampled(airframe: str) -> np.ndarray:
     return np.asarray(open_loop(x29)(np.exp(1j * OMEGA * x29.frame))).ravel()
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize("airframe", ["P", "S", "F", "D", "R"])
 def test_margins_of_the_x29_loop_are_those_of_python_control(airframe: str) -> None:

@@ -64,6 +64,7 @@ def truth(model: Model, names: tuple[str, ...]) -> np.ndarray:
     return np.array([model.parameters[name].value for name in names])
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("make", "flight"),
     [
@@ -303,11 +304,13 @@ def low_order(seed: int, scale: float, lag: float = 0.8) -> tuple[np.ndarray, np
 LOES_TRUE = np.array([bases.LOES_VALUES[name] for name in NAMES])
 
 
+@pytest.mark.long
 def test_a_low_order_equivalent_without_noise() -> None:
     values, _ = low_order(1, 1e-6)
     np.testing.assert_allclose(values, LOES_TRUE, rtol=3e-3)
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize("lag", [0.15, 8.0])
 def test_a_start_of_the_lag_that_is_far_off_leads_to_the_same(lag: float) -> None:

@@ -90,6 +90,7 @@ def share_inside(kind: str, seeds: int) -> tuple[float, float, float]:
     return float(magnitude), float(phase), float(point)
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize("kind", ["one", "two", "feedback"])
 def test_bands_hold_the_truth(kind: str) -> None:
@@ -104,6 +105,7 @@ def test_bands_hold_the_truth_over_two_hundred_seeds(kind: str) -> None:
     assert all(0.93 <= share <= 0.97 for share in share_inside(kind, 200))
 
 
+@pytest.mark.long
 def test_feedback_biases_the_direct_estimate_and_not_the_joint_one() -> None:
     apart: dict[str, list[np.ndarray]] = {"joint": [], "direct": []}
     for seed in range(12):
@@ -370,6 +372,7 @@ def test_refusals(wrong: str) -> None:
         estimate_responses(records, GRID if wrong == "low" else GRID[20:], spectra)
 
 
+@pytest.mark.long
 def test_two_inputs_with_feedback_and_two_references() -> None:
     """Both inputs take a share of the output back; the joint estimate separates them."""
     exact = np.array([truth(SHORT_PERIOD), truth(LAG)])

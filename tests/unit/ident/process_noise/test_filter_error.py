@@ -39,6 +39,7 @@ def scores(estimate: Estimate) -> np.ndarray:
     return (estimate.values[at] - TRUE) / estimate.std[at]
 
 
+@pytest.mark.long
 def test_a_record_in_rough_air() -> None:
     record = rough_record(np.random.default_rng(11), 801, length=100.0)
     estimate = fit_filter_error([record], compile_model(rough_model()), SETTINGS)
@@ -60,6 +61,7 @@ def test_a_record_in_rough_air() -> None:
     assert np.all(estimate.std[:6] < 0.5 * plain.std)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("intensity", [0.1, 10.0])
 def test_starts_far_off(intensity: float) -> None:
     record = rough_record(np.random.default_rng(12), 601, intensity=intensity)
@@ -117,6 +119,7 @@ def test_several_records_with_their_own_sensors() -> None:
     assert again.values == pytest.approx(both.values, rel=1e-3)
 
 
+@pytest.mark.long
 def test_missing_samples_cost_accuracy_and_nothing_else() -> None:
     whole, holed = (
         rough_record(np.random.default_rng(16), 601, missing=share) for share in (0.0, 0.25)
@@ -191,6 +194,7 @@ def test_turbulence_is_worth_trying_where_residuals_are_not_white(
     assert (turbulence_worth_trying(fit) < 1e-2) is worth
 
 
+@pytest.mark.long
 def test_prediction_of_a_record_that_was_not_fitted() -> None:
     rng = np.random.default_rng(22)
     train, other = rough_record(rng, 501), rough_record(rng, 401, size=-0.04, unit=0.35)

@@ -104,6 +104,7 @@ def oracle(record: Record, e: np.ndarray, valid: np.ndarray) -> Plain:
     return out
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", RECORDS)
 def test_innovations_and_likelihood_equal_a_covariance_filters(kind: str) -> None:
     rng = np.random.default_rng(3)
@@ -193,6 +194,7 @@ def test_stationary_spread_stays_what_it_is() -> None:
     assert after[2:, 2:] == pytest.approx(motion.start[2:, 2:], rel=1e-12)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", ["even", "missing", "uneven"])
 def test_gradient_of_the_likelihood_is_its_slope(kind: str) -> None:
     """All unknowns: derivatives through outputs, gains and covariances; intensity, length, noise

@@ -80,6 +80,7 @@ def test_an_input_is_only_noted() -> None:
     assert (one.channel, one.certainty, one.count) == ("elevator", Certainty.NOTED, 0)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("noise", [0.0, 1.0])
 @pytest.mark.parametrize("kind", ["3211", "steps", "doublets"])
 @pytest.mark.parametrize("bit", [0.0, 1e-6, 1e-3])

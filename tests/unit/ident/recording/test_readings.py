@@ -54,6 +54,7 @@ def test_a_turned_sign_is_certain_whichever_channel(sound: Record, channel: str)
     assert (one.channel, one.kind) == (channel, Kind.SIGN) and f"column of {channel}" in one.remedy
 
 
+@pytest.mark.long
 @settings(max_examples=10, deadline=None)
 @given(
     st.integers(0, 10_000),

@@ -115,6 +115,7 @@ def test_the_covariance_of_a_gradient_is_the_double_sum_of_its_noise() -> None:
     assert np.any(np.abs(np.diag(apart) / np.diag(exact) - 1.0) > 0.2)
 
 
+@pytest.mark.long
 def test_what_a_fit_takes_from_its_residuals_is_given_back() -> None:
     """Four slow unknowns of 200 samples of AR(1) noise: variances from the residuals as they are
     come out a third too small.

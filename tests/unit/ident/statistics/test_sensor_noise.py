@@ -52,6 +52,7 @@ def left_besides(kind: str, rng: np.random.Generator) -> np.ndarray:
     }[kind]()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "kind", ["nothing", "drift", "a tone", "gusts", "slow gusts", "a short period", "a mode"]
 )

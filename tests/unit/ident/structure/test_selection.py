@@ -120,6 +120,7 @@ def test_the_noise_is_what_the_sensors_give() -> None:
         assert made == pytest.approx(float(np.mean(noisy.sigma[axis])), rel=0.35)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", [STEPWISE, ORTHOGONAL])
 @pytest.mark.parametrize("axis", ["Cm", "Cl"])
 def test_the_true_terms_are_found(method: str, axis: str) -> None:

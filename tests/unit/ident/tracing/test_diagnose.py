@@ -336,6 +336,7 @@ def test_a_validation_record_that_nothing_can_simulate_gives_finite_numbers() ->
     assert diagnosis.error_after.nrmse == {name: pytest.approx(1.0) for name in OUTPUTS}
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("count", [2, 4])
 def test_a_validation_record_may_be_very_short(count: int) -> None:
     records, whole = [lagged(1)], lagged(2)

@@ -282,6 +282,7 @@ def assert_finite(estimate: Estimate) -> None:
     assert np.all(estimate.std > 0)
 
 
+@pytest.mark.long
 @settings(max_examples=12)
 @given(
     powers=st.lists(st.floats(-3.0, 9.0), min_size=6, max_size=6),

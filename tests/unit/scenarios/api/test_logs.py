@@ -13,6 +13,7 @@ from tests.recorders.flights import flight, px4
 pytest.importorskip("pyulog")
 
 
+@pytest.mark.long
 def test_a_log_with_a_map_is_a_record(tmp_path: Path) -> None:
     columns = flight()
     log = px4(tmp_path / "uav.ulg", columns)
@@ -27,6 +28,7 @@ def test_a_log_with_a_map_is_a_record(tmp_path: Path) -> None:
     np.testing.assert_allclose(record.time - record.time[0], columns["time"], atol=1e-6)
 
 
+@pytest.mark.long
 def test_a_log_without_a_map_is_refused(tmp_path: Path) -> None:
     with pytest.raises(fid.InputError, match="flightid map"):
         fid.read_record(px4(tmp_path / "uav.ulg", flight()))

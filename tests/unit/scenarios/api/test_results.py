@@ -46,6 +46,7 @@ def shown(text: str) -> list[str]:
     return parser.texts
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("verdict", VERDICTS, ids=lambda each: each.value)
 def test_a_diagnosis_of_every_verdict(verdict: Verdict) -> None:
     tracing = tracing_of(verdict)
@@ -155,6 +156,7 @@ def test_parameters_are_a_mapping_in_their_order() -> None:
     assert "p39" in shown(some._repr_html_())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "table", [fid.effects, fid.models, fid.vehicles, fid.scenarios], ids=lambda each: each.__name__
 )

@@ -162,6 +162,7 @@ def test_only_sensor_effects_are_compared_and_others_found_are_told() -> None:
     )
 
 
+@pytest.mark.long
 def test_a_late_vane_is_found_in_a_flight_and_agrees() -> None:
     kinematics = kinematics_of(
         [record(sensors=Sensors(delay={"alpha": 0.06}), seed=1)],

@@ -71,6 +71,7 @@ def request(folder: Path, plan: Plan | None = None) -> Request:
     return Request((train,), "rigid", vehicle, (validate,), own, channels, plan or Plan())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "plan", [Plan(), Plan((Segment(0.5, 2.0), Segment(2.1, 3.9)))], ids=["whole", "segments"]
 )

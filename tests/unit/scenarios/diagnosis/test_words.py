@@ -184,6 +184,7 @@ def test_a_group_does_not_repeat_the_name_of_its_first_member() -> None:
     assert group_sentence(claim, Wording()) == told
 
 
+@pytest.mark.long
 @given(st.floats(-1e6, 1e6), st.floats(1e-9, 1e6))
 def test_value_and_sigma_share_their_digits(value: float, std: float) -> None:
     text = value_text(value, std)

@@ -99,6 +99,7 @@ def flown(folder: Path, model: ExportedModel, step: float) -> tuple[np.ndarray, 
     return found, machine["atmosphere/rho-slugs_ft3"] * DENSITY
 
 
+@pytest.mark.long
 def test_jsbsim_flies_the_same_to_its_integration_error(tmp_path: Path) -> None:
     aircraft, worst = unlike_others(), []
     for step in (0.004, 0.001):

@@ -38,6 +38,7 @@ def file_of(folder: Path, aircraft: Aircraft = TRIMMED) -> Path:
 QUOTED = replace(TRIMMED, name='the "new" wing\\ \x7f\n\u00fc')
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize(
     "aircraft", [QUOTED, TRIMMED, MIXED], ids=["quotes in its name", "plain", "mixed"]
@@ -49,6 +50,7 @@ def test_what_is_written_is_read_back(tmp_path: Path, aircraft: Aircraft) -> Non
     assert one.input_names == other.input_names and one.parameters == other.parameters
 
 
+@pytest.mark.long
 def test_a_vehicle_file_serves_as_vehicle_and_as_model(tmp_path: Path) -> None:
     path = file_of(tmp_path)
     vehicle = read_vehicle(path, "aircraft")
@@ -58,6 +60,7 @@ def test_a_vehicle_file_serves_as_vehicle_and_as_model(tmp_path: Path) -> None:
     assert read_model_file(path).model.parameters == vehicle.own.parameters
 
 
+@pytest.mark.long
 def test_units_and_constraints(tmp_path: Path) -> None:
     path = file_of(tmp_path)
     text = path.read_text().replace("mass = 17600.0", 'mass = "17.6 t"')
@@ -104,6 +107,7 @@ def test_bad_files_are_refused_in_one_line(tmp_path: Path, old: str, new: str, t
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.long
 def test_values_of_the_file_reach_the_equations(tmp_path: Path) -> None:
     model = read_model_file(file_of(tmp_path)).model
     system = compile_model(model)

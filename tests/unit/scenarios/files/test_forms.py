@@ -30,6 +30,7 @@ LIBRARIES |= {"dataflash text": "pymavlink"}
 LIBRARIES |= {"excel": "python_calamine", "ods": "odf"}
 
 
+@pytest.mark.sampled
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 @pytest.mark.parametrize("name", FORMS)
 def test_the_same_record_in_every_form(tmp_path: Path, name: str) -> None:
@@ -156,6 +157,7 @@ def test_every_format_has_a_form() -> None:
         assert reader.FORMAT and reader.SUFFIXES and reader.__doc__, name
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("mark", [",", ";", "\t", "|", " "])
 def test_a_large_file_reads_as_a_small_one(
     tmp_path: Path, mark: str, monkeypatch: pytest.MonkeyPatch

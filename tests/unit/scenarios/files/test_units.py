@@ -121,6 +121,7 @@ def test_an_unknown_unit_is_refused(unit: str) -> None:
     )
 
 
+@pytest.mark.long
 def test_si_units_and_degrees_need_no_unit_library(tmp_path: Path) -> None:
     script = """
 import sys

@@ -49,6 +49,7 @@ def records(draw: st.DrawFn) -> Record:
     )
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=60)
 @given(records())
 def test_a_written_record_reads_back_bit_for_bit(record: Record) -> None:

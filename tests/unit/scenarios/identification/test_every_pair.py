@@ -77,6 +77,7 @@ def test_a_method_that_serves_finds_the_truth(model: str, method: str) -> None:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("model", "method"), list(REFUSED))
 def test_a_method_that_does_not_serve_says_so_in_one_line(model: str, method: str) -> None:
     case = case_of(model)

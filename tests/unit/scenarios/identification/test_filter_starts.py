@@ -109,6 +109,7 @@ def test_coloured_noise_widens_sigmas_and_is_said(method: str) -> None:
     assert np.median(found[0].estimate.std / white.estimate.std) > 2.0
 
 
+@pytest.mark.long
 def test_standard_deviations_that_were_not_corrected_are_said_to_be_too_small() -> None:
     case, exact = case_of("rigid"), case_of("rigid", noise=0.0)
     found = identify(with_coloured_noise(case.record, exact.record, 1), case.vehicle, "ekf")
@@ -125,6 +126,7 @@ def test_standard_deviations_that_were_not_corrected_are_said_to_be_too_small() 
     assert "are up to" in said and said.endswith("those given are for white noise")
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize("digits", [6, 12])
 @pytest.mark.parametrize(

@@ -51,6 +51,7 @@ def fitted_within(samples: int, most: float) -> None:
     assert peak < most
 
 
+@pytest.mark.long
 def test_two_minutes_with_three_maneuvers() -> None:
     fitted_within(12_000, 0.2)
 

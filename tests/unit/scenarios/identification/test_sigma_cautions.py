@@ -52,6 +52,7 @@ def test_noise_of_each_sensor_by_itself_is_not(method: str, noise: str) -> None:
     assert [said for run in range(4) for said in cautions(method, noise, run)] == []
 
 
+@pytest.mark.long
 def test_filter_error_is_cautioned_where_it_finds_gusts() -> None:
     (said,) = cautions("filter-error", "markov-gusts")
     factor, held = FILTER_ERROR
@@ -60,10 +61,12 @@ def test_filter_error_is_cautioned_where_it_finds_gusts() -> None:
     assert cautions("filter-error", "white") == []
 
 
+@pytest.mark.long
 def test_methods_that_hold_in_gusts_are_not_cautioned() -> None:
     assert cautions("equation-error", "dryden-gusts") == []
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize("method", sorted(LOST_ROWS))
 @pytest.mark.parametrize(("dropped", "cautioned"), [(0.02, False), (0.2, True)])
@@ -97,6 +100,7 @@ def test_one_long_gap_and_jittered_times_are_no_lost_rows() -> None:
     assert lost_rows([record]) == pytest.approx(1 / 399)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("noise", "proposed"),
     [("markov-gusts", True), ("dryden-gusts", True), ("ar1", False), ("white", False)],

@@ -46,6 +46,7 @@ def test_totals_are_linearised_about_level_flight(longitudinal: StateSpace) -> N
     )
 
 
+@pytest.mark.long
 def test_files_read_back(longitudinal: StateSpace, tmp_path: Path) -> None:
     for ending in ("json", "mat", "npz"):
         write_state_space(longitudinal, tmp_path / "new" / f"plant.{ending}")

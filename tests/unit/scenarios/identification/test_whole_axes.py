@@ -55,6 +55,7 @@ def without(record: Record, *names: str) -> Record:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("model", "method"),
     [pytest.param(*each, marks=pytest.mark.slow if each in DEAR else ()) for each in SERVES],
@@ -81,6 +82,7 @@ def test_a_constant_error_of_a_sensor_is_no_derivative(model: str) -> None:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("model", "absent"),
     [

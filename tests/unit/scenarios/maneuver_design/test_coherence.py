@@ -61,6 +61,7 @@ def room(
     return Room(np.arange(3001) / 50.0, 0.5, inputs, corners, band)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", ["sweep", "multisine"])
 @pytest.mark.parametrize("band", [None, (1.0, 15.0)])
 def test_a_limit_of_the_rate_cuts_nothing_off(kind: str, band: tuple[float, float] | None) -> None:
@@ -150,6 +151,7 @@ def test_coherence_is_what_the_power_of_output_and_noise_gives(louder: DesignRes
             assert np.median(np.abs(shown - expected)) < 0.1, (each.kind, row)
 
 
+@pytest.mark.long
 def test_a_flight_of_it_has_the_coherence_that_was_said(planned: DesignResult) -> None:
     """The designed input, flown with fresh noise, through the command's own estimate."""
     best = planned.best

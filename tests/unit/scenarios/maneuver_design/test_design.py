@@ -114,6 +114,7 @@ def test_a_flight_keeps_the_limits_and_comes_near_one(told: DesignResult) -> Non
         )
 
 
+@pytest.mark.long
 def test_the_maneuver_reads_back_and_flies_the_same(told: DesignResult, tmp_path: Path) -> None:
     write_design(told, tmp_path / "plan", figures=())
     record = read_record(tmp_path / "plan" / "maneuver.csv", ("elevator",))

@@ -307,6 +307,7 @@ def test_equivalents_stand_beside_each_other() -> None:
     assert [x for x, _ in points(second, "condensed")] == [0.8]
 
 
+@pytest.mark.long
 def test_large_correlations_are_framed_and_undefined_ones_grey() -> None:
     matrix = np.array(
         [

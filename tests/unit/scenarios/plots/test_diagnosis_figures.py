@@ -261,6 +261,7 @@ def test_replication_stands_records_without_the_parameter_and_sigmas_that_say_no
     assert np.all(np.isfinite(panel.get_ylim()))
 
 
+@pytest.mark.long
 def test_figures_of_a_fall_and_of_runaway_predictions_can_be_drawn() -> None:
     d = tracing_of(Verdict.UNEXPLAINED, BALLISTIC, channels=("altitude",), count=60).diagnosis
     runaway = replace(d.predictions[0], before=np.full_like(d.predictions[0].before, 1e30))

@@ -41,6 +41,7 @@ def test_symbol(name: str, expected: str) -> None:
     assert symbol(name) == expected
 
 
+@pytest.mark.long
 @given(st.text(alphabet="CLmeta_0123456789dotqx$.:-", min_size=1, max_size=14))
 def test_every_symbol_can_be_set(name: str) -> None:
     MathTextParser("agg").parse(symbol(name))

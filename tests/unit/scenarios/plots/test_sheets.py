@@ -159,6 +159,7 @@ def test_same_result_same_bytes(studies: Studies, tmp_path: Path) -> None:
     assert save_figures([("none", lambda: pytest.fail("drawn"))], tmp_path, ()) == []
 
 
+@pytest.mark.long
 def test_figure_of_a_page_stands_alone_and_shares_no_name_with_another(studies: Studies) -> None:
     figure = FIGURES["correlation"](studies)
     one, other = (ElementTree.fromstring(page_svg(figure, name)) for name in ("one", "other"))

@@ -38,6 +38,7 @@ def held() -> FallingSpeed:
     return fly_falling(weight=False, fall=0.0, held=True)
 
 
+@pytest.mark.long
 def test_az_serves_as_nz_where_there_is_none(tmp_path: Path, linear: FallingSpeed) -> None:
     with_nz = write_flown(tmp_path / "nz.csv", linear)
     rows = np.array([linear.time, linear.elevator, linear.alpha, linear.q, -(linear.nz + 1.0)]).T
@@ -183,6 +184,7 @@ def test_starting_values_do_not_turn_the_reading(
         assert linear_by([record], led_astray, with_flow) == pytest.approx(right, abs=2.0)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", range(3))
 def test_wild_points_do_not_turn_the_reading(
     seed: int, linear: FallingSpeed, held: FallingSpeed
@@ -231,6 +233,7 @@ def test_a_commanded_input_is_held_whatever_the_fit_says(held: FallingSpeed) -> 
     assert linear_by([stepped], declared(), with_flow) == 0.0
 
 
+@pytest.mark.long
 def test_trims_and_the_measured_speed_are_told(tmp_path: Path) -> None:
     flown = fly_falling(weight=True)
     columns = noisy(flown)
@@ -274,6 +277,7 @@ def test_a_record_of_perturbations_alone_has_no_trim_lift(tmp_path: Path) -> Non
     assert any("perturbations alone fit better" in note for note in ready.notes)
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize("seed", [16, 20, 62, 80])
 def test_an_unstable_fighter_under_its_controller_carries_its_weight(seed: int) -> None:

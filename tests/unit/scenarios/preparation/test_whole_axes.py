@@ -47,6 +47,7 @@ def same(a: Record, b: Record) -> None:
         np.testing.assert_allclose(one.values, other.values, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.long
 def test_accelerometers_serve_as_load_factors(tmp_path: Path, records: dict[str, Record]) -> None:
     lateral = read(tmp_path, "lateral", records["lateral"], {"ny": ("ay", G0)})
     same(lateral.fitted[0], records["lateral"])

@@ -172,6 +172,7 @@ def test_a_campaign_is_whole_in_a_narrow_terminal(width: int) -> None:
         assert cell in text, cell
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("width", [80, 100, WIDTH])
 def test_a_diagnosis_fits_its_terminal(width: int) -> None:
     for tracing in (spread_tracing(), *(tracing_of(verdict) for verdict in Verdict)):

@@ -106,6 +106,7 @@ def test_surfaces_that_move_together_are_named() -> None:
     assert not any("move together" in each for each in findings(structure_of([record], CURVED)))
 
 
+@pytest.mark.long
 def test_increments_to_a_baseline_are_what_it_lacks() -> None:
     found = structure_of(
         [record_of(1), record_of(2)], AIRLINER, StructureOptions(degree=2, baseline=True)

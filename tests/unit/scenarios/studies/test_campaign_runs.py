@@ -40,6 +40,7 @@ def test_a_row_does_not_depend_on_how_full_its_block_is(name: str, method: str) 
         assert work.run(tasks[first:last]) == whole[first:last]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["main", pytest.param("output-error", marks=pytest.mark.slow)])
 def test_a_campaign_is_the_same_stopped_and_raised_and_in_processes(
     method: str, tmp_path: Path

@@ -42,6 +42,7 @@ def told(found: Findings, cause: str, *, beside: tuple[str, ...] = ()) -> None:
         )
 
 
+@pytest.mark.long
 def test_of_a_clean_campaign_nothing_is_said() -> None:
     for seed in (1, 2):
         judged = judge(

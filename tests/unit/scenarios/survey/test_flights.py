@@ -238,6 +238,7 @@ tables = st.dictionaries(
 )
 
 
+@pytest.mark.long
 @given(tables)
 def test_written_toml_is_what_was_read(content: dict[str, object]) -> None:
     assert tomllib.loads(toml_text(content)) == content

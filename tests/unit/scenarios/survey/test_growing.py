@@ -96,6 +96,7 @@ def test_a_flight_that_is_no_longer_named_is_told_and_its_folder_stays(campaign:
     assert (campaign.diagnosed, again.grown.new) == ([], ("d",))
 
 
+@pytest.mark.long
 def test_what_is_changed_of_one_flight_computes_that_flight(campaign: Campaign) -> None:
     flights = four(campaign)
     campaign.survey(*flights)
@@ -114,6 +115,7 @@ def test_what_is_changed_of_one_flight_computes_that_flight(campaign: Campaign) 
     assert campaign.diagnosed == ["a", "b", "c", "d"]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("file", "broken"),
     [(KEPT, b"{"), ("sets.json", b"[]"), (KEPT, b'{"schema": "flightid/survey-flight/0"}')],

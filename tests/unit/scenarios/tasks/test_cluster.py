@@ -80,6 +80,7 @@ def test_what_fails_or_takes_too_long_is_recorded_and_ends_nothing(cluster: Clus
     assert late.columns["error"][12] == "ended after 0.7 s, the time that it was given"
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_it_and_gives_up_what_was_sent(cluster: Cluster, whole: RowTable) -> None:
     from distributed import Client
 

@@ -61,6 +61,7 @@ def test_the_table_is_the_rows_of_its_tasks(whole: RowTable) -> None:
         )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("jobs", [2, 3])
 def test_processes_give_the_same_table(whole: RowTable, jobs: int, tmp_path: Path) -> None:
     assert same(run_study(Toy(), dataclasses.replace(ASKED, jobs=jobs)), whole)
@@ -312,6 +313,7 @@ def test_progress_counts_what_was_kept_and_shares_what_is_left(tmp_path: Path) -
     assert told[-1][0].startswith("30 of 30 flights, ") and told[-1][0].endswith(" a second")
 
 
+@pytest.mark.long
 def test_a_script_without_a_guard_is_not_run_again_by_its_processes_which_have_one_thread_each(
     tmp_path: Path,
 ) -> None:

@@ -67,6 +67,7 @@ def test_the_known_margins_are_held_as_soon_as_the_sweep_has_passed(session: Mar
     assert all(point.margins is None or point.margins.phase is None for point in early)
 
 
+@pytest.mark.long
 def test_a_margin_is_shown_once_the_sweep_has_passed_its_crossing(session: MarginSession) -> None:
     """Before, the response at the crossing is extrapolated from below and off by many sigmas."""
     exact = margins(load_x29("F"))

@@ -33,6 +33,7 @@ def test_bare_airframe_has_the_reference_roots(name: str, unstable: float, stabl
     assert airframe_roots(load_x29(name)) == pytest.approx([unstable, stable], abs=0.0055)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("name", "decrease", "increase", "phase"),
     [("P", -8.7, 6.1, 38.9), ("S", -6.8, 6.3, 37.6), ("F", -12.5, 4.7, 33.1)],
@@ -110,6 +111,7 @@ def test_closed_loop_is_stable_and_open_airframe_is_not(name: str) -> None:
     assert np.max(np.abs(open_loop(x29).poles())) > 1.02
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", NAMES)
 def test_gain_margins_are_where_the_loop_turns_unstable(name: str) -> None:
     x29 = load_x29(name)

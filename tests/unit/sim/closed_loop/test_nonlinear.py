@@ -84,6 +84,7 @@ def test_limited_flight_equals_the_march() -> None:
         ), signal
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("name", "amplitude", "rates"),
     [("P", 3.0, None), ("P", 2.0, 30.0), ("P", 5.0, None), ("S", 5.0, None), ("F", 5.0, 10.0)],

@@ -116,6 +116,7 @@ def test_motion_is_that_of_a_solver_at_the_end_of_double_precision(case: str) ->
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("bent", "method"), [(0.0, EXACT), (1e-7, SMOOTH), (1e-3, SMOOTH)])
 def test_a_spring_that_stiffens_by_a_ten_millionth_is_not_taken_for_linear(
     bent: float, method: str

@@ -60,6 +60,7 @@ def assert_covariance(x: np.ndarray, expected: np.ndarray) -> None:
     assert np.max(np.abs(found - expected) / error) < 4.5
 
 
+@pytest.mark.long
 def test_dryden_spectrum_is_that_of_the_specification() -> None:
     dt, n, runs = 0.02, 2048, 200
     rng = np.random.default_rng(4)

@@ -150,6 +150,7 @@ def test_same_seed_same_bytes_and_other_seed_other_noise() -> None:
     assert all(np.any(make[0][name].values != make[2][name].values) for name in STD)
 
 
+@pytest.mark.long
 def test_state_forcing_has_the_variance_of_its_density() -> None:
     density, runs = 2e-3, 150
     model, short = rigid(Noise({}, {"q": density})), sample_times(10.0, 0.6)

@@ -16,6 +16,7 @@ from tests.bases import Flight, fly, fly_model
 from tests.recorders.quadrotor import TRUTH, flight
 
 
+@pytest.mark.long
 def test_the_flight_of_the_second_writing_comes_out_of_its_recorded_commands() -> None:
     columns = flight(noise=0.0, duration=19.0)
     system = compile_model(model_from_constants("multirotor", {}, TRUTH))

@@ -39,6 +39,7 @@ def value(found: Compatibility, name: str) -> tuple[float, float]:
     return item.smoother.value, item.smoother.std
 
 
+@pytest.mark.long
 def test_sound_sensors_raise_nothing_and_the_noise_is_found() -> None:
     found = compatibility([shown(fly(), WHOLE, Faults(), 3)], SETTINGS)
     assert leaders(found) == {} and found.notes == ()
@@ -96,6 +97,7 @@ def test_both_vanes_on_a_boom_are_told_before_accelerometers_behind() -> None:
     )
 
 
+@pytest.mark.long
 def test_a_vane_of_sideslip_ahead_is_told_before_its_accelerometer_behind_and_both_are_printed() -> (  # noqa: E501
     None
 ):
@@ -132,6 +134,7 @@ def test_where_sensors_usually_are() -> None:
     assert SensorFault("ay", ARM).surprise(-14.0, 0.5) == pytest.approx(0.5 * 14.0**2 / 1.5)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("wrong", "name"),
     [
@@ -199,6 +202,7 @@ def test_without_an_airspeed_flow_angles_are_left_out_and_said_to_be() -> None:
     assert any(line.startswith("beta: nothing can be told") for line in found.cannot_tell)
 
 
+@pytest.mark.long
 def test_several_records_share_a_fault_and_keep_their_own_biases_and_drifts() -> None:
     wrong = Faults(delay={"r": 0.06}, bias={"p": 0.008})
     records = [

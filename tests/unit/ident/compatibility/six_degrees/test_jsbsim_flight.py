@@ -48,6 +48,7 @@ def recorded(
     return Record(time, (), tuple(outputs), name=f"flight {seed}")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("late", "scaled", "biased", "named"),
     [

@@ -40,6 +40,7 @@ def turning(
     return replace(one, outputs=(*one.outputs, *extra))
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize("channels", [(), ("p",), ("r",), ("p", "r")])
 def test_level_flight_is_taken_as_level_and_that_is_said(channels: tuple[str, ...]) -> None:

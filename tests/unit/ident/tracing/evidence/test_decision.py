@@ -113,6 +113,7 @@ def test_an_event_is_placed_to_a_sample() -> None:
     assert own["sensor-step:q.at"] == pytest.approx(4.343, abs=0.03)
 
 
+@pytest.mark.long
 def test_rough_air_acts_while_the_aircraft_hardly_moves() -> None:
     """Gusts all along, and an error that follows the motion: a filter takes both for rough air."""
     gust = effect("gust-turbulence")
@@ -136,6 +137,7 @@ def test_rough_air_acts_while_the_aircraft_hardly_moves() -> None:
     assert z[1] < 2.0
 
 
+@pytest.mark.long
 def test_white_noise_decides_where_a_discrepancy_is_less_probable() -> None:
     """Two causes of which one brings little: beside a discrepancy its scatter would leave it
     out.
@@ -162,6 +164,7 @@ def test_a_group_that_acts_is_ambiguous_though_no_member_is_certain() -> None:
     assert named.probability < 0.95 < named.probability + sum(named.alternatives.values())
 
 
+@pytest.mark.long
 def test_the_loop_reports_what_is_decided() -> None:
     records = [planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=7)]
     validation = [planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=8)]
@@ -175,6 +178,7 @@ def test_the_loop_reports_what_is_decided() -> None:
     assert told.error_after.rmse["alpha"] < told.error_before.rmse["alpha"]
 
 
+@pytest.mark.long
 def test_a_second_cause_that_brings_little_is_named_where_kinematics_name_it() -> None:
     """A scale of q and a vane that is hardly late: the second is a hint, or named with support."""
     both = [effect("sensor-scale:q"), effect(LATE)]
@@ -222,6 +226,7 @@ def test_a_late_gyro_is_late_for_gusts_too() -> None:
     assert both.values.shared["sensor-delay:q.delay"] == pytest.approx(0.1, abs=0.02)
 
 
+@pytest.mark.long
 def test_another_fault_of_the_sensor_takes_the_place_of_what_kinematics_name() -> None:
     """A gyro's threshold: kinematics know a scale of it, but the threshold is likelier."""
     shown = effect("sensor-deadband:q")
@@ -256,6 +261,7 @@ def test_kinematics_choose_among_effects_that_are_not_told_apart() -> None:
     assert names[((LATE,),)] == {LATE} and names[((ARM,),)] == {ARM}
 
 
+@pytest.mark.long
 def test_a_search_that_offers_more_goes_on_from_the_sets_that_are_fitted() -> None:
     """It ends where a search among all candidates from the beginning ends, with fewer fits."""
     both = [effect("sensor-scale:q"), effect(LATE)]

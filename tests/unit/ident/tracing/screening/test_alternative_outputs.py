@@ -133,6 +133,7 @@ EXACT = [
 ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("names", "columns"), EXACT, ids=["+".join(names) for names, _ in EXACT])
 def test_alternatives_equal_simulations_where_transitions_are_those_of_the_base(
     record: Record, names: tuple[str, ...], columns: list[dict[str, float]]
@@ -145,6 +146,7 @@ def test_alternatives_equal_simulations_where_transitions_are_those_of_the_base(
     assert np.all(visible > 1e-3)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("name", "values"),
     [
@@ -189,6 +191,7 @@ def test_a_column_does_not_depend_on_its_neighbours(record: Record) -> None:
         np.testing.assert_allclose(together[:, :, a], alone[:, :, 0], rtol=0, atol=1e-9)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["elastic-mode", "input-delay", "sensor-lag:q"])
 def test_alternatives_a_few_at_a_time_are_those_of_one_batch(
     monkeypatch: pytest.MonkeyPatch, record: Record, name: str

@@ -36,6 +36,7 @@ def test_the_training_prior_is_the_schur_complement_of_its_information(fitted: F
     assert np.linalg.eigvalsh(expected)[0] > 0
 
 
+@pytest.mark.long
 def test_a_frozen_fit_keeps_shared_parameters_bit_for_bit(fitted: FittedModel) -> None:
     validation = [planted([SensorLag("q")], LAG, 9)]
     out = held_out(fitted, validation, measured_masks(validation, OUTPUTS))
@@ -54,6 +55,7 @@ def test_a_frozen_fit_keeps_shared_parameters_bit_for_bit(fitted: FittedModel) -
     assert not doubted(out)
 
 
+@pytest.mark.long
 def test_events_are_looked_for_anew_in_held_out_records(fitted: FittedModel) -> None:
     """The event of a held-out record is at another time, and of another sign, than those of
     training.
@@ -109,6 +111,7 @@ def test_wrong_frozen_values_are_doubted(fitted: FittedModel) -> None:
     assert doubted(held_out(without, validation, None))
 
 
+@pytest.mark.long
 def test_a_prediction_covers_every_row_also_where_the_fit_failed(fitted: FittedModel) -> None:
     record = planted(seed=9)
     values = record["alpha"].values.copy()

@@ -50,6 +50,7 @@ def numbers(value: Any, path: str = "") -> list[tuple[str, float]]:
     return [(path, value)] if isinstance(value, int | float) and not isinstance(value, bool) else []
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("verdict", "vehicle", "channels"), STUDIES)
 def test_every_verdict_has_all_that_is_read(
     verdict: Verdict, vehicle: VehicleFile, channels: tuple[str, ...]

@@ -64,6 +64,7 @@ def test_the_page_has_no_column_after() -> None:
     assert ">after</button>" in page_html(diagnosis_page(tracing_of(Verdict.TRACED), []))
 
 
+@pytest.mark.long
 def test_its_figures_show_the_declared_model_alone() -> None:
     shown = pictured(tracing_of(Verdict.UNEXPLAINED))
     assert all(np.array_equal(item.after, item.before) for item in shown.fitted)

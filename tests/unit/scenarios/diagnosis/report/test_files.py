@@ -152,6 +152,7 @@ def test_same_diagnosis_same_bytes_but_for_the_time_stamp(folder: Path, tmp_path
             assert entry.read_bytes() == other, entry.name
 
 
+@pytest.mark.long
 def test_page_is_made_again_from_its_folder_to_the_byte(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "report.json").write_bytes((folder / "report.json").read_bytes())
     assert rebuilt(tmp_path).read_bytes() == (folder / "report.html").read_bytes()

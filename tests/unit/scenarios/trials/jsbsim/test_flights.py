@@ -84,6 +84,7 @@ def test_a_record_is_quiet_at_first_and_has_all_channels(made: Made) -> None:
     ) < np.radians(40.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("ours", "theirs"),
     [

@@ -120,6 +120,7 @@ def test_nonlinear_control_bends_moment_and_lift_alike(share: float) -> None:
     close(rigid(ControlNonlinearity(-0.12, 0.15), given), expected)
 
 
+@pytest.mark.long
 def test_a_control_that_works_more_to_one_side() -> None:
     v, e, share = RIGID_VALUES, 0.3, 0.6
     expected, _ = fly_rigid(
@@ -168,6 +169,7 @@ def find_effect_named(control: str) -> ControlUnevenness:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("time", [2.0, 2.013])
 def test_derivatives_that_jump_with_an_edge_of_no_width(time: float) -> None:
     changes = {"Cm_alpha": 0.4, "Cm_q": 9.0, "Cm_de": 0.3, "CL_alpha": -0.4}
@@ -189,6 +191,7 @@ def test_derivatives_that_jump_with_an_edge_of_no_width(time: float) -> None:
     assert not np.allclose(got, fly_model(rigid_model(), RIGID), rtol=0.0, atol=1e-3)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("start", "duration"), [(1.41, 0.633), (2.2, 50.0)])
 def test_lift_and_moment_that_nobody_recorded(start: float, duration: float) -> None:
     lift, moment = 0.03, -0.02
@@ -264,6 +267,7 @@ def test_airspeed_that_grows_on_the_low_order_equivalent_loads_it_as_the_rigid_o
     assert with_weight[2][5] == pytest.approx((speed[5] / V) ** 2 - 1.0, rel=0.15)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("lasting", [False, True])
 def test_a_gust_that_passes_and_one_that_stays(lasting: bool) -> None:
     peak, start, duration = 4.0, 1.23, 0.77
@@ -297,6 +301,7 @@ BENDING = {
 FURTHER = {"lift_rate": 0.05, "moment_rate": -0.11, "pitch_gain": 0.05, "accelerometer": 2e-3}
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("fine", "number"), [(False, 1), (True, 1), (False, 2)])
 def test_an_elastic_mode_with_all_its_couplings(fine: bool, number: int) -> None:
     values = {**BENDING, **FURTHER} if fine else BENDING

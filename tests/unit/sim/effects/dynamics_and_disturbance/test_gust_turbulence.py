@@ -77,6 +77,7 @@ def test_gust_acts_on_loads_and_vane_of_both_aircraft() -> None:
         )
 
 
+@pytest.mark.long
 def test_a_forced_flight_has_gusts_of_that_size() -> None:
     model = rigid_model().with_effects(GustTurbulence()).with_values(TURBULENCE)
     _, truth = fly(model, None, sample_times(5.0, 800.0), np.random.default_rng(4), step=0.02)

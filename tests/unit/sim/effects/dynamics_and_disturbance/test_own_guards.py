@@ -104,6 +104,7 @@ def test_several_rates_swing_each_by_itself() -> None:
     assert guard(three, "guard:lagged-loads:a").ports == ("a_rate", "b_rate")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("felt", [True, False])
 def test_they_are_the_terms_that_they_name(felt: bool) -> None:
     """A declared port adds to the force that the accelerometer feels; the port of a rate adds to

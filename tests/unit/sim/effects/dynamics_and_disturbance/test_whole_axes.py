@@ -121,6 +121,7 @@ def test_accelerometers_of_the_longitudinal_axis() -> None:
     close(on_longitudinal(arms, nz, nx, vane), expected)
 
 
+@pytest.mark.long
 def test_a_curved_rudder_acts_on_all_three_axes_as_another_deflection() -> None:
     f, v = curve(-0.1, 0.12, SHAPES), LATERAL_VALUES
     effect = replace(lateral("control-nonlinearity:rudder"), low=-0.1, high=0.12)  # type: ignore[type-var]
@@ -168,6 +169,7 @@ def test_an_aileron_that_weakens_is_another_deflection() -> None:
     )
 
 
+@pytest.mark.long
 @pytest.mark.sampled
 @pytest.mark.parametrize(("port", "axis"), [("yaw", "Cn"), ("roll", "Cl"), ("side_force", "CY")])
 def test_derivatives_that_jump_and_a_load_that_nobody_recorded(port: str, axis: str) -> None:
@@ -248,6 +250,7 @@ def test_loads_bent_over_sideslip(name: str, axis: str, size: float) -> None:
     close(on_lateral(values | wind, effect, GustDiscrete()), expected, 1e-5)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("name", "axis"), [("drag", "CD"), ("lift", "CL"), ("moment", "Cm")])
 def test_loads_of_a_total_angle_bend_about_the_middle_of_what_was_flown(
     name: str, axis: str
@@ -314,6 +317,7 @@ def test_an_actuator_of_the_rudder_leaves_the_aileron_alone() -> None:
     )
 
 
+@pytest.mark.long
 def test_a_curved_elevator_counts_from_the_middle_of_its_deflections() -> None:
     context = SearchContext(0.0, 4.0, 0.04, flown={"elevator": (-0.05, 0.13)})
     forms = {

@@ -117,6 +117,7 @@ ALTITUDE_FAULTS = [
 ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("effect", "size"), ALTITUDE_FAULTS)
 def test_an_altitude_that_is_a_little_late_or_scaled_hides_behind_another_fall(
     effect: SensorLag | SensorDelay | SensorScale, size: float
