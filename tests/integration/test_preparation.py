@@ -45,7 +45,6 @@ def identify(flightid: CommandLine, folder: Path, record: Path, *options: object
     return content
 
 
-@pytest.mark.long
 def test_segments_of_a_slowing_flight_give_the_true_derivatives(
     flightid: CommandLine, folder: Path
 ) -> None:

@@ -30,7 +30,6 @@ def flat(text: str) -> str:
     return " ".join(text.split())
 
 
-@pytest.mark.long
 def test_each_command_names_what_it_found_beside_the_record(
     flightid: CommandLine, folder: Path
 ) -> None:

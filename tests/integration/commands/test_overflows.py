@@ -88,7 +88,6 @@ def refused(flightid: CommandLine, model: str, record: Path, vehicle: Path, out:
     return call.err
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("column", "said"),
     [(1, "the fit of the declared model has failed"), (3, "is no measurement")],

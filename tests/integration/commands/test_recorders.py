@@ -189,7 +189,6 @@ def test_logs_of_sweeps_are_diagnosed_as_the_table_made_by_hand(
             )
 
 
-@pytest.mark.long
 def test_a_draft_of_a_log_is_a_map_that_reads_it(flightid: CommandLine, tmp_path: Path) -> None:
     ardupilot(tmp_path / "uav.bin", flight())
     printed = flightid.done("map", str(tmp_path / "uav.bin"), "--out", str(tmp_path / "draft"))

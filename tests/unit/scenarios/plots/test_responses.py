@@ -37,7 +37,6 @@ def flown() -> dict[str, np.ndarray]:
     return {"time": time, "stick": sweep - 0.3 * q, "sweep": sweep, "other": other, "q": q}
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("case", ["one", "two", "joint"])
 def test_laws(flown: dict[str, np.ndarray], case: str) -> None:
     inputs = ["stick", "other"] if case == "two" else ["stick"]
