@@ -18,7 +18,6 @@ from xml.etree import ElementTree as XML
 
 from scenarios.export.model import ExportedModel
 from sim.aerodynamics.terms import Factor, Term
-from sim.errors import DeclarationError
 from sim.vehicles.aircraft import CONSTANTS, MOMENTS
 
 if TYPE_CHECKING:
@@ -73,13 +72,7 @@ def dave_ml_file(model: ExportedModel) -> str:
     ------
     DeclarationError : a model of another kind, which has no coefficients.
     """
-    aircraft = model.aircraft
-    if aircraft is None:
-        raise DeclarationError(
-            f"DAVE-ML holds aerodynamic coefficients, and this is a model {model.model}",
-            where="--to dave-ml",
-            remedy="export a study of the model aircraft, or use --to python",
-        )
+    aircraft = model.aircraft_for("dave-ml", "DAVE-ML holds aerodynamic coefficients")
     root = XML.Element("DAVEfunc", xmlns=NAMESPACE)
     _header(root, model)
     for name, (long, unit, _) in FLOW_INPUTS.items():

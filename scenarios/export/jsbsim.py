@@ -47,13 +47,7 @@ def jsbsim_file(model: ExportedModel) -> str:
     DeclarationError : a model of another kind, or one with a wind, further states or constants that
         are columns, which JSBSim has of its own.
     """
-    aircraft = model.aircraft
-    if aircraft is None:
-        raise DeclarationError(
-            f"JSBSim flies six degrees of freedom, and this is a model {model.model}",
-            where="--to jsbsim",
-            remedy="export a study of the model aircraft, or use --to python",
-        )
+    aircraft = model.aircraft_for("jsbsim", "JSBSim flies six degrees of freedom")
     if aircraft.varying or aircraft.wind:
         raise DeclarationError(
             "the file has columns of constants or of the wind, which JSBSim makes itself",

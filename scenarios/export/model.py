@@ -45,6 +45,25 @@ class ExportedModel:
         text = re.sub(r"\W+", "_", self.name, flags=re.ASCII).strip("_")
         return text if text and not text[0].isdigit() else f"model_{text}".rstrip("_")
 
+    def aircraft_for(self, target: str, holds: str) -> Aircraft:
+        """The declaration of the aircraft, for a format that holds nothing else.
+
+        Parameters
+        ----------
+        target : of ``--to``. holds : what the format is for, as a sentence begins.
+
+        Raises
+        ------
+        DeclarationError : a model of another kind.
+        """
+        if self.aircraft is None:
+            raise DeclarationError(
+                f"{holds}, and this is a model {self.model}",
+                where=f"--to {target}",
+                remedy="export a study of the model aircraft, or use --to python",
+            )
+        return self.aircraft
+
 
 def exported(
     name: str,
