@@ -59,6 +59,7 @@ from scenarios.identification.conditions import (
     cautions_of,
     chosen_band,
     delays_of,
+    disturbed_outputs,
     failed,
     in_rough_air,
     made_by_inputs,
@@ -574,10 +575,10 @@ def _not_to_be_used(
     records = [found.record, *found.others]
     whole = len(found.estimate.fitted) == len(records)
     gusts = (
-        "; if the air was rough, judge by one-step prediction, not by the free simulation"
-        if in_rough_air(records, found.estimate, found.tests)
-        else " and follow the inputs: the model lacks a part of the response"
+        " and follow the inputs: the model lacks a part of the response"
         if whole and made_by_inputs(records, found.estimate)
+        else "; if the air was rough, judge by one-step prediction, not by the free simulation"
+        if disturbed_outputs(records, found.estimate, found.tests)
         else ""
     )
     follows = f"; next: {_command(request, 'diagnose')}" if vehicle.model != "loes" else ""
