@@ -105,8 +105,9 @@ def diagnose_files(
     part = moves_between_samples(diagnosis, candidates, posed.records)
     if _may_read_again(opened, request.plan) and (part or tells_times(diagnosis, posed.records)):
         linear = posed_for(opened, replace(request.plan, hold=Hold.LINEAR))
-        refit = refitted(diagnosis, posed.model, posed.records, linear.records)
-        if part or refit.rise > BETTER:
+        # Where part of what was found says how inputs are to be read, no refit has to.
+        refit = None if part else refitted(diagnosis, posed.model, posed.records, linear.records)
+        if refit is None or refit.rise > BETTER:
             again = looped(linear)
             if no_worse(again, diagnosis):
                 posed, diagnosis = replace(linear, notes=read_again(linear.notes)), again
