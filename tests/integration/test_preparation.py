@@ -88,7 +88,6 @@ def test_a_filter_runs_along_one_segment(flightid: CommandLine, folder: Path) ->
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize(
     "command", [("identify", "--model", "rigid"), ("diagnose", "--model", "rigid"), ("check",)]
 )

@@ -186,7 +186,6 @@ def test_no_filter_is_told_another_noise_than_its_sensors_have(name: str) -> Non
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize(
     "name",
     [

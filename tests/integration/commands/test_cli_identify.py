@@ -88,7 +88,6 @@ def table(folder: Path) -> pandas.DataFrame:
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_finds_the_derivatives(
     flightid: CommandLine, rigid_folder: Path, vehicle: Path, tmp_path: Path, method: str

@@ -80,7 +80,6 @@ def full() -> Iterator[int]:
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize("call", [("--help",), ("vehicles",), IDENTIFY])
 def test_a_full_standard_output_is_one_line(place: Path, full: int, call: tuple[str, ...]) -> None:
     refused(run(place, *call, stdout=full), "the output: No space left on device", "make room")
@@ -320,7 +319,6 @@ def test_the_longest_name_of_a_folder_serves(flightid: CommandLine, place: Path)
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize(
     "theirs", ["new.json", "new_validate.json", "new_vehicle.toml", "new_validate.csv"]
 )

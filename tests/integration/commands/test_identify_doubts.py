@@ -238,7 +238,6 @@ def test_each_segment_has_a_flight_path_of_its_own(flightid: CommandLine, tmp_pa
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize("method", ["output-error", "filter-error"])
 def test_an_unstable_aircraft_is_identified_and_its_pieces_are_told(
     flightid: CommandLine, tmp_path: Path, method: str

@@ -193,7 +193,6 @@ def parser() -> object:
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize("case", FILES)
 def test_a_wrong_model_file_is_told_alike_by_every_command(
     flightid: CommandLine, place: Path, case: str

@@ -117,7 +117,6 @@ def diagnosed(
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize("model", list(TRUE))
 def test_a_sound_record_is_consistent_and_the_kinematics_are_not_asked(
     flightid: CommandLine, tmp_path: Path, records: dict[str, Record], model: str

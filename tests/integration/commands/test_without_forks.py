@@ -163,7 +163,6 @@ def commands(flights: Path) -> Mapping[str, list[str]]:
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize(
     "name",
     ["run", "identify", "diagnose", "campaign", pytest.param("survey", marks=pytest.mark.slow)],

@@ -82,7 +82,6 @@ def reference(flightid: CommandLine, tmp_path: Path) -> dict[str, Any]:
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize("name", [pytest.param(name, id=name.replace("/", "-")) for name in SAME])
 def test_one_record_in_every_form_gives_one_answer(
     flightid: CommandLine, tmp_path: Path, reference: dict[str, Any], name: str

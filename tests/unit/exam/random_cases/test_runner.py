@@ -126,7 +126,6 @@ def test_the_tables_come_again_from_the_files(
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize("group", ["foreign", "recorder"])
 def test_a_group_that_is_asked_for_is_drawn(group: str, tmp_path: Path) -> None:
     case = write_case(11, tmp_path, group).case

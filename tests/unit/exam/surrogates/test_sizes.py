@@ -72,7 +72,6 @@ def size_of(drawn: Drawn) -> float:
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize(
     "name",
     [pytest.param(name, marks=pytest.mark.slow if name in DEAR else ()) for name in DECLARED],

@@ -48,7 +48,6 @@ def sampled(airframe: str) -> np.ndarray:
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize("airframe", ["P", "S", "F", "D", "R"])
 def test_margins_of_the_x29_loop_are_those_of_python_control(airframe: str) -> None:
     x29 = load_x29(airframe)

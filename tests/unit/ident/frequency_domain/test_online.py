@@ -311,7 +311,6 @@ def test_a_low_order_equivalent_without_noise() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize("lag", [0.15, 8.0])
 def test_a_start_of_the_lag_that_is_far_off_leads_to_the_same(lag: float) -> None:
     near, std = low_order(2, 1.0)

@@ -91,7 +91,6 @@ def share_inside(kind: str, seeds: int) -> tuple[float, float, float]:
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize("kind", ["one", "two", "feedback"])
 def test_bands_hold_the_truth(kind: str) -> None:
     # 12 seeds of about 15 independent frequencies: 95 % +- 1.6 %, two and a half of which are

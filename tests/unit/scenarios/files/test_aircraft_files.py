@@ -39,7 +39,6 @@ QUOTED = replace(TRIMMED, name='the "new" wing\\ \x7f\n\u00fc')
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize(
     "aircraft", [QUOTED, TRIMMED, MIXED], ids=["quotes in its name", "plain", "mixed"]
 )

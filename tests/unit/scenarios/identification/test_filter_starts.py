@@ -127,7 +127,6 @@ def test_standard_deviations_that_were_not_corrected_are_said_to_be_too_small() 
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize("digits", [6, 12])
 @pytest.mark.parametrize(
     ("model", "method"),

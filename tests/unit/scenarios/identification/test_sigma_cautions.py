@@ -67,7 +67,6 @@ def test_methods_that_hold_in_gusts_are_not_cautioned() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize("method", sorted(LOST_ROWS))
 @pytest.mark.parametrize(("dropped", "cautioned"), [(0.02, False), (0.2, True)])
 def test_lost_rows_are_cautioned_from_the_measured_share_on(

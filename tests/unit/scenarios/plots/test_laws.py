@@ -168,7 +168,6 @@ def test_states_of_a_filter_obey(rigid: Study) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize("verdict", TRACINGS)
 def test_figures_of_a_diagnosis_obey_and_a_simulated_record_is_never_called_measured(
     verdict: str,

@@ -278,7 +278,6 @@ def test_a_record_of_perturbations_alone_has_no_trim_lift(tmp_path: Path) -> Non
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize("seed", [16, 20, 62, 80])
 def test_an_unstable_fighter_under_its_controller_carries_its_weight(seed: int) -> None:
     """Fits that had not converged, or with a bias of nz of several g, made records of perturbations

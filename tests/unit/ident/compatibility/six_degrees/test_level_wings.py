@@ -41,7 +41,6 @@ def turning(
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize("channels", [(), ("p",), ("r",), ("p", "r")])
 def test_level_flight_is_taken_as_level_and_that_is_said(channels: tuple[str, ...]) -> None:
     found = compatibility([turning(channels=channels)], AT_SPEED)

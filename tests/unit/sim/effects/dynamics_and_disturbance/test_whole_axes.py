@@ -170,7 +170,6 @@ def test_an_aileron_that_weakens_is_another_deflection() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.sampled
 @pytest.mark.parametrize(("port", "axis"), [("yaw", "Cn"), ("roll", "Cl"), ("side_force", "CY")])
 def test_derivatives_that_jump_and_a_load_that_nobody_recorded(port: str, axis: str) -> None:
     at, end, width = 1.21, 2.53, 0.01
