@@ -42,7 +42,7 @@ def fit_declared(problem: TraceProblem) -> Declared:
     Raises
     ------
     ModelError : no finite cost, or a fit that has failed (``ident.whole_record.output_error``).
-    RecordError : a fitted angle, rate or load factor that nothing that flies can have.
+    RecordError : a fitted angle or rate that nothing that flies can have.
     """
     for record in problem.records:
         measured = [name for name in problem.outputs if name in record.output_names]
