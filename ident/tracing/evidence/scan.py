@@ -63,7 +63,7 @@ class Prepared:
     ----------
     root : ``(D, n)`` with root root' = A P^-1 A', A the sensitivities, P the posterior's precision.
     e : ``(D,)`` residual at the posterior's mode. rows : those of each record.
-    whiten : of a record's number and columns ``(m, N, c)`` makes whitened ones ``(m N, c)``.
+    whiten : of a record's number and columns ``(c, m, N)`` makes whitened ones ``(c, m N)``.
     """
 
     root: np.ndarray
@@ -107,9 +107,11 @@ def prepared(fitted: FittedModel, prior: SetPrior) -> Prepared:
     offset = scale * np.linalg.solve(lower.T, np.linalg.solve(lower, scale * right))
 
     def whiten(r: int, columns: np.ndarray) -> np.ndarray:
-        valid = layout.problems[r].valid[:, :, None]
-        made = np.where(valid, fit.whiten(r, np.where(valid, columns, 0.0)), 0.0)
-        return noise.whitened(r, made).reshape(-1, columns.shape[2])
+        valid = layout.problems[r].valid
+        known = np.where(valid, columns, 0.0)
+        made = np.moveaxis(fit.whiten(r, np.moveaxis(known, 0, 2)), 2, 0)
+        made = np.where(valid, made, 0.0)
+        return noise.whitened(r, made).reshape(len(columns), -1)
 
     return Prepared(root, e - A @ offset, tuple(rows), whiten)
 
@@ -218,7 +220,8 @@ def _leads(
         return _joined(ready, effect, places)
     out = []
     for probe, parts in usable:
-        W = np.concatenate([ready.whiten(r, part) for r, part in enumerate(parts)])
+        rows = [ready.whiten(r, np.moveaxis(part, 2, 0)) for r, part in enumerate(parts)]
+        W = np.concatenate(rows, axis=1).T
         mean, sigma = factors_prior(effect, probe, context)
         B = ready.root.T @ W
         gains, factors = closed_forms((W.T @ W - B.T @ B)[None], (W.T @ ready.e)[None], mean, sigma)
@@ -269,10 +272,10 @@ def _at_shifts(
     """A signature ``own (m, N, k)`` of record ``r`` begun later by some numbers of samples."""
     (m, count, k), (mean, sigma) = own.shape, known
     root, e = ready.root[ready.rows[r]], ready.e[ready.rows[r]]
-    moved = np.zeros((m, count, len(shifts) * k))
+    moved, columns = np.zeros((len(shifts), k, m, count)), np.moveaxis(own, 2, 0)
     for number, shift in enumerate(shifts):
-        moved[:, shift:, number * k : (number + 1) * k] = own[:, : count - shift]
-    W = np.ascontiguousarray(ready.whiten(r, moved).T).reshape(len(shifts), k, -1)
+        moved[number, :, :, shift:] = columns[:, :, : count - shift]
+    W = ready.whiten(r, moved.reshape(-1, m, count)).reshape(len(shifts), k, -1)
     inside = (W.reshape(len(shifts) * k, -1) @ root).reshape(len(shifts), k, -1)
     grams = W @ W.swapaxes(1, 2) - inside @ inside.swapaxes(1, 2)
     gains, factors = closed_forms(grams, W @ e, mean, sigma)

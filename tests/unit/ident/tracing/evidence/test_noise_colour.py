@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from ident.tracing.evidence.evidence import evidence_of
-from ident.tracing.evidence.noise_colour import ColouredNoise
+from ident.tracing.evidence.noise_colour import ColouredNoise, blocks_of, cosines
 from ident.tracing.screening.context import search_context
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.proposal import Traceable
@@ -39,18 +39,36 @@ def test_white_noise_has_two_levels_alike() -> None:
     assert 0.0 <= gained < 10.0
 
 
+def cosine_basis(n: int) -> np.ndarray:
+    k = np.arange(n)
+    basis = np.sqrt(2.0 / n) * np.cos(np.pi * np.outer(k, k + 0.5) / n)
+    basis[0] /= np.sqrt(2.0)
+    return np.asarray(basis)
+
+
+@pytest.mark.parametrize("n", [1, 2, 23, 240, 1201])
+def test_the_transform_is_that_of_blocks_and_its_inverse_brings_the_values_back(n: int) -> None:
+    values = np.random.default_rng(n).standard_normal((2, 3, n))
+    found = cosines(values)
+    for block in blocks_of(n):
+        wanted = values[..., block] @ cosine_basis(block.stop - block.start).T
+        np.testing.assert_allclose(found[..., block], wanted, atol=1e-11)
+    np.testing.assert_allclose(cosines(found, inverse=True), values, atol=1e-11)
+
+
 def test_the_likelihood_is_that_of_independent_cosine_coefficients() -> None:
     fit = smooth_fit()
     noise, total = ColouredNoise(fit), 0.0
     (problem,), (residual,) = fit.layout.problems, fit.residuals
-    n = residual.shape[1]
     interval = float(problem.record.time[1] - problem.record.time[0])
-    k = np.arange(n)
-    basis = np.sqrt(2.0 / n) * np.cos(np.pi * np.outer(k, k + 0.5) / n)
-    basis[0] /= np.sqrt(2.0)
     for each in residual:
-        found = basis @ each
-        for part in (found[k / (2 * n * interval) < 4.0], found[k / (2 * n * interval) >= 4.0]):
+        found, frequency = [], []
+        for block in blocks_of(residual.shape[1]):
+            n = block.stop - block.start
+            found += list(cosine_basis(n) @ each[block])
+            frequency += [k / (2 * n * interval) for k in range(n)]
+        low = np.array(frequency) < 4.0
+        for part in (np.array(found)[low], np.array(found)[~low]):
             total -= 0.5 * len(part) * (np.log(2.0 * np.pi * np.mean(part**2)) + 1.0)
     assert noise.log_likelihood == pytest.approx(total, rel=1e-9)
     assert noise.log_likelihood > fit.log_likelihood + 50.0
