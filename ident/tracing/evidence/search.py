@@ -32,7 +32,7 @@ from ident.tracing.evidence.priors import family_sizes, log_odds, set_prior
 from ident.tracing.evidence.scan import Lead, Shown, leads_of, prepared, shown_by
 from ident.tracing.evidence.set_search import LinearSet, weighed_sets
 from ident.tracing.screening.context import search_context
-from ident.tracing.validation.whiteness import is_noise, is_white
+from ident.tracing.validation.whiteness import is_noise
 from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Edged, Refinable, SearchContext, Traceable
 from sim.errors import ModelError
@@ -46,7 +46,7 @@ IMPROVES = 0.3  # of what the linear world promises
 SHIFTS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # s, by which an event is moved to look for its time
 EDGES = (16, 4, 1)  # times the width of its edges meanwhile
 ALIKE = 0.95  # cosine of two signatures that the records do not tell apart
-PROCESS_NOISE_OFFERED = 1e-2  # p-value of a white residual above which rough air is not tried
+PROCESS_NOISE_OFFERED = 1e-2  # p-value of a residual's test above which rough air is not tried
 
 
 def together(one: Traceable, other: Traceable) -> bool:
@@ -400,7 +400,7 @@ class Search:
                 # Which set leads hangs on where its events are.
                 made.append(self._placed_better(max(made, key=lambda one: one.weight)))
         rough = has_process_noise(parent.fitted.system)
-        offered = self.base or not (rough or is_white(parent.fitted.fit, PROCESS_NOISE_OFFERED))
+        offered = self.base or not (rough or is_noise(parent.fitted.fit, PROCESS_NOISE_OFFERED))
         if offered and most == LEADERS:
             made += self._with_process_noise(parent)
         self._tell(parent, beside, made)

@@ -1,19 +1,17 @@
-"""Is what remains noise? Ljung-Box and the power at low frequencies, for every channel of every
-record.
-"""
+"""Is what remains noise? The spectrum below 4 Hz, for every channel of every record."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ident.statistics.noise_levels import levelled
-from ident.statistics.residuals import ResidualTest, ljung_box
+from ident.statistics.residuals import ResidualTest
 from ident.tracing import thresholds
 from ident.whole_record.gauss_newton import Fit
 
 
 def whiteness(fit: Fit, label: str) -> list[ResidualTest]:
-    """Ljung-Box and low-frequency power of every channel of every record of a fit."""
+    """Test of the low-frequency spectrum for every channel of every record of a fit."""
     tests = []
     many = len(fit.layout.problems) > 1
     for r, (problem, residual) in enumerate(zip(fit.layout.problems, fit.residuals, strict=True)):
@@ -26,21 +24,9 @@ def whiteness(fit: Fit, label: str) -> list[ResidualTest]:
     return tests
 
 
-def is_noise(fit: Fit) -> bool:
-    """Whether no residual test of the fitted records says otherwise."""
-    return all(test.p_value > thresholds.NOISE for test in whiteness(fit, "fitted"))
-
-
-def is_white(fit: Fit, least: float = thresholds.COLOURED) -> bool:
-    """Whether no channel of any record shows correlation: no p-value of Ljung-Box below
-    ``least``.
-    """
-    for problem, residual in zip(fit.layout.problems, fit.residuals, strict=True):
-        for i, name in enumerate(fit.layout.system.output_names):
-            enough = np.count_nonzero(problem.valid[i]) >= thresholds.FEWEST_SAMPLES
-            if enough and ljung_box(residual[i], problem.valid[i], name).p_value <= least:
-                return False
-    return True
+def is_noise(fit: Fit, least: float = thresholds.NOISE) -> bool:
+    """Whether no residual test of the fitted records has a p-value of ``least`` or less."""
+    return all(test.p_value > least for test in whiteness(fit, "fitted"))
 
 
 def flat_spectrum(
