@@ -38,7 +38,8 @@ def cosines(values: np.ndarray, inverse: bool = False) -> np.ndarray:
     """Orthonormal cosine transform along the last axis, block by block, or its inverse."""
     transform = idct if inverse else dct
     made = [
-        transform(values[..., block], axis=-1, norm="ortho") for block in blocks_of(values.shape[-1])
+        transform(values[..., block], axis=-1, norm="ortho")
+        for block in blocks_of(values.shape[-1])
     ]
     return np.concatenate(made, axis=-1)
 
