@@ -112,7 +112,8 @@ def diagnose_files(
             if no_worse(again, diagnosis):
                 posed, diagnosis = replace(linear, notes=read_again(linear.notes)), again
         else:
-            posed = replace(posed, notes=(*posed.notes, *left_open(refit, diagnosis)))
+            diagnosis, open_still = left_open(refit, diagnosis)
+            posed = replace(posed, notes=(*posed.notes, *open_still))
     kinematics = checked(posed) if diagnosis.verdict is not Verdict.CONSISTENT else None
     return study.told(posed, diagnosis, kinematics, _decides(diagnosis, request, opened, posed))
 

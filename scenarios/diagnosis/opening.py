@@ -6,13 +6,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.tracing.diagnosis import Diagnosis, Verdict
+from ident.tracing.diagnosis import Diagnosis, Quantity, Verdict
 from scenarios.diagnosis.candidates import checked_effects, read_effects
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.measured.record_file import (
@@ -24,7 +24,7 @@ from scenarios.files.measured.record_file import (
 from scenarios.files.sources import InputFile, Source, read_source
 from scenarios.files.user_models import channel_units, is_model_file
 from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, vehicle_next_to
-from scenarios.preparation.declared_model import BETTER, held_by_computer, outputs_with_bias
+from scenarios.preparation.declared_model import BETTER, outputs_with_bias
 from scenarios.preparation.plan import BY_HAND, Plan, Request, column_choices, flown_of
 from scenarios.preparation.plausibility import split_off
 from scenarios.preparation.reading import Parted
@@ -218,10 +218,8 @@ def moves_between_samples(
 
 
 def tells_times(diagnosis: Diagnosis, records: Sequence[Record]) -> bool:
-    """Whether times were found that held inputs would shift by half an interval, and an input
-    passes through several samples as it moves.
-    """
-    if any(record.hold is not Hold.PREVIOUS or held_by_computer(record) for record in records):
+    """Whether times were found that held inputs would shift by half an interval."""
+    if any(record.hold is not Hold.PREVIOUS for record in records):
         return False
     return any(name in TIMES for found in diagnosis.effects for name in found.parameters)
 
@@ -247,7 +245,7 @@ def refitted(
     diagnosis: Diagnosis, model: Model, held: Sequence[Record], linear: Sequence[Record]
 ) -> Refit:
     """Fit what was found to both readings of the inputs."""
-    from ident.tracing.candidate_model.fitted_model import FitData, Start, fit_set
+    from ident.tracing.candidate_model.fitted_model import FitData, Start, Values, fit_set
 
     found = diagnosis.trained_after
     if found is None:
@@ -256,33 +254,50 @@ def refitted(
     for records in (held, linear):
         masks = [record.output_array(found.outputs)[1] for record in records]
         data = FitData(records, masks, model, found.outputs)
-        fits.append(fit_set(data, found.effects, found.settings, Start(added=found.shared)))
+        start = Start(Values(found.shared, found.own, ()))
+        fits.append(fit_set(data, found.effects, found.settings, start))
     first, second = fits
     if first is None or second is None or not math.isfinite(second.fit.cost):
         return Refit(-math.inf, {})
     return Refit(2.0 * (first.fit.cost - second.fit.cost), second.values.shared)
 
 
-def left_open(again: Refit, first: Diagnosis) -> tuple[str, ...]:
-    """What the second reading would change by more than a sigma, where it explains the records as
-    well; nothing where it does not.
+def left_open(again: Refit, first: Diagnosis) -> tuple[Diagnosis, tuple[str, ...]]:
+    """What the second reading changes by more than a sigma, where it explains the records as well.
+
+    Returns
+    -------
+    The diagnosis with standard deviations of both readings together: each is as probable as its
+    likelihood says, and values stay those of the first. And what is told of it. Unchanged, and
+    nothing, where one reading is clearly likelier.
     """
     if abs(again.rise) > BETTER:
-        return ()
-    own = {
-        f"{found.name}.{name}": q for found in first.effects for name, q in found.parameters.items()
-    }
-    moved = [
-        f"{name} {again.values[name]:.4g} for {was.value:.4g}"
-        for name, was in {**own, **first.after}.items()
-        if name in again.values and abs(again.values[name] - was.value) > was.std
-    ]
-    if not moved:
-        return ()
-    return (
-        "inputs were read as held; moving linearly between samples they explain the records as "
-        f"well, with {', '.join(moved)}: {CHOOSE}",
+        return first, ()
+    share = 1.0 / (1.0 + math.exp(-0.5 * again.rise))
+    moved: list[str] = []
+
+    def widened(prefix: str, quantities: Mapping[str, Quantity]) -> dict[str, Quantity]:
+        made = dict(quantities)
+        for name, was in quantities.items():
+            other = again.values.get(prefix + name, was.value)
+            if abs(other - was.value) > was.std:
+                moved.append(f"{prefix}{name} {other:.4g} for {was.value:.4g}")
+            std = math.hypot(was.std, math.sqrt(share) * (other - was.value))
+            made[name] = replace(was, std=std)
+        return made
+
+    effects = tuple(
+        replace(found, parameters=widened(f"{found.name}.", found.parameters))
+        for found in first.effects
     )
+    after = widened("", first.after)
+    if not moved:
+        return first, ()
+    note = (
+        "inputs were read as held; moving linearly between samples they explain the records as "
+        f"well, with {', '.join(moved)}; standard deviations hold both: {CHOOSE}"
+    )
+    return replace(first, effects=effects, after=after), (note,)
 
 
 def read_again(notes: Sequence[str]) -> tuple[str, ...]:

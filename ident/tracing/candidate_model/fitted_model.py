@@ -276,7 +276,7 @@ def carried(
     known = dict(values.shared) if values is not None else {}
     for i, name in enumerate(layout.shared):
         start[i] = added.get(name, known.get(name, start[i]))
-    guesses: list[np.ndarray] | None = [] if values is not None else None
+    guesses: list[np.ndarray] | None = [] if values is not None and values.states else None
     for r in range(len(layout.problems)):
         mine = values.own[r] if values is not None else {}
         names = [*layout.local, *(f"{layout.system.state_names[i]}(0)" for i in layout.starts)]

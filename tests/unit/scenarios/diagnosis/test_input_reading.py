@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
@@ -20,7 +19,7 @@ from scenarios.diagnosis.opening import (
 from scenarios.preparation.plan import BY_HAND
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.input_path.input_recorded_late import InputRecordedLate
-from sim.record import Channel, Hold, Record
+from sim.record import Hold
 from tests.diagnoses import measured_record, tracing_of
 
 CANDIDATES = (InputRecordedLate(), InputDelay("elevator"))
@@ -77,36 +76,44 @@ def test_the_second_reading_was_chosen_by_no_hand() -> None:
     assert BY_HAND not in first and "--hold previous" in first and second == notes[1]
 
 
-def through_samples(record: Record) -> Record:
-    """The same with an elevator that takes five samples to get where it goes, as a surface does."""
-    (elevator,) = record.inputs
-    slow = np.convolve(elevator.values, np.ones(5) / 5.0)[: len(record)]
-    return replace(record, inputs=(Channel.of("elevator", "rad", slow),))
-
-
-def test_times_found_with_an_input_that_passes_through_samples_ask_for_a_second_reading() -> None:
-    stepped = measured_record()
-    passing = through_samples(stepped)
+def test_times_found_with_held_inputs_ask_for_a_second_reading() -> None:
+    record = measured_record()
     late = Claim("sensor-delay:alpha", {"delay": Quantity(0.05, 0.001, "s")})
     found = replace(tracing_of(Verdict.TRACED).diagnosis, effects=(late,))
-    assert tells_times(found, [passing])
-    assert not tells_times(found, [stepped]) and not tells_times(
-        found, [replace(passing, hold=Hold.LINEAR)]
-    )
-    assert not tells_times(
-        replace(found, effects=(Claim("vane-offset", {"arm": Quantity(3.0, 0.1, "m")}),)), [passing]
-    )
+    assert tells_times(found, [record])
+    assert not tells_times(found, [replace(record, hold=Hold.LINEAR)])
+    vane = Claim("vane-offset", {"arm": Quantity(3.0, 0.1, "m")})
+    assert not tells_times(replace(found, effects=(vane,)), [record])
 
 
-def test_where_both_readings_serve_what_differs_is_told() -> None:
+def test_where_both_readings_serve_what_differs_is_told_and_sigmas_hold_both() -> None:
     """Half an interval of 0.02 s is ten sigmas of a delay; nothing is told where one of the two
     readings fits clearly better, or where nothing moves.
     """
     late = Claim("sensor-delay:q", {"delay": Quantity(0.09, 0.001, "s")})
-    first = replace(tracing_of(Verdict.TRACED).diagnosis, effects=(late,), after={})
-    moved = {"sensor-delay:q.delay": 0.10}
-    (told,) = left_open(Refit(0.0, moved), first)
+    first = replace(
+        tracing_of(Verdict.TRACED).diagnosis,
+        effects=(late,),
+        after={"Cm_q": Quantity(-12.0, 0.3, "1/rad")},
+    )
+    moved = {"sensor-delay:q.delay": 0.10, "Cm_q": -12.4}
+    both, (told,) = left_open(Refit(0.0, moved), first)
     assert "sensor-delay:q.delay 0.1 for 0.09" in told and "--hold linear" in told
-    assert left_open(Refit(0.0, {"sensor-delay:q.delay": 0.0905}), first) == ()
-    assert left_open(Refit(-11.0, moved), first) == () == left_open(Refit(11.0, moved), first)
-    assert left_open(Refit(-math.inf, {}), first) == ()
+    (found,) = both.effects
+    # Two values, equally probable, and the scatter of each: the mean square about the first.
+    assert found.parameters["delay"].value == 0.09
+    assert found.parameters["delay"].std ** 2 == pytest.approx(0.001**2 + 0.5 * 0.01**2)
+    assert both.after["Cm_q"].std ** 2 == pytest.approx(0.3**2 + 0.5 * 0.4**2)
+    likelier, _ = left_open(Refit(6.0, moved), first)
+    share = 1.0 / (1.0 + math.exp(-3.0))
+    assert likelier.effects[0].parameters["delay"].std ** 2 == pytest.approx(
+        0.001**2 + share * 0.01**2
+    )
+    still = {"sensor-delay:q.delay": 0.0905, "Cm_q": -12.1}
+    for again in (
+        Refit(0.0, still),
+        Refit(-11.0, moved),
+        Refit(11.0, moved),
+        Refit(-math.inf, {}),
+    ):
+        assert left_open(again, first) == (first, ())
