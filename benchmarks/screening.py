@@ -24,7 +24,7 @@ def problems() -> dict[str, Any]:
     """A search's problem by model."""
     from ident.tracing.candidate_model.problem import TraceProblem
     from ident.tracing.settings import TraceSettings
-    from ident.tracing.spikes.masks import measured_masks
+    from ident.tracing.wrong_samples import measured_masks
     from sim.vehicles.factory import model_from_constants
     from tests.tracing_problem import declared, doublets, planted
     from tests.whole_axes import CONSTANTS, TRUE, flown

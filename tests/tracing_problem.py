@@ -12,7 +12,7 @@ import numpy as np
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.settings import TraceSettings
-from ident.tracing.spikes.masks import measured_masks
+from ident.tracing.wrong_samples import measured_masks
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Channel, Record

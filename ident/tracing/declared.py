@@ -11,8 +11,8 @@ import numpy as np
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Claim, Step
-from ident.tracing.spikes.masks import cleaned_inputs, held_out_masks, mended_inputs, spike_masks
 from ident.tracing.validation.held_out import HeldOutData, held_out
+from ident.tracing.wrong_samples import cleaned_inputs, held_out_masks, mended_inputs, spike_masks
 from ident.whole_record.output_error import failed_fit
 from sim.errors import ModelError
 from sim.record import MOST_MEASURED, Record, refuse_beyond_measure

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.statistics.isolated_samples import final_spikes
 from ident.tracing.diagnosis import ErrorFigures, Prediction, Trained
-from ident.tracing.spikes.detection import final_spikes
-from ident.tracing.spikes.masks import held_out_masks, measured_masks, with_mended
 from ident.tracing.validation.error_figures import error_figures, prediction
 from ident.tracing.validation.held_out import frozen_on
+from ident.tracing.wrong_samples import held_out_masks, measured_masks, with_mended
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.model import Model
 from sim.record import Record

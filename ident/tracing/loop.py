@@ -33,12 +33,12 @@ from ident.tracing.evidence.priors import FEWEST, ODDS
 from ident.tracing.evidence.search import Search
 from ident.tracing.result import After, Before, reported
 from ident.tracing.settings import TraceSettings
-from ident.tracing.spikes.masks import measured_masks, spike_claims
 from ident.tracing.validation.between_records import RecordScatter, scatter_between_records
 from ident.tracing.validation.each_record import of_each_record
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, predicted_by
 from ident.tracing.validation.predictive import predictive_gains
 from ident.tracing.verdict import Judgement, not_noise, residual_tests
+from ident.tracing.wrong_samples import measured_masks, spike_claims
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable

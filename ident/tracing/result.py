@@ -33,13 +33,13 @@ from ident.tracing.diagnosis import (
     Verdict,
 )
 from ident.tracing.later_record import spike_masks_of
-from ident.tracing.residual_structure import noise_floors, noise_shown
-from ident.tracing.spikes.masks import measured_masks
+from ident.tracing.residual_noise import noise_floors, noise_shown
 from ident.tracing.validation.between_records import RecordScatter
 from ident.tracing.validation.error_figures import error_figures, prediction
 from ident.tracing.validation.form_spread import form_spread
 from ident.tracing.validation.held_out import HeldOutData
 from ident.tracing.verdict import Judgement
+from ident.tracing.wrong_samples import measured_masks
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.output_error import estimate_of
 from sim.declaration.effect import DynamicsEffect

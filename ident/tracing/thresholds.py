@@ -14,11 +14,6 @@ COLOURED = 1e-3  # p-value of Ljung-Box below which a residual is looked at once
 FEWEST_SAMPLES = 20  # with fewer the test has four lags at most, and little power
 LOW_FREQUENCY = 4.0  # Hz: short periods and first elastic modes of piloted aircraft lie below
 
-# Which samples are wrong? In robust sigmas.
-SPIKE_WHILE_SEARCHING = 8.0  # before the model is complete a residual is not Gaussian
-SPIKE_AT_THE_END = 5.5  # Gaussian noise exceeds it once in 3e7 samples
-HEAVY_TAIL = (3.7, 6.5)  # Gaussian noise puts 2 of 10,000 samples there; more is a heavy tail
-HEAVY_TAIL_CHANCE = 1e-3  # p-value of that count, by Poisson's law
 NEAR_EVENT = 0.15  # s around the edge of a fitted event, where its form may be a little off
 
 # How finely is it computed?

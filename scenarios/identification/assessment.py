@@ -15,9 +15,9 @@ from ident.flying_qualities.modes import Characteristics
 from ident.recording.series import Certainty, Kind, Number, RecordFinding, shown
 from ident.statistics.information import variance_along
 from ident.statistics.intervals import ProfileInterval
+from ident.statistics.isolated_samples import input_edges, isolated_wrong
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import ErrorFigures, Trained
-from ident.tracing.spikes.detection import input_edges, isolated_wrong
 from ident.tracing.validation.error_figures import error_figures
 from ident.whole_record.gauss_newton import fit_whole_records
 from ident.whole_record.layout import FitProblem, FitSettings, lay_out

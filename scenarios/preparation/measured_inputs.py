@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.tracing.spikes.detection import input_spikes
+from ident.statistics.isolated_samples import input_spikes
 from scenarios.files.user_models import is_own
 from scenarios.preparation.plan import ATTITUDE, DENSITY, LIFT, SPEED
 from sim.declaration.effect import Signal

@@ -119,7 +119,7 @@ def fitted_sets(
     """
     from ident.statistics.residual_spectrum import effective_share
     from ident.tracing.candidate_model.fitted_model import FitData
-    from ident.tracing.spikes.masks import measured_masks
+    from ident.tracing.wrong_samples import measured_masks
     from ident.whole_record.layout import FitSettings
     from scenarios.diagnosis.candidates import candidates_for
     from scenarios.diagnosis.opening import opened_files, own_effects, posed_for, vehicle_path_of

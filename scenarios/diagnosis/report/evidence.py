@@ -12,9 +12,9 @@ import numpy as np
 
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Quantity
-from ident.tracing.residual_structure import Leftover, left_over
 from scenarios.diagnosis.overflows import overflow_sentence
 from scenarios.diagnosis.report.declared_only import nothing_stands
+from scenarios.diagnosis.report.leftover import Leftover, left_over
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.user_models import is_of_aircraft
 from scenarios.report.quantities import CHANNELS, displayed, shown_in, spaced

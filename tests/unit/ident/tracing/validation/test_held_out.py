@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.spikes.masks import measured_masks
 from ident.tracing.validation.error_figures import prediction
 from ident.tracing.validation.held_out import HeldOut, doubted, held_out
 from ident.tracing.validation.training_knowledge import training_prior
+from ident.tracing.wrong_samples import measured_masks
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.sensor_path.sensor_lag import SensorLag

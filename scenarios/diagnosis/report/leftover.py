@@ -4,20 +4,16 @@ with.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ident.recording.series import measurable_noise
-from ident.statistics.noise_levels import sensor_noise, used_runs
 from ident.statistics.residual_spectrum import autocovariance
-from ident.statistics.residuals import ResidualTest
-from ident.tracing import thresholds
 from ident.tracing.diagnosis import FittedRecord
-from ident.whole_record.gauss_newton import Fit
+from ident.tracing.residual_noise import LARGEST, ResidualPart, residual_part
+from ident.tracing.thresholds import FEWEST_SAMPLES
 
-LARGEST = 1e30  # what a residual that has run away counts as: its square is finite
 WINDOW = 2.0  # s, in which a residual is called large: about one short period
 SHIFT = 0.5  # s, by which a residual may follow or precede what it goes with
 WORTH_A_WORD = 0.25  # a smaller correlation explains less than a sixteenth of the power
@@ -72,11 +68,11 @@ def left_over(fitted: Sequence[FittedRecord], channel: str) -> Leftover | None:
     correlation of two coloured series is Bartlett's sum of the products of their autocorrelations.
     """
     parts = [
-        _part(item, channel)
+        residual_part(item, channel)
         for item in fitted
         if channel in item.channels and channel in item.record.output_names
     ]
-    parts = [part for part in parts if np.count_nonzero(part.used) >= thresholds.FEWEST_SAMPLES]
+    parts = [part for part in parts if np.count_nonzero(part.used) >= FEWEST_SAMPLES]
     if not parts:
         return None
     count = sum(int(np.count_nonzero(part.used)) for part in parts)
@@ -103,76 +99,7 @@ def left_over(fitted: Sequence[FittedRecord], channel: str) -> Leftover | None:
     )
 
 
-def noise_floors(
-    fitted: Sequence[FittedRecord], tests: Sequence[ResidualTest], levels: Mapping[str, float]
-) -> dict[str, float]:
-    """Sensor noise by channel: the fit's own ``levels`` where its residual is white, else that of
-    the residual's high frequencies.
-
-    A residual that shows none keeps its level; no noise is larger than it, or smaller than the
-    rounding of the channel's converter.
-    """
-    coloured = {test.channel.partition(",")[0] for test in tests if not test.passed}
-    out = dict(levels)
-    for name in coloured & set(levels):
-        parts = [
-            _part(item, name)
-            for item in fitted
-            if name in item.channels and name in item.record.output_names
-        ]
-        runs = [
-            run
-            for part in parts
-            for run in used_runs(part.item.record.time, part.residual, part.used)
-        ]
-        found = measurable_noise(
-            sensor_noise(runs),
-            [part.item.record[name].values[part.item.record[name].valid] for part in parts],
-        )
-        out[name] = min(levels[name], found) if found is not None else levels[name]
-    return out
-
-
-def noise_shown(fit: Fit, name: str) -> float | None:
-    """Sensor noise that high frequencies of a fit's residuals of one output show; None where they
-    tell none.
-    """
-    i = fit.layout.system.output_names.index(name)
-    each = zip(fit.layout.problems, fit.residuals, strict=True)
-    return sensor_noise(
-        [
-            run
-            for problem, residual in each
-            for run in used_runs(problem.record.time, residual[i], problem.valid[i])
-        ]
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """Residual of one channel in one record ``(N,)``, zero where unused, with the mean taken
-    off.
-    """
-
-    item: FittedRecord
-    residual: np.ndarray
-    used: np.ndarray
-
-    @property
-    def interval(self) -> float:
-        time = self.item.record.time
-        return float(time[-1] - time[0]) / (len(time) - 1)
-
-
-def _part(item: FittedRecord, channel: str) -> _Part:
-    row = item.channels.index(channel)
-    used = item.used[row] & item.record[channel].valid & np.isfinite(item.after[row])
-    residual = np.clip(np.where(used, item.after[row], 0.0), -LARGEST, LARGEST)
-    mean = float(residual[used].mean()) if np.any(used) else 0.0
-    return _Part(item, np.where(used, residual - mean, 0.0), used)
-
-
-def _frequencies(parts: Sequence[_Part]) -> tuple[float, float]:
+def _frequencies(parts: Sequence[ResidualPart]) -> tuple[float, float]:
     """Frequency of the largest power and that below which four fifths lie, Hz; Hann window, mean
     over records, three neighbours smoothed.
     """
@@ -195,7 +122,7 @@ def _frequencies(parts: Sequence[_Part]) -> tuple[float, float]:
     )
 
 
-def _when(parts: Sequence[_Part], rms: float) -> tuple[FittedRecord, float, float, float]:
+def _when(parts: Sequence[ResidualPart], rms: float) -> tuple[FittedRecord, float, float, float]:
     """Record, begin, end and size of the window with the largest mean square; half of it at least
     must be measured.
     """
@@ -214,7 +141,7 @@ def _when(parts: Sequence[_Part], rms: float) -> tuple[FittedRecord, float, floa
     return (*best[:3], float(np.sqrt(max(best[3], 0.0))) / rms)
 
 
-def _company(parts: Sequence[_Part]) -> Company | None:
+def _company(parts: Sequence[ResidualPart]) -> Company | None:
     """The most certain correlation with a signal, where one is worth a word."""
     found: list[tuple[float, Company]] = []
     for name, form in _signals(parts):
@@ -249,7 +176,7 @@ def _company(parts: Sequence[_Part]) -> Company | None:
     return next((company for sure, company in found if sure >= 0.9 * best), None)
 
 
-def _signals(parts: Sequence[_Part]) -> list[tuple[str, str]]:
+def _signals(parts: Sequence[ResidualPart]) -> list[tuple[str, str]]:
     shared = [
         set(part.item.record.input_names)
         | set(part.item.channels) & set(part.item.record.output_names)
@@ -267,7 +194,7 @@ def _signals(parts: Sequence[_Part]) -> list[tuple[str, str]]:
     return [*((name, form) for form in ("itself", "rate", "square") for name in names), *products]
 
 
-def _signal(part: _Part, name: str, form: str) -> np.ndarray:
+def _signal(part: ResidualPart, name: str, form: str) -> np.ndarray:
     """An input, or an output as the fit has it, away from its mean; its rate, square, or product
     with the first input; mean taken off.
     """
@@ -277,7 +204,7 @@ def _signal(part: _Part, name: str, form: str) -> np.ndarray:
     else:
         row = item.channels.index(name)
         known = item.record[name].valid & np.isfinite(item.after[row])
-        if np.count_nonzero(known) < thresholds.FEWEST_SAMPLES:
+        if np.count_nonzero(known) < FEWEST_SAMPLES:
             return np.zeros(len(part.residual))
         time = item.record.time
         values = np.clip(
@@ -296,7 +223,7 @@ def _signal(part: _Part, name: str, form: str) -> np.ndarray:
     return np.where(part.used, values - values[part.used].mean(), 0.0)
 
 
-def _correlations(part: _Part, signal: np.ndarray, later: np.ndarray) -> np.ndarray:
+def _correlations(part: ResidualPart, signal: np.ndarray, later: np.ndarray) -> np.ndarray:
     """Sum of products of the residual with the signal ``later`` seconds before it."""
     n = len(signal)
     size = 1 << int(np.ceil(np.log2(2 * n)))

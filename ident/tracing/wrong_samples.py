@@ -11,6 +11,13 @@ from dataclasses import replace
 import numpy as np
 
 from ident.process_noise.filter_error import noise_levels
+from ident.statistics.isolated_samples import (
+    Spikes,
+    final_spikes,
+    input_edges,
+    input_spikes,
+    provisional_mask,
+)
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, is_event
 from ident.tracing.candidate_model.problem import TraceProblem
@@ -18,13 +25,6 @@ from ident.tracing.diagnosis import Claim, Quantity, Step
 from ident.tracing.evidence.evidence import evidence_of
 from ident.tracing.evidence.priors import FEWEST, ODDS
 from ident.tracing.screening.context import search_context
-from ident.tracing.spikes.detection import (
-    Spikes,
-    final_spikes,
-    input_edges,
-    input_spikes,
-    provisional_mask,
-)
 from ident.tracing.validation.held_out import HeldOut
 from sim.declaration.effect import full_name
 from sim.record import Channel, Record

@@ -14,9 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.statistics.noise_levels import robust_sigma
-from ident.tracing import thresholds
 from sim.record import Record
 
+# in robust sigmas
+SPIKE_WHILE_SEARCHING = 8.0  # before the model is complete a residual is not Gaussian
+SPIKE_AT_THE_END = 5.5  # Gaussian noise exceeds it once in 3e7 samples
+HEAVY_TAIL = (3.7, 6.5)  # Gaussian noise puts 2 of 10,000 samples there; more is a heavy tail
+HEAVY_TAIL_CHANCE = 1e-3  # p-value of that count, by Poisson's law
 FEWEST_AT_EDGES = 9  # samples near the edges of an input, three of which are one edge
 
 
@@ -39,7 +43,7 @@ def provisional_mask(residual: np.ndarray, valid: np.ndarray, edges: np.ndarray)
         away = from_neighbours(residual[i], valid[i])
         sigma = robust_sigma(away[valid[i]])
         if sigma > 0:
-            keep[i] = ~(_isolated(np.abs(away) > thresholds.SPIKE_WHILE_SEARCHING * sigma) & ~edges)
+            keep[i] = ~(_isolated(np.abs(away) > SPIKE_WHILE_SEARCHING * sigma) & ~edges)
     return keep
 
 
@@ -65,7 +69,7 @@ def final_spikes(
             continue
         heavy = _heavy_tailed(pooled / sigma)
         for r, (residual, valid) in enumerate(zip(residuals, measured, strict=True)):
-            large = valid[i] & (np.abs(residual[i]) > thresholds.SPIKE_AT_THE_END * sigma)
+            large = valid[i] & (np.abs(residual[i]) > SPIKE_AT_THE_END * sigma)
             alone = _isolated(large)
             if heavy:
                 continue
@@ -95,8 +99,8 @@ def isolated_wrong(
     ]
     wrong = [np.zeros(len(residual), dtype=bool) for residual in residuals]
     for series, times in (
-        (away, thresholds.SPIKE_WHILE_SEARCHING),
-        (residuals, thresholds.SPIKE_AT_THE_END),
+        (away, SPIKE_WHILE_SEARCHING),
+        (residuals, SPIKE_AT_THE_END),
     ):
         pooled = np.concatenate([some[known] for some, known in zip(series, valid, strict=True)])
         sigma = robust_sigma(pooled)
@@ -143,9 +147,7 @@ def input_spikes(values: np.ndarray) -> np.ndarray:
     height = values[1:-1] - 0.5 * (before + after)
     wander = np.abs(after - before)
     usual = max(robust_sigma(np.diff(values)), 1e-3 * float(np.ptp(values)))
-    found = (np.abs(height) > thresholds.SPIKE_WHILE_SEARCHING * usual) & (
-        wander < 0.25 * np.abs(height)
-    )
+    found = (np.abs(height) > SPIKE_WHILE_SEARCHING * usual) & (wander < 0.25 * np.abs(height))
     return np.flatnonzero(found) + 1
 
 
@@ -174,10 +176,10 @@ def _heavy_tailed(normalised: np.ndarray) -> bool:
     """Whether more samples lie in the tail's range than Gaussian noise explains, at one in a
     thousand (Poisson).
     """
-    (low, high), size = thresholds.HEAVY_TAIL, np.abs(normalised)
+    (low, high), size = HEAVY_TAIL, np.abs(normalised)
     count = int(np.sum((size > low) & (size < high)))
     expected = len(normalised) * (math.erfc(low / math.sqrt(2)) - math.erfc(high / math.sqrt(2)))
     tail = 1.0 - sum(
         math.exp(k * math.log(expected) - expected - math.lgamma(k + 1)) for k in range(count)
     )
-    return tail < thresholds.HEAVY_TAIL_CHANCE
+    return tail < HEAVY_TAIL_CHANCE

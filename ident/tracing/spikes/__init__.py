@@ -1,1 +1,0 @@
-"""Isolated wrong samples: found, set aside, claimed."""
