@@ -12,7 +12,7 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem, untold
 from ident.tracing.candidate_model.quantities import quantities, records_of
-from ident.tracing.declared import fit_declared, held_out_data
+from ident.tracing.declared import Declared, fit_declared, held_out_data
 from ident.tracing.diagnosis import (
     Caution,
     Claim,
@@ -45,6 +45,8 @@ from sim.declaration.proposal import Traceable
 from sim.record import Record
 
 LIKELY = 0.05  # probability from which an alternative is named
+TIMES = ("delay", "time_constant")  # parameters by which an output or an input is late
+Data = tuple[Sequence[Record], Sequence[Record]]  # to be fitted, and to be predicted
 ALTERNATIVES = 2  # named at most: fixed by the format of a diagnosis
 
 
@@ -59,6 +61,7 @@ def diagnose(
     *,
     discrepancy: Traceable | None = None,
     kinematics: Callable[[], Sequence[tuple[str, ...]]] | None = None,
+    reread: Callable[[], Data] | None = None,
 ) -> Diagnosis:
     """Trace what a model lacks.
 
@@ -72,6 +75,8 @@ def diagnose(
     kinematics : effects that the relations between the sensors alone name, of each the names that
         these do not tell apart, the likeliest first; asked where the declared model is not the most
         probable.
+    reread : the same data with their inputs read otherwise between samples, asked where a time is
+        found; the likelier reading is taken. None where it is known how inputs are to be read.
 
     Raises
     ------
@@ -88,9 +93,14 @@ def diagnose(
     problem = TraceProblem(records, masks, model, offered, outputs, settings, validation, progress)
     declared = fit_declared(problem)
     watch.stage("declared model")
+    search = searched(declared.problem, discrepancy)
+    if reread is not None and _tells_times(search.best().fitted):
+        likelier = _likelier_reading(search, problem, reread())
+        if likelier is not None:
+            declared, search = likelier
+            records, validation = declared.problem.records, declared.problem.predicted
     held = held_out_data(declared, validation)
     problem, root = declared.problem, declared.root
-    search = searched(problem, discrepancy)
     watch.stage("search")
     masks, spikes = spike_claims(problem, search.best().fitted)
     if any(not np.array_equal(a, b) for a, b in zip(masks, problem.masks, strict=True)):
@@ -124,6 +134,26 @@ def diagnose(
         candidates=found.candidates,
         stopped=found.stopped,
     )
+
+
+def _tells_times(fitted: FittedModel) -> bool:
+    """Whether a set has times that an input read otherwise between its samples would shift."""
+    return any(item.name in TIMES for each in fitted.effects for item in each.parameters)
+
+
+def _likelier_reading(
+    search: Search, problem: TraceProblem, other: Data
+) -> tuple[Declared, Search] | None:
+    """The declared model and the search with inputs read otherwise; None where that is less
+    probable.
+    """
+    records, predicted = other
+    masks = measured_masks(records, problem.outputs)
+    again = fit_declared(replace(problem, records=records, masks=masks, predicted=predicted))
+    rival = search.refitted(again.problem)
+    if rival.best().weight <= search.best().weight:
+        return None
+    return again, rival.run()
 
 
 @dataclass(eq=False)

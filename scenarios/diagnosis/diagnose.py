@@ -11,20 +11,15 @@ from typing import TYPE_CHECKING
 from ident.tracing.diagnosis import Diagnosis, Prediction, Verdict
 from scenarios.diagnosis.candidates import can_act, candidates_for
 from scenarios.diagnosis.effort import settings_of
+from scenarios.diagnosis.input_reading import Data, InputReading
 from scenarios.diagnosis.kinematic_records import OF_MODEL, kinematics_of_files
 from scenarios.diagnosis.laid_down import at_bounds, said_of
 from scenarios.diagnosis.opening import (
     Opened,
     Posed,
-    left_open,
-    moves_between_samples,
-    no_worse,
     opened_files,
     own_effects,
     posed_for,
-    read_again,
-    refitted,
-    tells_times,
     vehicle_path_of,
 )
 from scenarios.diagnosis.overflows import Overflows, Trace
@@ -32,12 +27,11 @@ from scenarios.diagnosis.tracing import Inputs, Tracing
 from scenarios.files.measured.record_file import all_simulated, refuse_twice
 from scenarios.files.user_models import is_of_aircraft, moves_about_rest
 from scenarios.files.vehicles import files_read_unnamed, refuse_unknown_model, vehicle_next_to
-from scenarios.preparation.declared_model import BETTER, step_for
+from scenarios.preparation.declared_model import step_for
 from scenarios.preparation.plan import WHOLE, Plan, Request
 from scenarios.preparation.reading import Parted, parts_of, put_together
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
-from sim.record import Hold
 
 if TYPE_CHECKING:
     from ident.tracing.settings import TraceSettings
@@ -78,7 +72,15 @@ def diagnose_files(
     run = (overflows := Overflows()).counted(trace or _loop(posed.model))
     study = _Study(request, opened, of_effects, candidates, settings, overflows)
 
-    def looped(posed: Posed) -> Diagnosis:
+    # The check costs as much as some candidates: it is made where the declared model is not enough.
+    checks: list[Kinematics | None] = []
+
+    def checked() -> Kinematics | None:
+        if not checks:
+            checks.append(_kinematics(opened, posed, request.plan))
+        return checks[0]
+
+    def looped(posed: Posed, reread: Callable[[], Data] | None = None) -> Diagnosis:
         given = (
             posed.records,
             posed.model,
@@ -88,33 +90,12 @@ def diagnose_files(
             settings,
             progress,
         )
-        return run(
-            *given,
-            kinematics=lambda: _named_by_kinematics(checked(posed)),
-        )
+        return run(*given, kinematics=lambda: _named_by_kinematics(checked()), reread=reread)
 
-    # The check costs as much as some candidates: it is made where the declared model is not enough.
-    checks: list[Kinematics | None] = []
-
-    def checked(posed: Posed) -> Kinematics | None:
-        if not checks:
-            checks.append(_kinematics(opened, posed, request.plan))
-        return checks[0]
-
-    diagnosis = looped(posed)
-    part = moves_between_samples(diagnosis, candidates, posed.records)
-    if _may_read_again(opened, request.plan) and (part or tells_times(diagnosis, posed.records)):
-        linear = posed_for(opened, replace(request.plan, hold=Hold.LINEAR))
-        # Where part of what was found says how inputs are to be read, no refit has to.
-        refit = None if part else refitted(diagnosis, posed.model, posed.records, linear.records)
-        if refit is None or refit.rise > BETTER:
-            again = looped(linear)
-            if no_worse(again, diagnosis):
-                posed, diagnosis = replace(linear, notes=read_again(linear.notes)), again
-        else:
-            diagnosis, open_still = left_open(refit, diagnosis)
-            posed = replace(posed, notes=(*posed.notes, *open_still))
-    kinematics = checked(posed) if diagnosis.verdict is not Verdict.CONSISTENT else None
+    reading = InputReading(opened, request.plan)
+    diagnosis = looped(posed, reading.offered(posed))
+    posed, diagnosis = reading.settled(posed, diagnosis, looped)
+    kinematics = checked() if diagnosis.verdict is not Verdict.CONSISTENT else None
     return study.told(posed, diagnosis, kinematics, _decides(diagnosis, request, opened, posed))
 
 
@@ -207,13 +188,6 @@ def _decides(
 
     return deciding_maneuver(
         diagnosis, request, opened.vehicle, posed.model, (*posed.records, *posed.predicted)
-    )
-
-
-def _may_read_again(opened: Opened, plan: Plan) -> bool:
-    """Whether nobody said how inputs are to be read between samples."""
-    return plan.hold is None and not any(
-        file.sidecar.says_hold for file in (*opened.records, *opened.validation)
     )
 
 

@@ -4,15 +4,11 @@ biases, something held out.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from ident.tracing.diagnosis import Diagnosis, Quantity, Verdict
 from scenarios.diagnosis.candidates import checked_effects, read_effects
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.measured.record_file import (
@@ -24,15 +20,15 @@ from scenarios.files.measured.record_file import (
 from scenarios.files.sources import InputFile, Source, read_source
 from scenarios.files.user_models import channel_units, is_model_file
 from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, vehicle_next_to
-from scenarios.preparation.declared_model import BETTER, outputs_with_bias
-from scenarios.preparation.plan import BY_HAND, Plan, Request, column_choices, flown_of
+from scenarios.preparation.declared_model import outputs_with_bias
+from scenarios.preparation.plan import Plan, Request, column_choices, flown_of
 from scenarios.preparation.plausibility import split_off
 from scenarios.preparation.reading import Parted
 from scenarios.preparation.recording import RecordCheck
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
 from sim.errors import DeclarationError
-from sim.record import Hold, Record
+from sim.record import Record
 
 if TYPE_CHECKING:
     from ident.flying_qualities.levels import Flown
@@ -174,132 +170,3 @@ def vehicle_path_of(request: Request) -> Path | Source | None:
 def _name_of(record: Path | RecordFile) -> str:
     path = path_of(record)
     return path.name if path is not None else "a record file"
-
-
-# ---- Whether held inputs are read again as moving between samples
-
-CHOOSE = "--hold linear or --hold previous says which"
-TIMES = ("delay", "time_constant")  # parameters by which an output or an input is late
-STRENGTH = (
-    Verdict.CONSISTENT,
-    Verdict.TRACED,
-    Verdict.AMBIGUOUS,
-    Verdict.PARTIAL,
-    Verdict.UNEXPLAINED,
-)
-READ_AGAIN = (
-    "held ones would run ahead of the aircraft by a part of a sample; --hold previous holds them"
-)
-
-
-def moves_between_samples(
-    diagnosis: Diagnosis, candidates: Sequence[Traceable], records: Sequence[Record]
-) -> bool:
-    """Whether something that was found says no more than how held inputs are to be read between
-    their samples.
-
-    A held input stands half an interval behind the one that moves on: a time of that kind below one
-    interval is no fault of a recorder. Where it is but an alternative of what was found, its size
-    is not asked.
-    """
-    if any(record.hold is not Hold.PREVIOUS for record in records):
-        return False
-    interval = max(float(np.median(np.diff(record.time))) for record in records)
-    times = {
-        effect.name: effect.traits.within_interval
-        for effect in candidates
-        if effect.traits.within_interval
-    }
-    named = any(
-        found.name in times and found.parameters[times[found.name]].value < interval
-        for found in diagnosis.effects
-    )
-    return named or any(times.keys() & {*found.alternatives} for found in diagnosis.effects)
-
-
-def tells_times(diagnosis: Diagnosis, records: Sequence[Record]) -> bool:
-    """Whether times were found that held inputs would shift by half an interval."""
-    if any(record.hold is not Hold.PREVIOUS for record in records):
-        return False
-    return any(name in TIMES for found in diagnosis.effects for name in found.parameters)
-
-
-def no_worse(again: Diagnosis, first: Diagnosis) -> bool:
-    """Whether the second reading of the inputs explains at least as much as the first."""
-    return STRENGTH.index(again.verdict) <= STRENGTH.index(first.verdict)
-
-
-@dataclass(frozen=True)
-class Refit:
-    """What was found, fitted again with inputs that move linearly between samples.
-
-    ``rise`` : by how much twice the log likelihood rises; minus infinity where nothing fits.
-    ``values`` : parameters of the effects and of the declared model, by full name.
-    """
-
-    rise: float
-    values: Mapping[str, float]
-
-
-def refitted(
-    diagnosis: Diagnosis, model: Model, held: Sequence[Record], linear: Sequence[Record]
-) -> Refit:
-    """Fit what was found to both readings of the inputs."""
-    from ident.tracing.candidate_model.fitted_model import FitData, Start, Values, fit_set
-
-    found = diagnosis.trained_after
-    if found is None:
-        return Refit(-math.inf, {})
-    fits = []
-    for records in (held, linear):
-        masks = [record.output_array(found.outputs)[1] for record in records]
-        data = FitData(records, masks, model, found.outputs)
-        start = Start(Values(found.shared, found.own, ()))
-        fits.append(fit_set(data, found.effects, found.settings, start))
-    first, second = fits
-    if first is None or second is None or not math.isfinite(second.fit.cost):
-        return Refit(-math.inf, {})
-    return Refit(2.0 * (first.fit.cost - second.fit.cost), second.values.shared)
-
-
-def left_open(again: Refit, first: Diagnosis) -> tuple[Diagnosis, tuple[str, ...]]:
-    """What the second reading changes by more than a sigma, where it explains the records as well.
-
-    Returns
-    -------
-    The diagnosis with standard deviations of both readings together: each is as probable as its
-    likelihood says, and values stay those of the first. And what is told of it. Unchanged, and
-    nothing, where one reading is clearly likelier.
-    """
-    if abs(again.rise) > BETTER:
-        return first, ()
-    share = 1.0 / (1.0 + math.exp(-0.5 * again.rise))
-    moved: list[str] = []
-
-    def widened(prefix: str, quantities: Mapping[str, Quantity]) -> dict[str, Quantity]:
-        made = dict(quantities)
-        for name, was in quantities.items():
-            other = again.values.get(prefix + name, was.value)
-            if abs(other - was.value) > was.std:
-                moved.append(f"{prefix}{name} {other:.4g} for {was.value:.4g}")
-            std = math.hypot(was.std, math.sqrt(share) * (other - was.value))
-            made[name] = replace(was, std=std)
-        return made
-
-    effects = tuple(
-        replace(found, parameters=widened(f"{found.name}.", found.parameters))
-        for found in first.effects
-    )
-    after = widened("", first.after)
-    if not moved:
-        return first, ()
-    note = (
-        "inputs were read as held; moving linearly between samples they explain the records as "
-        f"well, with {', '.join(moved)}; standard deviations hold both: {CHOOSE}"
-    )
-    return replace(first, effects=effects, after=after), (note,)
-
-
-def read_again(notes: Sequence[str]) -> tuple[str, ...]:
-    """The sentences on a second reading, which no one chose by hand."""
-    return tuple(note.replace(BY_HAND, READ_AGAIN) for note in notes)

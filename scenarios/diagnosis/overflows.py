@@ -31,6 +31,7 @@ class Trace(Protocol):
         progress: Callable[[str, float], None],
         *,
         kinematics: Callable[[], Sequence[tuple[str, ...]]] | None,
+        reread: Callable[[], tuple[Sequence[Record], Sequence[Record]]] | None,
     ) -> Diagnosis: ...
 
 

@@ -28,11 +28,11 @@ from sim.declaration.proposal import Traceable
 
 CERTAIN = 0.95  # probability of what is claimed
 SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
-SUPPORTED = 3.0  # z of an effect that brings little beside another
+SUPPORTED = 3.0  # z of an effect that brings little
 RIVAL = 2.0  # z of Vuong's test below which two effects are not told apart
 TWO_EVENTS = "two loads or gusts in passing are likelier one cause that the library lacks"
 ROUGH_AIR = "its evidence comes from the maneuvers: rough air acts between them as well"
-LITTLE = "it brings little beside another cause, {:.1f} of its scatter; {:.1f} are required"
+LITTLE = "it brings little, {:.1f} times its scatter over the record; {:.1f} are required"
 BESIDE_GUARD = "it is found beside a term that no effect of the library has"
 
 
@@ -204,7 +204,7 @@ def _decided(search: Search, discrepancy: Traceable | None, leaves_noise: Leaves
     problem, best = search.problem, search.best()
     if is_noise(best.fitted.fit):
         found = _by_sets(search, best)
-        outside = bool(problem.guards & best.names)
+        outside = bool(problem.guards & frozenset(found.best.names))
         general = _with_general_forms(search, leaves_noise) if outside else None
         if general is not None:
             return general
@@ -319,7 +319,7 @@ def _by_sets(search: Search, best: WeighedSet) -> Decision:
 
 
 def _less_slight(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str, float]]:
-    """The set without members, beside others, that bring little and not all along.
+    """The set without members that bring little and not all along.
 
     The equations of any model are a little wrong, and probabilities suppose that they are not. What
     the relations between the sensors name as well rests on no equation of forces, and stays.
@@ -327,14 +327,15 @@ def _less_slight(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str
     """
     left_out: dict[str, float] = {}
     usual = {each.name for each in best.fitted.effects if each.traits.background}
-    while len(causes := search.added(best) - usual) > 1:
+    while causes := search.added(best) - usual:
         slight = []
         for name in sorted(causes - search.problem.named_by_kinematics):
             less = search.less(best, name)
             if less is None or best.weight - less.weight >= CLEAR:
                 continue
             z = vuong(best, less, search.context.interval)
-            if z < SUPPORTED:
+            # Something acts where the declared model alone leaves no noise.
+            if z < SUPPORTED and (len(causes) > 1 or is_noise(less.fitted.fit)):
                 slight.append((z, name, less))
         if not slight:
             break

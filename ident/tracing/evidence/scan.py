@@ -248,14 +248,18 @@ def _placed(
         step = max(1, count // PLACES)
         coarse = list(range(0, count - 3, step)) if probe.shifts else [0]
         found = _at_shifts(ready, effect, r, parts[r], probe, known, coarse)
-        if probe.shifts and found and step > 1:
+        while probe.shifts and found and step > 1:
             # The likelihood of a sharp event has an optimum at every sample.
             best = max(found, key=lambda place: place.gain).shift
-            near = range(max(best - step + 1, 0), min(best + step, count - 3))
-            fine = _at_shifts(
-                ready, effect, r, parts[r], probe, known, [each for each in near if each != best]
+            near = (
+                range(best - step + 1, best + step)
+                if probe.sharp
+                else (best - step // 2, best + step // 2)
             )
+            inside = [each for each in near if 0 <= each < count - 3 and each != best]
+            fine = _at_shifts(ready, effect, r, parts[r], probe, known, inside)
             found += sorted(fine, key=lambda place: -place.gain)[:1]
+            step = 1 if probe.sharp else step // 2
         out += found
     return out
 

@@ -226,10 +226,13 @@ class Search:
         return rival.weight - best.weight > raised
 
     def again(self, problem: TraceProblem) -> Search:
-        """The same search where other samples count.
-
-        Its leading sets are fitted anew, and candidates are scanned at the best of them.
+        """The same search where other samples count: candidates are scanned at the best set of
+        those that are fitted anew.
         """
+        return self.refitted(problem).run()
+
+    def refitted(self, problem: TraceProblem) -> Search:
+        """A search in other data, or the same read otherwise, with the leading sets fitted anew."""
         other = Search(problem, self.candidates, self.base, self.title, self.discrepancy)
         other.alike, other.steps, other.tried = dict(self.alike), [*self.steps], [*self.tried]
         found = [other.root]
@@ -239,7 +242,7 @@ class Search:
             if fitted is not None:
                 found.append(other.kept(fitted))
         other.expanded = self.expanded & {one.names for one in found} - {other.best().names}
-        return other.run()
+        return other
 
     def offering(self, candidates: Sequence[Traceable], title: str) -> Search:
         """A search among other candidates that has the sets of this one which these can make."""
@@ -396,9 +399,10 @@ class Search:
             ]
             if deeper > 1:
                 made += self._united(parent, made)
-            if made:
+            leading = max(made, key=lambda one: one.weight, default=None)
+            if leading is not None and leading.weight >= self.best().weight:
                 # Which set leads hangs on where its events are.
-                made.append(self._placed_better(max(made, key=lambda one: one.weight)))
+                made.append(self._placed_better(leading))
         rough = has_process_noise(parent.fitted.system)
         offered = self.base or not (rough or is_noise(parent.fitted.fit, PROCESS_NOISE_OFFERED))
         if offered and most == LEADERS:
@@ -468,10 +472,11 @@ class Search:
     ) -> list[LinearSet]:
         """The weightiest single leads, and larger sets that promise more than any smaller one.
 
-        With ``most`` zero single leads of ``wanted`` names alone.
+        With ``most`` zero single leads of ``wanted`` names alone. Signatures are those of the last
+        scan about a leading set: beside other sets they are nearly the same.
         """
         ready = prepared(parent.fitted, set_prior(parent.fitted, self.context))
-        if most or not self.shown:
+        if most == LEADERS or not self.shown:
             self.shown |= shown_by(parent.fitted, self.candidates, self.context)
         leads = [
             lead

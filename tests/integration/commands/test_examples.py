@@ -37,6 +37,7 @@ def one_candidate(
     guards: Any,
     *others: Any,
     kinematics: Any = None,
+    reread: Any = None,
 ) -> Any:
     """The loop with what is hidden as its only candidate: the commands are tried here, not the
     search.

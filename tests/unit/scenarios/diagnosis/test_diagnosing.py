@@ -44,6 +44,7 @@ class Loop:
         settings,
         progress,
         kinematics=None,
+        reread=None,
     ) -> Diagnosis:
         self.given = {
             "records": records,

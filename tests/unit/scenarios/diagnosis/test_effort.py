@@ -53,6 +53,7 @@ def test_the_request_sets_what_the_loop_is_given(
         settings: TraceSettings,
         progress,
         kinematics=None,
+        reread=None,
     ) -> Diagnosis:
         given.append(settings)
         return diagnosis_of(Verdict.TRACED, RIGID, tuple(records), tuple(validation))

@@ -57,6 +57,7 @@ class Overwriting:
         settings,
         progress,
         kinematics=None,
+        reread=None,
     ) -> Diagnosis:
         for file in self.files:
             file.write_text("nothing of use\n")
