@@ -30,8 +30,8 @@ from ident.tracing.candidate_model.fitted_model import (
 )
 from ident.tracing.evidence.decision import CERTAIN
 from ident.tracing.evidence.priors import FEWEST, ODDS
+from ident.tracing.evidence.set_search import starts_at
 from ident.tracing.screening.context import search_context
-from ident.tracing.screening.score_test import screen
 from ident.tracing.thresholds import PLACES
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records, without_sensitivities
 from ident.whole_record.layout import (
@@ -414,15 +414,11 @@ def best_fit(
     """The rival fitted to a flight from where a search would begin, and from ``hint``; the best of
     all, None where it can explain nothing.
     """
-    findings = screen(base, [rival], search_context(base))
     known = base.values.shared
-    tries = [
-        (finding.effect, {**known, **start})
-        for finding in findings
-        for start in finding.starts[:STARTS]
-    ]
+    places = starts_at(base, rival, search_context(base))
+    tries = [(form, {**known, **start}) for form, (start,) in places[:STARTS]]
     if hint:
-        form = findings[0].effect if findings else rival
+        form = places[0][0] if places else rival
         named = {
             full_name(form, local): value
             for local, value in hint.items()

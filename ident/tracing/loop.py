@@ -91,14 +91,8 @@ def diagnose(
     masks, offered = measured_masks(records, outputs), (*candidates, *guards)
     settings = settings or TraceSettings()
     problem = TraceProblem(records, masks, model, offered, outputs, settings, validation, progress)
-    declared = fit_declared(problem)
-    watch.stage("declared model")
-    search = searched(declared.problem, discrepancy)
-    if reread is not None and _tells_times(search.best().fitted):
-        likelier = _likelier_reading(search, problem, reread())
-        if likelier is not None:
-            declared, search = likelier
-            records, validation = declared.problem.records, declared.problem.predicted
+    problem, declared, search = _searched(problem, discrepancy, reread)
+    records, validation = problem.records, problem.predicted
     held = held_out_data(declared, validation)
     problem, root = declared.problem, declared.root
     watch.stage("search")
@@ -136,24 +130,25 @@ def diagnose(
     )
 
 
-def _tells_times(fitted: FittedModel) -> bool:
-    """Whether a set has times that an input read otherwise between its samples would shift."""
-    return any(item.name in TIMES for each in fitted.effects for item in each.parameters)
-
-
-def _likelier_reading(
-    search: Search, problem: TraceProblem, other: Data
-) -> tuple[Declared, Search] | None:
-    """The declared model and the search with inputs read otherwise; None where that is less
-    probable.
+def _searched(
+    problem: TraceProblem, discrepancy: Traceable | None, reread: Callable[[], Data] | None
+) -> tuple[TraceProblem, Declared, Search]:
+    """The declared model and the search without a discrepancy, with inputs read otherwise where
+    times were found and that is likelier; and the problem with the records as they were read.
     """
-    records, predicted = other
+    declared = fit_declared(problem)
+    search = searched(declared.problem, discrepancy)
+    times = [item.name for each in search.best().fitted.effects for item in each.parameters]
+    if reread is None or not set(times) & set(TIMES):
+        return problem, declared, search
+    records, predicted = reread()
     masks = measured_masks(records, problem.outputs)
-    again = fit_declared(replace(problem, records=records, masks=masks, predicted=predicted))
+    other = replace(problem, records=records, masks=masks, predicted=predicted)
+    again = fit_declared(other)
     rival = search.refitted(again.problem)
     if rival.best().weight <= search.best().weight:
-        return None
-    return again, rival.run()
+        return problem, declared, search
+    return other, again, rival.run()
 
 
 @dataclass(eq=False)

@@ -19,6 +19,4 @@ NEAR_EVENT = 0.15  # s around the edge of a fitted event, where its form may be 
 # How finely is it computed?
 SLOPE_STEP = 1e-4  # of a parameter's declared size
 COARSE = 0.025  # s, a sub-step that ranks candidates well enough
-WORTH_A_FORK = 150_000  # samples of all outputs times candidates: two tenths of a second of work
 PLACES = 60  # over the record, for effects that may begin anywhere
-DISTINCT = 0.95  # cosine above which two places of one effect are one start

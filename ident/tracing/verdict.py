@@ -9,7 +9,7 @@ from ident.statistics.residuals import ResidualTest
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Caution, Claim, Concern, Requirement, Verdict
 from ident.tracing.validation.held_out import HeldOut
-from ident.tracing.validation.whiteness import whiteness
+from ident.tracing.whiteness import whiteness
 
 
 @dataclass(frozen=True, eq=False)

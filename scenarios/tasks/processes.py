@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from pebble import ProcessExpired, ProcessPool
 from threadpoolctl import threadpool_limits
 
-from ident.background_task import can_fork
 from scenarios.tasks.work import Ended, Task, Work
 from sim.errors import FlightidError
 
@@ -58,6 +57,7 @@ if sys.platform != "win32":
     from multiprocessing.context import ForkServerContext, ForkServerProcess
 
 
+START_METHOD = "FLIGHTID_START_METHOD"  # environment: "fork" (as if unset) or "spawn"
 LOOK = 0.5  # s between looks whether all processes live
 LIVES = 2  # processes that may die over one block, before it is given up
 THREADS = (
@@ -70,6 +70,32 @@ THREADS = (
 _PARENT_DIES = 1  # PR_SET_PDEATHSIG of Linux
 # a pool starts the successor of a dead process from a thread of its own
 _STARTING = threading.Lock()
+
+
+def can_fork() -> bool:
+    """Whether worker processes may be forks of this one.
+
+    True on Linux. Windows has no ``os.fork``, and system libraries of macOS do not survive one.
+    There, and where the environment variable ``FLIGHTID_START_METHOD`` is ``spawn``, worker
+    processes are started afresh. Results are the same bytes.
+
+    Raises
+    ------
+    FlightidError : the variable has another value, or asks for forks on a system without them.
+    """
+    able = sys.platform.startswith("linux") and hasattr(os, "fork")
+    wanted = os.environ.get(START_METHOD, "")
+    if wanted not in ("", "fork", "spawn"):
+        raise FlightidError(
+            f"{wanted!r} is no start method",
+            where=START_METHOD,
+            remedy="set it to fork or spawn, or unset it",
+        )
+    if wanted == "fork" and not able:
+        raise FlightidError(
+            "this system cannot fork", where=START_METHOD, remedy="set it to spawn, or unset it"
+        )
+    return able and wanted != "spawn"
 
 
 class _Spawned(SpawnProcess):

@@ -95,8 +95,6 @@ SHORT_OF_ONE: frozenset[str] = frozenset(
         "flightid/hiding.py",
         "flightid/plot.py",
         "ident/tracing/declared.py",
-        "ident/tracing/evidence/set_search.py",
-        "ident/tracing/screening/prominence.py",
         "ident/tracing/validation/training_knowledge.py",
         "scenarios/diagnosis/laid_down.py",
         "scenarios/diagnosis/report/separating_maneuvers.py",

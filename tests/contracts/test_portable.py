@@ -50,7 +50,6 @@ ABSENT = {
 }
 ASKING = {
     "exam/independent/command.py",  # hasattr
-    "ident/background_task.py",  # can_fork
     "scenarios/tasks/processes.py",  # sys.platform, hasattr
     "scenarios/tasks/work.py",  # ImportError
     "scenarios/files/writing.py",  # hasattr

@@ -33,6 +33,12 @@ class Values:
     own: tuple[Mapping[str, float], ...]
     states: tuple[Mapping[str, np.ndarray], ...]
 
+    def with_added(self, added: Sequence[Mapping[str, float]]) -> Values:
+        """The same with values of further parameters, one mapping a record."""
+        shared = {name: value for one in added for name, value in one.items()}
+        own = tuple({**mine, **one} for mine, one in zip(self.own, added, strict=True))
+        return Values({**shared, **self.shared}, own, self.states)
+
 
 @dataclass(frozen=True, eq=False)
 class FitData:

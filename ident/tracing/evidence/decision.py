@@ -22,7 +22,7 @@ from ident.tracing.evidence.steady_search import (
     spread_search,
     vuong,
 )
-from ident.tracing.validation.whiteness import is_noise
+from ident.tracing.whiteness import is_noise
 from sim.declaration.effect import NoiseEffect, Station, full_name
 from sim.declaration.proposal import Traceable
 

@@ -94,10 +94,12 @@ class ColouredNoise:
         counts, means = self._bands
         return self.fit.log_likelihood - 0.5 * float(np.sum(counts * np.log(means)))
 
-    def whitened(self, r: int, values: np.ndarray) -> np.ndarray:
+    def whitened(
+        self, r: int, values: np.ndarray, outputs: np.ndarray | slice = slice(None)
+    ) -> np.ndarray:
         """Cosine transform of values ``(..., m, N)`` of a record in standard deviations of the fit,
-        over the level of each band."""
-        return np.asarray(self._scales(r) * cosines(values))
+        over the level of each band; of some outputs or all."""
+        return np.asarray(self._scales(r)[outputs] * cosines(values))
 
     def _scales(self, r: int) -> np.ndarray:
         means = self._bands[1]

@@ -15,9 +15,9 @@ import numpy as np
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.evidence.noise_colour import ColouredNoise
 from ident.tracing.evidence.priors import SetPrior, prior_of
-from ident.tracing.screening.score_test import _motions, _signatures
+from ident.tracing.screening.signatures import motions_of, signatures_of
 from ident.tracing.thresholds import PLACES
-from sim.declaration.effect import NoiseEffect
+from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
 from sim.errors import ModelError
 
@@ -63,23 +63,28 @@ class Prepared:
     ----------
     root : ``(D, n)`` with root root' = A P^-1 A', A the sensitivities, P the posterior's precision.
     e : ``(D,)`` residual at the posterior's mode. rows : those of each record.
-    whiten : of a record's number and columns ``(c, m, N)`` makes whitened ones ``(c, m N)``.
+    whiten : of a record's number, columns ``(c, a, N)`` and the ``a`` outputs that they belong to
+        makes whitened ones ``(c, a N)``. separate : whether outputs are whitened one by one.
     """
 
     root: np.ndarray
     e: np.ndarray
     rows: tuple[slice, ...]
-    whiten: Callable[[int, np.ndarray], np.ndarray]
+    whiten: Callable[[int, np.ndarray, np.ndarray | slice], np.ndarray]
+    separate: bool
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A signature at one place of one record: whitened ``columns (D, k)``, prior of the factors."""
+    """A signature at one place of one record: whitened ``columns (k, a N)`` of the outputs that it
+    changes, whose ``rows`` of the record they are, prior of the factors.
+    """
 
     gain: float
     probe: Probe
     shift: int
     columns: np.ndarray
+    rows: np.ndarray
     mean: np.ndarray
     sigma: np.ndarray
 
@@ -106,14 +111,19 @@ def prepared(fitted: FittedModel, prior: SetPrior) -> Prepared:
     root = np.linalg.solve(lower, (A * scale).T).T
     offset = scale * np.linalg.solve(lower.T, np.linalg.solve(lower, scale * right))
 
-    def whiten(r: int, columns: np.ndarray) -> np.ndarray:
-        valid = layout.problems[r].valid
-        known = np.where(valid, columns, 0.0)
-        made = np.moveaxis(fit.whiten(r, np.moveaxis(known, 0, 2)), 2, 0)
-        made = np.where(valid, made, 0.0)
-        return noise.whitened(r, made).reshape(len(columns), -1)
+    separate = not fit.noise_model.names
 
-    return Prepared(root, e - A @ offset, tuple(rows), whiten)
+    def whiten(r: int, columns: np.ndarray, outputs: np.ndarray | slice) -> np.ndarray:
+        valid = layout.problems[r].valid[outputs]
+        made = np.where(valid, columns, 0.0)
+        if separate:
+            made /= np.sqrt(fit.variance)[outputs][:, None]
+        else:
+            made = np.moveaxis(fit.whiten(r, np.moveaxis(made, 0, 2)), 2, 0)
+            made = np.where(valid, made, 0.0)
+        return noise.whitened(r, made, outputs).reshape(len(columns), -1)
+
+    return Prepared(root, e - A @ offset, tuple(rows), whiten, separate)
 
 
 def closed_forms(
@@ -150,7 +160,7 @@ def shown_by(
 
     By the place of a candidate: several forms of an effect have one name.
     """
-    motions = _motions(fitted)
+    motions = motions_of(fitted)
     found: dict[int, Shown] = {}
     for place, candidate in enumerate(candidates):
         if candidate.name in fitted.names or isinstance(candidate, NoiseEffect):
@@ -160,7 +170,7 @@ def shown_by(
         if not probes:
             continue
         try:
-            signatures = _signatures(fitted, motions, effect, probes)
+            signatures = signatures_of(fitted, motions, effect, probes)
         except (ModelError, FloatingPointError):
             continue
         usable = [
@@ -220,7 +230,9 @@ def _leads(
         return _joined(ready, effect, places)
     out = []
     for probe, parts in usable:
-        rows = [ready.whiten(r, np.moveaxis(part, 2, 0)) for r, part in enumerate(parts)]
+        rows = [
+            ready.whiten(r, np.moveaxis(part, 2, 0), slice(None)) for r, part in enumerate(parts)
+        ]
         W = np.concatenate(rows, axis=1).T
         mean, sigma = factors_prior(effect, probe, context)
         B = ready.root.T @ W
@@ -245,21 +257,16 @@ def _placed(
     for probe, parts in usable:
         known = factors_prior(effect, probe, context)
         count = parts[r].shape[1]
-        step = max(1, count // PLACES)
+        # The likelihood of a sharp event has an optimum at every sample.
+        step = 1 if probe.sharp else max(1, count // PLACES)
         coarse = list(range(0, count - 3, step)) if probe.shifts else [0]
         found = _at_shifts(ready, effect, r, parts[r], probe, known, coarse)
         while probe.shifts and found and step > 1:
-            # The likelihood of a sharp event has an optimum at every sample.
+            step //= 2
             best = max(found, key=lambda place: place.gain).shift
-            near = (
-                range(best - step + 1, best + step)
-                if probe.sharp
-                else (best - step // 2, best + step // 2)
-            )
-            inside = [each for each in near if 0 <= each < count - 3 and each != best]
-            fine = _at_shifts(ready, effect, r, parts[r], probe, known, inside)
+            near = [each for each in (best - step, best + step) if 0 <= each < count - 3]
+            fine = _at_shifts(ready, effect, r, parts[r], probe, known, near)
             found += sorted(fine, key=lambda place: -place.gain)[:1]
-            step = 1 if probe.sharp else step // 2
         out += found
     return out
 
@@ -275,16 +282,20 @@ def _at_shifts(
 ) -> list[Place]:
     """A signature ``own (m, N, k)`` of record ``r`` begun later by some numbers of samples."""
     (m, count, k), (mean, sigma) = own.shape, known
-    root, e = ready.root[ready.rows[r]], ready.e[ready.rows[r]]
-    moved, columns = np.zeros((len(shifts), k, m, count)), np.moveaxis(own, 2, 0)
+    outputs = np.flatnonzero(np.any(own != 0.0, axis=(1, 2))) if ready.separate else np.arange(m)
+    rows = (outputs[:, None] * count + np.arange(count)).ravel()
+    root, e = ready.root[ready.rows[r]][rows], ready.e[ready.rows[r]][rows]
+    moved = np.zeros((len(shifts), k, len(outputs), count))
+    columns = np.moveaxis(own[outputs], 2, 0)
     for number, shift in enumerate(shifts):
         moved[number, :, :, shift:] = columns[:, :, : count - shift]
-    W = ready.whiten(r, moved.reshape(-1, m, count)).reshape(len(shifts), k, -1)
+    W = ready.whiten(r, moved.reshape(-1, len(outputs), count), outputs)
+    W = W.reshape(len(shifts), k, -1)
     inside = (W.reshape(len(shifts) * k, -1) @ root).reshape(len(shifts), k, -1)
     grams = W @ W.swapaxes(1, 2) - inside @ inside.swapaxes(1, 2)
     gains, factors = closed_forms(grams, W @ e, mean, sigma)
     return [
-        Place(float(gains[number]), probe, shift, W[number].T, mean, sigma)
+        Place(float(gains[number]), probe, shift, W[number], rows, mean, sigma)
         for number, shift in enumerate(shifts)
         if _possible(effect, probe, factors[number])
     ]
@@ -318,8 +329,8 @@ def _joined(ready: Prepared, effect: Traceable, places: Sequence[Sequence[Place]
         return []
     blocks = []
     for r, place in there:
-        block = np.zeros((len(ready.e), place.columns.shape[1]))
-        block[ready.rows[r]] = place.columns
+        block = np.zeros((len(ready.e), len(place.columns)))
+        block[ready.rows[r].start + place.rows] = place.columns.T
         blocks.append(block)
     return [
         Lead(
@@ -334,3 +345,30 @@ def _joined(ready: Prepared, effect: Traceable, places: Sequence[Sequence[Place]
             gain,
         )
     ]
+
+
+def starts_of(
+    lead: Lead, factors: np.ndarray, records: int, interval: float
+) -> list[dict[str, float]]:
+    """Values of a lead's parameters to begin a fit with, by full name, one mapping a record."""
+    effect = lead.effect
+    bounds = {item.name: item.bounds for item in effect.parameters}
+    absent = {item.name: effect.absent.get(item.name, item.value) for item in effect.parameters}
+    out = []
+    for r in range(records):
+        probe = lead.probes[r]
+        values = dict(absent)
+        if probe is not None:
+            mine = factors if not belongs_to_record(effect) else factors[lead.own == r]
+            values |= dict(probe.values)
+            if probe.shifts:
+                values[effect.traits.onset] += lead.shifts[r] * interval
+            for local, change in zip(probe.slopes, mine.tolist(), strict=False):
+                values[local] += change
+        out.append(
+            {
+                full_name(effect, local): float(np.clip(value, *bounds[local]))
+                for local, value in values.items()
+            }
+        )
+    return out

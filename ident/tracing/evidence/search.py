@@ -12,8 +12,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-import numpy as np
-
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing.candidate_model.fitted_model import (
     FittedModel,
@@ -29,10 +27,10 @@ from ident.tracing.candidate_model.quantities import quantities
 from ident.tracing.diagnosis import Candidate, Step
 from ident.tracing.evidence.evidence import Key, WeighedSet, evidence_of
 from ident.tracing.evidence.priors import family_sizes, log_odds, set_prior
-from ident.tracing.evidence.scan import Lead, Shown, leads_of, prepared, shown_by
+from ident.tracing.evidence.scan import Shown, leads_of, prepared, shown_by, starts_of
 from ident.tracing.evidence.set_search import LinearSet, weighed_sets
 from ident.tracing.screening.context import search_context
-from ident.tracing.validation.whiteness import is_noise
+from ident.tracing.whiteness import is_noise
 from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Edged, Refinable, SearchContext, Traceable
 from sim.errors import ModelError
@@ -144,11 +142,7 @@ class Search:
     ) -> FittedModel | None:
         """A set fitted roughly from the values of another, ``added`` new ones of each record."""
         values = values or parent.values
-        fresh = added or [{} for _ in values.own]
-        shared = {name: value for one in fresh for name, value in one.items()}
-        own = tuple({**mine, **one} for mine, one in zip(values.own, fresh, strict=True))
-        levels = levels_of(parent)
-        start = Start(Values({**shared, **values.shared}, own, values.states), {}, levels)
+        start = Start(values.with_added(added) if added else values, {}, levels_of(parent))
         return fit_set(self.problem.data, tuple(effects), self.problem.roughly, start)
 
     def child(self, parent: WeighedSet, proposed: LinearSet) -> WeighedSet | None:
@@ -161,7 +155,7 @@ class Search:
         for share in SHARES:
             added: list[dict[str, float]] = [{} for _ in parent.fitted.values.own]
             for lead, factors in zip(proposed.leads, proposed.factors, strict=True):
-                starts = _starts(lead, share * factors, len(added), self.context.interval)
+                starts = starts_of(lead, share * factors, len(added), self.context.interval)
                 for record, one in zip(added, starts, strict=True):
                     record |= one
             fitted = self.fit(effects, parent.fitted, added)
@@ -397,8 +391,6 @@ class Search:
                 if parent.names | proposed.names not in self.visited
                 and (child := self.child(parent, proposed)) is not None
             ]
-            if deeper > 1:
-                made += self._united(parent, made)
             leading = max(made, key=lambda one: one.weight, default=None)
             if leading is not None and leading.weight >= self.best().weight:
                 # Which set leads hangs on where its events are.
@@ -408,30 +400,6 @@ class Search:
         if offered and most == LEADERS:
             made += self._with_process_noise(parent)
         self._tell(parent, beside, made)
-
-    def _united(self, parent: WeighedSet, made: Sequence[WeighedSet]) -> list[WeighedSet]:
-        """Pairs of the single effects that brought most, fitted from where each stands.
-
-        The linear world misjudges how much an effect brings that grows large in a fit.
-        """
-        singles = [one for one in made if len(one.names - parent.names) == 1]
-        leaders = sorted(singles, key=lambda one: -one.weight)[:SINGLES]
-        found = []
-        for i, one in enumerate(leaders):
-            for other in leaders[i + 1 :]:
-                (added,) = [each for each in other.fitted.effects if each.name not in parent.names]
-                fits = all(together(added, each) for each in one.fitted.effects)
-                alike = self.alike.get(one.names ^ other.names, 0.0) > ALIKE
-                if not fits or alike or one.names | other.names in self.visited:
-                    continue
-                fitted = self.fit(
-                    (*one.fitted.effects, added),
-                    one.fitted,
-                    values_of(other.fitted, added),
-                )
-                if fitted is not None:
-                    found.append(self.kept(fitted))
-        return found
 
     def _tell(self, parent: WeighedSet, beside: str, made: Sequence[WeighedSet]) -> None:
         """Keep for the report what was tried at a set."""
@@ -566,40 +534,3 @@ class Search:
             own[r] = {**own[r], name: own[r][name] + shift}
             values = replace(values, own=tuple(own))
         return self.fit(effects, fitted, values=values)
-
-
-def values_of(fitted: FittedModel, effect: Traceable) -> list[dict[str, float]]:
-    """Values of an effect's parameters in a fitted set, by full name, one mapping a record."""
-    names = {full_name(effect, item.name) for item in effect.parameters}
-    shared = {key: value for key, value in fitted.values.shared.items() if key in names}
-    return [
-        {**shared, **{key: value for key, value in own.items() if key in names}}
-        for own in fitted.values.own
-    ]
-
-
-def _starts(
-    lead: Lead, factors: np.ndarray, records: int, interval: float
-) -> list[dict[str, float]]:
-    """Values of a lead's parameters to begin a fit with, by full name, one mapping a record."""
-    effect = lead.effect
-    bounds = {item.name: item.bounds for item in effect.parameters}
-    absent = {item.name: effect.absent.get(item.name, item.value) for item in effect.parameters}
-    out = []
-    for r in range(records):
-        probe = lead.probes[r]
-        values = dict(absent)
-        if probe is not None:
-            mine = factors if not belongs_to_record(effect) else factors[lead.own == r]
-            values |= dict(probe.values)
-            if probe.shifts:
-                values[effect.traits.onset] += lead.shifts[r] * interval
-            for local, change in zip(probe.slopes, mine.tolist(), strict=False):
-                values[local] += change
-        out.append(
-            {
-                full_name(effect, local): float(np.clip(value, *bounds[local]))
-                for local, value in values.items()
-            }
-        )
-    return out

@@ -7,7 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.tracing.evidence.scan import Lead, Prepared, closed_forms
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.evidence.priors import set_prior
+from ident.tracing.evidence.scan import (
+    Lead,
+    Prepared,
+    closed_forms,
+    leads_of,
+    prepared,
+    shown_by,
+    starts_of,
+)
+from sim.declaration.proposal import SearchContext, Traceable
 
 BEAM = 10  # sets of each size that are extended
 TRIED = 30  # leads that take part
@@ -94,6 +105,27 @@ def weighed_sets(
         beam = [members for _, (members, _) in best]
     sets = sorted(found.values(), key=lambda each: -each.weight)
     return sets, _cosines(ranked, singles, at, gram)
+
+
+def starts_at(
+    fitted: FittedModel, effect: Traceable, context: SearchContext
+) -> list[tuple[Traceable, list[dict[str, float]]]]:
+    """An effect's best places at a fitted set, to begin fits with; the likeliest first.
+
+    Returns
+    -------
+    The effect in its form for these records, and the values of its parameters by full name, one
+    mapping a record.
+    """
+    ready = prepared(fitted, set_prior(fitted, context))
+    shown = [*shown_by(fitted, [effect], context).values()]
+    leads = leads_of(fitted, ready, shown, context)
+    singles, _ = weighed_sets(ready, leads, lambda lead: 0.0, lambda one, other: False, 1)
+    count = len(fitted.values.own)
+    return [
+        (one.leads[0].effect, starts_of(one.leads[0], one.factors[0], count, context.interval))
+        for one in singles
+    ]
 
 
 def _cosines(

@@ -17,6 +17,7 @@ from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import (
     FittedModel,
+    Values,
     belongs_to_record,
     carried,
     compiled_with,
@@ -25,15 +26,17 @@ from ident.tracing.candidate_model.fitted_model import (
     local_names,
 )
 from ident.tracing.diagnosis import Trained
+from ident.tracing.evidence.set_search import starts_at
 from ident.tracing.screening.context import search_context
-from ident.tracing.screening.score_test import screen
 from ident.tracing.validation.training_knowledge import prior_where_both_meet, training_prior
-from ident.tracing.validation.whiteness import whiteness
+from ident.tracing.whiteness import whiteness
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitProblem, Prior, lay_out
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record
+
+STARTS = 2  # places of an event of a held-out record from which a fit begins
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +89,9 @@ def held_out(
     freer = (
         None
         if frozen is None
-        else _others(fitted, records, masks, training_prior(fitted)).fit(fitted.effects, frozen)
+        else _others(fitted, records, masks, training_prior(fitted)).fit(
+            fitted.effects, frozen.values
+        )
     )
     if freer is None or doubted(HeldOut(None, freer.fit)):
         by_event = _others(fitted, records, masks, training_prior(fitted)).fit_event_by_event()
@@ -109,7 +114,7 @@ def held_out(
         freer = freer if nearer is None or nearer.fit.cost >= freer.fit.cost else nearer
     if freer is not None and any(belongs_to_record(effect) for effect in fitted.effects):
         # Where the freer fit found an event, the frozen one may have missed it.
-        again = _others(fitted, records, masks).fit(fitted.effects, freer)
+        again = _others(fitted, records, masks).fit(fitted.effects, freer.values)
         tries = [each for each in (frozen, again) if each is not None]
         frozen = min(tries, key=lambda each: each.fit.cost, default=None)
     return HeldOut(None if frozen is None else frozen.fit, None if freer is None else freer.fit)
@@ -169,10 +174,10 @@ class _Others:
     def fit(
         self,
         effects: Sequence[Traceable],
-        from_model: FittedModel | None = None,
+        values: Values | None = None,
         added: Mapping[str, float] | None = None,
     ) -> FittedModel | None:
-        """The fitted model's set, or a part of it, on these records."""
+        """The fitted model's set, or a part of it, on these records, begun from values there."""
         trained, prior = self.trained, self.prior
         settings = replace(trained.settings, iterations=40, tolerance=1e-3)
         full, system = compiled_with(self.declared, effects, trained.outputs)
@@ -181,9 +186,7 @@ class _Others:
         system = replace(system, parameters=parameters.hold(known) if prior is None else parameters)
         local = [name for effect in effects for name in local_names(effect)]
         layout = lay_out(self.records, system, settings, local=local, masks=self.masks)
-        begin, guesses = carried(
-            layout, None if from_model is None else from_model.values, added or {}
-        )
+        begin, guesses = carried(layout, values, added or {})
         layout = lay_out(self.records, system, settings, local=local, masks=self.masks, start=begin)
         if prior is not None:
             layout = replace(layout, prior=prior)
@@ -244,7 +247,7 @@ class _Others:
         """
         for effect in own:
             rest = [other for other in best.effects if other is not effect]
-            base = self.fit(rest, best)
+            base = self.fit(rest, best.values)
             if base is None:
                 continue
             again = self._with(base, rest, effect)
@@ -262,10 +265,7 @@ class _Others:
         """What belongs to one record added to a fit of ``rest``, from where the records point to
         and from ``further`` starts: the best of these.
         """
-        starts = [
-            start
-            for found in screen(base, [effect], search_context(base))
-            for start in found.starts[:2]
-        ]
-        tries = [self.fit([*rest, effect], base, start) for start in [*starts, *further]]
+        places = [start for _, start in starts_at(base, effect, search_context(base))[:STARTS]]
+        tries = [self.fit([*rest, effect], base.values.with_added(start)) for start in places]
+        tries += [self.fit([*rest, effect], base.values, start) for start in further]
         return min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)

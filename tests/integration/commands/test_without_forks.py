@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from ident.background_task import START_METHOD, can_fork
 from scenarios.files.writing import write_record
+from scenarios.tasks.processes import START_METHOD, can_fork
 from sim.errors import FlightidError
 from tests import loes_problem as problem
 from tests.bases import LOES_CONSTANTS

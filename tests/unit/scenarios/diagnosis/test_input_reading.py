@@ -9,16 +9,15 @@ import pytest
 
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
 from scenarios.diagnosis.input_reading import (
-    InputReading,
     Refit,
     left_open,
     read_again,
     tells_times,
 )
-from scenarios.diagnosis.opening import opened_files, posed_for
 from scenarios.preparation.plan import BY_HAND
 from sim.record import Hold
 from tests.diagnoses import measured_record, tracing_of
+
 
 def test_the_second_reading_was_chosen_by_no_hand() -> None:
     notes = (f"inputs linear between samples: {BY_HAND}", "a trim was taken off")

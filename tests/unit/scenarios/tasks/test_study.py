@@ -20,9 +20,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ident.background_task import START_METHOD
 from scenarios.tasks import work as shards
-from scenarios.tasks.processes import THREADS
+from scenarios.tasks.processes import START_METHOD, THREADS
 from scenarios.tasks.study import TaskRequest, run_study
 from scenarios.tasks.work import RowTable, tasks_of
 from sim.errors import FlightidError

@@ -13,7 +13,7 @@ from ident.tracing.evidence.decision import _by_kinematics, _other_forms, decide
 from ident.tracing.evidence.search import Search
 from ident.tracing.evidence.steady_search import quiet_vuong
 from ident.tracing.loop import diagnose
-from ident.tracing.validation.whiteness import is_noise
+from ident.tracing.whiteness import is_noise
 from sim.declaration.proposal import Traceable
 from sim.effects.library import effects_for
 from sim.effects.model_discrepancy import discrepancy_for

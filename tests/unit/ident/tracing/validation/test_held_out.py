@@ -16,7 +16,7 @@ from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.record import Channel, Record
 from tests.tracing_problem import OUTPUTS, fit_of, planted, problem_of, with_output
-from tests.unit.ident.tracing.validation.conftest import LAG, PULSE
+from tests.unit.ident.tracing.conftest import LAG, PULSE
 
 
 def test_the_training_prior_is_the_schur_complement_of_its_information(fitted: FittedModel) -> None:

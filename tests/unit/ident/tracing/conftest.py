@@ -1,4 +1,4 @@
-"""A fitted model that the tests of data not fitted share."""
+"""A fitted model that several tests share."""
 
 from __future__ import annotations
 
