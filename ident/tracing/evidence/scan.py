@@ -283,6 +283,8 @@ def _at_shifts(
     """A signature ``own (m, N, k)`` of record ``r`` begun later by some numbers of samples."""
     (m, count, k), (mean, sigma) = own.shape, known
     outputs = np.flatnonzero(np.any(own != 0.0, axis=(1, 2))) if ready.separate else np.arange(m)
+    if not len(outputs):
+        return []  # it changes no output of this record
     rows = (outputs[:, None] * count + np.arange(count)).ravel()
     root, e = ready.root[ready.rows[r]][rows], ready.e[ready.rows[r]][rows]
     moved = np.zeros((len(shifts), k, len(outputs), count))

@@ -205,6 +205,20 @@ def test_an_event_is_placed_between_the_places_that_are_tried(start: float) -> N
 
 
 @dataclass(frozen=True)
+class Nowhere(UnmeasuredInput):
+    """A pulse that changes no output."""
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {"moment": 0.0 * p.moment}
+
+
+def test_an_event_that_changes_no_output_has_no_place() -> None:
+    _, root = root_of()
+    assert starts_at(root, Nowhere(), search_context(root)) == []
+    assert found(root, Nowhere()) == []
+
+
+@dataclass(frozen=True)
 class EveryOnset(UnmeasuredInput):
     """The pulse of `UnmeasuredInput`, each start simulated by itself instead of shifted."""
 
