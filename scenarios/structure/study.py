@@ -30,6 +30,11 @@ from scenarios.files.measured.record_file import (
 )
 from scenarios.files.sources import InputFile, Source
 from scenarios.files.vehicles import BESIDE
+from scenarios.preparation.aircraft_records import (
+    commanded,
+    refuse_moving_together,
+    refuse_other_units,
+)
 from scenarios.preparation.plan import WHOLE, Request, column_choices
 from scenarios.preparation.reading import prepare
 from sim.aerodynamics.terms import Term, parse_term
@@ -133,6 +138,9 @@ def structure_of_files(request: Request, options: StructureOptions) -> FoundStru
     refuse_twice((*request.records, *request.validate))
     sources = read_record_files(request.records)
     fitted, notes = _prepared(sources, aircraft, request)
+    refuse_other_units(fitted, aircraft)
+    if options.terms is None:
+        refuse_moving_together(fitted, aircraft, [commanded(aircraft)])
     left_out = read_record_files(request.validate)
     identities = (*(each.identity for each in (*sources, *left_out)), source.identity)
     found = structure_of(fitted, aircraft, options, identities, notes)

@@ -32,6 +32,7 @@ from sim.declaration.user_equations import OwnEquations
 from sim.declaration.user_model import own_model
 from sim.errors import DeclarationError, ModelError
 from sim.maths import G0, add_product, arctan, cos, interpolate, plus, sin, sqrt
+from sim.vehicles.airframe_numbers import refuse_numbers
 
 NAME = "aircraft"
 BODY_AXES, WIND_AXES = ("CX", "CY", "CZ"), ("CD", "CY", "CL")
@@ -193,29 +194,7 @@ class Aircraft:
 def refuse_unphysical(aircraft: Aircraft) -> None:
     """Raise DeclarationError for a mass, inertias or coefficients that no aircraft has."""
     where = f"vehicle {aircraft.name}"
-    c = aircraft.constants
-    for name in CONSTANTS:
-        if name not in c:
-            raise DeclarationError(f"the number {name} is missing", where=where, remedy="give it")
-    for name in (*CONSTANTS,)[:7] + ("air_density", "speed_of_sound"):
-        if not c[name] > 0.0:
-            remedy = "give a positive number"
-            raise DeclarationError(
-                f"{name} = {c[name]:g} is not positive", where=where, remedy=remedy
-            )
-    inertias = [c["roll_inertia"], c["pitch_inertia"], c["yaw_inertia"]]
-    if 2.0 * max(inertias) > sum(inertias):
-        raise DeclarationError(
-            "the largest inertia is larger than the sum of the other two, which no body has",
-            where=where,
-            remedy="check roll_inertia, pitch_inertia and yaw_inertia and their units",
-        )
-    if c["cross_inertia"] ** 2 >= c["roll_inertia"] * c["yaw_inertia"]:
-        raise DeclarationError(
-            f"cross_inertia = {c['cross_inertia']:g} kg m2 is too large",
-            where=where,
-            remedy="its square is below roll_inertia yaw_inertia",
-        )
+    refuse_numbers(aircraft.constants, tuple(CONSTANTS), where)
     both = {"CD", "CL"} & set(aircraft.coefficients), {"CX", "CZ"} & set(aircraft.coefficients)
     if all(both):
         raise DeclarationError(
