@@ -46,6 +46,7 @@ METHODS = (STEPWISE, ORTHOGONAL)
 DEGREE = 2
 LARGEST_DEGREE = 4
 MOST_SPLINES = 5
+DRAG = ("CX", "CD")  # a surface adds drag to whichever side it is deflected
 _FEW = 1e-6  # of a signal's spread, below which it did not move
 
 
@@ -332,7 +333,12 @@ def _offered(
         shares = np.linspace(0.0, 1.0, options.splines + 2)[1:-1]
         for knot in np.quantile(alpha, shares):
             terms.append(parse_term(f"spline(alpha, {knot:.4g}, 1)", aircraft.signals))
-    return {axis: [Term(), *terms] for axis in axes}
+    magnitudes = [
+        parse_term(f"abs({name})", aircraft.signals)
+        for name in commanded(aircraft)
+        if name in moved
+    ]
+    return {axis: [Term(), *terms, *(magnitudes if axis in DRAG else ())] for axis in axes}
 
 
 def _of_file(path: Path, aircraft: Aircraft) -> dict[str, list[Term]]:
