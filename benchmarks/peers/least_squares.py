@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-Problem = dict[str, np.ndarray]
+Problem = Mapping[str, np.ndarray]
 
 
 def answer_of(problem: Problem, chosen: Sequence[Sequence[int]]) -> dict[str, np.ndarray]:
