@@ -86,6 +86,7 @@ def posed_for(opened: Opened, plan: Plan) -> Posed:
     """Records prepared for the declared model with its biases, something held out; refused where
     they cannot tell anything.
     """
+    from scenarios.preparation.aircraft_records import refuse_unfit_records
     from scenarios.preparation.declared_model import model_of_file
     from scenarios.preparation.plausibility import refuse_still, refuse_unpredictable
 
@@ -104,6 +105,7 @@ def posed_for(opened: Opened, plan: Plan) -> Posed:
         if held_out_from is None and len(plan.segments) == 1 and len(whole) == len(opened.records):
             files = (opened.records[:-1], opened.records[-1:])
     refuse_still(whole, model)
+    refuse_unfit_records(whole, model)
     refuse_unpredictable(ready.predicted, model)
     return Posed(
         model,

@@ -77,6 +77,7 @@ from scenarios.identification.methods import (
     refuse_method,
     uses_attitude,
 )
+from scenarios.preparation.aircraft_records import refuse_unfit_records
 from scenarios.preparation.declared_model import (
     BETTER,
     held_by_computer,
@@ -481,6 +482,7 @@ def _identified(
     )
     refuse_unrelated_records(ready.fitted, ready.validation)
     refuse_still(ready.fitted, ready.model)
+    refuse_unfit_records(ready.fitted, ready.model)
     refuse_unpredictable(ready.predicted, ready.model)
     trusted = plan.trusted or method == FREQUENCY
     first, *others = ready.measured if own else ready.fitted

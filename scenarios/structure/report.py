@@ -16,6 +16,7 @@ from ident.structure.selection import Selection, columns_of
 from scenarios.files.aircraft_files import written
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
+from scenarios.preparation.aircraft_records import commanded
 from scenarios.report.document import (
     PURE,
     Bullets,
@@ -164,12 +165,8 @@ def findings(found: FoundStructure) -> list[str]:
 
 def _surfaces_together(found: FoundStructure) -> list[str]:
     """Sentences on surfaces whose movements no record tells apart."""
-    mixed = {part for parts in found.aircraft.mixes.values() for part in parts}
-    names = [
-        name for name in (*found.aircraft.surfaces, *found.aircraft.mixes) if name not in mixed
-    ]
     rows = {}
-    for name in names:
+    for name in commanded(found.aircraft):
         parts = [h.samples[name] - np.mean(h.samples[name]) for h in found.histories]
         row = np.concatenate(parts)
         if np.any(row):

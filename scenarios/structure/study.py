@@ -30,6 +30,11 @@ from scenarios.files.measured.record_file import (
 )
 from scenarios.files.sources import InputFile, Source
 from scenarios.files.vehicles import BESIDE
+from scenarios.preparation.aircraft_records import (
+    commanded,
+    refuse_moving_together,
+    refuse_other_units,
+)
 from scenarios.preparation.plan import WHOLE, Request, column_choices
 from scenarios.preparation.reading import prepare
 from sim.aerodynamics.terms import Term, parse_term
@@ -41,6 +46,7 @@ METHODS = (STEPWISE, ORTHOGONAL)
 DEGREE = 2
 LARGEST_DEGREE = 4
 MOST_SPLINES = 5
+DRAG = ("CX", "CD")  # a surface adds drag to whichever side it is deflected
 _FEW = 1e-6  # of a signal's spread, below which it did not move
 
 
@@ -133,6 +139,9 @@ def structure_of_files(request: Request, options: StructureOptions) -> FoundStru
     refuse_twice((*request.records, *request.validate))
     sources = read_record_files(request.records)
     fitted, notes = _prepared(sources, aircraft, request)
+    refuse_other_units(fitted, aircraft)
+    if options.terms is None:
+        refuse_moving_together(fitted, aircraft, [commanded(aircraft)])
     left_out = read_record_files(request.validate)
     identities = (*(each.identity for each in (*sources, *left_out)), source.identity)
     found = structure_of(fitted, aircraft, options, identities, notes)
@@ -324,7 +333,12 @@ def _offered(
         shares = np.linspace(0.0, 1.0, options.splines + 2)[1:-1]
         for knot in np.quantile(alpha, shares):
             terms.append(parse_term(f"spline(alpha, {knot:.4g}, 1)", aircraft.signals))
-    return {axis: [Term(), *terms] for axis in axes}
+    magnitudes = [
+        parse_term(f"abs({name})", aircraft.signals)
+        for name in commanded(aircraft)
+        if name in moved
+    ]
+    return {axis: [Term(), *terms, *(magnitudes if axis in DRAG else ())] for axis in axes}
 
 
 def _of_file(path: Path, aircraft: Aircraft) -> dict[str, list[Term]]:

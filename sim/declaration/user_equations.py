@@ -237,13 +237,17 @@ class OwnEquations:
         need no second look.
         """
         shape = getattr(getattr(s, self.states[0].name), "shape", ())
+        known: set[tuple[int, ...]] = set()
         for name, value in answers:
             kind = type(value)
             if kind in _NUMBERS or (
-                kind is np.ndarray and value.shape == shape and value.dtype.kind in "fc"
+                kind is np.ndarray
+                and (value.shape == shape or value.shape in known)
+                and value.dtype.kind in "fc"
             ):
                 continue
             self._check(what, function, name, value, s, p)
+            known.add(np.shape(value))
 
     def _check(self, what: str, function: Answer, name: str, value: Any, s: Any, p: Any) -> None:
         """Raise ModelError for an answer that is no number, or of a shape that no signal has: it

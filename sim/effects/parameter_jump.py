@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
+from sim.aerodynamics.terms import AS_TERM, parse_term
 from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.proposal import Probe, SearchContext, Traits
 from sim.declaration.user_equations import OwnEquations
@@ -113,13 +114,30 @@ class ParameterJump:
 def jumps_of(equations: OwnEquations) -> tuple[ParameterJump, ...]:
     """One for the parameters that act through each port, labelled by the port where there are
     several.
+
+    Where ports are coefficients that are sums of terms, a group holds the derivatives of one
+    coefficient: each rate knows several ports, and all of their parameters would be in all groups.
+    A constant that jumps is `unmeasured-input`.
     """
     groups: dict[str, list[str]] = {}
-    for port, _, name in equations.products:
-        groups.setdefault(port, []).append(name)
+    if equations.terms:
+        for axis, name in _derivatives(equations):
+            groups.setdefault(axis, []).append(name)
+    else:
+        for port, _, name in equations.products:
+            groups.setdefault(port, []).append(name)
     units, several = equations.factors, len(groups) > 1
     order = {port: sorted({*names}, key=[*units].index) for port, names in groups.items()}
     return tuple(
         ParameterJump(tuple((name, units[name]) for name in names), port if several else "")
         for port, names in order.items()
     )
+
+
+def _derivatives(equations: OwnEquations) -> list[tuple[str, str]]:
+    """Coefficient and parameter of each term that holds a signal."""
+    signals = [name.removeprefix(AS_TERM) for name in equations.formed_names]
+    terms = [(axis, parse_term(text, signals)) for axis, text in equations.terms]
+    named = [(axis, f"{axis}_{term.label}") for axis, term in terms if term.signals]
+    known = equations.factors
+    return [(axis, name) for axis, name in named if name in known]

@@ -16,7 +16,7 @@ from benchmarks.jobs import flight
 from benchmarks.jobs.catalogue import JOBS
 from benchmarks.jobs.rigid_flight import rigid_problem
 
-DEAR = {"dynamax", "aeroid"}  # seconds to import and compile
+DEAR = {"dynamax", "aeroid", "pysindy"}  # seconds to import and compile
 PAIRS = [
     pytest.param(
         job,

@@ -15,7 +15,9 @@ from scenarios.files.user_models import read_user_model
 from sim.declaration.proposal import SearchContext
 from sim.effects.library import effects_for
 from sim.effects.parameter_jump import LARGEST, USUAL, ParameterJump
+from sim.vehicles.aircraft import aircraft_model
 from sim.vehicles.short_period import ShortPeriod
+from tests.airliner import AIRLINER, COEFFICIENTS
 from tests.bases import RIGID_VALUES, Flight, fly_model
 from tests.oracles.varying_parameters import spring
 from tests.own_models import ROLL_AND_YAW, SPRING, model_file, own_rigid
@@ -37,6 +39,21 @@ def test_what_acts_through_one_port_is_one_group(tmp_path: Path) -> None:
         "derivative-jump:q_rate",
     }
     assert not jumps(effects_for(ShortPeriod()))
+
+
+def test_a_group_of_an_aircraft_is_the_derivatives_of_one_coefficient() -> None:
+    """Each rate knows several coefficients; constants that jump are another effect's."""
+    found = jumps(effects_for(aircraft_model(AIRLINER).equations))
+    wanted = {
+        axis: {f"{axis}_{term}" for term in terms if term != "1"}
+        for axis, terms in COEFFICIENTS.items()
+    }
+    told = {name.partition(":")[2]: {*each.group} for name, each in found.items()}
+    spelled = {
+        axis: {name.replace("^", "").replace("*", "_") for name in names}
+        for axis, names in wanted.items()
+    }
+    assert told == spelled
 
 
 def test_a_group_is_offered_only_where_all_of_it_is_estimated(tmp_path: Path) -> None:
