@@ -59,7 +59,7 @@ def test_it_opens_at_both_widths(number: int, address: Callable[[int], str], pag
     for size, width in ((DESKTOP, "wide"), (PHONE, "narrow")):
         page.set_viewport_size({"width": size["width"], "height": TALL})
         page.wait_for_function("width => innerWidth === width", arg=size["width"])
-        assert page.locator("img").count() > 0, "no figure"
+        assert page.locator("iframe").count() > 0, "no figure"
         assert fits(page)
         keep_picture(page, f"lab{number}_{width}")
 
