@@ -205,7 +205,7 @@ def _apart(x: np.ndarray, panel: Axes) -> np.ndarray:
     if x.size != 2 or x[0] != x[1]:
         return x
     left, right = panel.get_xlim()
-    return np.array([x[0], x[0] + max(1e-5 * abs(right - left), 2e-7 * abs(x[0]))])
+    return np.array([x[0], x[0] + max(1e-5 * abs(right - left), 2e-11 * abs(x[0]))])
 
 
 def _dash(line: Line2D) -> tuple[float, ...]:

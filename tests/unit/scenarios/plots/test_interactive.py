@@ -109,7 +109,7 @@ def test_a_figure_of_anything_else_stays_as_it_is(draw: Callable[[Axes], None]) 
 @settings(max_examples=20)
 @given(
     place=st.floats(-1e5, 1e5),
-    span=st.floats(1e-3, 1e4),
+    span=st.floats(1e-2, 1e4),  # s: shorter records there are none
     share=st.floats(0.0, 1.0),
 )
 def test_an_upright_line_has_two_ends_less_than_a_pixel_apart(
@@ -126,8 +126,8 @@ def test_an_upright_line_has_two_ends_less_than_a_pixel_apart(
     kept = plot_of(plot_content(data)).panels[0].curves[-1]
     for curve in (line, kept):
         first, second = curve.x.tolist()
-        # 700 px is as wide as a panel gets; numbers are kept to eight digits.
-        assert 0.0 < second - first < span / 700.0 + 1e-6 * abs(place)
+        # 700 px is as wide as a panel gets.
+        assert 0.0 < second - first < span / 700.0
         assert curve.y.tolist() == pytest.approx(sorted(panel.get_ylim()), rel=1e-3, abs=1e-3)
 
 
