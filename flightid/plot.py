@@ -1,14 +1,19 @@
-"""Figures of results: functions that take a result and return a matplotlib Figure."""
+"""Figures of results: functions that take a result and return a matplotlib Figure, and
+``interactive``, which makes a figure zoom in a notebook.
+"""
 
 from __future__ import annotations
 
 from scenarios.api.plot import (
+    Interactive,
     bandwidth,
     correlation,
     derivatives,
     evidence,
     fit,
     held_out,
+    interactive,
+    loop,
     maneuvers,
     mismatch,
     prediction,
@@ -23,12 +28,15 @@ from scenarios.api.plot import (
 )
 
 __all__ = [
+    "Interactive",
     "bandwidth",
     "correlation",
     "derivatives",
     "evidence",
     "fit",
     "held_out",
+    "interactive",
+    "loop",
     "maneuvers",
     "mismatch",
     "prediction",

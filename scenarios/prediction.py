@@ -21,7 +21,13 @@ from scenarios.files.channels import read_channel_map
 from scenarios.files.measured.record_file import RecordFile, all_simulated, opened
 from scenarios.files.sources import InputFile, read_source, versions
 from scenarios.files.user_models import OwnModel, channel_units
-from scenarios.files.vehicles import AIRCRAFT, VehicleFile, files_read_unnamed, read_vehicle
+from scenarios.files.vehicles import (
+    AIRCRAFT,
+    VehicleFile,
+    files_read_unnamed,
+    read_vehicle,
+    vehicle_with_file,
+)
 from scenarios.files.writing import PREDICTED, study_folder, write_json
 from scenarios.identification.assessment import (
     left_out,
@@ -393,11 +399,7 @@ def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
     """What was predicted with which model, warnings, and the errors channel by channel."""
     record, kept = found.record, found.kept
     effects = [effect.name for effect in kept.after.effects]
-    told = (
-        f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s; "
-        f"{predicting_model(found)} ({found.study})"
-    )
-    lines = wrapped(told, width)
+    lines = wrapped(f"{_samples(found)}; {predicting_model(found)} ({found.study})", width)
     for warning in found.warnings:
         lines += wrapped(f"warning: {warning}", width)
     if kept.made_by == DIAGNOSE and effects and not kept.claimed:
@@ -414,7 +416,8 @@ def predicting_model(found: PredictionResult) -> str:
     """The model, whose it is, and the effects in it."""
     kept = found.kept
     effects = [effect.name for effect in kept.after.effects]
-    return f"{kept.model} model of {found.vehicle}, from {kept.made_by}" + (
+    vehicle = vehicle_with_file(found.vehicle, kept.vehicle)
+    return f"{kept.model} model of {vehicle}, from {kept.made_by}" + (
         f" with {' and '.join(effects)}" if effects else ""
     )
 

@@ -79,8 +79,20 @@ def _(mo, page):
 
 
 @app.cell
-def _(controls, mo, page, seed):
-    mo.vstack([mo.md("## Try it"), page.sliders(controls), seed])
+def _(controls, figure_ballistic_coefficient, lab, mo, page, seed, study):
+    _figure = page.plotted(
+        figure_ballistic_coefficient(
+            {"Kalman filter, last pass": lab.history_of(study)},
+            study.truth.parameters["beta"].value,
+        ),
+        "estimate of beta over time with its band of two standard deviations, and its error",
+    )
+    mo.vstack(
+        [
+            mo.md("## Try it"),
+            page.beside([page.sliders(controls), seed], _figure),
+        ]
+    )
     return
 
 
@@ -108,22 +120,10 @@ def _(command, controls, lab, mo, page, seed):
 
 
 @app.cell
-def _(figure_ballistic_coefficient, lab, page, study):
-    page.picture(
-        figure_ballistic_coefficient(
-            {"Kalman filter, last pass": lab.history_of(study)},
-            study.truth.parameters["beta"].value,
-        ),
-        "estimate of beta over time with its band of two standard deviations, and its error",
-    )
-    return
-
-
-@app.cell
 def _(figure_trajectory, lab, mo, page, study):
     mo.accordion(
         {
-            "The fall itself: altitude and velocity": page.picture(
+            "The fall itself: altitude and velocity": page.plotted(
                 figure_trajectory(
                     study.record, {"Kalman filter": lab.history_of(study)}, study.truth
                 ),

@@ -92,8 +92,22 @@ def _(lab, mo, page):
 
 
 @app.cell
-def _(controls, mo, page, seed):
-    mo.vstack([mo.md("## Try it"), page.sliders(controls), seed])
+def _(controls, figure_input_spectrum, mo, page, seed, study):
+    _figure = page.plotted(
+        figure_input_spectrum(
+            study.record.time,
+            study.record["elevator"].values,
+            study.main.derived["natural_frequency"][0],
+            "short period",
+        ),
+        "the elevator over time, and its spectrum with the frequency of the short period marked",
+    )
+    mo.vstack(
+        [
+            mo.md("## Try it"),
+            page.beside([page.sliders(controls), seed], _figure),
+        ]
+    )
     return
 
 
@@ -151,24 +165,10 @@ def _(command, controls, lab, mo, page, seed, sigmas_off):
 
 
 @app.cell
-def _(figure_input_spectrum, page, study):
-    page.picture(
-        figure_input_spectrum(
-            study.record.time,
-            study.record["elevator"].values,
-            study.main.derived["natural_frequency"][0],
-            "short period",
-        ),
-        "the elevator over time, and its spectrum with the frequency of the short period marked",
-    )
-    return
-
-
-@app.cell
 def _(figure_record, mo, page, study):
     mo.accordion(
         {
-            "The record": page.picture(
+            "The record": page.plotted(
                 figure_record(study.record), "elevator, angle of attack and pitch rate over time"
             )
         }

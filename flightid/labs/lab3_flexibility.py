@@ -101,14 +101,30 @@ def _(lab, mo, page):
 
 
 @app.cell
-def _(controls, mo, page):
+def _(controls, figure_residual, lab, mo, page, residuals, study):
+    _figure = page.plotted(
+        figure_residual(
+            study.record.time,
+            residuals(study),
+            {channel.name: channel.unit for channel in study.record.outputs},
+            study.truth.noise_std,
+            lab.marks(controls.value["factor"]),
+        ),
+        "innovations of angle of attack and pitch rate over time, their power spectra with the "
+        "elastic modes marked, and their autocorrelation",
+    )
     mo.vstack(
         [
             mo.md("## Try it"),
-            page.sliders(controls),
-            mo.md(
-                "Factor 1 is the moderately flexible bomber AC1 of the paper, 0.5 its soft sister "
-                "AC2."
+            page.beside(
+                [
+                    page.sliders(controls),
+                    mo.md(
+                        "Factor 1 is the moderately flexible bomber AC1 of the paper, 0.5 its soft sister "
+                        "AC2."
+                    ),
+                ],
+                _figure,
             ),
         ]
     )
@@ -163,22 +179,6 @@ def _(command, controls, lab, mo, page, sigmas_off):
 
 
 @app.cell
-def _(controls, figure_residual, lab, page, residuals, study):
-    page.picture(
-        figure_residual(
-            study.record.time,
-            residuals(study),
-            {channel.name: channel.unit for channel in study.record.outputs},
-            study.truth.noise_std,
-            lab.marks(controls.value["factor"]),
-        ),
-        "innovations of angle of attack and pitch rate over time, their power spectra with the "
-        "elastic modes marked, and their autocorrelation",
-    )
-    return
-
-
-@app.cell
 def _(EquivalentRow, figure_equivalents, mo, page, study):
     _rows = [
         EquivalentRow(
@@ -188,7 +188,7 @@ def _(EquivalentRow, figure_equivalents, mo, page, study):
     ]
     mo.accordion(
         {
-            "Rigid, condensed, estimated: the picture": page.picture(
+            "Rigid, condensed, estimated: the picture": page.plotted(
                 figure_equivalents(_rows), "rigid, condensed and estimated derivatives"
             )
         }

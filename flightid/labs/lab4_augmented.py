@@ -91,8 +91,26 @@ def _(lab, mo, page):
 
 
 @app.cell
-def _(controls, mo, page, seed):
-    mo.vstack([mo.md("## Try it"), page.sliders(controls), seed])
+def _(controls, figure_fit, mo, page, response_of, seed, study):
+    _figure = page.plotted(
+        figure_fit(
+            study.found.record,
+            [response_of(study.found.estimate, "equivalent system")],
+            None,
+            "",
+            dict(
+                zip(study.found.estimate.output_names, study.found.estimate.noise_std, strict=True)
+            ),
+        ),
+        "measured angle of attack, pitch rate and load factor, those of the equivalent system, and "
+        "what is left",
+    )
+    mo.vstack(
+        [
+            mo.md("## Try it"),
+            page.beside([page.sliders(controls), seed], _figure),
+        ]
+    )
     return
 
 
@@ -168,26 +186,8 @@ def _(command, controls, lab, mo, page, seed):
 
 
 @app.cell
-def _(figure_fit, page, response_of, study):
-    page.picture(
-        figure_fit(
-            study.found.record,
-            [response_of(study.found.estimate, "equivalent system")],
-            None,
-            "",
-            dict(
-                zip(study.found.estimate.output_names, study.found.estimate.noise_std, strict=True)
-            ),
-        ),
-        "measured angle of attack, pitch rate and load factor, those of the equivalent system, and "
-        "what is left",
-    )
-    return
-
-
-@app.cell
 def _(figure_bode, lab, np, page, study):
-    page.picture(
+    page.plotted(
         figure_bode(
             np.geomspace(0.3, 30.0, 200),
             lab.responses(study, np.geomspace(0.3, 30.0, 200)),

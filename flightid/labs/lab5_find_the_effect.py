@@ -88,7 +88,7 @@ def _(figure_record, lab, mo, page, seed):
         [
             mo.md("## 1. The record"),
             seed,
-            page.picture(
+            page.plotted(
                 figure_record(flown.train),
                 "elevator, angle of attack, pitch rate and load factor over time",
             ),
@@ -113,7 +113,7 @@ def _(figure_residual, flown, lab, mo, np, page, seed):
     mo.vstack(
         [
             mo.md("## 2. What the rigid model leaves of it"),
-            page.picture(
+            page.plotted(
                 figure_residual(
                     flown.train.time,
                     _residuals,
@@ -128,10 +128,10 @@ def _(figure_residual, flown, lab, mo, np, page, seed):
             ),
             mo.accordion(
                 {
-                    "The fit itself": page.picture(
+                    "The fit itself": page.plotted(
                         _found.plot.fit(), "measured and fitted outputs"
                     ),
-                    "Another record, predicted": page.picture(
+                    "Another record, predicted": page.plotted(
                         _found.plot.held_out(),
                         "a record that was not fitted, measured and predicted",
                     ),
@@ -211,10 +211,10 @@ def _(flown, get_locked, lab, mo, page, seed):
                 ),
                 kind="info",
             ),
-            page.picture(
+            page.plotted(
                 found.plot.evidence(), "gain in likelihood of the candidates of each round"
             ),
-            page.picture(found.plot.residuals(), "residuals before and after"),
+            page.plotted(found.plot.residuals(), "residuals before and after"),
             mo.md("Error on the record that was **not** fitted, over that of noise alone:"),
             page.table(["channel", "rigid model", "with what was found"], _errors),
             page.command_line(

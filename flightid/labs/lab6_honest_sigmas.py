@@ -94,16 +94,25 @@ def _(lab, mo, page):
 
 
 @app.cell
-def _(controls, mo, page, runs):
+def _(controls, figure_scatter, lab, many, mo, page, runs):
+    _figure = page.plotted(
+        figure_scatter(lab.errors(many)),
+        "histograms of the errors in reported sigmas beside the standard normal density",
+    )
     mo.vstack(
         [
             mo.md("## Try it"),
-            page.sliders(controls),
-            runs,
-            mo.md(
-                "Where process noise acts every run is a flight of its own: fifty take a few "
-                "seconds. "
-                "(Output error knows no process noise, whatever the third slider says.)"
+            page.beside(
+                [
+                    page.sliders(controls),
+                    runs,
+                    mo.md(
+                        "Where process noise acts every run is a flight of its own: fifty take a few "
+                        "seconds. "
+                        "(Output error knows no process noise, whatever the third slider says.)"
+                    ),
+                ],
+                _figure,
             ),
         ]
     )
@@ -158,21 +167,12 @@ def _(command, controls, lab, mo, page, runs):
 
 
 @app.cell
-def _(figure_scatter, lab, many, page):
-    page.picture(
-        figure_scatter(lab.errors(many)),
-        "histograms of the errors in reported sigmas beside the standard normal density",
-    )
-    return
-
-
-@app.cell
 def _(asked, figure_residual, lab, mo, page, residuals):
     _study = lab.study(asked)
     mo.vstack(
         [
             mo.md("**The residual of the first run.** Is it white?"),
-            page.picture(
+            page.plotted(
                 figure_residual(
                     _study.record.time,
                     residuals(_study),

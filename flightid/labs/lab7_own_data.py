@@ -152,7 +152,7 @@ def _(given, lab, mo, page):
                 "\n".join(f"- {page.plain(line)}" for line in (*_check.sentences, *_check.warnings))
                 or "The kinematics find nothing to say."
             ),
-            page.picture(
+            page.plotted(
                 _check.plot.reconstruction(),
                 "measured channels against those that the kinematics reconstruct",
             )
@@ -193,7 +193,7 @@ def _(given, lab, mo, model, page):
                 f"Outcome: {_found.outcome}."
                 + "".join(f"\n- {page.plain(line)}" for line in (*_found.warnings, *_found.notes))
             ),
-            page.picture(_found.plot.fit(), "measured and fitted outputs with what is left"),
+            page.plotted(_found.plot.fit(), "measured and fitted outputs with what is left"),
         ]
     mo.vstack(
         [
@@ -247,11 +247,11 @@ def _(ask, given, lab, mo, model, page, partial):
                 ),
                 kind="info",
             ),
-            page.picture(
+            page.plotted(
                 _found.plot.prediction(),
                 "what was held out: measured and predicted, before and after",
             ),
-            page.picture(_found.plot.derivatives(), "parameters before and after"),
+            page.plotted(_found.plot.derivatives(), "parameters before and after"),
             mo.md("\n".join(f"- {page.plain(line)}" for line in (*_found.warnings, *_found.notes))),
             mo.download(
                 partial(lab.report, _found),

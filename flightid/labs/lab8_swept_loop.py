@@ -85,12 +85,21 @@ def _(lab, mo, page):
 
 
 @app.cell
-def _(controls, mo, page):
+def _(controls, figure_response, found, mo, page):
+    _figure = page.plotted(
+        figure_response(found.response),
+        "magnitude, phase and coherence of the roll rate over the command, with the fitted model",
+    )
     mo.vstack(
         [
             mo.md("## Try it"),
-            page.sliders(controls),
-            mo.md("Three flights of a minute are pooled; they take a second or two."),
+            page.beside(
+                [
+                    page.sliders(controls),
+                    mo.md("Three flights of a minute are pooled; they take a second or two."),
+                ],
+                _figure,
+            ),
         ]
     )
     return
@@ -121,27 +130,18 @@ def _(command, controls, lab, mo, page):
 
 
 @app.cell
-def _(figure_response, found, page):
-    page.picture(
-        figure_response(found.response),
-        "magnitude, phase and coherence of the roll rate over the command, with the fitted model",
-    )
-    return
-
-
-@app.cell
 def _(asked, figure_margins, found, lab, mo, page):
     _direct = lab.without_excitation(asked)
     mo.vstack(
         [
             mo.md("**The broken loop, by the joint estimate.**"),
-            page.picture(
+            page.plotted(
                 figure_margins(found.loop),
                 "gain, phase and distance from -1 of the broken loop with its margins, joint "
                 "estimate",
             ),
             mo.md("**The same flights if the sweep had not been recorded.** The direct estimate:"),
-            page.picture(
+            page.plotted(
                 figure_margins(_direct),
                 "gain, phase and distance from -1 of the broken loop by the direct estimate",
             ),

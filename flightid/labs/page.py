@@ -6,13 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import Any
 
 import marimo as mo
 from matplotlib.figure import Figure
 
-from scenarios.plots.drawing import figure_png
+from scenarios.plots.drawing import figure_document, figure_png
 
 
 @dataclass(frozen=True)
@@ -42,10 +43,35 @@ def picture(figure: Figure, told: str) -> Any:
     return mo.image(figure_png(figure), alt=told, style={"width": "100%", "max-width": "770px"})
 
 
+def plotted(figure: Figure, told: str) -> Any:
+    """A figure that zooms and shows values under the pointer, as wide as its place; ``told`` says
+    what it shows to those who do not see it.
+    """
+    document, title = (escape(text, quote=True) for text in (figure_document(figure, told), told))
+    # Within the page: a file of marimo's may be gone before a frame that is replaced has read it.
+    return mo.Html(
+        f'<iframe title="{title}" srcdoc="{document}" style="width: 100%; height: 400px; '
+        'border: 0; display: block"></iframe>'
+    )
+
+
+def beside(controls: Sequence[Any], figure: Any) -> Any:
+    """Controls with the figure that they change at their right, below them where the page is
+    narrow.
+    """
+    column = mo.vstack([*controls], gap=1.0)
+    return mo.Html(
+        '<div style="display: flex; flex-wrap: wrap; gap: 1rem 1.5rem; align-items: flex-start">'
+        f'<div style="flex: 1 1 15rem; min-width: 0">{mo.as_html(column).text}</div>'
+        f'<div style="flex: 4 1 30rem; min-width: 0">{mo.as_html(figure).text}</div></div>'
+    )
+
+
 def sketch() -> Any:
     """The aircraft from the side and from above, with axes, angles, rates and their signs."""
     told = "Aircraft from the side and from above with body axes, angles, rates and signs"
-    source = Path(__file__).with_name("axes.svg").read_bytes()
+    # As a path: of bytes alone marimo would say that they are a PNG, which browsers do not draw.
+    source = Path(__file__).with_name("axes.svg")
     return mo.image(source, alt=told, style={"width": "100%", "max-width": "720px"})
 
 
@@ -77,8 +103,8 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Any:
 
 
 def sliders(controls: Any) -> Any:
-    """Controls side by side, below each other where the page is narrow."""
-    return mo.hstack(list(controls.elements.values()), wrap=True, justify="start", gap=1.5)
+    """Controls below each other, each label above its slider."""
+    return mo.vstack(list(controls.elements.values()), gap=1.0)
 
 
 def number_field(unit: str) -> Any:

@@ -6,6 +6,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from html import escape
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -270,6 +273,57 @@ class Figures:
 
     def __repr__(self) -> str:
         return f"<figures: {', '.join(self._functions)}>"
+
+
+class Interactive:
+    """A figure that a notebook shows in a frame: drag to zoom, double click to see all, values
+    under the pointer, curves that can be switched off.
+
+    Attributes
+    ----------
+    html : the figure as one HTML document, which asks no other machine for anything.
+    """
+
+    def __init__(self, html: str, words: str) -> None:
+        self.html = html
+        self._words = words
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the document; returns its path."""
+        target = Path(path)
+        target.write_text(self.html, encoding="utf-8", newline="\n")
+        return target
+
+    def __repr__(self) -> str:
+        return f"<Interactive: {self._words:.80}>"
+
+    def _repr_html_(self) -> str:
+        document, title = escape(self.html, quote=True), escape(self._words, quote=True)
+        frame = 'width="100%" height="480" style="border: 0"'
+        return f'<iframe {frame} title="{title}" srcdoc="{document}"></iframe>'
+
+
+def interactive(figure: Figure, words: str = "") -> Interactive:
+    """The figure in a form that zooms in a notebook; one that has bars, error bars or a map stays
+    a drawing.
+
+    Parameters
+    ----------
+    figure : of this module's functions, or any figure of matplotlib with lines, points and bands.
+    words : what it shows, for those who do not see it; else what its axes say.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> figure = Figure()
+    >>> _ = figure.subplots().plot([0.0, 1.0, 2.0], [0.0, 1.0, 0.5])
+    >>> interactive(figure, "a triangle")
+    <Interactive: a triangle>
+    """
+    from scenarios.plots.drawing import description, figure_document
+
+    words = words or description(figure)
+    return Interactive(figure_document(figure, words), words)
 
 
 def shown(figure: Figure) -> Figure:

@@ -108,6 +108,20 @@ class VehicleFile:
     uncertainty: Mapping[str, float] = field(default_factory=dict)
 
 
+def vehicle_with_file(name: str, file: InputFile | None) -> str:
+    """A vehicle's name and the file that was read for it, as outputs name them; the name alone
+    where its values come from elsewhere.
+
+    Examples
+    --------
+    >>> vehicle_with_file("bomber_rigid", InputFile("flight_vehicle.toml", "0" * 64))
+    'bomber_rigid (flight_vehicle.toml)'
+    >>> vehicle_with_file("x29", None)
+    'x29'
+    """
+    return name if file is None else f"{name} ({file.name})"
+
+
 def vehicle_next_to(record: Path | RecordFile) -> Path | None:
     """``vehicle.toml`` in a record's folder, None where there is none."""
     path = path_of(record)

@@ -17,6 +17,7 @@ import numpy as np
 from ident.maneuver_design import Acting, Contest
 from scenarios.files.channel_names import TIME
 from scenarios.files.sources import versions
+from scenarios.files.vehicles import vehicle_with_file
 from scenarios.files.writing import study_folder, write_json, write_record, write_text
 from scenarios.maneuver_design.design import DesignedManeuver, DesignResult
 from scenarios.maneuver_design.limits import offset_of
@@ -90,8 +91,9 @@ def summary_of(design: DesignResult, details: str = BELOW) -> Summary:
     seconds = setting.room.time[-1]
     count = len(design.maneuvers)
     kinds = "one kind" if count == 1 else f"{count} kinds"
+    vehicle = vehicle_with_file(setting.vehicle.name, setting.vehicle.identity)
     study = (
-        f"{setting.vehicle.name}, {setting.model.name} model: {kinds} of maneuver flown by "
+        f"{vehicle}, {setting.model.name} model: {kinds} of maneuver flown by "
         f"{setting.flown.name}, {seconds:g} s at {setting.rate:g} Hz"
     )
     return Summary(

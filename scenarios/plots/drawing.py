@@ -125,6 +125,17 @@ def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> 
     return tuple(out)
 
 
+def figure_document(figure: Figure, words: str) -> str:
+    """A figure as an HTML document of its own that zooms and shows values under the pointer, with
+    the drawing alone where its curves cannot be taken from it. ``words``: what it shows.
+    """
+    from scenarios.report.document import Figure as Block
+    from scenarios.report.html import figure_html
+
+    svg = page_svg(figure, "alone")  # drawn first: it places what is shared between panels
+    return figure_html(Block("figure-alone", svg, words, plot_data(figure)))
+
+
 def page_svg(figure: Figure, stem: str) -> str:
     """The figure as an ``<svg>`` element of a page, as wide as its place; the same bytes for the
     same figure.

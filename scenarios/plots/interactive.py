@@ -178,6 +178,7 @@ def _curve(panel: Axes, line: Line2D) -> Curve | None:
         x = np.array(sorted(map(float, panel.get_xlim())))
     elif line.get_transform() == panel.get_xaxis_transform(which="grid"):
         y = np.array(sorted(map(float, panel.get_ylim())))
+        x = _apart(x, panel)
     sound = np.isfinite(x)
     x, y = x[sound], np.where(np.isfinite(y), y, np.nan)[sound]
     if not x.size:
@@ -195,6 +196,16 @@ def _curve(panel: Axes, line: Line2D) -> Curve | None:
         float(size),
         () if marks else _dash(line),
     )
+
+
+def _apart(x: np.ndarray, panel: Axes) -> np.ndarray:
+    """The two abscissas of an upright line, less than a pixel apart: a page joins all curves over
+    one abscissa, and would keep one of two ends at the same place.
+    """
+    if x.size != 2 or x[0] != x[1]:
+        return x
+    left, right = panel.get_xlim()
+    return np.array([x[0], x[0] + max(1e-5 * abs(right - left), 2e-11 * abs(x[0]))])
 
 
 def _dash(line: Line2D) -> tuple[float, ...]:

@@ -17,7 +17,7 @@ from scenarios.plots.display import (
     display_unit,
     symbol,
 )
-from scenarios.plots.signals import Response, figure_fit
+from scenarios.plots.signals import Response, context, figure_fit
 from scenarios.plots.style import (
     BLACK,
     BLUE,
@@ -109,8 +109,9 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
 def figure_held_out(
     prediction: Prediction, noise: Mapping[str, float], title: str = "", data: str = MEASURED_DATA
 ) -> Figure:
-    """The predicted record: its inputs and airspeed, its other samples, called ``data``, predicted
-    with and without the effects, and below what each leaves; angles in degrees.
+    """The predicted record: its inputs and what no model predicts, such as the airspeed; then its
+    samples, called ``data``, predicted with and without the effects, and below what each leaves;
+    angles in degrees.
 
     One prediction where nothing was added.
     """
@@ -122,10 +123,8 @@ def figure_held_out(
         for label, values in shown
     ]
     record = prediction.record
-    speed = [
-        c for c in record.outputs if c.name == "airspeed" and c.name not in prediction.channels
-    ]
-    figure = figure_fit(record, responses, None, title, noise, data, above=[*record.inputs, *speed])
+    above = context(record, prediction.channels)
+    figure = figure_fit(record, responses, None, title, noise, data, above=above)
     for panel in figure.axes:
         _few_ticks(panel)
     return figure

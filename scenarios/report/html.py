@@ -92,10 +92,7 @@ def page_html(page: Page) -> str:
     text = _template().render(
         page=page,
         plots=plots,
-        policy=(
-            f"default-src 'none'; style-src '{_digest(style)}'; script-src '{_digest(script)}'; "
-            "base-uri 'none'; form-action 'none'"
-        ),
+        policy=_policy(style, script),
         style=Markup(style),
         script=Markup(script),
         version=page.reproduction.versions.get("flightid", ""),
@@ -106,6 +103,46 @@ def page_html(page: Page) -> str:
         inputs=inputs,
     )
     return escaped(text)
+
+
+# A frame is as high as its figure where the page around it lets that be seen.
+_FRAME = """(() => {
+  const fit = () => { try { if (frameElement) frameElement.style.height = `${document.body.scrollHeight}px`; } catch { /* another origin */ } };
+  new ResizeObserver(fit).observe(document.body);
+})();"""  # noqa: E501
+_FRAMED = "body { display: flow-root; } figure { margin: 0; } figcaption:empty { display: none; }"
+
+
+def figure_html(figure: Figure) -> str:
+    """One figure as a document of its own, for a frame in a notebook: it zooms where the figure
+    has its data, and asks no other machine for anything. Its ground is light, as that of notebooks.
+    """
+    from html import escape
+
+    plot = "" if figure.plot is None else plot_text(plot_content(figure.plot))
+    data = f' data-plot="{escape(plot, quote=True)}"' if plot else ""
+    style = f"{_resource('uplot.min.css')}\n{_style()}\n{_FRAMED}"
+    script = f"{_with_plots('')}\n{_FRAME}"
+    caption = escape(figure.caption, quote=True)
+    return escaped(
+        "<!DOCTYPE html>\n"
+        '<html lang="en" data-theme="light"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{_policy(style, script)}">'
+        f"<title>{caption}</title><style>{style}</style></head><body>"
+        f'<figure id="{figure.name}"{data}>'
+        f'<div class="drawing" tabindex="0" role="group" aria-label="{caption}">'
+        f"{figure.svg}</div><figcaption></figcaption></figure>"
+        '<button id="theme" hidden></button><div id="told" role="status" class="unseen"></div>'
+        f"<script>{script}</script></body></html>\n"
+    )
+
+
+def _policy(style: str, script: str) -> str:
+    """What a page may load: its one style and its one script, by their hashes."""
+    return (
+        f"default-src 'none'; style-src '{_digest(style)}'; script-src '{_digest(script)}'; "
+        "base-uri 'none'; form-action 'none'"
+    )
 
 
 def _plots(page: Page) -> dict[str, str]:

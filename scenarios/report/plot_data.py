@@ -22,6 +22,7 @@ KINDS = (LINE, HELD, POINTS, BAND)
 STEPS = 65534  # levels between the smallest and the largest value of a curve
 GAP = 65535  # the code of a sample that is missing
 MOST_SAMPLES, MOST_PANELS, MOST_CURVES = 100_000, 400, 400
+FINE = 12  # digits of abscissas: a second of a GPS week, 6e5 s, in microseconds
 _COLOUR = re.compile(r"#[0-9a-f]{6}", re.ASCII)
 
 
@@ -150,7 +151,7 @@ def _panel(panel: Panel) -> dict[str, Any]:
         "caption": panel.caption,
         "place": [panel.group, panel.row, panel.column],
         "height": _short(panel.height),
-        "xRange": [_short(value) for value in panel.x_range],
+        "xRange": [_short(value, FINE) for value in panel.x_range],
         "yRange": [_short(value) for value in panel.y_range],
         "curves": [_curve(each) for each in panel.curves],
     }
@@ -209,7 +210,7 @@ def _abscissas(x: np.ndarray) -> Any:
     even = np.linspace(x[0], x[-1], len(x))
     if len(x) > 2 and np.max(np.abs(x - even)) <= 1e-6 * (x[-1] - x[0]):
         return {"from": float(x[0]), "to": float(x[-1]), "count": len(x)}
-    return [_short(value, 8) for value in x.tolist()]
+    return [_short(value, FINE) for value in x.tolist()]
 
 
 def _abscissas_of(content: Any) -> np.ndarray:

@@ -109,13 +109,14 @@
       this.charts = [];
       this.grid.textContent = "";
       for (const sign of this.place.querySelectorAll(".sign")) sign.style.setProperty("--sign", colour(sign.dataset.colour));
+      this.narrow = innerWidth < 700;
       const columns = 1 + Math.max(...this.panels.map((panel) => panel.place[2]));
-      this.grid.style.gridTemplateColumns = innerWidth < 700 ? "minmax(0, 1fr)" : `repeat(${columns}, minmax(0, 1fr))`;
+      this.grid.style.gridTemplateColumns = this.narrow ? "minmax(0, 1fr)" : `repeat(${columns}, minmax(0, 1fr))`;
       for (const panel of this.panels) {
         const place = element("div", "panel"), values = element("div", "values");
         place.append(element("div", "title", [panel.y, panel.caption].filter(Boolean).join(" · ")), values);
         place.hidden = hidden.has(panel);
-        if (innerWidth >= 700 && columns > 1) { place.style.gridColumn = String(panel.place[2] + 1); place.style.gridRow = String(panel.place[1] + 1); }
+        if (!this.narrow && columns > 1) { place.style.gridColumn = String(panel.place[2] + 1); place.style.gridRow = String(panel.place[1] + 1); }
         this.grid.append(place);
         const { data, looks } = tableOf(panel);
         const chart = new uPlot(this.options(panel, looks, values, place.clientWidth), data, place);
@@ -208,7 +209,10 @@
 
     reset() { for (const [group, [low, high]] of this.full) this.show(group, low, high); }
 
-    resize() { for (const { chart, panel, place } of this.charts) if (!place.hidden && place.clientWidth > 0 && Math.abs(place.clientWidth - chart.width) > 1) chart.setSize({ width: place.clientWidth, height: sizeOf(panel) }); }
+    resize() {
+      if (this.narrow !== innerWidth < 700) { this.draw(); return; }
+      for (const { chart, panel, place } of this.charts) if (!place.hidden && place.clientWidth > 0 && Math.abs(place.clientWidth - chart.width) > 1) chart.setSize({ width: place.clientWidth, height: sizeOf(panel) });
+    }
   }
 
   const drawn = [];

@@ -15,7 +15,13 @@ from ident.flying_qualities.modes import level_flight, state_space
 from ident.frequency_response import FrequencyResponses
 from ident.frequency_response.model_fit import ModelFit, fit_model
 from ident.frequency_response.transfer_function import BEST, GOOD
-from scenarios.files.vehicles import read_vehicle, refuse_unknown_model
+from scenarios.files.sources import InputFile
+from scenarios.files.vehicles import (
+    VehicleFile,
+    read_vehicle,
+    refuse_unknown_model,
+    vehicle_with_file,
+)
 from scenarios.preparation.declared_model import model_of_file
 from scenarios.report.document import (
     BY_ROW,
@@ -50,7 +56,8 @@ class ModelOptions:
 @dataclass(frozen=True, eq=False)
 class FittedModel:
     """A model fitted to the responses at ``places`` ``(row, column)``; ``model`` its name,
-    ``units`` by parameter, ``sentences`` on what was done."""
+    ``units`` by parameter, ``sentences`` on what was done, ``file`` the vehicle file that was read.
+    """
 
     model: str
     vehicle: str
@@ -60,6 +67,7 @@ class FittedModel:
     units: Mapping[str, str]
     omegas: tuple[np.ndarray, ...]
     sentences: tuple[str, ...]
+    file: InputFile | None = None
 
     def of(self, row: int, column: int) -> tuple[np.ndarray, np.ndarray] | None:
         """Frequencies, rad/s, and response of the fitted model; None where it was not fitted."""
@@ -166,11 +174,16 @@ def model_fit_of(
         tuple(pairs),
         units,
         tuple(target.omega for target in targets),
-        (
-            f"{options.model} of {vehicle.name}, linearised about {about}, fitted to {len(pairs)} "
-            f"response{'s' * (len(pairs) != 1)}",
-        ),
+        (_fitted(options.model, vehicle, about, len(pairs)),),
+        vehicle.identity,
     )
+
+
+def _fitted(model: str, vehicle: VehicleFile, about: str, count: int) -> str:
+    """Which model of which vehicle was fitted to how many responses."""
+    named = vehicle_with_file(vehicle.name, vehicle.identity)
+    responses = f"{count} response{'s' * (count != 1)}"
+    return f"{model} model of {named}, linearised about {about}, fitted to {responses}"
 
 
 def _starts(

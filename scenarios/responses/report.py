@@ -251,6 +251,9 @@ def responses_page(found: ResponseEstimates, drawn: Sequence[Drawn] = ()) -> Pag
     words += [word for name in names.outputs for word in ("--output", name)]
     words += [word for name in names.references for word in ("--reference", name)]
     words += ["--margins", found.loop.sign] if found.loop is not None else []
+    vehicle = found.model.file if found.model is not None else None
+    words += ["--model", found.model.model] if found.model is not None else []
+    words += ["--vehicle", vehicle.name] if vehicle is not None else []
     usable = sum(band is not None for row in found.found.bands() for band in row)
     number = len(pairs(found))
     return Page(
@@ -273,7 +276,12 @@ def responses_page(found: ResponseEstimates, drawn: Sequence[Drawn] = ()) -> Pag
             *section("How the numbers are read", Bullets(READING)),
         ),
         reproduction=reproduction(
-            words, "", [("used", each.name, each.sha256) for each in found.identities]
+            words,
+            "",
+            [
+                *(("used", each.name, each.sha256) for each in found.identities),
+                *(("vehicle", each.name, each.sha256) for each in (vehicle,) if each is not None),
+            ],
         ),
         created=now(),
     )

@@ -16,8 +16,8 @@ from rich.text import Text
 
 from ident.estimate import Estimate
 from ident.statistics.residuals import BEYOND
-from scenarios.files.sources import read_json, resolved
-from scenarios.files.vehicles import VehicleFile, read_vehicle
+from scenarios.files.sources import InputFile, read_json, resolved
+from scenarios.files.vehicles import VehicleFile, read_vehicle, vehicle_with_file
 from scenarios.identification.low_order import DERIVED, PAPER_START
 from scenarios.report.quantities import number_text
 from scenarios.studies.comparison import DERIVED_UNITS
@@ -119,6 +119,26 @@ def vehicle_to_watch(vehicle: Path | None, reference: Reference | None) -> Vehic
         held,
         {name: known[name] for name in PAPER_START},
     )
+
+
+def vehicle_sentence(vehicle: VehicleFile) -> str:
+    """Which vehicle, and which file, gave constants and starting values."""
+    named = vehicle_with_file(vehicle.name, vehicle.identity)
+    return f"constants and starting values: {named}"
+
+
+def usual_command(name: str, model: str, vehicle: InputFile | None) -> list[str]:
+    """Words of the command for a stream ``name``, where none was typed."""
+    words = ["flightid", "watch", name, "--model", model]
+    return [*words, *(["--vehicle", vehicle.name] if vehicle is not None else [])]
+
+
+def rows_and_vehicle(
+    name: str, digest: str, vehicle: InputFile | None
+) -> list[tuple[str, str, str]]:
+    """Use, name and SHA-256 of the rows that were taken and of a vehicle file that was read."""
+    files = [("vehicle", vehicle.name, vehicle.sha256)] if vehicle is not None else []
+    return [("rows", name, digest), *files]
 
 
 def _pairs(content: Mapping[str, Any], key: str, file: Path) -> dict[str, tuple[float, float]]:

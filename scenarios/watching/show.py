@@ -9,7 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from scenarios.watching.reference import WORDS, View, comparisons, live_table, outside_of
+from scenarios.watching.reference import (
+    WORDS,
+    View,
+    comparisons,
+    live_table,
+    outside_of,
+    vehicle_sentence,
+)
 from scenarios.watching.reference import line as view_line
 from scenarios.watching.session import Session, Step, Watch
 from scenarios.watching.spectral_study import beside_lines
@@ -104,6 +111,7 @@ def print_end(watch: Watch, session: Session, end: Outcome) -> None:
         else "on line, the most likely filter"
     )
     terminal.print(f"{watch.reason}; {kind}:", highlight=False)
+    terminal.print(vehicle_sentence(session.vehicle), highlight=False)
     terminal.print(live_table(view))
     for words in beside_lines(session.spectral, (end.found or end.online).estimate):
         terminal.print(words, highlight=False)

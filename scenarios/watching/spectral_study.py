@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ident.estimate import Estimate
-from scenarios.files.sources import versions
+from scenarios.files.sources import InputFile, versions
 from scenarios.files.writing import study_folder, write_json, write_record
 from scenarios.report.document import (
     Block,
@@ -29,7 +29,15 @@ from scenarios.report.text_tables import TableColumn, print_table
 from scenarios.studies.comparison import SCHEMA
 from scenarios.studies.rows import Row
 from scenarios.watching.history_figure import history_section
-from scenarios.watching.reference import CrossValidation, Reference, comparisons, outside_of
+from scenarios.watching.reference import (
+    CrossValidation,
+    Reference,
+    comparisons,
+    outside_of,
+    rows_and_vehicle,
+    usual_command,
+    vehicle_sentence,
+)
 from scenarios.watching.session import Watch
 from scenarios.watching.spectral import (
     UNKNOWN,
@@ -77,6 +85,7 @@ def print_spectral_end(watch: Watch, session: SpectralSession) -> None:
         f"{watch.reason}; equation error in the frequency domain over {session.rows} rows:",
         highlight=False,
     )
+    out.print(vehicle_sentence(session.vehicle), highlight=False)
     columns = [
         TableColumn(
             "quantity",
@@ -160,7 +169,7 @@ def write_spectral(out: Path, watch: Watch, session: SpectralSession, name: str)
             "versions": versions(),
         }
         first = history_section(scratch, history, content, f"{content['vehicle']}: {name}")
-        write_page(scratch, spectral_page(content, name, digest, first))
+        write_page(scratch, spectral_page(content, name, digest, first, session.vehicle.identity))
         write_json(
             scratch / "comparison.json",
             {**content, "inputs": {"records": [name], "sha256": [digest]}},
@@ -168,10 +177,14 @@ def write_spectral(out: Path, watch: Watch, session: SpectralSession, name: str)
 
 
 def spectral_page(
-    content: Mapping[str, Any], name: str, digest: str, first: tuple[Section, ...] = ()
+    content: Mapping[str, Any],
+    name: str,
+    digest: str,
+    first: tuple[Section, ...] = (),
+    vehicle: InputFile | None = None,
 ) -> Page:
     """The page of a stream that was identified in the frequency domain; ``first``: the sections
-    with which it begins.
+    with which it begins, ``vehicle`` the vehicle file that was read.
     """
     stream = content["stream"]
     told = (
@@ -196,9 +209,9 @@ def spectral_page(
             *section("How it was made", fixed_table("What was held", fixed)),
         ),
         reproduction=reproduction(
-            ["flightid", "watch", name, "--model", content["model"]],
+            usual_command(name, content["model"], vehicle),
             as_sentence(f"the stream ended: {stream['ended']}"),
-            [("rows", name, digest)],
+            rows_and_vehicle(name, digest, vehicle),
         ),
         created=now(),
     )

@@ -17,7 +17,7 @@ from ident.banks.online import MEDIAN_SQUARE, BankState, OnlineBank, moved_start
 from ident.banks.relinearised import joint_estimate
 from ident.estimate import Estimate
 from ident.estimate import Outcome as EstimateOutcome
-from scenarios.files.sources import resolved, versions
+from scenarios.files.sources import InputFile, resolved, versions
 from scenarios.files.writing import study_folder, write_json, write_record
 from scenarios.identification.assessment import IdentificationResult
 from scenarios.identification.low_order import derived_of, mean_delay
@@ -44,7 +44,12 @@ from scenarios.report.summary import PAGE
 from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content
 from scenarios.studies.rows import Row
 from scenarios.watching.history_figure import history_section
-from scenarios.watching.reference import CrossValidation, Reference
+from scenarios.watching.reference import (
+    CrossValidation,
+    Reference,
+    rows_and_vehicle,
+    usual_command,
+)
 from scenarios.watching.rows import OUTPUTS
 from scenarios.watching.session import STARTED, Session, Step
 from scenarios.watching.spectral import METHOD, history_csv, last_estimate, spectral_content
@@ -327,10 +332,15 @@ def lines(bank: OnlineBank, steps: Sequence[Step], refine: bool = False) -> str:
 
 
 def watch_page(
-    content: Mapping[str, Any], name: str, digest: str, first: tuple[Section, ...] = ()
+    content: Mapping[str, Any],
+    name: str,
+    digest: str,
+    first: tuple[Section, ...] = (),
+    vehicle: InputFile | None = None,
 ) -> Page:
     """The page of ``content``, what stands in ``comparison.json``; ``digest`` is that of the rows
-    that were taken, ``first`` the sections with which the page begins.
+    that were taken, ``first`` the sections with which the page begins, ``vehicle`` the vehicle file
+    that was read.
     """
     stream, reference, methods = (
         content["stream"],
@@ -381,9 +391,9 @@ def watch_page(
             ),
         ),
         reproduction=reproduction(
-            ["flightid", "watch", name, "--model", "loes"],
+            usual_command(name, "loes", vehicle),
             as_sentence(f"the stream ended: {stream['ended']}"),
-            [("rows", name, digest)],
+            rows_and_vehicle(name, digest, vehicle),
         ),
         created=now(),
     )
@@ -524,7 +534,7 @@ def write_watch(
         content = watch_content(session, reference, end)
         title = f"{content['vehicle']}: {name}"
         first = history_section(scratch, told, content, title)
-        write_page(scratch, watch_page(content, name, digest, first))
+        write_page(scratch, watch_page(content, name, digest, first, session.vehicle.identity))
         write_json(
             scratch / "comparison.json",
             {**content, "inputs": {"records": [name], "sha256": [digest]}},

@@ -7,6 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from scenarios.plots.drawing import drawn_for_page
@@ -121,6 +122,62 @@ def test_curves_and_panels_are_switched(page: Page, plots: Path) -> None:
     other.locator("summary").click()
     other.locator(".channels input").first.uncheck()
     assert other.locator(".panel").first.is_hidden()
+
+
+@pytest.fixture(scope="module")
+def frame(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A page of a notebook: a figure with an upright line in the frame that a notebook shows."""
+    from flightid.labs.figures import figure_input_spectrum
+    from scenarios.api.plot import interactive
+
+    time = np.linspace(0.0, 12.0, 601)
+    values = np.where((time > 1.0) & (time < 2.5), 0.1, 0.0)
+    shown = interactive(figure_input_spectrum(time, values, 2.0, "short period"), "a pulse")
+    path = tmp_path_factory.mktemp("frame") / "notebook.html"
+    path.write_text(f"<!DOCTYPE html><title>x</title>{shown._repr_html_()}", encoding="utf-8")
+    return path
+
+
+def test_a_figure_of_a_notebook_zooms_in_its_frame(page: Page, frame: Path) -> None:
+    page.goto(frame.as_uri())
+    within = page.frame_locator("iframe")
+    within.locator("canvas").first.wait_for()
+    assert within.locator("canvas").count() == 2
+    # The frame is as high as the figure: nothing is cut off, and nothing has to be scrolled.
+    page.wait_for_function(
+        "() => { const f = document.querySelector('iframe'), body = f.contentDocument.body;"
+        " return Math.abs(f.clientHeight - body.scrollHeight) <= 1; }"
+    )
+    within.get_by_role("button", name="Zoom in").click()
+    assert within.locator("figure").get_attribute("data-zoomed") == "true"
+
+
+def test_an_upright_line_is_drawn(page: Page, frame: Path) -> None:
+    page.goto(frame.as_uri())
+    within = page.frame_locator("iframe")
+    panel = within.locator(".panel").nth(1)
+    panel.locator("canvas").wait_for()
+    before = panel.screenshot()
+    within.get_by_role("button", name="Curve: short period").click()
+    page.mouse.move(0, 0)
+    assert panel.screenshot() != before
+
+
+def test_a_window_made_narrow_has_its_panels_below_each_other(page: Page, frame: Path) -> None:
+    page.goto(frame.as_uri())
+    panels = page.frame_locator("iframe").locator(".panel")
+    panels.nth(1).locator("canvas").wait_for()
+
+    def places() -> list[float]:
+        return [box["x"] for each in panels.all() if (box := each.bounding_box())]
+
+    assert places()[0] < places()[1]
+    page.set_viewport_size({"width": 390, "height": 900})
+    page.wait_for_function(
+        "() => { const [a, b] = document.querySelector('iframe').contentDocument"
+        ".querySelectorAll('.panel'); return a.offsetLeft === b.offsetLeft; }"
+    )
+    assert places()[0] == places()[1] and panels.locator("canvas").count() == 2
 
 
 @pytest.mark.parametrize("dark", [False, True])

@@ -46,11 +46,13 @@ def open_lab(page: Page, address: str, last: str) -> None:
     )
     page.goto(address)
     page.get_by_text(last).first.wait_for()
-    page.locator("img").first.wait_for()
+    page.locator("iframe").first.wait_for()
     page.wait_for_function(
         "() => document.readyState == 'complete' && ![...document.images].some(image => "
         "!image.complete)"
     )
+    broken = "[...document.images].filter(image => !image.naturalWidth).map(image => image.alt)"
+    assert page.evaluate(broken) == [], "images that are not drawn"
     assert_no_failure(page)
 
 

@@ -5,7 +5,9 @@ numbers and refusals.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -120,7 +122,7 @@ def test_identify(
 
 
 def test_identify_on_one_record_what_another_is_predicted_by(
-    flight: Path, table: pandas.DataFrame, vehicle: Path
+    flight: Path, table: pandas.DataFrame, vehicle: Path, tmp_path: Path
 ) -> None:
     found = fid.identify(
         table, "rigid", vehicle, start=0.0, stop=5.0, validate=flight, profile=["Cm_q"]
@@ -141,6 +143,12 @@ def test_identify_on_one_record_what_another_is_predicted_by(
     )
     shown = getattr(found.plot.fit(), "_repr_png_")  # noqa: B009
     assert found.plot.held_out().axes and shown().startswith(b"\x89PNG")
+    inside = fid.plot.interactive(found.plot.fit(), 'fitted & "measured"')
+    frame = inside._repr_html_()
+    (held,) = re.findall(r'srcdoc="([^"]*)"', frame)
+    assert unescape(held) == inside.html and 'title="fitted &amp; &quot;measured&quot;"' in frame
+    assert inside.save(written := tmp_path / "fit.html") == written
+    assert written.read_text(encoding="utf-8") == inside.html
 
 
 @pytest.mark.long

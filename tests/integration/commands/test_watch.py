@@ -687,6 +687,10 @@ def test_a_stream_of_measured_states(
     )
     printed = flightid.done(*words, "--out", tmp_path / "out")
     assert "equation error in the frequency domain" in printed and " s: " in printed
+    assert f"constants and starting values: {model} ({model}.toml)" in printed
+    page = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
+    uses = [(use, name) for use, name, _ in page["reproduction"]["inputs"]]
+    assert uses == [("rows", f"{model}.csv"), ("vehicle", f"{model}.toml")]
     assert {path.name for path in (tmp_path / "out").iterdir()} == WRITTEN - {"frequency.csv"}
     content = comparison(tmp_path / "out")
     true = {

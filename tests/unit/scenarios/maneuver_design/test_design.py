@@ -158,6 +158,8 @@ def test_the_folder_has_a_page_and_strict_json(told: DesignResult, tmp_path: Pat
     assert "Margins to the limits" in page
     assert "vane-offset" in page and "<svg" in page and (folder / "maneuvers.svg").is_file()
     assert all(each.kind in design_text(told) for each in told.maneuvers)
+    file = told.setting.vehicle.identity
+    assert file is not None and f"({file.name}), rigid model" in " ".join(design_text(told).split())
 
 
 def test_the_best_maneuver_is_the_first(told: DesignResult) -> None:

@@ -5,16 +5,19 @@ a figure that a page could not draw.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
+from html import unescape
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from scenarios.plots.drawing import figure_document
 from scenarios.plots.interactive import MOST, plot_data, words
 from scenarios.plots.style import MEASURED, finish, make_sheet, method_style, time_axis, y_label
 from scenarios.report.document import Figure as Drawing
@@ -101,6 +104,45 @@ def test_a_figure_of_anything_else_stays_as_it_is(draw: Callable[[Axes], None]) 
     sheet = make_sheet([1.0])
     draw(sheet.panels[0])
     assert plot_data(finish(sheet)) is None
+
+
+@settings(max_examples=20)
+@given(
+    place=st.floats(-1e5, 1e5),
+    span=st.floats(1e-2, 1e4),  # s: shorter records there are none
+    share=st.floats(0.0, 1.0),
+)
+def test_an_upright_line_has_two_ends_less_than_a_pixel_apart(
+    place: float, span: float, share: float
+) -> None:
+    figure = Figure()
+    panel = figure.subplots()
+    panel.plot(place + span * np.linspace(0.0, 1.0, 9), np.arange(9.0))
+    panel.set_xlim(place, place + span)
+    panel.axvline(place + share * span, color="#D55E00", label="mode")
+    data = plot_data(figure)
+    assert data is not None
+    (line,) = (each for each in data.panels[0].curves if each.label == "mode")
+    kept = plot_of(plot_content(data)).panels[0].curves[-1]
+    for curve in (line, kept):
+        first, second = curve.x.tolist()
+        # 700 px is as wide as a panel gets.
+        assert 0.0 < second - first < span / 700.0
+        assert curve.y.tolist() == pytest.approx(sorted(panel.get_ylim()), rel=1e-3, abs=1e-3)
+
+
+def test_a_figure_alone_holds_its_data_and_asks_nobody() -> None:
+    data = plot_data(history())
+    assert data is not None
+    text = figure_document(history(), 'a "history" <of> & two')
+    (kept,) = re.findall(r' data-plot="([^"]*)"', text)
+    assert json.loads(unescape(kept)) == plot_content(data)
+    assert 'aria-label="a &quot;history&quot; &lt;of&gt; &amp; two"' in text
+    assert "default-src 'none'" in text and not re.search(r'(?:src|href)="(?!#)', text)
+    bars = Figure()
+    bars.subplots().bar([0.0, 1.0], [1.0, 2.0])
+    alone = figure_document(bars, "bars")
+    assert "data-plot=" not in alone.partition("<script")[0] and "<svg" in alone
 
 
 def test_a_held_input_stays_held() -> None:
