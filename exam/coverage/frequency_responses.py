@@ -24,17 +24,17 @@ from exam.coverage.estimators import read_rows
 from exam.coverage.streams import beside_the_bank, stick_multisine, watched
 from exam.options import Parser
 from ident.flying_qualities.bandwidth import GAIN_MARGIN, attitude_bandwidth
-from ident.flying_qualities.stability_margins import NORMAL
+from ident.flying_qualities.stability_margins import NORMAL, stability_margins
 from ident.frequency_response import Signals, Spectra, estimate_responses
+from ident.frequency_response.estimate import frequencies as response_frequencies
 from ident.frequency_response.estimate import window_lengths
 from ident.statistics.intervals import clustered_share
 from scenarios.files.vehicles import VehicleFile
 from scenarios.responses.fitting import target_of
 from scenarios.studies.catalogue import load_document
 from scenarios.trials.sweeps.declaration import SweepScenario, sweep_scenario_of
-from scenarios.trials.sweeps.flight import true_loop, true_parameters
+from scenarios.trials.sweeps.flight import fly_sweep, frame_rate, true_loop
 from scenarios.trials.sweeps.flight import true_margins as known_margins
-from scenarios.trials.sweeps.study import run_sweep
 from scenarios.watching.loop_margins import LoopNames, MarginSession, finish_second, shown, take
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import loop_test, margins, open_loop
@@ -269,7 +269,7 @@ def loes_stream(case: str, seed: int) -> Counts:
 
 @cache
 def roll_loop() -> tuple[SweepScenario, Mapping[str, float]]:
-    """The scenario ``uav-sweep`` and its known margins, crossings in rad/s and parameters."""
+    """The scenario ``uav-sweep`` and its known margins and crossings, rad/s."""
     from scipy.optimize import brentq
 
     scenario = sweep_scenario_of(*load_document("uav-sweep", ()))
@@ -283,33 +283,31 @@ def roll_loop() -> tuple[SweepScenario, Mapping[str, float]]:
             lambda omega: math.atan2(-loop(omega).imag, -loop(omega).real), 25.0, 80.0
         ),
     }
-    known = {**known_margins(scenario), **true_parameters(scenario), **crossings}
-    return scenario, known
+    return scenario, {**known_margins(scenario), **crossings}
 
 
 def swept_roll_loop(case: str, seed: int) -> Counts:
-    """Intervals of margins, of the crossings and of the fitted form that hold the known ones."""
+    """Intervals of margins and of their crossings from three sweeps that hold the known ones."""
     scenario, exact = roll_loop()
-    study = run_sweep(scenario, seed)
-    assert study.loop.loop is not None
-    margins = study.loop.loop.margins
-    named = margins.named
-    ends = {name: (each.low, each.high) for name, each in named.items()}
-    others = {row.name: (row.estimate, row.std) for row in study.rows if row.name not in named}
-    for name, margin in (
-        ("gain crossing", margins.phase),
-        ("phase crossing", margins.gain_increase),
-    ):
+    rng = np.random.default_rng([46, seed])
+    records = []
+    for number in range(1, scenario.flights + 1):
+        flight = fly_sweep(scenario, rng, number)
+        command, returned, sweep = (
+            flight[name].values[None] for name in ("command", "returned", "sweep")
+        )
+        records.append(Signals(1.0 / frame_rate(scenario), command, returned, sweep))
+    low, high = scenario.band
+    lengths = window_lengths([scenario.duration], low)
+    found = estimate_responses(records, response_frequencies(low, high), Spectra(lengths))
+    margins = stability_margins(target_of(found, (0, 0), "loop"))
+    ends = {name: (each.low, each.high) for name, each in margins.named.items()}
+    crossings = {"gain crossing": margins.phase, "phase crossing": margins.gain_increase}
+    for name, margin in crossings.items():
         if margin is not None:
-            others[name] = margin.frequency.value, margin.frequency.std
-    ends |= {
-        name: (value - NORMAL * std, value + NORMAL * std) for name, (value, std) in others.items()
-    }
-    return {
-        name: [int(low <= exact[name] <= high), 1]
-        for name, (low, high) in ends.items()
-        if name in exact
-    }
+            at = margin.frequency
+            ends[name] = at.value - NORMAL * at.std, at.value + NORMAL * at.std
+    return {name: [int(low <= exact[name] <= high), 1] for name, (low, high) in ends.items()}
 
 
 # ---- Bandwidth and phase delay of a short period with a delay
@@ -375,6 +373,8 @@ CASES: Mapping[str, Case] = {
     "online-lateral": ("lateral", watched, 100, "on line, lateral"),
     "online-longitudinal": ("longitudinal", watched, 100, "on line, longitudinal"),
     "online-own": ("own", watched, 100, "on line, a user's model"),
+    "online-f16": ("f16", watched, 100, "on line, F-16 of Morelli's program"),
+    "online-f16-unstable": ("f16-unstable", watched, 100, "on line, the same, unstable"),
     "online-loes": ("", loes_stream, 100, "on line, low-order equivalent system"),
 }
 

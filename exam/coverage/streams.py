@@ -1,8 +1,8 @@
 """Streams flown with multisines and identified on line second by second, by equations of their own.
 
-Aircraft and integration are those of `independent_flights`. A user's model is a yaw oscillation
-whose exact transition over a sample is known. The low-order equivalent system is that of
-`frequency_responses`, watched by its bank and by the regression in the frequency domain at once.
+Aircraft and integration are those of `independent_flights`. A user's models are a yaw oscillation
+and Morelli's example of real-time estimation, whose exact transition over a sample is known. The
+low-order equivalent system is that of `frequency_responses`, identified by its bank as well.
 Multisines: Morelli, "Multiple Input Design for Real-Time Parameter Estimation in the Frequency
 Domain", IFAC Symposium on System Identification, 2003; phases by Schroeder (IEEE Trans. Information
 Theory 16(1), 1970).
@@ -11,8 +11,10 @@ Theory 16(1), 1970).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from functools import cache
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -34,6 +36,7 @@ from sim.declaration.model import Model
 from sim.record import Channel, Record
 
 PERIOD, CYCLES = 15.0, 2  # s, of the multisines
+F16_DURATION = 20.0  # s
 LOWEST, HIGHEST = 2, 24  # harmonics, 0.13 to 1.6 Hz
 START_ERROR = 0.3  # share by which starting values are wrong, at most
 WITHIN = 1.959964  # deviations that hold 95 %
@@ -42,9 +45,48 @@ RMS: Mapping[str, Mapping[str, float]] = {
     "lateral": {"aileron": 0.03, "rudder": 0.03},
     "longitudinal": {"elevator": 0.02, "thrust": 500.0},
     "own": {"rudder": 0.03},
+    "f16": {"elevator": math.radians(1.0)},
+    "f16-unstable": {"elevator": math.radians(1.0)},
 }
-YAW = {"Y_beta": -0.25, "N_beta": 4.5, "N_r": -0.6, "N_dr": -3.2}
-YAW_SENSORS = {"beta": 0.002, "r": 0.002}
+
+
+@dataclass(frozen=True)
+class OwnMotion:
+    """Two linear equations of a user: ``rates`` gives their matrix ``(2, 3)`` over both states and
+    the input from a look-up of parameters, ``sensors`` the states' noise."""
+
+    true: Mapping[str, float]
+    units: Mapping[str, str]
+    sensors: Mapping[str, float]
+    rates: Callable[[Callable[[str], Any]], list[list[Any]]]
+
+
+def _yaw(p: Callable[[str], Any]) -> list[list[Any]]:
+    return [[p("Y_beta"), -1.0, 0.0], [p("N_beta"), p("N_r"), p("N_dr")]]
+
+
+def _pitch(p: Callable[[str], Any]) -> list[list[Any]]:
+    return [[p("Z_alpha"), p("Z_q"), p("Z_de")], [p("M_alpha"), p("M_q"), p("M_de")]]
+
+
+# E. A. Morelli, program rtpid_demo, 1999, copyright 2002: linear longitudinal dynamics of the F-16,
+# stable and unstable, noise of 0.1 deg and 0.1 deg/s, 20 s at 50 Hz.
+_F16 = {"Z_alpha": -0.60, "Z_q": 0.95, "Z_de": -0.115, "M_alpha": -4.3, "M_q": -1.2, "M_de": -5.157}
+_F16_UNITS = {
+    **{"Z_alpha": "1/s", "Z_q": "1", "Z_de": "1/s"},
+    **{"M_alpha": "1/s2", "M_q": "1/s", "M_de": "1/s2"},
+}
+_F16_SENSORS = {"alpha": math.radians(0.1), "q": math.radians(0.1)}
+OWN: Mapping[str, OwnMotion] = {
+    "own": OwnMotion(
+        {"Y_beta": -0.25, "N_beta": 4.5, "N_r": -0.6, "N_dr": -3.2},
+        {"Y_beta": "1/s", "N_beta": "1/s2", "N_r": "1/s", "N_dr": "1/s2"},
+        {"beta": 0.002, "r": 0.002},
+        _yaw,
+    ),
+    "f16": OwnMotion(_F16, _F16_UNITS, _F16_SENSORS, _pitch),
+    "f16-unstable": OwnMotion({**_F16, "M_alpha": 1.0}, _F16_UNITS, _F16_SENSORS, _pitch),
+}
 STICK_RMS, REST = 0.35, 2.0  # of the stick, and s before it moves
 LOW_ORDER = ("alpha", "q", "nz")
 Counts = dict[str, list[int]]
@@ -63,44 +105,54 @@ def multisines(time: np.ndarray, rms: Sequence[float]) -> np.ndarray:
     return np.array(rows)
 
 
-def yaw_motion(time: np.ndarray, rudder: np.ndarray) -> np.ndarray:
-    """Sideslip and yaw rate ``(2, N)`` from rest, the rudder held between samples."""
+def own_motion(model: str, time: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """States ``(2, N)`` from rest by their exact transition, the input held between samples."""
     from scipy.linalg import expm
 
+    known = OWN[model]
     whole = np.zeros((3, 3))
-    whole[0] = YAW["Y_beta"], -1.0, 0.0
-    whole[1] = YAW["N_beta"], YAW["N_r"], YAW["N_dr"]
+    whole[:2] = known.rates(known.true.__getitem__)
     step = expm(whole * (time[1] - time[0]))
     out = np.zeros((2, time.size))
     for k in range(time.size - 1):
-        out[:, k + 1] = step[:2, :2] @ out[:, k] + step[:2, 2] * rudder[k]
+        out[:, k + 1] = step[:2, :2] @ out[:, k] + step[:2, 2] * moved[k]
     return out
 
 
-def yaw_model(start: Mapping[str, float]) -> Model:
-    """The yaw oscillation as a user declares it, with starting values."""
-    units = {"Y_beta": "1/s", "N_beta": "1/s2", "N_r": "1/s", "N_dr": "1/s2"}
+def own_declared(model: str, start: Mapping[str, float]) -> Model:
+    """The model as a user declares it, with starting values."""
+    known = OWN[model]
+    (x, y), u = known.sensors, next(iter(RMS[model]))
+
+    def rates(s: Any, p: Any) -> Mapping[str, Any]:
+        rows = known.rates(partial(getattr, p))
+        signals = [getattr(s, name) for name in (x, y, u)]
+        return {
+            name: sum(factor * each for factor, each in zip(row, signals, strict=True))
+            for name, row in zip((x, y), rows, strict=True)
+        }
+
+    units = dict(zip((x, y), ("rad", "rad/s"), strict=True))
     return own_model(
-        name="yaw",
-        states={"beta": "rad", "r": "rad/s"},
-        inputs={"rudder": "rad"},
-        outputs={"beta": "rad", "r": "rad/s"},
-        parameters={name: (value, units[name]) for name, value in start.items()},
-        rates=lambda s, p: {
-            "beta": p.Y_beta * s.beta - s.r,
-            "r": p.N_beta * s.beta + p.N_r * s.r + p.N_dr * s.rudder,
-        },
-        readings=lambda s, p: {"beta": s.beta, "r": s.r},
+        name=model,
+        states=units,
+        inputs={u: "rad"},
+        outputs=units,
+        parameters={name: (value, known.units[name]) for name, value in start.items()},
+        rates=rates,
+        readings=lambda s, p: {x: getattr(s, x), y: getattr(s, y)},
     )
 
 
 @cache
 def clean_stream(model: str) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Times, inputs ``(r, N)`` and outputs by name, without noise."""
-    time = np.arange(round(PERIOD * CYCLES * RATE)) / RATE
+    duration = F16_DURATION if model.startswith("f16") else PERIOD * CYCLES
+    time = np.arange(round(duration * RATE)) / RATE
     moved = multisines(time, list(RMS[model].values()))
-    if model == "own":
-        return time, moved, dict(zip(YAW_SENSORS, yaw_motion(time, moved[0]), strict=True))
+    if model in OWN:
+        states = own_motion(model, time, moved[0])
+        return time, moved, dict(zip(OWN[model].sensors, states, strict=True))
     if model == "longitudinal":
         _, elevator, thrust = level()
         moved = moved + np.array([[elevator], [thrust]])
@@ -116,16 +168,17 @@ def _wrong(true: Mapping[str, float], rng: np.random.Generator) -> dict[str, flo
 def stream(model: str, seed: int) -> tuple[VehicleFile, np.ndarray, Mapping[str, float]]:
     """A vehicle file with wrong derivatives, rows ``(1 + r + m, N)`` of time, inputs and outputs in
     the order of the model, and the true derivatives."""
-    rng = np.random.default_rng([44, sorted(RMS).index(model), seed])
+    rng = np.random.default_rng([44, list(RMS).index(model), seed])
     time, inputs, outputs = clean_stream(model)
-    true, sensors = (YAW, YAW_SENSORS) if model == "own" else (TRUE[model], SENSORS[model])
-    wrong = _wrong(true, rng)
+    own = OWN.get(model)
+    true, sensors = (own.true, own.sensors) if own else (TRUE[model], SENSORS[model])
+    start = _wrong(true, rng)
     vehicle = VehicleFile(
         "a stream",
         model,
-        {} if model == "own" else dict(CONSTANTS[model]),
-        wrong,
-        own=yaw_model(wrong) if model == "own" else None,
+        {} if own else dict(CONSTANTS[model]),
+        start,
+        own=own_declared(model, start) if own else None,
     )
     signals = signals_of(vehicle)
     noisy = {
