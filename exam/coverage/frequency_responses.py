@@ -380,13 +380,15 @@ CASES: Mapping[str, Case] = {
 
 
 def measure(rows: Path, cases: Sequence[str], runs: int | None) -> None:
-    """Append every run that the file does not hold yet; ``runs`` at most of each case."""
+    """Append every run that the file does not hold yet, ``runs`` at most of each case, all cases
+    advancing together."""
     kept = {(each["case"], each["run"]) for each in read_rows(rows)}
-    for case in cases:
-        argument, work, usual, _ = CASES[case]
-        for run in range(usual if runs is None else min(runs, usual)):
-            if (case, run) in kept:
+    most = {case: min(CASES[case][2], CASES[case][2] if runs is None else runs) for case in cases}
+    for run in range(max(most.values(), default=0)):
+        for case in cases:
+            if run >= most[case] or (case, run) in kept:
                 continue
+            argument, work, _, _ = CASES[case]
             row = {"case": case, "run": run, "held": work(argument, run)}
             with rows.open("a", encoding="utf-8", newline="\n") as out:
                 out.write(json.dumps(row) + "\n")
