@@ -12,7 +12,7 @@ import math
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +21,20 @@ import pandas as pd
 
 import flightid as fid
 from exam.coverage.estimators import read_rows
+from exam.coverage.streams import beside_the_bank, stick_multisine, watched
 from exam.options import Parser
+from ident.flying_qualities.bandwidth import GAIN_MARGIN, attitude_bandwidth
+from ident.flying_qualities.stability_margins import NORMAL, stability_margins
 from ident.frequency_response import Signals, Spectra, estimate_responses
+from ident.frequency_response.estimate import frequencies as response_frequencies
 from ident.frequency_response.estimate import window_lengths
 from ident.statistics.intervals import clustered_share
+from scenarios.files.vehicles import VehicleFile
+from scenarios.responses.fitting import target_of
+from scenarios.studies.catalogue import load_document
+from scenarios.trials.sweeps.declaration import SweepScenario, sweep_scenario_of
+from scenarios.trials.sweeps.flight import fly_sweep, frame_rate, true_loop
+from scenarios.trials.sweeps.flight import true_margins as known_margins
 from scenarios.watching.loop_margins import LoopNames, MarginSession, finish_second, shown, take
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import loop_test, margins, open_loop
@@ -55,9 +65,10 @@ def _true(system: tuple[tuple[float, ...], tuple[float, ...]]) -> np.ndarray:
     return np.asarray(np.polyval(top, z) / np.polyval(bottom, z))
 
 
-def known_flight(case: str, seed: int) -> tuple[Signals, np.ndarray]:
+def known_flight(case: str, seed: int, noise: float = 1.0) -> tuple[Signals, np.ndarray]:
     """A record of 300 s and its true responses ``(q, F)``: ``one`` input, ``two`` with a
-    correlation of 0.7, ``feedback`` of the output with and ``direct`` without its excitation."""
+    correlation of 0.7, ``feedback`` of the output with and ``direct`` without its excitation.
+    ``noise`` : times a third of the output."""
     from scipy.signal import butter, lfilter
 
     rng = np.random.default_rng([40, seed])
@@ -71,10 +82,10 @@ def known_flight(case: str, seed: int) -> tuple[Signals, np.ndarray]:
         if case == "two":
             inputs.append((one + other) / math.sqrt(2.0))
             clean = clean + lfilter(*_held(LAG), inputs[1])
-        y = clean + error * NOISE * clean.std() / error.std()
+        y = clean + error * noise * NOISE * clean.std() / error.std()
         exact = [_true(each) for each in (SHORT_PERIOD, LAG)[: len(inputs)]]
         return Signals(STEP, np.array(inputs), y[None]), np.array(exact)
-    error = error * NOISE * clean.std() / error.std()
+    error = error * noise * NOISE * clean.std() / error.std()
     closed = np.polyadd(bottom, LAW * top)
     y = lfilter(top, closed, one) + lfilter(bottom, closed, error)
     record = Signals(STEP, (one - LAW * y)[None], y[None], one[None])
@@ -170,9 +181,14 @@ AIRSPEED, GRAVITY, START_ERROR = 208.0, 9.8, 1.15
 LOES_RATE, FINE, SENSORS = 50.0, 20, {"alpha": 0.001, "q": 0.002, "nz": 0.02}
 
 
-def loes_flight(seed: int, duration: float = 60.0) -> pd.DataFrame:
-    """A sweep of the stick from 0.05 to 3 Hz that begins at rest; the equations by their exact
-    transition over steps of 1 ms, the delay a whole number of them."""
+def loes_flight(
+    seed: int,
+    duration: float = 60.0,
+    moved: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> pd.DataFrame:
+    """A sweep of the stick from 0.05 to 3 Hz that begins at rest, or the stick that ``moved`` gives
+    at the samples; the equations by their exact transition over steps of 1 ms, the delay a whole
+    number of them."""
     from scipy.linalg import expm
     from scipy.signal import chirp
 
@@ -183,7 +199,8 @@ def loes_flight(seed: int, duration: float = 60.0) -> pd.DataFrame:
     A[2, 2:] = -d["inv_tau"], d["inv_tau"]
     step = expm(A * h)
     time = np.arange(round(duration * LOES_RATE)) / LOES_RATE
-    stick = chirp(time, 0.05, duration, 3.0, method="logarithmic", phi=-90.0)
+    sweep = partial(chirp, f0=0.05, t1=duration, f1=3.0, method="logarithmic", phi=-90.0)
+    stick = (moved or sweep)(time)
     late = np.concatenate([np.zeros(round(d["delay"] / h)), np.repeat(stick, FINE)])
     states = np.zeros((time.size, 3))
     x = np.zeros(4)
@@ -237,6 +254,105 @@ def loes_both(case: str, seed: int) -> Counts:
     return out
 
 
+def loes_stream(case: str, seed: int) -> Counts:
+    """Thirty seconds of a multisine of the stick, on line and by the bank."""
+    rng = np.random.default_rng([45, seed])
+    share = rng.uniform(0.8, 1.2, len(LOES))
+    start = {name: float(LOES[name] * by) for name, by in zip(LOES, share, strict=True)}
+    constants = {"airspeed": AIRSPEED, "gravity": GRAVITY}
+    frame = loes_flight(1000 + seed, 32.0, stick_multisine)
+    return beside_the_bank(VehicleFile("x", "loes", constants, start), frame, LOES)
+
+
+# ---- The roll loop of a small aircraft: margins, their crossings, the fitted form
+
+
+@cache
+def roll_loop() -> tuple[SweepScenario, Mapping[str, float]]:
+    """The scenario ``uav-sweep`` and its known margins and crossings, rad/s."""
+    from scipy.optimize import brentq
+
+    scenario = sweep_scenario_of(*load_document("uav-sweep", ()))
+
+    def loop(omega: float) -> complex:
+        return complex(true_loop(scenario, np.array([omega]))[0])
+
+    crossings = {
+        "gain crossing": brentq(lambda omega: abs(loop(omega)) - 1.0, 5.0, 40.0),
+        "phase crossing": brentq(
+            lambda omega: math.atan2(-loop(omega).imag, -loop(omega).real), 25.0, 80.0
+        ),
+    }
+    return scenario, {**known_margins(scenario), **crossings}
+
+
+def swept_roll_loop(case: str, seed: int) -> Counts:
+    """Intervals of margins and of their crossings from three sweeps that hold the known ones."""
+    scenario, exact = roll_loop()
+    rng = np.random.default_rng([46, seed])
+    records = []
+    for number in range(1, scenario.flights + 1):
+        flight = fly_sweep(scenario, rng, number)
+        command, returned, sweep = (
+            flight[name].values[None] for name in ("command", "returned", "sweep")
+        )
+        records.append(Signals(1.0 / frame_rate(scenario), command, returned, sweep))
+    low, high = scenario.band
+    lengths = window_lengths([scenario.duration], low)
+    found = estimate_responses(records, response_frequencies(low, high), Spectra(lengths))
+    margins = stability_margins(target_of(found, (0, 0), "loop"))
+    ends = {name: (each.low, each.high) for name, each in margins.named.items()}
+    crossings = {"gain crossing": margins.phase, "phase crossing": margins.gain_increase}
+    for name, margin in crossings.items():
+        if margin is not None:
+            at = margin.frequency
+            ends[name] = at.value - NORMAL * at.std, at.value + NORMAL * at.std
+    return {name: [int(low <= exact[name] <= high), 1] for name, (low, high) in ends.items()}
+
+
+# ---- Bandwidth and phase delay of a short period with a delay
+
+LATE = 5  # samples of the delay
+
+
+@cache
+def true_bandwidth() -> Mapping[str, float]:
+    """Bandwidth of the known attitude, from its response at a thousand frequencies."""
+    omega = np.geomspace(0.5, 20.0, 20001)
+    top, bottom = _held(SHORT_PERIOD)
+    z = np.exp(1j * omega * STEP)
+    rate = np.polyval(top, z) / np.polyval(bottom, z) * z**-LATE
+    phase = np.degrees(np.unwrap(np.angle(rate))) - 90.0
+    gain = 20.0 * np.log10(np.abs(rate) / omega)
+    neutral, bandwidth = (float(np.interp(-level, -phase, omega)) for level in (-180.0, -135.0))
+    level = float(np.interp(neutral, omega, gain)) + GAIN_MARGIN
+    before = omega <= neutral
+    line = np.linspace(neutral, 2.0 * neutral, 201)
+    slope = float(np.polyfit(line, np.interp(line, omega, phase), 1)[0])
+    return {
+        "frequency of -180 deg": neutral,
+        "phase bandwidth": bandwidth,
+        "gain bandwidth": float(np.interp(-level, -gain[before], omega[before])),
+        "phase delay": -0.5 * math.radians(slope),
+    }
+
+
+def bandwidths(noise: str, seed: int) -> Counts:
+    """Intervals of bandwidths and phase delay that hold the known ones; ``noise`` : its share of
+    the output, over a third."""
+    record, _ = known_flight("one", seed, float(noise))
+    output = np.concatenate([np.zeros((1, LATE)), record.outputs[:, :-LATE]], axis=1)
+    late = Signals(STEP, record.inputs, output)
+    found = estimate_responses([late], GRID, Spectra(window_lengths([DURATION])))
+    known = attitude_bandwidth(target_of(found, (0, 0), "q"), rate=True)
+    quantities = (known.neutral, known.phase, known.gain, known.delay)
+    out: Counts = {}
+    for (name, exact), each in zip(true_bandwidth().items(), quantities, strict=True):
+        if each is not None:
+            out[name] = [int(abs(each.value - exact) <= NORMAL * each.std), 1]
+    return out
+
+
 # ---- The campaign
 
 Case = tuple[str, Callable[[str, int], Counts], int, str]  # argument, work, runs, description
@@ -245,22 +361,34 @@ CASES: Mapping[str, Case] = {
     "two": ("two", bands, 200, "responses, two inputs, correlation 0.7"),
     "feedback": ("feedback", bands, 200, "response, feedback, joint input-output"),
     "direct": ("direct", bands, 100, "response, feedback, direct"),
-    "margins-F": ("F", record_margins, 300, "margins, X-29-like loop F"),
-    "margins-S": ("S", record_margins, 300, "margins, X-29-like loop S"),
+    "margins-F": ("F", record_margins, 400, "margins, X-29-like loop F"),
+    "margins-S": ("S", record_margins, 400, "margins, X-29-like loop S"),
     "stream-F": ("F", stream_margins, 100, "margins of a stream, loop F"),
     "stream-S": ("S", stream_margins, 100, "margins of a stream, loop S"),
+    "roll-loop": ("", swept_roll_loop, 200, "uav-sweep, three sweeps"),
+    "bandwidth": ("1", bandwidths, 200, "bandwidth, noise of a third"),
+    "bandwidth-quiet": ("0.3333", bandwidths, 200, "bandwidth, noise of a ninth"),
     "loes": ("", loes_both, 100, "low-order equivalent system, within two sigmas"),
+    "online-rigid": ("rigid", watched, 100, "on line, rigid"),
+    "online-lateral": ("lateral", watched, 100, "on line, lateral"),
+    "online-longitudinal": ("longitudinal", watched, 100, "on line, longitudinal"),
+    "online-own": ("own", watched, 100, "on line, a user's model"),
+    "online-f16": ("f16", watched, 100, "on line, F-16 of Morelli's program"),
+    "online-f16-unstable": ("f16-unstable", watched, 100, "on line, the same, unstable"),
+    "online-loes": ("", loes_stream, 100, "on line, low-order equivalent system"),
 }
 
 
 def measure(rows: Path, cases: Sequence[str], runs: int | None) -> None:
-    """Append every run that the file does not hold yet; ``runs`` at most of each case."""
+    """Append every run that the file does not hold yet, ``runs`` at most of each case, all cases
+    advancing together."""
     kept = {(each["case"], each["run"]) for each in read_rows(rows)}
-    for case in cases:
-        argument, work, usual, _ = CASES[case]
-        for run in range(usual if runs is None else min(runs, usual)):
-            if (case, run) in kept:
+    most = {case: min(CASES[case][2], CASES[case][2] if runs is None else runs) for case in cases}
+    for run in range(max(most.values(), default=0)):
+        for case in cases:
+            if run >= most[case] or (case, run) in kept:
                 continue
+            argument, work, _, _ = CASES[case]
             row = {"case": case, "run": run, "held": work(argument, run)}
             with rows.open("a", encoding="utf-8", newline="\n") as out:
                 out.write(json.dumps(row) + "\n")
