@@ -450,9 +450,10 @@ class Search:
         ready = prepared(parent.fitted, set_prior(parent.fitted, self.context))
         if most == LEADERS or not self.shown:
             self.shown |= shown_by(parent.fitted, self.candidates, self.context)
+        shown = [one for one in self.shown.values() if most or one[0].name in wanted]
         leads = [
             lead
-            for lead in leads_of(parent.fitted, ready, [*self.shown.values()], self.context)
+            for lead in leads_of(parent.fitted, ready, shown, self.context)
             if all(together(lead.effect, other) for other in parent.fitted.effects)
         ]
         sets, overlap = weighed_sets(
