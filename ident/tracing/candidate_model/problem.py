@@ -10,11 +10,13 @@ import numpy as np
 from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, fit_set, start_from
 from ident.tracing.settings import TraceSettings
 from ident.whole_record.layout import FitSettings
+from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record
 
 SETTLED = 1e-6  # of log likelihood: a step that gains less moves nothing by more than 0.0015 sigmas
+CREEPING = 0.02  # the same where noise levels are unknowns, which creep: 0.2 sigmas
 
 
 def untold(text: str, share: float) -> None:
@@ -102,7 +104,9 @@ class TraceProblem:
         for one in self._ended:
             if one.start is start and (one.effects, one.added) == asked[1:]:
                 return one.fitted
-        settings = FitSettings(max_step=self.settings.max_step, enough=SETTLED)
+        random = any(isinstance(effect, NoiseEffect) for effect in effects)
+        enough = CREEPING if random else SETTLED
+        settings = FitSettings(max_step=self.settings.max_step, enough=enough)
         self._ended.append(_Ended(*asked, self._fit(effects, settings, start, added)))
         return self._ended[-1].fitted
 

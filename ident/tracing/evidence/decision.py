@@ -28,7 +28,7 @@ from sim.declaration.proposal import Traceable
 
 CERTAIN = 0.95  # probability of what is claimed
 SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
-SUPPORTED = 3.0  # z of an effect that brings little
+SUPPORTED = 3.0  # z of an effect that brings little beside another
 RIVAL = 2.0  # z of Vuong's test below which two effects are not told apart
 TWO_EVENTS = "two loads or gusts in passing are likelier one cause that the library lacks"
 ROUGH_AIR = "its evidence comes from the maneuvers: rough air acts between them as well"
@@ -310,22 +310,22 @@ def _by_sets(search: Search, best: WeighedSet) -> Decision:
                 name,
                 inclusion[name],
                 {},
-                reason=LITTLE.format(z, SUPPORTED),
+                reason=reason,
                 within=whole.fitted,
             )
-            for name, z in slight.items()
+            for name, reason in slight.items()
         )
     return Decision(verdict, best.fitted, search.root.fitted, claims, hints, (search,))
 
 
-def _less_slight(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str, float]]:
+def _less_slight(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str, str]]:
     """The set without members that bring little and not all along.
 
     The equations of any model are a little wrong, and probabilities suppose that they are not. What
     the relations between the sensors name as well rests on no equation of forces, and stays.
-    Also z of those that are left out, by name.
+    Also why those that are left out are, by name.
     """
-    left_out: dict[str, float] = {}
+    left_out: dict[str, str] = {}
     usual = {each.name for each in best.fitted.effects if each.traits.background}
     while causes := search.added(best) - usual:
         slight = []
@@ -334,13 +334,15 @@ def _less_slight(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str
             if less is None or best.weight - less.weight >= CLEAR:
                 continue
             z = vuong(best, less, search.context.interval)
-            # Something acts where the declared model alone leaves no noise.
-            if z < SUPPORTED and (len(causes) > 1 or is_noise(less.fitted.fit)):
-                slight.append((z, name, less))
+            # A sole cause is told from none, or something acts: the declared model leaves no noise.
+            alone = len(causes) == 1
+            asked = RIVAL if alone else SUPPORTED
+            if z < asked and not (alone and not is_noise(less.fitted.fit)):
+                slight.append((z, asked, name, less))
         if not slight:
             break
-        z, name, best = min(slight, key=lambda each: each[0])
-        left_out[name] = z
+        z, asked, name, best = min(slight, key=lambda each: each[0])
+        left_out[name] = LITTLE.format(z, asked)
     return best, left_out
 
 

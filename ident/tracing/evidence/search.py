@@ -67,7 +67,7 @@ class Search:
     finer forms, by their parameters.
     steps, tried : how the search went.
     alike : of pairs of names, the largest cosine of what they would add. fits : how many were made.
-    shown : signatures of all candidates as last simulated.
+    shown : signatures of all candidates as last simulated. rivals : weights of a discrepancy alone.
 
     Raises
     ------
@@ -87,6 +87,7 @@ class Search:
     steps: list[Step] = field(default_factory=list)
     tried: list[Candidate] = field(default_factory=list)
     fits: int = 0
+    rivals: dict[Key, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         declared = self.problem.fit((), None)
@@ -216,8 +217,11 @@ class Search:
         best = self.best()
         if self.discrepancy is None or is_noise(best.fitted.fit):
             return False
-        rival = Search(self.problem, (), (self.discrepancy, *best.fitted.background)).root
-        return rival.weight - best.weight > raised
+        base = (self.discrepancy, *best.fitted.background)
+        key = frozenset(each.name for each in base)
+        if key not in self.rivals:
+            self.rivals[key] = Search(self.problem, (), base).root.weight
+        return self.rivals[key] - best.weight > raised
 
     def again(self, problem: TraceProblem) -> Search:
         """The same search where other samples count: candidates are scanned at the best set of
@@ -446,9 +450,10 @@ class Search:
         ready = prepared(parent.fitted, set_prior(parent.fitted, self.context))
         if most == LEADERS or not self.shown:
             self.shown |= shown_by(parent.fitted, self.candidates, self.context)
+        shown = [one for one in self.shown.values() if most or one[0].name in wanted]
         leads = [
             lead
-            for lead in leads_of(parent.fitted, ready, [*self.shown.values()], self.context)
+            for lead in leads_of(parent.fitted, ready, shown, self.context)
             if all(together(lead.effect, other) for other in parent.fitted.effects)
         ]
         sets, overlap = weighed_sets(
