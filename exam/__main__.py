@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Mapping, Sequence
 from importlib import import_module
@@ -96,7 +97,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     module, function, _ = EXAMINATIONS[name]
     run = getattr(import_module(module), function)
     with ending_signals() as came:
-        code = int(run(name, rest) if function == "tabled" else run(rest))
+        try:
+            code = int(run(name, rest) if function == "tabled" else run(rest))
+        except KeyboardInterrupt:
+            print("python -m exam: ended before it was done", file=sys.stderr)
+            code = 128 + signal.SIGINT
     return 128 + came[0] if came else code
 
 

@@ -64,3 +64,15 @@ def test_what_is_typed_wrong_is_one_line(
 def test_what_moved_leads_to_an_examination() -> None:
     assert {*catalogue.EXAMINATIONS.values()} <= {*EXAMINATIONS}
     assert not {*catalogue.EXAMINATIONS} & {*catalogue.scenario_names()}
+
+
+def test_an_examination_that_is_stopped_says_so_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def stopped(rest: list[str]) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("exam.independent.command.main", stopped)
+    assert main(["independent"]) == 130
+    printed = capsys.readouterr()
+    assert printed.err == "python -m exam: ended before it was done\n" and not printed.out
