@@ -41,6 +41,7 @@ from sim.vehicles.aircraft import (
     Point,
     Thrust,
     aircraft_model,
+    refuse_wind,
 )
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ def _schema() -> type[BaseModel]:
         center_of_gravity=(place | None, None),
         sensors=(sensors | None, None),
         thrust=(thrust | None, None),
-        wind=(bool, False),
+        wind=(bool | str, False),
         trim=(dict[str, float], {}),
         columns=(texts, []),
         states=(texts, []),
@@ -221,12 +222,12 @@ def _refuse_names(vehicle: Mapping[str, Any], path: Path) -> None:
             where = f"{path}, key trim"
             remedy = closest(name, moved)
             raise DeclarationError(f"{name} is no input", where=where, remedy=remedy)
-    if vehicle["wind"] and "psi" not in vehicle["states"]:
-        raise DeclarationError(
-            "wind is recorded from the north and the east, and the heading is no state",
-            where=f"{path}, key wind",
-            remedy='add states = ["psi"]',
-        )
+    refuse_wind(_wind(vehicle["wind"]), vehicle["states"], f"{path}, key wind")
+
+
+def _wind(value: bool | str) -> str:
+    """Axes of the wind that a file states; ``true`` are those of the Earth."""
+    return value if isinstance(value, str) else ("earth" if value else "")
 
 
 def _declared(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str) -> Aircraft:
@@ -254,7 +255,7 @@ def _declared(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str) -
         vehicle["mixes"],
         sensors,
         _thrust(thrust, stem),
-        vehicle["wind"],
+        _wind(vehicle["wind"]),
         tuple(vehicle["columns"]),
         begin,
         tuple(vehicle["biases"]),
@@ -313,7 +314,7 @@ def written(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> st
         "columns": list(aircraft.varying),
         "states": list(aircraft.further),
         "biases": list(aircraft.biases),
-        "wind": aircraft.wind,
+        "wind": aircraft.wind or False,
     }
     moved = (*aircraft.surfaces, aircraft.thrust.signal)
     thrust: dict[str, Any] = {"input": aircraft.thrust.signal or "none"}

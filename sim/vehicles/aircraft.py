@@ -11,6 +11,9 @@ and Euler's equations with Ixz [1]_. States are the airspeed V, alpha and beta i
 w. Coefficients of lift and drag, CL and CD, are turned by alpha into CZ and CX. Moments of the
 coefficients are about a reference point, from which the centre of gravity lies at ``cg``.
 
+With a recorded wind these states are of the velocity over the ground, and aerodynamic forces and
+the outputs airspeed, alpha and beta are of the velocity against the air.
+
 References
 ----------
 .. [1] B. L. Stevens, F. L. Lewis and E. N. Johnson, Aircraft Control and Simulation, 3rd ed.,
@@ -20,7 +23,7 @@ References
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
@@ -89,8 +92,12 @@ STATES: Mapping[str, str] = MappingProxyType(
 )
 FURTHER: Mapping[str, str] = MappingProxyType({"psi": "rad", "altitude": "m"})
 OUTPUTS: Mapping[str, str] = MappingProxyType({**STATES, "ax": "m/s2", "ay": "m/s2", "az": "m/s2"})
-WIND: Mapping[str, str] = MappingProxyType(
-    {"wind_north": "m/s", "wind_east": "m/s", "wind_down": "m/s"}
+# Columns of the wind, m/s, by the axes in which it is recorded: where the air moves to.
+WIND: Mapping[str, tuple[str, str, str]] = MappingProxyType(
+    {
+        "earth": ("wind_north", "wind_east", "wind_down"),
+        "body": ("wind_u", "wind_v", "wind_w"),
+    }
 )
 SENSORS = ("airspeed", "alpha", "beta", "accelerometer")
 BIASED = ("p", "q", "r")
@@ -137,7 +144,8 @@ class Aircraft:
         units. mixes : signals of terms that are sums of recorded inputs, with their factors.
     coefficients : of CX CY CZ or CD CY CL, Cl Cm Cn, terms and their values.
     sensors : places of ``SENSORS``, m from the centre of gravity, body axes.
-    thrust : see ``Thrust``. wind : whether its components are recorded inputs.
+    thrust : see ``Thrust``. wind : axes in which its components are recorded inputs, a key of
+        ``WIND``; empty where they are not.
     varying : constants that are columns of the record. start : states at the start.
     biases : outputs with a free constant bias. further : states beyond ``STATES``.
     """
@@ -149,7 +157,7 @@ class Aircraft:
     mixes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     sensors: Mapping[str, Point] = field(default_factory=dict)
     thrust: Thrust = Thrust()
-    wind: bool = False
+    wind: str = ""
     varying: tuple[str, ...] = ()
     start: Mapping[str, float] = field(default_factory=dict)
     biases: tuple[str, ...] = BIASED
@@ -223,6 +231,28 @@ def refuse_unphysical(aircraft: Aircraft) -> None:
             remedy = f'add [aerodynamics.{axis}] with "1" = 0.0 at least'
             what = f"the coefficient {axis} has no term"
             raise DeclarationError(what, where=where, remedy=remedy)
+
+
+def refuse_wind(axes: str, further: Collection[str], where: str) -> None:
+    """Raise DeclarationError for a wind in unknown axes, or from the north without a heading.
+
+    Parameters
+    ----------
+    axes : a key of ``WIND``, or empty. further : states beyond ``STATES``. where : for the message.
+    """
+    if axes and axes not in WIND:
+        raise DeclarationError(
+            f"{axes!r} are no axes of a wind",
+            where=where,
+            remedy='write wind = "earth" (wind_north, wind_east, wind_down) or "body" (wind_u, '
+            "wind_v, wind_w)",
+        )
+    if axes == "earth" and "psi" not in further:
+        raise DeclarationError(
+            "wind is recorded to the north and to the east, and the heading is no state",
+            where=where,
+            remedy='add states = ["psi"], or give the wind in body axes, wind = "body"',
+        )
 
 
 def _refuse_numbers(constants: Mapping[str, float], where: str) -> None:
@@ -306,16 +336,17 @@ def aircraft_model(aircraft: Aircraft) -> Model:
 
     Raises
     ------
-    DeclarationError : see ``refuse_unphysical``.
+    DeclarationError : see ``refuse_unphysical`` and ``refuse_wind``.
     """
     refuse_unphysical(aircraft)
+    refuse_wind(aircraft.wind, aircraft.further, f"vehicle {aircraft.name}")
     thrust = {} if not aircraft.thrust.signal else {aircraft.thrust.signal: "N"}
     if aircraft.thrust.signal == "throttle":
         thrust = {"throttle": "1"}
     driven = {
         **aircraft.surfaces,
         **thrust,
-        **(WIND if aircraft.wind else {}),
+        **dict.fromkeys(WIND.get(aircraft.wind, ()), "m/s"),
         **{name: CONSTANTS[name] for name in aircraft.varying},
     }
     constants = {
@@ -380,9 +411,7 @@ class _Motion:
         c = self._constants(s, p)
         u, v, w = _velocity(s)
         if self.aircraft.wind:
-            u, v, w = (
-                own - wind for own, wind in zip((u, v, w), _to_body(s, *self._wind(s)), strict=True)
-            )
+            u, v, w = (own - wind for own, wind in zip((u, v, w), self._wind(s), strict=True))
         V = sqrt(u * u + v * v + w * w) if self.aircraft.wind else s.airspeed
         alpha = _angle(w, u) if self.aircraft.wind else s.alpha
         beta = _arcsine(v / V) if self.aircraft.wind else s.beta
@@ -465,7 +494,9 @@ class _Motion:
         return {name: getattr(s if name in varying else p, name) for name in CONSTANTS}
 
     def _wind(self, s: Any) -> tuple[Any, Any, Any]:
-        return s.wind_north, s.wind_east, s.wind_down
+        """In body axes, m/s."""
+        parts = tuple(getattr(s, name) for name in WIND[self.aircraft.wind])
+        return parts if self.aircraft.wind == "body" else _to_body(s, *parts)
 
     def _thrust(self, s: Any) -> Any:
         source = self.aircraft.thrust

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
+import flightid as fid
 from scenarios.files.aircraft_files import written
 from scenarios.files.writing import write_record
 from sim.record import Channel, Hold, Record
@@ -63,6 +66,26 @@ def test_identify_export_and_check(flightid: CommandLine, folder: Path) -> None:
     )
     told = flightid.done("check", record, "--vehicle", vehicle, "--no-figures")
     assert "alpha" in told
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("axes", ["earth", "body"])
+def test_derivatives_come_back_from_a_flight_in_recorded_wind(tmp_path: Path, axes: str) -> None:
+    further = ("psi",) if axes == "earth" else ()
+    windy, flight = replace(AIRLINER, wind=axes, further=further), airliner_flight(8.0)
+    t, rng = flight.time, np.random.default_rng(3)
+    wind = [8.0 + 1.5 * np.sin(0.9 * t), -5.0 + 1.5 * np.sin(1.3 * t), np.sin(2.1 * t)]
+    model, u = aircraft_model(windy), np.vstack([flight.u, wind])
+    spread = {"psi": 0.002, **AIRLINER_NOISE.measurement_std}
+    columns = {"time": t, **{e.name: row for e, row in zip(model.equations.inputs, u, strict=True)}}
+    rows = fly_model(model, replace(flight, u=u))
+    for signal, row in zip(model.equations.outputs, rows, strict=True):
+        noise = 0.3 * spread[signal.name] * rng.standard_normal(len(row))
+        columns[signal.name] = row + noise
+    (tmp_path / "plane.toml").write_text(written(windy))
+    found = fid.identify(pd.DataFrame(columns), "aircraft", tmp_path / "plane.toml")
+    for name, value in {"CL_alpha": 5.2, "Cm_q": -20.0, "Cl_p": -0.5, "Cn_beta": 0.13}.items():
+        assert abs(found[name].value - value) < 4.0 * found[name].sigma
 
 
 def test_a_model_of_its_own_kind_is_listed(flightid: CommandLine) -> None:

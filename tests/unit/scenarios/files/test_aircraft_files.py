@@ -24,7 +24,7 @@ MIXED = replace(
     thrust=Thrust("throttle", ((0.0, 0.4, 1.0), (0.0, 9e3, 20e3))),
     varying=("mass",),
     further=("psi",),
-    wind=True,
+    wind="earth",
     start=AIRLINER.start,
 )
 
@@ -93,6 +93,7 @@ def test_sigmas_stand_beside_the_values(tmp_path: Path) -> None:
         ('input = "thrust"', 'input = "rocket"', "'rocket' is no input"),
         ("columns = []", 'columns = ["fuel"]', "fuel cannot stand there"),
         ("wind = false", "wind = true", "the heading is no state"),
+        ("wind = false", 'wind = "bodies"', "no axes of a wind"),
         ("thrust = 11140.63", "flap = 0.1", "flap is no input"),
     ],
 )
@@ -104,6 +105,16 @@ def test_bad_files_are_refused_in_one_line(tmp_path: Path, old: str, new: str, t
     with pytest.raises(DeclarationError, match=told) as caught:
         read_vehicle(path, "aircraft")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("text", "axes"), [("true", "earth"), ('"body"', "body")])
+def test_axes_of_the_wind(tmp_path: Path, text: str, axes: str) -> None:
+    path = file_of(tmp_path, replace(TRIMMED, further=("psi",)))
+    path.write_text(path.read_text().replace("wind = false", f"wind = {text}"))
+    aircraft, _ = read_aircraft(read_toml_source(path))
+    assert aircraft.wind == axes
+    path.write_text(written(aircraft))
+    assert read_aircraft(read_toml_source(path))[0].wind == axes
 
 
 @pytest.mark.long

@@ -13,6 +13,7 @@ from sim.errors import DeclarationError
 from sim.maths import G0
 from sim.vehicles.aircraft import Aircraft, Thrust, aircraft_model
 from tests.airliner import AIRLINER, ALPHA, COEFFICIENTS, CONSTANTS, ELEVATOR, THRUST
+from tests.bases import airliner_flight, fly_model
 
 X = [125.0, 0.08, -0.06, 0.3, -0.12, 0.2, 0.4, 0.1]
 U = [0.05, -0.04, 0.03, 15e3]
@@ -132,7 +133,7 @@ def test_level_flight_stays_level() -> None:
 
 
 def test_wind_is_taken_off_the_velocity() -> None:
-    windy = replace(AIRLINER, wind=True, further=("psi",), sensors={})
+    windy = replace(AIRLINER, wind="earth", further=("psi",), sensors={})
     system = system_of(windy)
     p = system.parameters.values().tolist()
     psi, wind = 0.7, np.array([8.0, -5.0, 2.0])
@@ -144,6 +145,66 @@ def test_wind_is_taken_off_the_velocity() -> None:
     body = oracle(AIRLINER, X, U)["velocity"] - rotation(X[6], X[7], psi) @ wind
     assert read["airspeed"] == pytest.approx(float(np.linalg.norm(body)), rel=1e-12)
     assert read["alpha"] == pytest.approx(np.arctan2(body[2], body[0]), rel=1e-12)
+
+
+def flown(aircraft: Aircraft, wind: np.ndarray, start: dict[str, float]) -> dict[str, np.ndarray]:
+    """Outputs of four seconds with moving surfaces in a wind of shape ``(3, N)``."""
+    flight = airliner_flight()
+    at_start = replace(aircraft, start={**aircraft.start, **start})
+    model = aircraft_model(at_start)
+    u = np.vstack([flight.u, wind]) if aircraft.wind else flight.u
+    rows = fly_model(model, replace(flight, u=u))
+    return dict(zip((each.name for each in model.equations.outputs), rows, strict=True))
+
+
+def test_a_steady_wind_carries_the_aircraft_along() -> None:
+    """Galileo: against the air, motion and forces are those of still air."""
+    still = flown(replace(AIRLINER, further=("psi",)), np.empty(0), {})
+    blowing, samples = np.array([8.0, -5.0, 2.0]), len(still["q"])
+    ground = 130.0 * np.array([np.cos(ALPHA), 0.0, np.sin(ALPHA)])
+    ground = ground + rotation(0.0, ALPHA, 0.0) @ blowing
+    V = float(np.linalg.norm(ground))
+    start = {
+        "airspeed": V,
+        "alpha": float(np.arctan2(ground[2], ground[0])),
+        "beta": float(np.arcsin(ground[1] / V)),
+    }
+    wind = np.repeat(blowing[:, None], samples, axis=1)
+    carried = flown(replace(AIRLINER, further=("psi",), wind="earth"), wind, start)
+    for name, row in still.items():
+        assert carried[name] == pytest.approx(row, abs=1e-4 * float(np.ptp(row))), name
+
+
+def test_wind_in_body_axes_is_that_of_the_earth_turned() -> None:
+    psi, wind = 0.7, np.array([8.0, -5.0, 2.0])
+    found = []
+    for axes, parts in (("earth", wind), ("body", rotation(X[6], X[7], psi) @ wind)):
+        system = system_of(replace(AIRLINER, wind=axes, further=("psi",)))
+        p = system.parameters.values().tolist()
+        at = ([*X, psi], [*U, *parts], p)
+        found.append([*system.f(0.0, *at), *system.h(0.0, *at)])
+    assert found[1] == pytest.approx(found[0], rel=1e-12)
+    assert "psi" not in system_of(replace(AIRLINER, wind="body")).state_names
+
+
+def test_a_wind_in_unknown_axes_is_refused() -> None:
+    with pytest.raises(DeclarationError, match="no axes of a wind"):
+        aircraft_model(replace(AIRLINER, wind="wing"))
+    with pytest.raises(DeclarationError, match="the heading is no state"):
+        aircraft_model(replace(AIRLINER, wind="earth"))
+
+
+@pytest.mark.parametrize("place", [(6.0, 0.0, 0.0), (0.0, 2.0, 0.0), (3.0, -2.0, 1.0)])
+def test_vanes_away_from_the_centre_turn_with_the_aircraft(place: tuple) -> None:
+    """The corrections of first order in rates and sideslip, at small alpha and beta."""
+    V, alpha, beta, p, q, r = 130.0, 0.002, 0.001, 0.02, -0.03, 0.01
+    system = system_of(replace(AIRLINER, sensors=dict.fromkeys(("alpha", "beta"), place)))
+    values = system.parameters.values().tolist()
+    row = system.h(0.0, [V, alpha, beta, p, q, r, 0.0, 0.0], U, values)
+    read = dict(zip(system.output_names, row, strict=True))
+    x, y, z = place
+    assert read["alpha"] - alpha == pytest.approx((-x * q + y * p) / V, abs=5e-6)
+    assert read["beta"] - beta == pytest.approx((x * r - z * p) / V, abs=5e-6)
 
 
 @pytest.mark.long
