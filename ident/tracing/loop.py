@@ -148,6 +148,8 @@ def _searched(
     rival = search.refitted(again.problem)
     if rival.best().weight <= search.best().weight:
         return problem, declared, search
+    # Half an interval changes no scan: only at sets that were not scanned is there one.
+    rival.expanded |= search.expanded
     return other, again, rival.run()
 
 

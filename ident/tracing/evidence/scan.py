@@ -257,15 +257,16 @@ def _placed(
     for probe, parts in usable:
         known = factors_prior(effect, probe, context)
         count = parts[r].shape[1]
-        # The likelihood of a sharp event has an optimum at every sample.
-        step = 1 if probe.sharp else max(1, count // PLACES)
+        # The likelihood of an event has an optimum at every sample: near the best place all are
+        # tried, and of a step of one output everywhere.
+        step = 1 if probe.sharp and ready.separate else max(1, count // PLACES)
         coarse = list(range(0, count - 3, step)) if probe.shifts else [0]
         found = _at_shifts(ready, effect, r, parts[r], probe, known, coarse)
-        while probe.shifts and found and step > 1:
-            step //= 2
+        if probe.shifts and found and step > 1:
             best = max(found, key=lambda place: place.gain).shift
-            near = [each for each in (best - step, best + step) if 0 <= each < count - 3]
-            fine = _at_shifts(ready, effect, r, parts[r], probe, known, near)
+            near = range(max(best - step + 1, 0), min(best + step, count - 3))
+            inside = [each for each in near if each != best]
+            fine = _at_shifts(ready, effect, r, parts[r], probe, known, inside)
             found += sorted(fine, key=lambda place: -place.gain)[:1]
         out += found
     return out
