@@ -13,7 +13,7 @@ from typing import Any
 import marimo as mo
 from matplotlib.figure import Figure
 
-from scenarios.plots.drawing import figure_document, figure_png
+from scenarios.plots.drawing import figure_document
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,6 @@ class Question:
 def heading(number: int, title: str, aim: str) -> Any:
     """Title and aim of a lab."""
     return mo.md(f"# Lab {number}. {title}\n\n**Aim.** {aim}")
-
-
-def picture(figure: Figure, told: str) -> Any:
-    """A figure as an image that is never wider than the page; ``told`` says what it shows to those
-    who do not see it.
-    """
-    return mo.image(figure_png(figure), alt=told, style={"width": "100%", "max-width": "770px"})
 
 
 def plotted(figure: Figure, told: str) -> Any:

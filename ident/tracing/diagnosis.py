@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -28,6 +28,9 @@ class Verdict(Enum):
     def sentence(self) -> str:
         return _SENTENCES[self]
 
+
+TIMES = ("delay", "time_constant")  # parameters by which an output or an input is late
+Data = tuple[Sequence[Record], Sequence[Record]]  # to be fitted, and to be predicted
 
 _SENTENCES = {
     Verdict.CONSISTENT: "the residual is what the noise alone would give: nothing is missing",

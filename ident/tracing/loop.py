@@ -14,9 +14,11 @@ from ident.tracing.candidate_model.problem import TraceProblem, untold
 from ident.tracing.candidate_model.quantities import quantities, records_of
 from ident.tracing.declared import Declared, fit_declared, held_out_data
 from ident.tracing.diagnosis import (
+    TIMES,
     Caution,
     Claim,
     Concern,
+    Data,
     Diagnosis,
     Requirement,
     Trained,
@@ -45,8 +47,6 @@ from sim.declaration.proposal import Traceable
 from sim.record import Record
 
 LIKELY = 0.05  # probability from which an alternative is named
-TIMES = ("delay", "time_constant")  # parameters by which an output or an input is late
-Data = tuple[Sequence[Record], Sequence[Record]]  # to be fitted, and to be predicted
 ALTERNATIVES = 2  # named at most: fixed by the format of a diagnosis
 
 

@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from ident.tracing.diagnosis import Diagnosis, Prediction, Verdict
+from ident.tracing.diagnosis import Data, Diagnosis, Prediction, Verdict
 from scenarios.diagnosis.candidates import can_act, candidates_for
 from scenarios.diagnosis.effort import settings_of
-from scenarios.diagnosis.input_reading import Data, InputReading
+from scenarios.diagnosis.input_reading import InputReading
 from scenarios.diagnosis.kinematic_records import OF_MODEL, kinematics_of_files
 from scenarios.diagnosis.laid_down import at_bounds, said_of
 from scenarios.diagnosis.opening import (

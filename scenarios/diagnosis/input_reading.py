@@ -11,8 +11,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from ident.tracing.diagnosis import Diagnosis, Quantity
-from ident.tracing.loop import TIMES
+from ident.tracing.diagnosis import TIMES, Data, Diagnosis, Quantity
 from scenarios.diagnosis.opening import Opened, Posed, posed_for
 from scenarios.preparation.declared_model import BETTER
 from scenarios.preparation.plan import BY_HAND, Plan
@@ -21,7 +20,6 @@ from sim.record import Hold, Record
 
 CHOOSE = "--hold linear or --hold previous says which"
 READ_AGAIN = "what was found is likelier so than with held ones; --hold previous holds them"
-Data = tuple[Sequence[Record], Sequence[Record]]
 
 
 @dataclass(eq=False)

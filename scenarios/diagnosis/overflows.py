@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ident.tracing.diagnosis import Diagnosis
+from ident.tracing.diagnosis import Data, Diagnosis
 from ident.tracing.settings import TraceSettings
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
@@ -31,7 +31,7 @@ class Trace(Protocol):
         progress: Callable[[str, float], None],
         *,
         kinematics: Callable[[], Sequence[tuple[str, ...]]] | None,
-        reread: Callable[[], tuple[Sequence[Record], Sequence[Record]]] | None,
+        reread: Callable[[], Data] | None,
     ) -> Diagnosis: ...
 
 
