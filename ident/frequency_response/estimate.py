@@ -90,7 +90,8 @@ class FrequencyResponses:
     ----------
     frequency : Hz, ``(F,)``.
     response : complex ``(m, q, F)``, each input's with the other inputs held.
-    std : ``(m, q, F)``, standard deviation of the real and of the imaginary part.
+    std : ``(m, q, F)``, standard deviation of the real and of the imaginary part; at least the
+        magnitude where the references do not move an input of a joint estimate.
     degrees : ``(m, F)``, real degrees of freedom of the noise estimate behind ``std``.
     coherence : ``(m, F)``, multiple coherence of an output with all inputs; of a joint input-output
         estimate with the references.
@@ -223,6 +224,10 @@ def responses_of_segments(
     response, std, degrees, multiple, partial, of_inputs, averages, lengths, aside = (
         np.stack([part[n] for part in parts]) for n in range(9)
     )
+    if joint:
+        std = np.where(
+            _instrument_tells(of_inputs[0], averages), std, np.maximum(std, np.abs(response))
+        )
     found = FrequencyResponses(
         frequency,
         response,
@@ -427,6 +432,20 @@ def _input_coherence(
             continue
         rows.append(coherences(spectral_matrix(np.concatenate([others, x[[one]]]), weights))[0])
     return np.array(rows)
+
+
+def _instrument_tells(coherence: np.ndarray, averages: np.ndarray) -> np.ndarray:
+    """Whether each input's coherence ``(q, F)`` with the q references is significant with 95 %,
+    bool ``(m, q, F)``.
+
+    Elsewhere the joint estimate tends to the negative inverse of the feedback with little scatter,
+    and its confidence region is unbounded (Anderson and Rubin, 1949).
+    """
+    from scipy.stats import beta
+
+    q = len(coherence)
+    least = beta.ppf(0.95, q, np.maximum(averages - q, 1e-3))
+    return np.asarray(coherence[None] >= least[:, None])
 
 
 def _usable(found: FrequencyResponses, aside: np.ndarray) -> np.ndarray:

@@ -146,7 +146,11 @@ def form_of(text: str) -> Form:
     poles = tuple(f"a{k}" for k in range(m))
     names = (*(f"b{k}" for k in range(n + 1)), *poles, DELAY)
     return Form(
-        text, (n, m), names, poles, {DELAY: "s", **{f"a{k}": f"1/s{m - k}" for k in range(m)}}
+        text,
+        (n, m),
+        names,
+        poles,
+        {DELAY: "s", **{f"a{k}": "1/s" if m - k == 1 else f"1/s{m - k}" for k in range(m)}},
     )
 
 

@@ -247,7 +247,8 @@ def watch_loop(
         if out is not None:
             from scenarios.report.summary import written_to
 
-            write_loop(out, watch, session, Path(record).name if record != PIPE else watch.name)
+            source = Path(record) if record != PIPE else None
+            write_loop(out, watch, session, source.name if source else watch.name, source)
             print(written_to(out), flush=True)
         if live is not None:
             from scenarios.watching.page.follow import until_interrupted

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from matplotlib.figure import Figure
 
-from ident.flying_qualities.bandwidth import PITCH_LEVELS, PITCH_SOURCE
+from ident.flying_qualities.bandwidth import PITCH_LEVELS
 from ident.flying_qualities.levels import criteria
 from ident.flying_qualities.pilot_in_loop import LEVELS as RESONANCES
 from ident.flying_qualities.pilot_in_loop import step_response
@@ -175,7 +175,7 @@ def _bandwidth(panel: Any, one: Any) -> None:
     panel.set_xlim(0.0, ends[0])
     panel.set_ylim(0.0, ends[1])
     _mark(panel, (band.value, band.std), (delay.value, delay.std))
-    words = "pitch: " + PITCH_SOURCE.replace("; ", ";\n")
+    words = "pitch: MIL-STD-1797A, category A (not verified)"
     _named(panel, "bandwidth (rad/s)", "phase delay (s)", words)
 
 
@@ -259,5 +259,6 @@ def figure_steps(estimate: Any, row: int = 0, column: int = 0) -> Figure:
     y_label(panel, "response (–)")
     time_axis(panel)
     data = SIMULATED_DATA if estimate.simulated else MEASURED_DATA
-    words = "no limits drawn: those of C* are printed as figures, whose points were not at hand"
-    return finish(sheet, f"{fitted[0].name}: step of {fitted[0].form.name}\n{data}; {words}")
+    return finish(
+        sheet, f"{fitted[0].name}: step response of the fitted {fitted[0].form.name}\n{data}"
+    )

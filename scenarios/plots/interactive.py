@@ -178,7 +178,7 @@ def _curve(panel: Axes, line: Line2D) -> Curve | None:
         x = np.array(sorted(map(float, panel.get_xlim())))
     elif line.get_transform() == panel.get_xaxis_transform(which="grid"):
         y = np.array(sorted(map(float, panel.get_ylim())))
-        x = _apart(x, panel)
+    x = _apart(x, panel)
     sound = np.isfinite(x)
     x, y = x[sound], np.where(np.isfinite(y), y, np.nan)[sound]
     if not x.size:

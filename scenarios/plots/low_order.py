@@ -447,8 +447,9 @@ def figure_response(estimate: EstimatedResponses, row: int = 0, column: int = 0)
         panel.set_xlim(float(f[0]), float(f[-1]))
         for first, last in _outside(f, usable):
             panel.axvspan(first, last, color=LIGHT, alpha=0.5, linewidth=0.0, zorder=0.4)
-    _limits(size, decibel)
-    _limits(angle, phase)
+    shown = usable if usable.any() else np.ones_like(usable)
+    _limits(size, decibel[shown])
+    _limits(angle, phase[shown], 20.0)
     decades(likeness.xaxis, (1.0, 2.0, 5.0))
     unit = estimate.unit(output, one)
     y_label(size, f"magnitude (dB{f' of {unit}' if unit else ''})")
@@ -572,7 +573,7 @@ def figure_margins(estimate: EstimatedLoop) -> Figure:
     rows = (
         (curve.gain, curve.gain_std, "gain (dB)", margins.gains, -1.0),
         (curve.phase, curve.phase_std, "phase + 180 (deg)", margins.phases, 1.0),
-        (curve.distance, curve.distance_std, "|1 + L| (dB)", (), 0.0),
+        (curve.distance, curve.distance_std, "distance (dB)", (), 0.0),
     )
     for panel, (value, std, label, marks, sign) in zip(sheet.panels, rows, strict=True):
         half = np.minimum(1.96 * std, _MOST)
@@ -624,9 +625,9 @@ def _outside(frequency: np.ndarray, usable: np.ndarray) -> list[tuple[float, flo
     return [(float(a), float(b)) for a, b in ends if b > a]
 
 
-def _limits(panel: Any, values: np.ndarray) -> None:
+def _limits(panel: Any, values: np.ndarray, least: float = 3.0) -> None:
     """Limits that show the line and a margin, whatever a wide band does."""
     low, high = float(np.min(values)), float(np.max(values))
-    margin = max(0.15 * (high - low), 3.0)
+    margin = max(0.15 * (high - low), least)
     if math.isfinite(low + high):
         panel.set_ylim(low - margin, high + margin)

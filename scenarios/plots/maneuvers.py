@@ -288,7 +288,7 @@ def figure_coherence(kinds: Sequence[tuple[str, Any]], title: str = "") -> Figur
                 panel.tick_params(labelleft=False)
             if m == len(first.outputs) - 1:
                 panel.set_xlabel(f"frequency (Hz), {plain(name)}", fontsize=LABEL_SIZE)
-        y_label(sheet.axes[m][0], f"{plain(output)} (–)")
+        y_label(sheet.axes[m][0], f"coherence of {plain(output)} (–)")
     return finish(sheet, title, head=0.12)
 
 

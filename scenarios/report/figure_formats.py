@@ -169,6 +169,15 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
             "spans of 95 %"
         ),
         "watched": "Parameters while the stream arrived",
+        "history": "Margins while the stream arrived, with their 95 % intervals",
+        "qualities": (
+            "Flying qualities on the charts of their criteria, with the regions that hold 95 % and "
+            "the limits of the levels"
+        ),
+        "step": (
+            "Step response of the fitted transfer function over its steady value, with its 95 % "
+            "band"
+        ),
     }
 )
 

@@ -23,6 +23,19 @@
   const digits = (value) => value === null || value === undefined ? "–" : Number(value.toPrecision(5)).toString().replace("-", "−");
   const sizeOf = (panel) => Math.round(Math.max(110, Math.min(420, panel.height * 100))) + (panel.x ? 44 : 14);
 
+  // Marks of a logarithmic axis, and those of them that carry a number.
+  const decades = (low, high) => {
+    const out = [], far = high > low * 1e9;
+    for (let power = Math.floor(Math.log10(low)); power <= Math.ceil(Math.log10(high)); power++) {
+      for (let first = 1; first <= (far ? 1 : 9); first++) { const value = Number(`${first}e${power}`); if (value >= low * (1 - 1e-9) && value <= high * (1 + 1e-9)) out.push(value); }
+    }
+    return out;
+  };
+  const named = (splits) => {
+    const firsts = splits.length > 28 ? "1" : splits.length < 6 ? "123456789" : "125";
+    return splits.map((value) => value !== null && firsts.includes(value.toExponential()[0]) ? value : null);
+  };
+
   // One table of numbers for a panel: every curve over one common abscissa.
   const tableOf = (panel) => {
     const tables = [], nulls = [], looks = [];
@@ -135,7 +148,7 @@
         return { show: !this.off.has(curve.label), stroke, width: curve.kind === "points" ? 0 : Math.max(1, curve.width * 1.1), dash: curve.dash, points, ...(curve.kind === "points" ? { paths: () => null } : curve.kind === "held" ? { paths: uPlot.paths.stepped({ align: 1 }) } : {}) };
       })];
       const axis = { stroke: ink, grid: { stroke: line, width: 1 }, ticks: { stroke: line, width: 1 }, font: "12px system-ui, sans-serif" };
-      const logarithmic = { filter: (u, splits) => splits.map((value) => value !== null && Math.abs(Math.log10(value) - Math.round(Math.log10(value))) < 1e-6 ? value : null), values: (u, splits) => splits.map((value) => value === null ? "" : String(Number(value.toPrecision(3)))) };
+      const logarithmic = { splits: (u, axis, low, high) => decades(low, high), filter: (u, splits) => named(splits), values: (u, splits) => splits.map((value) => value === null ? "" : String(Number(value.toPrecision(3)))) };
       const full = () => this.full.get(group);
       return {
         width: Math.max(200, width), height: sizeOf(panel), series, bands,

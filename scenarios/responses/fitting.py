@@ -432,26 +432,10 @@ class Qualities:
 
     @property
     def lines(self) -> list[str]:
-        """A sentence for each quantity, and for what is not known."""
-        words = {
-            "neutral_frequency": "phase of -180 deg",
-            "dropback": "dropback over steady rate",
-            "pitch_rate_overshoot": "largest over steady pitch rate",
-            "pilot_resonance": "resonance of Neal and Smith's closed loop",
-            "pilot_compensation": "phase of Neal and Smith's pilot",
-            "load_factor_slope": "n/alpha",
-            "control_anticipation": "CAP",
-            "total_delay": "equivalent delay",
-        }
+        """The levels that are reached, and what is not known, one sentence each."""
         out = []
-        for name, (each, unit) in self.numbers.items():
-            half = LEVEL * each.std
-            hertz = f" ({each.value / (2.0 * math.pi):.3g} Hz)" if unit == "rad/s" else ""
-            said = words.get(name, name.replace("_", " "))
-            shown = "" if unit == "1" else f" {unit}"
-            out.append(f"{self.name}: {said} {each.value:.3g} +- {half:.2g}{shown}{hertz}, 95 %")
         for level in self.levels:
-            said = words.get(level.quality.name, level.quality.name.replace("_", " "))
+            said = quality_name(level.quality.name)
             reached = f"level {level.level}" if level.level < 4 else "outside level 3"
             between = (
                 f"; {level.best} to {level.worst} within two sigmas" if level.uncertain else ""
@@ -460,6 +444,23 @@ class Qualities:
         out += [f"{self.name}: {line}" for line in _chart_lines(self)]
         notes = self.bandwidth.notes if self.bandwidth is not None else ()
         return out + [f"{self.name}: {note}" for note in notes]
+
+
+_QUALITY_NAMES = {
+    "neutral_frequency": "phase of -180 deg",
+    "dropback": "dropback over steady rate",
+    "pitch_rate_overshoot": "largest over steady pitch rate",
+    "pilot_resonance": "resonance of Neal and Smith's closed loop",
+    "pilot_compensation": "phase of Neal and Smith's pilot",
+    "load_factor_slope": "n/alpha",
+    "control_anticipation": "CAP",
+    "total_delay": "equivalent delay",
+}
+
+
+def quality_name(name: str) -> str:
+    """How tables and sentences call a quantity of ``Qualities.numbers``."""
+    return _QUALITY_NAMES.get(name, name.replace("_", " "))
 
 
 def _chart_lines(one: Qualities) -> list[str]:

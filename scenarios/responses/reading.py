@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -86,6 +87,7 @@ def read_signals(
     RecordError : a column that is not there, a gap, a part that is too short, in one line.
     """
     records: list[Record] = []
+    of_file: list[Path] = []
     notes: list[str] = list(plan.chosen)
     holds = set()
     for file in files:
@@ -101,6 +103,8 @@ def read_signals(
                 part, sentence = filtered(part, plan)
                 notes += [sentence] if sentence else []
                 records.append(part)
+                of_file.append(file.path)
+    records = _told_apart(records, of_file)
     step = float(np.median(np.diff(records[0].time)))
     _refuse_other_kinds(records, step)
     signals = []
@@ -119,6 +123,17 @@ def read_signals(
         step,
         tuple(dict.fromkeys(notes)),
     )
+
+
+def _told_apart(records: list[Record], files: list[Path]) -> list[Record]:
+    """The records with the names of their files where records of several files have one name."""
+    named: dict[str, set[Path]] = {}
+    for record, path in zip(records, files, strict=True):
+        named.setdefault(record.name, set()).add(path)
+    return [
+        replace(record, name=path.name) if len(named[record.name]) > 1 else record
+        for record, path in zip(records, files, strict=True)
+    ]
 
 
 def _refuse_other_kinds(records: Sequence[Record], step: float) -> None:

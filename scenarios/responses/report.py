@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,14 +37,22 @@ from scenarios.report.document import (
     section,
     table,
 )
-from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.figure_formats import USUAL, Drawn, Formats, caption_of
 from scenarios.report.folder import figures, write_page
 from scenarios.report.quantities import console, number_text
 from scenarios.report.summary import BELOW, Summary, print_summary
 from scenarios.report.terminal import show_blocks, show_table
 from scenarios.report.text_tables import print_paragraph
 from scenarios.responses.analysis import ResponseEstimates, pairs
-from scenarios.responses.fitting import Fits, cost_sentence, envelope_sentence, transfer_text
+from scenarios.responses.fitting import (
+    LEVEL,
+    Fits,
+    Qualities,
+    cost_sentence,
+    envelope_sentence,
+    quality_name,
+    transfer_text,
+)
 from scenarios.responses.loops import (
     loop_tables,
     margin_lines,
@@ -72,6 +82,7 @@ def print_responses(
         show_table(
             out, response_table(found, row, column, f": {band_sentence(found, row, column)}")
         )
+    show_blocks(out, quality_tables(found))
     for line in quality_lines(found):
         print_paragraph(out, line, indent=0)
     if found.loop is not None:
@@ -88,8 +99,35 @@ def print_responses(
         show_table(out, model_table(found.model))
 
 
+def quality_table(one: Qualities) -> Table | None:
+    """The numbers of one response with their 95 % intervals; None where there are none."""
+    if not one.numbers:
+        return None
+    rows = [(quality_name(name), each, unit) for name, (each, unit) in one.numbers.items()]
+    hertz = [
+        formatted(each.value / (2.0 * math.pi), ".3g") if unit == "rad/s" else ""
+        for _, each, unit in rows
+    ]
+    return table(
+        f"Flying qualities of {one.name}, with 95 % intervals",
+        (Column("quantity"), [name for name, _, _ in rows]),
+        (Column("value", BY_ROW), [formatted(each.value, ".3g") for _, each, _ in rows]),
+        (
+            Column("+-", BY_ROW, beside=True),
+            [formatted(LEVEL * each.std, ".2g") for _, each, _ in rows],
+        ),
+        (Column("frequency", "Hz"), hertz) if any(hertz) else None,
+        units=["" if unit == "1" else unit for _, _, unit in rows],
+    )
+
+
+def quality_tables(found: ResponseEstimates) -> list[Table]:
+    """Flying qualities, a table for each response that has some."""
+    return [each for each in map(quality_table, found.qualities) if each is not None]
+
+
 def quality_lines(found: ResponseEstimates) -> list[str]:
-    """Flying qualities, one sentence each."""
+    """Levels that are reached and what is not known of flying qualities, one sentence each."""
     return [line for each in found.qualities for line in each.lines]
 
 
@@ -241,7 +279,9 @@ def responses_page(found: ResponseEstimates, drawn: Sequence[Drawn] = ()) -> Pag
         tables.append(Prose(f"{name}: {band_sentence(found, row, column)}.", "note"))
         functions += [Prose(as_sentence(line)) for line in fit_lines(found, row, column)]
         functions += fit_tables(found, row, column, f"Parameters of {name}")
-    functions += model_blocks(found)
+    qualities: list[Block] = [*quality_tables(found)]
+    if judged := quality_lines(found):
+        qualities.append(Bullets(tuple(map(as_sentence, judged))))
     margins: list[Block] = []
     if found.loop is not None:
         margins += loop_tables(found.loop)
@@ -269,7 +309,8 @@ def responses_page(found: ResponseEstimates, drawn: Sequence[Drawn] = ()) -> Pag
         sections=(
             *section("Bode diagrams", *figures(drawn)),
             *section("Transfer functions", *functions),
-            *section("Flying qualities", Bullets(tuple(map(as_sentence, quality_lines(found))))),
+            *section("Derivatives", *model_blocks(found)),
+            *section("Flying qualities", *qualities),
             *section("Stability margins", *margins),
             *section("Numbers", *tables),
             *section("How they were estimated", Bullets(tuple(map(as_sentence, found.notes)))),
@@ -323,6 +364,11 @@ def write_responses(
                     for n, (row, column, _) in enumerate(pairs(found), start=1)
                     if (place := (row, column)) in found.fits.places
                 ]
+            about = {
+                f"{kind}_{n}": name
+                for n, (_, _, name) in enumerate(pairs(found), start=1)
+                for kind in ("response", "mismatch")
+            }
             named += quality_figures(found)
             if any(each.curve is not None for each in found.qualities):
                 from scenarios.plots.low_order import figure_bandwidth
@@ -338,7 +384,15 @@ def write_responses(
                 from scenarios.plots.low_order import figure_margins
 
                 named.append(("loop", partial(figure_margins, found)))
-            drawn = drawn_for_page(named, scratch, figures)
+            drawn = tuple(
+                replace(
+                    each,
+                    caption=f"{about[each.stem]}: {caption_of(each.stem.rstrip('_0123456789'))}",
+                )
+                if each.stem in about
+                else each
+                for each in drawn_for_page(named, scratch, figures)
+            )
         write_text(scratch / TABLE, responses_csv(found))
         write_page(scratch, responses_page(found, drawn))
         write_json(scratch / MAIN, responses_content(found))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time
 from collections.abc import Iterator, Mapping
@@ -82,14 +83,18 @@ class DrawnLoop:
     simulated: bool = False
 
 
-def write_loop(out: Path, watch: Watch, session: MarginSession, name: str) -> None:
-    """Write the study of a loop in a stream, whole or not at all."""
+def write_loop(
+    out: Path, watch: Watch, session: MarginSession, name: str, source: Path | None = None
+) -> None:
+    """Write the study of a loop in a stream, whole or not at all; ``source`` is the file of its
+    rows, None of a pipe."""
     from scenarios.plots.drawing import drawn_for_page
     from scenarios.plots.flying_qualities import figure_margin_history
     from scenarios.plots.low_order import figure_margins
     from scenarios.report.figure_formats import USUAL
 
     loop = margins_of(session)
+    digest = hashlib.sha256(source.read_bytes()).hexdigest() if source is not None else ""
     content = margin_content(session)
     content["stream"] = {
         "rows": session.rows,
@@ -106,12 +111,16 @@ def write_loop(out: Path, watch: Watch, session: MarginSession, name: str) -> No
             named.append(("history", partial(figure_margin_history, session.points, name)))
         drawn = drawn_for_page(named, scratch, USUAL)
         write_text(scratch / HISTORY, history_csv(session))
-        write_page(scratch, loop_page(content, loop, name, page_figures(drawn)))
+        write_page(scratch, loop_page(content, loop, name, digest, page_figures(drawn)))
         write_json(scratch / MAIN, content)
 
 
 def loop_page(
-    content: Mapping[str, Any], loop: LoopMargins | None, name: str, drawn: tuple[Block, ...]
+    content: Mapping[str, Any],
+    loop: LoopMargins | None,
+    name: str,
+    digest: str,
+    drawn: tuple[Block, ...],
 ) -> Page:
     """The page of a loop that was watched."""
     stream = content["stream"]
@@ -136,7 +145,9 @@ def loop_page(
             *section("Margins at the end", *margins),
         ),
         reproduction=reproduction(
-            words, as_sentence(f"the stream ended: {stream['ended']}"), [("rows", name, "")]
+            words,
+            as_sentence(f"the watch ended: {stream['ended']}"),
+            [("rows", name, digest)] if digest else [],
         ),
         created=now(),
     )

@@ -210,7 +210,7 @@ def spectral_page(
         ),
         reproduction=reproduction(
             usual_command(name, content["model"], vehicle),
-            as_sentence(f"the stream ended: {stream['ended']}"),
+            as_sentence(f"the watch ended: {stream['ended']}"),
             rows_and_vehicle(name, digest, vehicle),
         ),
         created=now(),

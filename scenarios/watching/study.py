@@ -392,7 +392,7 @@ def watch_page(
         ),
         reproduction=reproduction(
             usual_command(name, "loes", vehicle),
-            as_sentence(f"the stream ended: {stream['ended']}"),
+            as_sentence(f"the watch ended: {stream['ended']}"),
             rows_and_vehicle(name, digest, vehicle),
         ),
         created=now(),

@@ -125,6 +125,43 @@ def test_curves_and_panels_are_switched(page: Page, plots: Path) -> None:
 
 
 @pytest.fixture(scope="module")
+def over_frequency(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A page with a figure over frequencies that begin just below a power of ten."""
+    from scenarios.plots.style import finish, make_sheet
+
+    sheet = make_sheet([1.5])
+    frequency = np.geomspace(0.0997369636415, 4.7222, 60)
+    sheet.panels[0].plot(frequency, np.log(frequency))
+    sheet.panels[0].plot([1.0, 1.0], [0.0, 1.0], label="upright")
+    sheet.panels[0].set_xscale("log")
+    sheet.panels[0].set_xlim(frequency[0], frequency[-1])
+    sheet.panels[0].set_xlabel("frequency (Hz)")
+    figure = finish(sheet, "a response")
+    folder = tmp_path_factory.mktemp("frequency")
+    drawn = drawn_for_page([("response", lambda: figure)], folder, ())
+    document = Document(
+        *("Figures", "Study of figures", "converged", "good", "", (), ()),
+        section("Figures", *figures(drawn)),
+        Reproduction(("flightid run rigid",)),
+    )
+    write_page(folder, document)
+    return folder / "report.html"
+
+
+def test_a_logarithmic_axis_begins_anywhere(page: Page, over_frequency: Path) -> None:
+    found: list[str] = []
+    page.on("pageerror", lambda error: found.append(str(error)))
+    page.goto(over_frequency.as_uri())
+    panel = page.locator("#figure-response .panel")
+    panel.locator("canvas").wait_for()
+    assert found == []
+    before = panel.screenshot()
+    page.get_by_role("button", name="Curve: upright").click()
+    page.mouse.move(0, 0)
+    assert panel.screenshot() != before
+
+
+@pytest.fixture(scope="module")
 def frame(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A page of a notebook: a figure with an upright line in the frame that a notebook shows."""
     from flightid.labs.figures import figure_input_spectrum

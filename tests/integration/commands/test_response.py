@@ -352,6 +352,7 @@ def test_flying_qualities_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert typed("response", log, *signals, "--bandwidth", "rate", "--out", out) == 0
     printed = capsys.readouterr().out
     assert "phase bandwidth" in printed and "no phase delay" in printed
+    assert "with 95 % intervals" in printed
     (one,) = json.loads((out / "responses.json").read_text())["flying_qualities"]
     omega = one["phase_bandwidth"]["value"]
     attitude = np.degrees(np.angle(exact(np.array([omega / (2.0 * math.pi)])) / (1j * omega)))
@@ -455,6 +456,19 @@ def test_stability_margins_of_pooled_flights(
     assert found.margins["phase_margin"]["value"] == pooled["phase_margin"]["value"]
     assert found.worst_margins["phase_margin"] == written["worst"]["phase_margin"]
     assert found.plot.loop().axes
+
+
+def test_records_of_one_name_are_told_apart_by_their_files(tmp_path: Path) -> None:
+    """Two flights that were made by the same program, whose JSON files give them one name."""
+    paths = []
+    for n in (1, 2):
+        paths.append(write_csv(tmp_path, f"flight{n}.csv", **loop_flight(n, 40.0)))
+        about = {"schema": "flightid/record/1", "name": "flight 1"}
+        paths[-1].with_suffix(".json").write_text(json.dumps(about))
+    found = fid.frequency_response(
+        paths, "command", "returned", reference="sweep", band=(0.5, 8.0), margins="minus"
+    )
+    assert found.worst_margins["phase_margin"]["maneuver"] in ("flight1.csv", "flight2.csv")
 
 
 def test_a_loop_that_adds_has_the_same_margins(tmp_path: Path) -> None:

@@ -119,6 +119,27 @@ def test_feedback_biases_the_direct_estimate_and_not_the_joint_one() -> None:
     assert bias["direct"] > 0.2 > 0.1 > bias["joint"]
 
 
+def test_where_the_reference_does_not_move_the_input_nothing_is_said() -> None:
+    """Of a sweep up to 1 Hz the joint estimate at 4 Hz is that of the feedback, and exactly so."""
+    rng = np.random.default_rng(5)
+    time = STEP * np.arange(int(120.0 / STEP))
+    sweep = signal.chirp(time, 0.1, 120.0, 1.0, method="logarithmic")
+    returned = np.zeros_like(time)
+    top, bottom = SHORT_PERIOD
+    closed = np.polyadd(bottom, 0.5 * top)
+    returned = signal.lfilter(top, closed, sweep)
+    returned += signal.lfilter(bottom, closed, rng.normal(0.0, 0.05, time.size))
+    command = sweep - 0.5 * returned
+    grid = np.array([0.4, 0.6, 4.0, 5.0])
+    record = Signals(STEP, command[None], returned[None], sweep[None])
+    found = estimate_responses([record], grid, Spectra(window_lengths([120.0])))
+    system = signal.freqz(top, bottom, 2.0 * np.pi * grid * STEP)[1]
+    inside = np.abs(found.response[0, 0] - system) <= found.radius()[0, 0]
+    assert inside.all() and not found.usable[0, 0, 2:].any()
+    assert (found.random_error[0, 0, :2] < 0.2).all()
+    assert (found.random_error[0, 0, 2:] >= 1.0).all()
+
+
 def test_derivatives_of_the_window_take_out_its_bias() -> None:
     """At the peak of the short period, without noise, a short window alone."""
     record = flight("one", 3, noise=0.0)
