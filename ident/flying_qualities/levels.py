@@ -168,6 +168,9 @@ def _every() -> tuple[Criterion, ...]:
     )
 
 
+_TIMES = ("delay", "total_delay", "roll_time_constant")
+
+
 def levels(
     found: Sequence[Quality], against: Sequence[Criterion] | None = None
 ) -> tuple[Level, ...]:
@@ -179,6 +182,8 @@ def levels(
             continue
         quality = by_name[criterion.quantity]
         low, high = quality.value - SIGMAS * quality.std, quality.value + SIGMAS * quality.std
+        # No level is reached below the least limit of a time: it is not negative.
+        low = max(low, min(0.0, quality.value)) if quality.name in _TIMES else low
         edges = [edge for pair in criterion.levels for edge in pair if low < edge < high]
         spots = sorted([low, *edges, high])
         # Levels change at edges only: one point inside each piece, and the ends, see them all.

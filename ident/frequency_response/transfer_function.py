@@ -21,6 +21,7 @@ PHASE_WEIGHT = 0.01745  # one degree counts as 0.13 dB
 _POINTS = 20.0  # frequencies to which the cost is normalised
 _DECIBEL, _DEGREE = 20.0 / math.log(10.0), 180.0 / math.pi
 _DELAYS = (0.0, 0.03, 0.1, 0.25)  # s, from which the search starts
+_SHARES = (0.5, 0.75, 1.0)  # of the group delay: the rest of it is that of the poles
 _STEPS = 12  # of the linear iterations that find a start
 
 
@@ -109,7 +110,13 @@ def _named(
     name: str, orders: tuple[int, int], zeros: tuple[str, ...], poles: tuple[str, ...]
 ) -> Form:
     names = ("gain", *zeros, *poles, DELAY)
-    return Form(name, orders, names, poles, {each: _UNITS.get(each, "") for each in names})
+    units = {each: _UNITS.get(each, "") for each in names}
+    return Form(name, orders, names, poles, units | {"gain": _per_seconds(orders[1] - orders[0])})
+
+
+def _per_seconds(power: int) -> str:
+    """``1/s2``, the unit of a coefficient beside that of output over input."""
+    return "" if power == 0 else "1/s" if power == 1 else f"1/s{power}"
 
 
 FORMS: Mapping[str, Form] = {
@@ -150,7 +157,11 @@ def form_of(text: str) -> Form:
         (n, m),
         names,
         poles,
-        {DELAY: "s", **{f"a{k}": "1/s" if m - k == 1 else f"1/s{m - k}" for k in range(m)}},
+        {
+            DELAY: "s",
+            **{f"a{k}": _per_seconds(m - k) for k in range(m)},
+            **{f"b{k}": _per_seconds(m - k) for k in range(n + 1)},
+        },
     )
 
 
@@ -248,9 +259,15 @@ def fit_transfer_functions(
     every = [name for form in forms for name in form.parameters]
     for name, value in fixed.items():
         if name not in every or not math.isfinite(value):
-            what = f"no form has a parameter {name!r}" if name not in every else f"{name} = {value}"
             known = ", ".join(dict.fromkeys(every))
-            raise ModelError(what, where="fix", remedy=f"the parameters are {known}")
+            if name not in every:
+                what, remedy = f"no form has a parameter {name!r}", f"the parameters are {known}"
+            else:
+                what, remedy = f"{name} = {value} is not finite", "give a finite number"
+            raise ModelError(what, where="fix", remedy=remedy)
+        if name == DELAY and value < 0.0:
+            what = f"a delay of {value:g} s"
+            raise ModelError(what, where="fix", remedy="give a delay of zero or more")
     if shared_poles and any(form.poles != forms[0].poles for form in forms):
         what = "the denominators have different parameters"
         raise ModelError(what, where="shared poles", remedy="give forms with the same denominator")
@@ -452,7 +469,8 @@ def neighbour_correlation(bins: np.ndarray) -> np.ndarray:
 def _start(target: Target, form: Form, fixed: Mapping[str, float]) -> list[dict[str, float]]:
     """Parameters by linear least squares (Sanathanan and Koerner, IEEE Trans. Automatic Control
     8(1), 1963), for several delays."""
-    delays = (fixed[DELAY],) * len(_DELAYS) if DELAY in fixed else _DELAYS
+    tried = (*_DELAYS, *(share * _group_delay(target) for share in _SHARES))
+    delays = (fixed[DELAY],) * len(tried) if DELAY in fixed else tried
     out = []
     for delay in delays:
         s = 1j * target.omega
@@ -474,6 +492,15 @@ def _start(target: Target, form: Form, fixed: Mapping[str, float]) -> list[dict[
         down = [1.0, *(solution[n + 1 + k] * scale ** (m - k) for k in range(m - 1, -1, -1))]
         out.append(form.values_of(np.array(top), np.array(down), delay) | dict(fixed))
     return out
+
+
+def _group_delay(target: Target) -> float:
+    """Mean slope of the phase over the upper half of the band, s, not negative."""
+    upper = target.omega >= 0.5 * target.omega[-1]
+    if np.count_nonzero(upper) < 2:
+        return 0.0
+    slope = np.polyfit(target.omega[upper], np.unwrap(np.angle(target.response[upper])), 1)[0]
+    return max(float(-slope), 0.0)
 
 
 @dataclass(frozen=True, eq=False)

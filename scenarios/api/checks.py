@@ -414,13 +414,18 @@ class FrequencyResponse:
 
     @property
     def levels(self) -> dict[str, dict[str, tuple[int, int, int]]]:
-        """Level of each quantity of a fitted form by response: level (4: outside all), best and
-        worst within two standard deviations."""
-        return {
-            each.name: {one.quality.name: (one.level, one.best, one.worst) for one in each.levels}
+        """Level of each quantity of a fitted form by response, and of each chart: level (4: outside
+        all), best and worst within two standard deviations."""
+        from scenarios.responses.fitting import chart_levels
+
+        found = {
+            each.name: {
+                **{one.quality.name: (one.level, one.best, one.worst) for one in each.levels},
+                **{one.name: (one.level, one.best, one.worst) for one in chart_levels(each)},
+            }
             for each in self.details.qualities
-            if each.levels
         }
+        return {name: levels for name, levels in found.items() if levels}
 
     def to_transfer_function(
         self, output: str | None = None, input: str | None = None, pade: int = 2
@@ -563,10 +568,10 @@ def frequency_response(
     plan = plan_from(start, stop, hold, rate, lowpass, False, columns)
     request = with_parts(request_of(records, channels=channels, plan=plan), maneuver, maneuvers)
     names = Names(_names(input), _names(output), _names(reference))
-    given = None if band is None else (float(band[0]), float(band[1]))
+    given = _band(band)
     options = analysis.ResponseOptions(given, _lengths(window), tapers, coherence)
     forms = tuple(f"{k}={v}" for k, v in fit.items()) if isinstance(fit, Mapping) else _names(fit)
-    held = tuple(f"{name}={float(value)!r}" for name, value in (fix or {}).items())
+    held = tuple(f"{name}={value}" for name, value in (fix or {}).items())
     wanted = FitOptions(forms, held, shared_poles)
     asked = (bandwidth, margins, LevelOptions(levels, airspeed), pilot_demand(pilot, pilot_delay))
     fitted = ModelOptions(model, None if vehicle is None else Path(vehicle))
@@ -585,7 +590,22 @@ def _margin(one: Margin) -> dict[str, float]:
 
 
 def _names(given: str | Sequence[str]) -> tuple[str, ...]:
-    return (given,) if isinstance(given, str) else tuple(given)
+    names = (given,) if isinstance(given, str) else given
+    if not isinstance(names, Sequence) or not all(isinstance(each, str) for each in names):
+        remedy = "give a name or a list of names"
+        raise DeclarationError(f"{given!r} names no signal", where="input, output", remedy=remedy)
+    return tuple(names)
+
+
+def _band(given: tuple[float, float] | None) -> tuple[float, float] | None:
+    if given is None:
+        return None
+    try:
+        low, high = map(float, given)
+    except (TypeError, ValueError):
+        remedy = "give the lowest and the highest frequency, Hz: (0.1, 8)"
+        raise DeclarationError(f"{given!r} is no band", where="band", remedy=remedy) from None
+    return low, high
 
 
 def _place(name: str | None, names: Sequence[str], kind: str) -> int:

@@ -22,6 +22,7 @@ from ident.flying_qualities.bandwidth import (
 from ident.flying_qualities.fitted_forms import form_levels, form_qualities
 from ident.flying_qualities.levels import CATEGORIES, CLASSES, Level, Quality
 from ident.flying_qualities.pilot_in_loop import (
+    DROOP,
     PILOT_DELAY,
     NealSmith,
     PilotDemand,
@@ -280,9 +281,10 @@ def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
     if fits is None:
         return ()
     out = [] if fits.fit.converged else ["the search for the transfer functions did not end"]
-    for function in fits.fit.functions:
+    for function, mismatch in zip(fits.fit.functions, fits.mismatches, strict=True):
         if function.cost > GOOD:
             out.append(f"{function.name}, {function.form.name}: {cost_sentence(function)}")
+        out += _outside_band(function, mismatch)
         uncertain = [name for name in function.std if _hardly_determined(function, name)]
         if _may_be_none(function):
             late, std = function.values["delay"], function.std["delay"]
@@ -297,6 +299,20 @@ def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
             said = f"{function.name}: {', '.join(uncertain)} hardly determined ({limits})"
             out.append(f"{said}; fix one of them with --fix, or take a lower order")
     return tuple(out)
+
+
+def _outside_band(function: FittedResponse, mismatch: Mismatch) -> list[str]:
+    """That a fitted mode lies where the response was not used: a dip of the coherence at a lightly
+    damped mode ends the usable band there."""
+    low, high = (2.0 * math.pi * float(mismatch.frequency[end]) for end in (0, -1))
+    mode = function.values.get("frequency")
+    if mode is None or low <= mode <= high:
+        return []
+    return [
+        f"{function.name}: the fitted mode at {mode:.3g} rad/s lies outside the usable band, "
+        f"{low:.3g} to {high:.3g} rad/s; a lower --coherence or longer windows (--window) may "
+        "take it in"
+    ]
 
 
 def _hardly_determined(function: FittedResponse, name: str) -> bool:
@@ -394,7 +410,7 @@ class Qualities:
     bandwidth, curve : where a kind of output is named. dropback : where ``pitch`` is fitted, s.
     form : quantities of a fitted form. levels : of these, where limits are asked for.
     overshoot : of the pitch rate after a step, largest over steady. pilot : of Neal and Smith, or
-        why there is none. flown : class and category of the levels.
+        why there is none. flown : class and category of the levels. form_name : of the fitted form.
     """
 
     name: str
@@ -407,6 +423,7 @@ class Qualities:
     overshoot: BandwidthQuantity | None = None
     pilot: NealSmith | str | None = None
     flown: tuple[str, str] | None = None
+    form_name: str = ""
 
     @property
     def numbers(self) -> Mapping[str, tuple[BandwidthQuantity, str]]:
@@ -436,11 +453,8 @@ class Qualities:
         out = []
         for level in self.levels:
             said = quality_name(level.quality.name)
-            reached = f"level {level.level}" if level.level < 4 else "outside level 3"
-            between = (
-                f"; {level.best} to {level.worst} within two sigmas" if level.uncertain else ""
-            )
-            out.append(f"{self.name}: {said}: {reached}{between} ({level.criterion.source})")
+            reached = level_text(level.level, level.best, level.worst)
+            out.append(f"{self.name}: {said}: {reached} ({level.criterion.source})")
         out += [f"{self.name}: {line}" for line in _chart_lines(self)]
         notes = self.bandwidth.notes if self.bandwidth is not None else ()
         return out + [f"{self.name}: {note}" for note in notes]
@@ -463,41 +477,69 @@ def quality_name(name: str) -> str:
     return _QUALITY_NAMES.get(name, name.replace("_", " "))
 
 
-def _chart_lines(one: Qualities) -> list[str]:
-    """Levels of criteria with two quantities, and what is said of the pilot."""
+@dataclass(frozen=True)
+class ChartLevel:
+    """The level that two quantities reach on the chart of a criterion.
+
+    Attributes
+    ----------
+    name : of the criterion. words : what is judged. level : 1 to 4, 4 outside all; best, worst :
+        within two standard deviations. source : of the limits.
+    """
+
+    name: str
+    words: str
+    level: int
+    best: int
+    worst: int
+    source: str
+
+
+def chart_levels(one: Qualities) -> list[ChartLevel]:
+    """Levels of bandwidth and phase delay, and of Neal and Smith's pilot, where they are known."""
     out = []
     band = one.bandwidth
-    if one.flown is not None and one.flown[1] == "A" and band is not None:
-        both = (band.bandwidth, band.delay)
-        if both[0] is not None and both[1] is not None:
-            level = pitch_bandwidth_level(both[0].value, both[1].value)
-            ends = [
-                pitch_bandwidth_level(
-                    both[0].value - sign * 2.0 * both[0].std,
-                    max(both[1].value + sign * 2.0 * both[1].std, 0.0),
-                )
-                for sign in (-1.0, 1.0)
-            ]
-            out.append(
-                f"bandwidth and phase delay, if this is pitch: {level_text(level, *ends)}"
-                f" ({PITCH_SOURCE})"
+    flown = one.flown is not None and one.flown[1] == "A" and one.form_name in ("", PITCH)
+    if flown and band is not None and band.bandwidth is not None and band.delay is not None:
+        width, delay = band.bandwidth, band.delay
+        best, worst = (
+            pitch_bandwidth_level(
+                width.value - sign * 2.0 * width.std, max(delay.value + sign * 2.0 * delay.std, 0.0)
             )
+            for sign in (-1.0, 1.0)
+        )
+        words = "bandwidth and phase delay" + ("" if one.form_name else ", if this is pitch")
+        level = pitch_bandwidth_level(width.value, delay.value)
+        out.append(ChartLevel("bandwidth_and_phase_delay", words, level, best, worst, PITCH_SOURCE))
+    found = one.pilot
+    if isinstance(found, NealSmith) and found.droop >= DROOP - 0.05:
+        words = f"resonance at {found.demand.bandwidth:g} rad/s, delay {found.demand.delay:g} s"
+        source = "MIL-STD-1797A, 4.2.1.2, closed-loop criterion"
+        out.append(
+            ChartLevel("pilot_resonance", words, found.level, found.best, found.worst, source)
+        )
+    return out
+
+
+def _chart_lines(one: Qualities) -> list[str]:
+    """Levels of criteria with two quantities, and what is said of the pilot."""
+    out = [
+        f"{each.words}: {level_text(each.level, each.best, each.worst)} ({each.source})"
+        for each in chart_levels(one)
+    ]
     if isinstance(one.pilot, str):
         out.append(one.pilot)
     elif one.pilot is not None:
-        found = one.pilot
-        demand = f"{found.demand.bandwidth:g} rad/s, delay {found.demand.delay:g} s"
-        out.append(
-            f"resonance at {demand}: {level_text(found.level, found.best, found.worst)}"
-            " (MIL-STD-1797A, 4.2.1.2, closed-loop criterion)"
-        )
-        out += found.notes
+        out += one.pilot.notes
     return out
 
 
 def level_text(level: int, best: int, worst: int) -> str:
     """``"level 1; 1 to 2 within two sigmas"``."""
-    return f"level {level}" + (f"; {best} to {worst} within two sigmas" if best != worst else "")
+    reached = f"level {level}" if level < 4 else "outside level 3"
+    if best == worst:
+        return reached
+    return f"{reached}; {best} to {worst if worst < 4 else 'outside 3'} within two sigmas"
 
 
 def refuse_kind(kind: str | None) -> None:
@@ -549,7 +591,8 @@ def qualities_of(
                 place = (row, column)
                 out.append(
                     Qualities(
-                        name, place, bandwidth, curve, fall, form, levels, over, closed, flown
+                        *(name, place, bandwidth, curve, fall, form, levels, over, closed, flown),
+                        fitted[0].form.name if fitted is not None else "",
                     )
                 )
     return tuple(out)

@@ -50,7 +50,8 @@ class LoopMargins:
     curve, margins : of all records together. maneuvers : of each part by itself, None where it
         gives no estimate; ``parts``: their names, ``reasons``: why, by name.
     worst : the least of each margin over the parts; empty with one part.
-    cautions : what a user should know.
+    cautions : what a user should know. contradicted : whether excitation, command and returned
+        signal say the other sign; the margins are then those of another loop.
     """
 
     name: str
@@ -62,6 +63,7 @@ class LoopMargins:
     reasons: tuple[str, ...]
     worst: tuple[WorstMargin, ...]
     cautions: tuple[str, ...]
+    contradicted: bool = False
 
 
 def refuse_loop(sign: str | None, names: Names) -> None:
@@ -120,8 +122,9 @@ def loop_margins_of(
     worst = tuple(replace(one, maneuver=at[one.maneuver]) for one in worst)
     cautions = _cautions(found, names, sign, read, worst)
     parts = read.names if each else ()
+    other = found.joint and fitting_sign(_products(read)) not in (sign, None)
     return LoopMargins(
-        name, sign, curve, pooled, parts, tuple(each), tuple(reasons), worst, cautions
+        name, sign, curve, pooled, parts, tuple(each), tuple(reasons), worst, cautions, other
     )
 
 
@@ -139,11 +142,8 @@ def _cautions(
             "loop "
             "biases them; record the excitation and name it with --reference"
         )
-    elif (said := _other_sign(read, sign)) is not None:
-        out.append(
-            f"{names.references[0]} is closer to {names.inputs[0]} {'+' if said == MINUS else '-'} "
-            f"{names.outputs[0]}: --margins {said} fits these signals"
-        )
+    elif fitting_sign(_products(read)) not in (sign, None):
+        out.append(sign_caution(names.references[0], names.inputs[0], names.outputs[0], sign))
     for one in worst:
         if one.p_value < DIFFER:
             out.append(
@@ -153,20 +153,35 @@ def _cautions(
     return tuple(out)
 
 
-def _other_sign(read: ReadSignals, sign: str) -> str | None:
-    """The other sign where the reference is made of command and returned signal by it.
+def _products(read: ReadSignals) -> np.ndarray:
+    """Sums of products ``(3, 3)`` of reference, command and returned signal about their means."""
+    rows = [np.concatenate([each.references, each.inputs, each.outputs]) for each in read.signals]
+    apart = [row - row.mean(axis=1, keepdims=True) for row in rows]
+    return np.asarray(sum(row @ row.T for row in apart))
+
+
+def fitting_sign(products: np.ndarray) -> str | None:
+    """The sign by which command and returned signal make up the reference; None where they do not
+    decide it.
 
     A loop that subtracts has reference = command + returned, by which the two have regression
     coefficients of one sign.
+
+    Parameters
+    ----------
+    products : ``(3, 3)``, of reference, command and returned signal about their means.
     """
-    rows = [np.concatenate([each.references, each.inputs, each.outputs]) for each in read.signals]
-    reference, command, returned = np.concatenate(
-        [row - row.mean(axis=1, keepdims=True) for row in rows], axis=1
+    a, b = np.linalg.lstsq(products[1:, 1:], products[1:, 0], rcond=None)[0]
+    return None if a * b == 0.0 else MINUS if a * b > 0.0 else PLUS
+
+
+def sign_caution(reference: str, command: str, returned: str, sign: str) -> str:
+    """That the signals contradict the ``sign`` that was named."""
+    other = PLUS if sign == MINUS else MINUS
+    return (
+        f"{reference} is closer to {command} {'+' if other == MINUS else '-'} {returned}: "
+        f"--margins {other} fits these signals, and these margins are those of another loop"
     )
-    both = np.column_stack([command, returned])
-    a, b = np.linalg.lstsq(both, reference, rcond=None)[0]
-    fitting = MINUS if a * b > 0.0 else PLUS
-    return None if fitting == sign else fitting
 
 
 def loop_tables(loop: LoopMargins) -> list[Table]:
@@ -200,7 +215,7 @@ def loop_tables(loop: LoopMargins) -> list[Table]:
             Column("maneuvers", PURE),
             [Number(sum(each is not None for each in one.values), digits=0) for one in loop.worst],
         ),
-        (Column("p alike", PURE), [formatted(one.p_value, ".2g") for one in loop.worst]),
+        (Column("p of no difference", PURE), [formatted(one.p_value, ".2g") for one in loop.worst]),
         units=[UNITS[one.margin.kind] for one in loop.worst],
     )
     return [each for each in (margins, worst) if each.rows]
@@ -236,7 +251,9 @@ def margin_lines(loop: LoopMargins) -> list[str]:
                 else "undecided"
             )
             said.append(f"{WORDS[name]} of {required:g} {unit} {verdict}")
-    if said:
+    if loop.contradicted:
+        out.append("not compared with MIL-F-9490D: the signals contradict the sign of the loop")
+    elif said:
         out.append(
             "MIL-F-9490D, below the first structural mode, with the 95 % intervals: "
             f"{', '.join(said)}"

@@ -20,7 +20,7 @@ from scenarios.files.measured.derived import stated_unit
 from scenarios.files.measured.record_file import RecordFile, with_names
 from scenarios.files.records import read_with_notes
 from scenarios.preparation.plan import Plan
-from scenarios.preparation.reading import filtered, split_at_gaps
+from scenarios.preparation.reading import LONG, filtered, split_at_gaps
 from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Hold, Record
 
@@ -96,6 +96,8 @@ def read_signals(
         holds.add(plan.hold or says)
         for segment in plan.segments:
             record, said = _read(file, names, plan, channels, segment.start, segment.stop)
+            notes += said
+            record, said = _rows_with_outputs(record)
             notes += said
             parts, gaps = split_at_gaps(record)
             notes += [f"{record.name}: {gaps}"] if gaps else []
@@ -193,6 +195,36 @@ def _read(
         remedy = "flightid map FILE lists its columns"
         raise RecordError(f"there is no column {missing[0]!r}", where=str(file.path), remedy=remedy)
     return record, [f"{record.name}: {note}" for note in notes]
+
+
+def _rows_with_outputs(record: Record) -> tuple[Record, list[str]]:
+    """The record without the rows in which outputs are missing for long, and what was left out.
+
+    A line through a dropout is no response to what the input does meanwhile. Of outputs at a lower
+    rate than the rows, their own rows are kept.
+    """
+    valid = np.all([channel.valid for channel in record.outputs], axis=0)
+    if valid.all() or np.count_nonzero(valid) < FEWEST:
+        return record, []
+    step = float(np.median(np.diff(record.time)))
+    own = float(np.median(np.diff(record.time[valid])))
+    if own > 1.5 * step:
+        names = [each.name for each in record.outputs if not each.valid.all()]
+        said = f"{', '.join(names)} has a sample every {own:.3g} s: rows between are left out"
+        return _only_rows(record, valid), [f"{record.name}: {said}"]
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], valid, [True]]).astype(int)))
+    keep = np.ones(len(record), dtype=bool)
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        keep[begin:end] = record.time[end - 1] - record.time[begin] + 2.0 * step <= LONG
+    return (_only_rows(record, keep) if not keep.all() else record), []
+
+
+def _only_rows(record: Record, keep: np.ndarray) -> Record:
+    inputs, outputs = (
+        tuple(Channel.of(each.name, each.unit, each.with_gaps()[keep]) for each in group)
+        for group in (record.inputs, record.outputs)
+    )
+    return replace(record, time=record.time[keep], inputs=inputs, outputs=outputs)
 
 
 def _unit(file: RecordFile, name: str) -> str | None:

@@ -48,6 +48,7 @@ from scenarios.responses.fitting import (
     LEVEL,
     Fits,
     Qualities,
+    chart_levels,
     cost_sentence,
     envelope_sentence,
     quality_name,
@@ -204,7 +205,8 @@ def fit_tables(found: ResponseEstimates, row: int, column: int, caption: str = "
 def band_sentence(found: ResponseEstimates, row: int, column: int) -> str:
     """``"usable from 0.1 to 4.2 Hz (coherence 0.6 or more)"``."""
     band = found.found.bands()[row][column]
-    limit = f"coherence {found.found.spectra.least_coherence:g} or more"
+    kind = "partial coherence" if len(found.names.inputs) > 1 else "coherence"
+    limit = f"{kind} {found.found.spectra.least_coherence:g} or more"
     if band is None:
         return f"nowhere usable ({limit})"
     return f"usable from {band[0]:.3g} to {band[1]:.3g} Hz ({limit})"
@@ -589,6 +591,20 @@ def _level_content(level: Level) -> dict[str, Any]:
     }
 
 
+def _levels_content(one: Qualities) -> list[dict[str, Any]]:
+    on_charts = [
+        {
+            "quantity": each.name,
+            "level": each.level,
+            "best": each.best,
+            "worst": each.worst,
+            "source": each.source,
+        }
+        for each in chart_levels(one)
+    ]
+    return [*map(_level_content, one.levels), *on_charts]
+
+
 def _qualities_content(found: ResponseEstimates) -> list[dict[str, Any]]:
     return [
         {
@@ -599,7 +615,7 @@ def _qualities_content(found: ResponseEstimates) -> list[dict[str, Any]]:
                 for name, (number, unit) in each.numbers.items()
             },
             "notes": list(each.bandwidth.notes) if each.bandwidth is not None else [],
-            **({"levels": [_level_content(level) for level in each.levels]} if each.levels else {}),
+            **({"levels": told} if (told := _levels_content(each)) else {}),
         }
         for each in found.qualities
     ]

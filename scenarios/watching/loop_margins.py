@@ -41,9 +41,11 @@ from scenarios.responses.loops import (
     UNITS,
     WORDS,
     LoopMargins,
+    fitting_sign,
     interval_text,
     margins_content,
     refuse_loop,
+    sign_caution,
 )
 from scenarios.responses.reading import Names
 from scenarios.watching.rows import StreamSignals
@@ -106,6 +108,7 @@ class MarginSession:
     ``band`` : Hz, as asked for. ``stream`` : the recursive transforms, once the rate is known;
     ``step`` s. ``waiting`` : rows ``(1 + S, N)`` of a second that is not over. ``last`` : the last
     row that was taken. ``gaps`` : that were too long to be joined. ``points`` : one a second.
+    ``moments`` : sums of products of one, excitation, command and returned signal.
     """
 
     names: LoopNames
@@ -120,6 +123,7 @@ class MarginSession:
     points: list[MarginPoint] = field(default_factory=list)
     found: FrequencyResponses | None = None
     begun: float | None = None
+    moments: np.ndarray = field(default_factory=lambda: np.zeros((4, 4)))
 
 
 def take(session: MarginSession, rows: np.ndarray) -> list[MarginPoint]:
@@ -158,6 +162,10 @@ def finish_second(session: MarginSession) -> list[MarginPoint]:
             interrupt(session.stream, lost)
         take_samples(session.stream, samples)
     session.rows += block.shape[1]
+    if session.names.excitation:
+        sound = block[:, np.all(np.isfinite(block), axis=0)]
+        signals = np.stack([np.ones(sound.shape[1]), sound[2], sound[1], sound[-1]])
+        session.moments = session.moments + signals @ signals.T
     session.found = estimated(session.stream)
     session.points.append(_point(session, float(block[0, -1])))
     return session.points[-1:]
@@ -286,6 +294,9 @@ def margins_of(session: MarginSession) -> LoopMargins | None:
             "loop biases them; stream the excitation and name it with --excitation",
         )
     )
+    other, names = _contradicted(session), session.names
+    if other and names.excitation is not None:
+        cautions = (sign_caution(names.excitation, names.command, names.returned, names.sign),)
     return LoopMargins(
         session.names.name,
         session.names.sign,
@@ -296,7 +307,17 @@ def margins_of(session: MarginSession) -> LoopMargins | None:
         (),
         (),
         cautions,
+        other,
     )
+
+
+def _contradicted(session: MarginSession) -> bool:
+    """Whether the stream says that the loop has the other sign."""
+    sums = session.moments
+    if not sums[0, 0] > 0.0:
+        return False
+    products = sums[1:, 1:] - np.outer(sums[1:, 0], sums[0, 1:]) / sums[0, 0]
+    return fitting_sign(products) not in (session.names.sign, None)
 
 
 def shown(point: MarginPoint) -> list[tuple[str, Margin]]:

@@ -15,6 +15,7 @@ from scipy import signal
 
 import flightid as fid
 from scenarios.cli import main
+from scenarios.responses.loops import margin_lines
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import loop_test, margins
 from tests.recorders.logs import write_dataflash
@@ -471,6 +472,76 @@ def test_records_of_one_name_are_told_apart_by_their_files(tmp_path: Path) -> No
     assert found.worst_margins["phase_margin"]["maneuver"] in ("flight1.csv", "flight2.csv")
 
 
+def swept(late: float = 0.035, seed: int = 2) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """90 s at 100 Hz of a sweep, and its answer by a lag of 0.08 s with a delay of whole steps."""
+    time = 0.01 * np.arange(9000)
+    target = 20.0 * signal.chirp(time, 0.1, 90.0, 8.0, method="logarithmic")
+    shift = round(late / 0.01)
+    moved = np.concatenate([np.zeros(shift), target])[: time.size]
+    decay = math.exp(-0.01 / 0.08)
+    roll = 0.9 * signal.lfilter([1.0 - decay], [1.0, -decay], moved)
+    return time, target, roll + np.random.default_rng(seed).normal(0.0, 1.0, time.size)
+
+
+def fitted_roll(folder: Path, roll: np.ndarray, late: float = 0.035) -> Any:
+    time, target, _ = swept(late)
+    path = write_csv(folder, "sweep.csv", time=time, target=target, roll=roll)
+    return fid.frequency_response(path, "target", "roll", fit="roll")
+
+
+def test_a_dropout_of_an_output_parts_the_record(tmp_path: Path) -> None:
+    """A line through three lost seconds was answered like a flight without a motion."""
+    roll = swept()[2]
+    whole = fitted_roll(tmp_path, roll).details.fits.fit.functions[0]
+    roll[3000:3300] = np.nan
+    found = fitted_roll(tmp_path, roll)
+    assert [round(each) for each in found.details.durations] == [30, 57]
+    one = found.details.fits.fit.functions[0]
+    assert one.values["inv_T_roll"] == pytest.approx(whole.values["inv_T_roll"], rel=0.03)
+    assert one.values["delay"] == pytest.approx(whole.values["delay"], abs=0.002)
+
+
+def test_an_output_in_every_fifth_row_is_taken_at_its_own_rate(tmp_path: Path) -> None:
+    roll = swept()[2]
+    roll[np.arange(roll.size) % 5 != 0] = np.nan
+    found = fitted_roll(tmp_path, roll)
+    assert any("a sample every 0.05 s" in note for note in found.details.notes)
+    assert found.details.fits.fit.functions[0].values["inv_T_roll"] == pytest.approx(12.5, rel=0.05)
+
+
+@pytest.mark.parametrize("late", [0.4, 0.6])
+def test_a_long_delay_is_found(tmp_path: Path, late: float) -> None:
+    found = fitted_roll(tmp_path, swept(late)[2], late).details.fits.fit.functions[0]
+    assert found.cost < 10.0 and found.values["delay"] == pytest.approx(late - 0.005, abs=0.005)
+
+
+def test_the_wrong_sign_of_a_loop_is_not_compared(tmp_path: Path) -> None:
+    path = write_csv(tmp_path, "loop.csv", **loop_flight(1))
+    options = {"reference": "sweep", "band": (0.2, 10.0), "margins": "plus"}
+    loop = fid.frequency_response(path, "command", "returned", **options).details.loop
+    assert loop.contradicted and "fits these signals" in " ".join(loop.cautions)
+    assert not any("45 deg met" in line for line in margin_lines(loop))
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"band": 5}, "5 is no band"),
+        ({"input": 3}, "3 names no signal"),
+        ({"fit": "roll", "fix": {"delay": "a"}}, "fixes nothing"),
+        ({"fit": "roll", "fix": {"delay": math.nan}}, "not finite"),
+        ({"fit": "roll", "fix": {"delay": -1}}, "a delay of -1 s"),
+    ],
+)
+def test_wrong_arguments_in_python_are_one_line(
+    tmp_path: Path, given: dict[str, Any], said: str
+) -> None:
+    time, target, roll = swept()
+    path = write_csv(tmp_path, "sweep.csv", time=time, target=target, roll=roll)
+    with pytest.raises(fid.InputError, match=said):
+        fid.frequency_response(path, **({"input": "target", "output": "roll"} | given))
+
+
 def test_a_loop_that_adds_has_the_same_margins(tmp_path: Path) -> None:
     one, other = loop_flight(4), loop_flight(4, sign=1.0)
     wanted: dict[str, Any] = {"reference": "sweep", "band": (0.2, 10.0)}
@@ -539,7 +610,7 @@ def test_levels_of_fitted_forms(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert typed("response", path, *words, "--out", out) == 0
     printed = " ".join(capsys.readouterr().out.split())
     assert (
-        "b/a: roll time constant 0.0" in printed
+        "Flying qualities of b/a" in printed
         and "roll time constant: level 1 (MIL-F-8785C 3.3.1.2, table VII)" in printed
     )
     (one,) = json.loads((out / "responses.json").read_text())["flying_qualities"]
