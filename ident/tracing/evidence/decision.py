@@ -16,6 +16,7 @@ from ident.tracing.evidence.evidence import Key, WeighedSet
 from ident.tracing.evidence.search import ALIKE, Search
 from ident.tracing.evidence.steady_search import (
     CLEAR,
+    RIVAL,
     is_steady,
     quiet_vuong,
     spread_asked,
@@ -29,7 +30,6 @@ from sim.declaration.proposal import Traceable
 CERTAIN = 0.95  # probability of what is claimed
 SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
 SUPPORTED = 3.0  # z of an effect that brings little beside another
-RIVAL = 2.0  # z of Vuong's test below which two effects are not told apart
 TWO_EVENTS = "two loads or gusts in passing are likelier one cause that the library lacks"
 ROUGH_AIR = "its evidence comes from the maneuvers: rough air acts between them as well"
 LITTLE = "it brings little, {:.1f} times its scatter over the record; {:.1f} are required"

@@ -37,8 +37,7 @@ from sim.errors import ModelError
 
 ROUNDS = 6
 LEADERS = 4  # single effects that a round fits; half as many sets of each larger size
-SWAPS = 3  # effects that look like a member and are fitted in its place
-SINGLES = 3  # single effects beside which others are looked for
+RIVALS = 3  # effects fitted in the place of a member; single ones beside which others are sought
 SHARES = (1.0, 0.3, 0.1)  # of a step of the linear world, in turn, until a fit begun there improves
 IMPROVES = 0.3  # of what the linear world promises
 SHIFTS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # s, by which an event is moved to look for its time
@@ -347,7 +346,7 @@ class Search:
         """Sets with one of the ``wanted`` effects beside those of ``less``: those that promise
         most in the linear world.
         """
-        proposed = self._proposed(less, 1, 0, wanted)[:SWAPS]
+        proposed = self._proposed(less, 1, 0, wanted)[:RIVALS]
         made = (self.child(less, each) for each in proposed)
         return [each for each in made if each is not None]
 
@@ -367,7 +366,7 @@ class Search:
     def _beside_others(self) -> None:
         """Scan at the single effects that promise most: that of the best set may stand for two."""
         singles = [one for one in self.visited.values() if len(self.added(one)) == 1]
-        for one in sorted(singles, key=lambda each: -each.weight)[:SINGLES]:
+        for one in sorted(singles, key=lambda each: -each.weight)[:RIVALS]:
             if one.names not in self.expanded and not self.spent:
                 self.expand(one, most=2)
 
