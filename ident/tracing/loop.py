@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.tracing import thresholds
+from ident.statistics.residuals import LEVEL
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem, untold
 from ident.tracing.candidate_model.quantities import quantities, records_of
@@ -46,7 +46,6 @@ from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record
 
-LIKELY = 0.05  # probability from which an alternative is named
 ALTERNATIVES = 2  # named at most: fixed by the format of a diagnosis
 
 
@@ -220,7 +219,7 @@ class _HeldAgainst:
     def leaves_noise(self, fitted: FittedModel) -> bool:
         """Whether what the set leaves of fitted and of held-out data is noise."""
         self.problem.progress("judging on data that were not fitted", 0.9)
-        return not not_noise(residual_tests(*self.ended(fitted)).all, thresholds.NOISE)
+        return not not_noise(residual_tests(*self.ended(fitted)).all, LEVEL)
 
 
 def _decided(
@@ -243,7 +242,7 @@ def _judged(
     """The decision with its residual tests, claims and cautions."""
     best = found.best
     tests = residual_tests(best, out)
-    left = not_noise(tests.all, thresholds.NOISE)
+    left = not_noise(tests.all, LEVEL)
     verdict = found.verdict
     gains = predictive_gains(found.less, best, held, out) if found.named else ()
     guards = problem.guards
@@ -297,7 +296,7 @@ def _claim(
     likely = sorted(named.alternatives.items(), key=lambda item: -item[1])
     # Of forms without a cause of their own, or equal to the data, priors alone prefer one.
     equal = set(named.alternatives) if effect.traits.general else set(effect.traits.equivalents)
-    rivals = [name for name, share in likely if share > LIKELY or name in equal]
+    rivals = [name for name, share in likely if share > 1.0 - CERTAIN or name in equal]
     others = [name for name in rivals if name not in guards][:ALTERNATIVES]
     told = {named.name: named.probability, **{name: named.alternatives[name] for name in others}}
     random = isinstance(effect, NoiseEffect)

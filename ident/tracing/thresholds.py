@@ -6,11 +6,8 @@ caller may set in ``settings.py``.
 
 from __future__ import annotations
 
-from ident.statistics.residuals import LEVEL
-
 # Is a residual noise?
-NOISE = LEVEL  # p-value of a residual test below which a residual is no noise
-COLOURED = 1e-3  # p-value of the same test below which a residual is looked at once more
+COLOURED = 1e-3  # p-value of a residual test below which a residual is looked at once more
 FEWEST_SAMPLES = 20  # with fewer the test has four lags at most, and little power
 LOW_FREQUENCY = 4.0  # Hz: short periods and first elastic modes of piloted aircraft lie below
 

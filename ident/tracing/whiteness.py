@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.statistics.noise_levels import levelled
-from ident.statistics.residuals import ResidualTest
+from ident.statistics.residuals import LEVEL, ResidualTest
 from ident.tracing import thresholds
 from ident.whole_record.gauss_newton import Fit
 
@@ -24,7 +24,7 @@ def whiteness(fit: Fit, label: str) -> list[ResidualTest]:
     return tests
 
 
-def is_noise(fit: Fit, least: float = thresholds.NOISE) -> bool:
+def is_noise(fit: Fit, least: float = LEVEL) -> bool:
     """Whether no residual test of the fitted records has a p-value of ``least`` or less."""
     return all(test.p_value > least for test in whiteness(fit, "fitted"))
 

@@ -220,18 +220,6 @@ class Refinable(Protocol):
 
 
 @runtime_checkable
-class Edged(Protocol):
-    """An event with edges of a width; ``blunted`` gives it, under the same name, edges so many
-    times as wide.
-
-    An output that feels the edge at once shows it in single samples: each is a local optimum of its
-    time, of which wide edges have none.
-    """
-
-    def blunted(self, times: int) -> Traceable: ...
-
-
-@runtime_checkable
 class Underdetermined(Protocol):
     """A part of a vehicle whose parameters do not all leave a trace in its outputs: where
     ``needs_priors`` a fit takes all declared priors.

@@ -94,10 +94,6 @@ class ParameterJump:
         share = risen(s.time, p.time, self.width)
         return {name: share * getattr(p, name) for name in self.group}
 
-    def blunted(self, times: int) -> ParameterJump:
-        """The same with a wider edge."""
-        return replace(self, width=times * self.width)
-
     def fitted_to(self, context: SearchContext) -> ParameterJump:
         """The same with an edge of one sub-step of that record, and changes as large as the
         declared values let expect.

@@ -16,6 +16,7 @@ from ident.tracing.evidence.evidence import Key, WeighedSet
 from ident.tracing.evidence.search import ALIKE, Search
 from ident.tracing.evidence.steady_search import (
     CLEAR,
+    RIVAL,
     is_steady,
     quiet_vuong,
     spread_asked,
@@ -29,7 +30,6 @@ from sim.declaration.proposal import Traceable
 CERTAIN = 0.95  # probability of what is claimed
 SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
 SUPPORTED = 3.0  # z of an effect that brings little beside another
-RIVAL = 2.0  # z of Vuong's test below which two effects are not told apart
 TWO_EVENTS = "two loads or gusts in passing are likelier one cause that the library lacks"
 ROUGH_AIR = "its evidence comes from the maneuvers: rough air acts between them as well"
 LITTLE = "it brings little, {:.1f} times its scatter over the record; {:.1f} are required"
@@ -219,7 +219,24 @@ def _decided(search: Search, discrepancy: Traceable | None, leaves_noise: Leaves
     forms = {each.name for each in problem.candidates if each.traits.general}
     if beside.named and not forms & {each.name for each in beside.named}:
         return beside
-    return _with_general_forms(search, leaves_noise) or beside
+    return (
+        _with_slight_rest(search, best, discrepancy)
+        or _with_general_forms(search, leaves_noise)
+        or beside
+    )
+
+
+def _with_slight_rest(search: Search, best: WeighedSet, discrepancy: Traceable) -> Decision | None:
+    """The decision by sets where what the best one leaves is no noise, but hardly more.
+
+    An event in passing is not spread over the records, and beside a discrepancy it is not looked
+    for. Here it is named, by the same levels as under white noise; None where nothing is.
+    """
+    fitted = search.fit((*best.fitted.effects, discrepancy), best.fitted)
+    if fitted is None or _error_over_noise(best.fitted, fitted) > SLIGHT:
+        return None
+    found = _by_sets(search, best, clear=math.inf)
+    return found if found.named else None
 
 
 def _with_general_forms(search: Search, leaves_noise: LeavesNoise) -> Decision | None:
@@ -276,7 +293,7 @@ def _total(named: Named) -> float:
     return named.probability + sum(named.alternatives.values())
 
 
-def _by_sets(search: Search, best: WeighedSet) -> Decision:
+def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision:
     """Under white noise: what is certain, unless more leaves noise; else the best, by groups."""
     sets = probabilities(search)
     inclusion = inclusion_of(sets)
@@ -289,7 +306,7 @@ def _by_sets(search: Search, best: WeighedSet) -> Decision:
     # What is not certain is left out, unless something that is not known certainly acts.
     if enough is not None and sets[certain] > 1.0 - CERTAIN:
         best = enough
-    whole, (best, slight) = best, _less_slight(search, best)
+    whole, (best, slight) = best, _less_slight(search, best, clear)
     best = _less_guards(search, best)
     named = [
         Named(effect.name, inclusion[effect.name], _alike(search, whole, effect, sets))
@@ -318,7 +335,9 @@ def _by_sets(search: Search, best: WeighedSet) -> Decision:
     return Decision(verdict, best.fitted, search.root.fitted, claims, hints, (search,))
 
 
-def _less_slight(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str, str]]:
+def _less_slight(
+    search: Search, best: WeighedSet, clear: float
+) -> tuple[WeighedSet, dict[str, str]]:
     """The set without members that bring little and not all along.
 
     The equations of any model are a little wrong, and probabilities suppose that they are not. What
@@ -331,7 +350,7 @@ def _less_slight(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str
         slight = []
         for name in sorted(causes - search.problem.named_by_kinematics):
             less = search.less(best, name)
-            if less is None or best.weight - less.weight >= CLEAR:
+            if less is None or best.weight - less.weight >= clear:
                 continue
             z = vuong(best, less, search.context.interval)
             # A sole cause is told from none, or something acts: the declared model leaves no noise.

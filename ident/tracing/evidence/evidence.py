@@ -14,7 +14,7 @@ from ident.tracing.evidence.priors import half_normal_factor, log_mass, set_prio
 from sim.declaration.proposal import SearchContext
 
 Key = frozenset[str]
-_LEAST = 1e-10  # of an eigenvalue of the scaled precision: rounding
+ROUNDING = 1e-10  # of an eigenvalue of a scaled precision
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ def evidence_of(
     scale = 1.0 / np.sqrt(np.where(known, np.diag(precision), 1.0))
     inside = precision * np.outer(scale, scale)
     values, vectors = np.linalg.eigh(0.5 * (inside + inside.T))
-    values = np.maximum(values, _LEAST)
+    values = np.maximum(values, ROUNDING)
     inverse = (vectors / values) @ vectors.T
     offset = scale * (inverse @ (scale * right))
     covariance = inverse * np.outer(scale, scale)

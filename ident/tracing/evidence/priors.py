@@ -17,11 +17,9 @@ DECLARED = 0.3  # one sigma of a derivative of the vehicle file, as a share of i
 ODDS = 0.03  # of one family of effects against its absence: one cause in thirty comes to mind
 FEWEST = 5  # members that a family's odds are shared by at least: a lone member is not likelier
 OUTSIDE = 0.1  # odds of a guard over those of an effect: the form of no known cause
-BACKGROUND_ODDS = 0.5  # of motion that any record may have
-KINEMATIC_ODDS = 0.5  # of an effect that the relations between the sensors alone name
+EXPECTED = 0.5  # odds of motion that any record may have, and of what kinematics alone name
 UNLIMITED = 1e5  # the value of a limit that is absent is larger than this
-_LIMIT_TIMES = 3.0  # factor: one sigma of a limit about where it was found
-_SHAPES_WIDER = 3.0  # a curve's shapes against their declared sizes
+WIDE = 3.0  # factor of one sigma: a limit about where it was found, a curve about its declared size
 
 
 @dataclass(frozen=True)
@@ -47,12 +45,12 @@ def prior_of(effect: Traceable, item: Parameter, value: float, context: SearchCo
             return Normal(item.value, item.prior_std)
         return Normal(value, max(abs(value), abs(item.value), 1e-6))
     if abs(absent) > UNLIMITED:
-        return Normal(value, max(abs(value), 1e-6) * math.log(_LIMIT_TIMES))
+        return Normal(value, max(abs(value), 1e-6) * math.log(WIDE))
     if math.isfinite(item.prior_std):
         return Normal(absent, item.prior_std)
     size = effect.traits.usual.get(item.name, abs(item.value - absent))
     if item.name.startswith("shape"):
-        size *= _SHAPES_WIDER
+        size *= WIDE
     return Normal(absent, max(size, 1e-9), absent in item.bounds)
 
 
@@ -78,10 +76,8 @@ def log_odds(
     """
     total = 0.0
     for effect in effects:
-        if effect.traits.background:
-            total += math.log(BACKGROUND_ODDS)
-        elif effect.name in kinematic:
-            total += math.log(KINEMATIC_ODDS)
+        if effect.traits.background or effect.name in kinematic:
+            total += math.log(EXPECTED)
         else:
             shared = max(FEWEST, families.get(family(effect.name), 1))
             total += math.log(ODDS * (OUTSIDE if effect.traits.guard else 1.0) / shared)

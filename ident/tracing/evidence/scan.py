@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
+from ident.tracing.evidence.evidence import ROUNDING
 from ident.tracing.evidence.noise_colour import ColouredNoise
 from ident.tracing.evidence.priors import SetPrior, prior_of
 from ident.tracing.screening.signatures import motions_of, signatures_of
@@ -23,7 +24,6 @@ from sim.errors import ModelError
 
 AMPLITUDE = 0.4  # one sigma of a placed size about the place, as a share
 KEPT = 2  # places of a candidate
-FAINT = 1e-10  # of a scaled Gram matrix: rounding
 LARGEST = 1e6  # of a signature: beyond it a simulation ran away
 
 
@@ -107,7 +107,7 @@ def prepared(fitted: FittedModel, prior: SetPrior) -> Prepared:
     precision = A.T @ A + np.diag(prior.precision)
     right = A.T @ e + prior.precision * prior.mean
     scale = 1.0 / np.sqrt(np.maximum(np.diag(precision), 1e-300))
-    lower = np.linalg.cholesky(precision * np.outer(scale, scale) + FAINT * np.eye(n))
+    lower = np.linalg.cholesky(precision * np.outer(scale, scale) + ROUNDING * np.eye(n))
     root = np.linalg.solve(lower, (A * scale).T).T
     offset = scale * np.linalg.solve(lower.T, np.linalg.solve(lower, scale * right))
 
@@ -143,9 +143,9 @@ def closed_forms(
     S = grams + np.diag(sigma**-2.0)
     h = with_e + mean / sigma**2
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("pkk->pk", S), 1e-300))
-    inside = S * scale[:, :, None] * scale[:, None, :] + FAINT * np.eye(S.shape[1])
+    inside = S * scale[:, :, None] * scale[:, None, :] + ROUNDING * np.eye(S.shape[1])
     values, vectors = np.linalg.eigh(inside)
-    values = np.maximum(values, 1e-2 * FAINT)
+    values = np.maximum(values, 1e-2 * ROUNDING)
     turned = np.einsum("pji,pj->pi", vectors, scale * h)
     gain = 0.5 * np.sum(turned**2 / values, axis=1) - 0.5 * float(np.sum((mean / sigma) ** 2))
     gain -= 0.5 * np.sum(np.log(values), axis=1) - np.sum(np.log(scale), axis=1)

@@ -32,17 +32,15 @@ from ident.tracing.evidence.set_search import LinearSet, weighed_sets
 from ident.tracing.screening.context import search_context
 from ident.tracing.whiteness import is_noise
 from sim.declaration.effect import NoiseEffect, full_name
-from sim.declaration.proposal import Edged, Refinable, SearchContext, Traceable
+from sim.declaration.proposal import Refinable, SearchContext, Traceable
 from sim.errors import ModelError
 
 ROUNDS = 6
 LEADERS = 4  # single effects that a round fits; half as many sets of each larger size
-SWAPS = 3  # effects that look like a member and are fitted in its place
-SINGLES = 3  # single effects beside which others are looked for
+RIVALS = 3  # effects fitted in the place of a member; single ones beside which others are sought
 SHARES = (1.0, 0.3, 0.1)  # of a step of the linear world, in turn, until a fit begun there improves
 IMPROVES = 0.3  # of what the linear world promises
-SHIFTS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # s, by which an event is moved to look for its time
-EDGES = (16, 4, 1)  # times the width of its edges meanwhile
+SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s, by which an event is moved to look for its time
 ALIKE = 0.95  # cosine of two signatures that the records do not tell apart
 PROCESS_NOISE_OFFERED = 1e-2  # p-value of a residual's test above which rough air is not tried
 
@@ -347,7 +345,7 @@ class Search:
         """Sets with one of the ``wanted`` effects beside those of ``less``: those that promise
         most in the linear world.
         """
-        proposed = self._proposed(less, 1, 0, wanted)[:SWAPS]
+        proposed = self._proposed(less, 1, 0, wanted)[:RIVALS]
         made = (self.child(less, each) for each in proposed)
         return [each for each in made if each is not None]
 
@@ -367,7 +365,7 @@ class Search:
     def _beside_others(self) -> None:
         """Scan at the single effects that promise most: that of the best set may stand for two."""
         singles = [one for one in self.visited.values() if len(self.added(one)) == 1]
-        for one in sorted(singles, key=lambda each: -each.weight)[:SINGLES]:
+        for one in sorted(singles, key=lambda each: -each.weight)[:RIVALS]:
             if one.names not in self.expanded and not self.spent:
                 self.expand(one, most=2)
 
@@ -511,31 +509,19 @@ class Search:
         return one
 
     def _event_moved(self, one: WeighedSet, effect: Traceable, r: int) -> WeighedSet:
-        """An event of record ``r`` begun at other times, with wide edges first."""
+        """An event of record ``r`` begun at other times; the best of them."""
         name = full_name(effect, effect.traits.onset)
-        forms = [effect.blunted(width) for width in EDGES] if isinstance(effect, Edged) else []
-        wide = forms[0] if forms else effect
+        values = one.fitted.values
         best: FittedModel | None = None
         for shift in SHIFTS:
-            moved = self._again(one.fitted, wide, name, r, shift)
-            if moved is not None and (best is None or moved.fit.cost < best.fit.cost):
-                best = moved
-        for form in (*forms[1:-1], effect) if forms else ():
-            best = self._again(best, form, name, r, 0.0) if best is not None else None
+            if name in values.shared:
+                moved = replace(values, shared={**values.shared, name: values.shared[name] + shift})
+            else:
+                own = list(values.own)
+                own[r] = {**own[r], name: own[r][name] + shift}
+                moved = replace(values, own=tuple(own))
+            self.fits += 1
+            fitted = self.fit(one.fitted.effects, one.fitted, values=moved)
+            if fitted is not None and (best is None or fitted.fit.cost < best.fit.cost):
+                best = fitted
         return one if best is None or best.fit.cost >= one.fitted.fit.cost else self.kept(best)
-
-    def _again(
-        self, fitted: FittedModel, form: Traceable, name: str, r: int, shift: float
-    ) -> FittedModel | None:
-        """A set with one effect in another form, its onset in record ``r`` moved."""
-        self.fits += 1
-        effects = [form if each.name == form.name else each for each in fitted.effects]
-        values = fitted.values
-        if name in values.shared:
-            moved = {**values.shared, name: values.shared[name] + shift}
-            values = replace(values, shared=moved)
-        else:
-            own = list(values.own)
-            own[r] = {**own[r], name: own[r][name] + shift}
-            values = replace(values, own=tuple(own))
-        return self.fit(effects, fitted, values=values)

@@ -30,7 +30,7 @@ from sim.declaration.proposal import SearchContext, Traceable
 
 BLOCK = 1.0  # s, of a block of Vuong's test
 SPREAD = 3.5  # z of an effect that may be named beside a discrepancy
-NAMED_TWICE = 2.0  # z where the relations between the sensors name it as well
+RIVAL = 2.0  # z below which two sets are not told apart; asked where kinematics name it as well
 DEEPEST = 4  # effects beside a discrepancy, at most
 CLEAR = 30.0  # log likelihood, beyond what a prior can take
 
@@ -190,7 +190,7 @@ def surely_needed(one: WeighedSet, name: str, context: SearchContext, bar: float
 
 def spread_asked(search: Search, name: str) -> float:
     """z that an effect needs beside a discrepancy."""
-    return NAMED_TWICE if name in search.problem.named_by_kinematics else SPREAD
+    return RIVAL if name in search.problem.named_by_kinematics else SPREAD
 
 
 def spread_search(search: Search) -> WeighedSet:

@@ -24,7 +24,6 @@ from ident.tracing.validation.held_out import HeldOutData
 from ident.whole_record.output_error import fit_covariance
 from sim.record import Record
 
-TWO_SIGMA = 0.9772498680518208  # probability below two sigmas
 FEWEST_RECORDS = 3  # two have one degree of freedom, which is no scatter to print
 # degrees of freedom from the other derivatives: two sigmas hold 93 to 98 of 100 simulated flights
 # with two to five records
@@ -152,7 +151,7 @@ def inflation(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     the middle one of all for the rest; times what Student's t is wider by at two sigmas. Never
     below one.
     """
-    from scipy.special import chdtri, stdtrit
+    from scipy.special import chdtri, ndtr, stdtrit
 
     weight = sigma**-2
     mean = np.sum(weight * values, axis=1, keepdims=True) / np.sum(weight, axis=1, keepdims=True)
@@ -162,5 +161,5 @@ def inflation(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     shared = float(np.median(own)) * freedom / float(chdtri(freedom, 0.5))
     borrowed = min(BORROWED, float(freedom * (len(values) - 1)))  # there is no more to borrow
     squared = (freedom * own + borrowed * shared) / (freedom + borrowed)
-    wider = float(stdtrit(freedom + borrowed, TWO_SIGMA)) / 2.0
+    wider = float(stdtrit(freedom + borrowed, ndtr(2.0))) / 2.0
     return np.maximum(1.0, wider * np.sqrt(squared))

@@ -26,6 +26,7 @@ from ident.tracing.candidate_model.fitted_model import (
     local_names,
 )
 from ident.tracing.diagnosis import Trained
+from ident.tracing.evidence.scan import KEPT
 from ident.tracing.evidence.set_search import starts_at
 from ident.tracing.screening.context import search_context
 from ident.tracing.validation.training_knowledge import prior_where_both_meet, training_prior
@@ -35,8 +36,6 @@ from ident.whole_record.layout import FitProblem, Prior, lay_out
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record
-
-STARTS = 2  # places of an event of a held-out record from which a fit begins
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,7 +264,7 @@ class _Others:
         """What belongs to one record added to a fit of ``rest``, from where the records point to
         and from ``further`` starts: the best of these.
         """
-        places = [start for _, start in starts_at(base, effect, search_context(base))[:STARTS]]
+        places = [start for _, start in starts_at(base, effect, search_context(base))[:KEPT]]
         tries = [self.fit([*rest, effect], base.values.with_added(start)) for start in places]
         tries += [self.fit([*rest, effect], base.values, start) for start in further]
         return min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)

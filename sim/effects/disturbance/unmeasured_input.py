@@ -107,10 +107,6 @@ class UnmeasuredInput(SizedOnPorts):
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def blunted(self, times: int) -> UnmeasuredInput:
-        """The same with wider edges."""
-        return replace(self, width=times * self.width)
-
     def fitted_to(self, context: SearchContext) -> UnmeasuredInput:
         """The same with edges of one sub-step of that record."""
         return replace(self, width=edge_width(context.interval))

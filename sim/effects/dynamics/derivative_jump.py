@@ -163,10 +163,6 @@ class DerivativeJump:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def blunted(self, times: int) -> DerivativeJump:
-        """The same with a wider edge."""
-        return replace(self, width=times * self.width)
-
     def fitted_to(self, context: SearchContext) -> DerivativeJump:
         """The same with an edge of one sub-step of that record."""
         return replace(self, width=edge_width(context.interval))

@@ -57,10 +57,6 @@ class DragJump:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def blunted(self, times: int) -> DragJump:
-        """The same with a wider edge."""
-        return replace(self, width=times * self.width)
-
     def fitted_to(self, context: SearchContext) -> DragJump:
         """The same with an edge that sub-steps of that record resolve."""
         return replace(self, width=edge_width(context.interval, SLOW_WIDTH))
