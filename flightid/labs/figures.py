@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -25,6 +26,9 @@ from scenarios.plots.style import (
     time_axis,
     y_label,
 )
+
+if TYPE_CHECKING:
+    from ident.structure.selection import SelectionStep
 
 _PADDED = 16  # times: a short input's spectrum is drawn finely
 _LAGS = 50
@@ -158,6 +162,44 @@ def figure_scatter(errors: Mapping[str, np.ndarray]) -> Figure:
         )
         panel.set_yticks([])
         caption(panel, symbol(name))
+    return finish(sheet, head=0.25)
+
+
+def figure_structure(
+    steps: Sequence[SelectionStep],
+    spread: float,
+    shown: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]],
+    axis: str,
+) -> Figure:
+    """What each step of a stepwise regression leaves, and a coefficient measured and modelled.
+
+    Parameters
+    ----------
+    steps : of the coefficient ``axis``. spread : its variance, by which the predicted squared error
+        is drawn.
+    shown : by caption: time (s), measured and modelled coefficient, each ``(M,)``.
+    """
+    sheet = make_sheet([1.7], (1.1, *(1.0,) * len(shown)), share_x=False, column_gap=0.65)
+    left, *rest = sheet.panels
+    n = np.arange(1, len(steps) + 1)
+    rows = {
+        "fitted: 1 - R²": [1.0 - step.r2 for step in steps],
+        "left out: 1 - R²": [1.0 - step.held_out for step in steps],
+        "PSE / variance": [step.pse / spread for step in steps],
+    }
+    for number, (label, values) in enumerate(rows.items()):
+        if np.all(np.isfinite(values)) and len(values):
+            left.plot(n, values, marker="o", markersize=3, label=label, **method_style(number))
+    left.set_yscale("log")
+    left.xaxis.set_major_locator(MaxNLocator(integer=True))
+    left.set_xlabel("step", fontsize=LABEL_SIZE)
+    y_label(left, "share of the variance")
+    for panel, (text, (time, measured, modelled)) in zip(rest, shown.items(), strict=True):
+        panel.plot(time, measured, color=GREY, lw=2.2, label="measured")
+        panel.plot(time, modelled, color=BLUE, lw=1.1, label="modelled")
+        caption(panel, text)
+        time_axis(panel)
+    y_label(rest[0], symbol(axis))
     return finish(sheet, head=0.25)
 
 

@@ -34,6 +34,7 @@ LEAST = 2e-4  # share of the variance that a term has to explain
 LARGE = 1.3  # residual over noise, above which a share of the residual is enough
 OF_RESIDUAL = 0.02  # that share
 ALIKE = 1e-9  # share of a column that the others leave, below which it is no column of its own
+AS_GOOD = 1e-6  # of a gain, within which two terms explain the same: the one offered first enters
 STEPWISE, ORTHOGONAL = "stepwise", "orthogonal"
 
 
@@ -162,7 +163,7 @@ def stepwise(
     while frozenset(chosen) not in seen:
         seen.add(frozenset(chosen))
         gains, sse = _gains(products, chosen)
-        best = int(np.argmax(gains)) if len(gains) else -1
+        best = _best(gains) if len(gains) else -1
         F = _ratio(products, gains[best], sse - gains[best], len(chosen) + 1)
         if best < 0 or f_in > F or gains[best] < products.least_gain(least, sse):
             break
@@ -192,7 +193,7 @@ def orthogonal(products: Products) -> tuple[list[int], list[SelectionStep]]:
     most = min(len(products.terms), int(products.counts.sum()) // 4)
     while len(chosen) < most:
         gains, sse = _gains(products, chosen)
-        place = int(np.argmax(gains))
+        place = _best(gains)
         if not gains[place] > 0.0:
             break
         F = _ratio(products, gains[place], sse - gains[place], len(chosen) + 1)
@@ -203,6 +204,13 @@ def orthogonal(products: Products) -> tuple[list[int], list[SelectionStep]]:
         elif len(steps) > counted + 3:
             break
     return kept, steps[:counted]
+
+
+def _best(gains: np.ndarray) -> int:
+    """The first column whose gain is the largest but for rounding: simple terms are offered first,
+    and where one signal stands still its product with another is that other's multiple.
+    """
+    return int(np.argmax(gains >= (1.0 - AS_GOOD) * np.max(gains)))
 
 
 _METHODS: Mapping[str, Callable[[Products], tuple[list[int], list[SelectionStep]]]] = {

@@ -48,11 +48,11 @@ def jsbsim_file(model: ExportedModel) -> str:
         are columns, which JSBSim has of its own.
     """
     aircraft = model.aircraft_for("jsbsim", "JSBSim flies six degrees of freedom")
-    if aircraft.varying or aircraft.wind:
+    if aircraft.varying or aircraft.wind or aircraft.recorded:
         raise DeclarationError(
-            "the file has columns of constants or of the wind, which JSBSim makes itself",
+            "the file has columns of constants, wind or states, which JSBSim makes itself",
             where="--to jsbsim",
-            remedy="give constants their values, and leave columns and wind out",
+            remedy="give constants their values, and leave columns, wind and recorded out",
         )
     root = XML.Element("fdm_config", name=model.identifier, version="2.0", release="ALPHA")
     header = XML.SubElement(root, "fileheader")

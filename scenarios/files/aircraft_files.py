@@ -35,12 +35,14 @@ from sim.vehicles.aircraft import (
     NAME,
     OUTPUTS,
     SENSORS,
+    STATES,
     VARYING,
     WIND_AXES,
     Aircraft,
     Point,
     Thrust,
     aircraft_model,
+    refuse_recorded,
     refuse_wind,
 )
 
@@ -93,6 +95,7 @@ def _schema() -> type[BaseModel]:
         trim=(dict[str, float], {}),
         columns=(texts, []),
         states=(texts, []),
+        recorded=(texts, []),
         biases=(texts, list(BIASED)),
     )
 
@@ -207,6 +210,7 @@ def _refuse_names(vehicle: Mapping[str, Any], path: Path) -> None:
     for key, known in (
         ("columns", VARYING),
         ("states", tuple(FURTHER)),
+        ("recorded", tuple(STATES)),
         ("biases", (*OUTPUTS, *FURTHER)),
     ):
         for name in vehicle[key]:
@@ -223,6 +227,7 @@ def _refuse_names(vehicle: Mapping[str, Any], path: Path) -> None:
             remedy = closest(name, moved)
             raise DeclarationError(f"{name} is no input", where=where, remedy=remedy)
     refuse_wind(_wind(vehicle["wind"]), vehicle["states"], f"{path}, key wind")
+    refuse_recorded(vehicle["recorded"], _wind(vehicle["wind"]), f"{path}, key recorded")
 
 
 def _wind(value: bool | str) -> str:
@@ -260,6 +265,7 @@ def _declared(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str) -
         begin,
         tuple(vehicle["biases"]),
         tuple(vehicle["states"]),
+        tuple(vehicle["recorded"]),
     )
 
 
@@ -313,6 +319,7 @@ def written(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> st
         "trim_theta": start.get("theta", 0.0),
         "columns": list(aircraft.varying),
         "states": list(aircraft.further),
+        **({"recorded": list(aircraft.recorded)} if aircraft.recorded else {}),
         "biases": list(aircraft.biases),
         "wind": aircraft.wind or False,
     }

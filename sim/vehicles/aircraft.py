@@ -146,7 +146,8 @@ class Aircraft:
     sensors : places of ``SENSORS``, m from the centre of gravity, body axes.
     thrust : see ``Thrust``. wind : axes in which its components are recorded inputs, a key of
         ``WIND``; empty where they are not.
-    varying : constants that are columns of the record. start : states at the start.
+    recorded : states that are columns of the record and not simulated; alpha and beta as their
+        vanes read. varying : constants that are columns. start : states at the start.
     biases : outputs with a free constant bias. further : states beyond ``STATES``.
     """
 
@@ -162,6 +163,7 @@ class Aircraft:
     start: Mapping[str, float] = field(default_factory=dict)
     biases: tuple[str, ...] = BIASED
     further: tuple[str, ...] = ()
+    recorded: tuple[str, ...] = ()
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -255,6 +257,29 @@ def refuse_wind(axes: str, further: Collection[str], where: str) -> None:
         )
 
 
+def refuse_recorded(recorded: Collection[str], wind: str, where: str) -> None:
+    """Raise DeclarationError for recorded states that leave no motion, or that a wind makes others.
+
+    Parameters
+    ----------
+    recorded : states that are columns. wind : a key of ``WIND``, or empty. where : for the message.
+    """
+    if set(STATES) <= set(recorded):
+        raise DeclarationError(
+            "all states are recorded, and nothing is left to simulate",
+            where=where,
+            remedy='leave out those that the maneuver moves, as in recorded = ["airspeed", '
+            '"alpha", "q", "theta"] for lateral ones',
+        )
+    if wind and {"airspeed", "alpha", "beta"} & set(recorded):
+        raise DeclarationError(
+            "airspeed, alpha and beta are recorded against the air, and with wind the states are "
+            "over the ground",
+            where=where,
+            remedy="leave out wind, or these three from recorded",
+        )
+
+
 def _refuse_numbers(constants: Mapping[str, float], where: str) -> None:
     """Raise DeclarationError, one line, for constants that no aircraft has.
 
@@ -330,16 +355,18 @@ def aircraft_model(aircraft: Aircraft) -> Model:
 
     Returns
     -------
-    Model with the states airspeed, alpha, beta, p, q, r, phi, theta and those of ``further``; the
-    outputs are these and ax, ay, az (m/s2, what accelerometers read, without gravity), each where
-    its sensor is. Ports ``CX`` ... ``Cn`` add to the coefficients.
+    Model with the states airspeed, alpha, beta, p, q, r, phi, theta and those of ``further``, less
+    those that are ``recorded``, which are inputs; the outputs are the states and ax, ay, az (m/s2,
+    what accelerometers read, without gravity), each where its sensor is. Ports ``CX`` ... ``Cn``
+    add to the coefficients.
 
     Raises
     ------
-    DeclarationError : see ``refuse_unphysical`` and ``refuse_wind``.
+    DeclarationError : see ``refuse_unphysical``, ``refuse_wind`` and ``refuse_recorded``.
     """
     refuse_unphysical(aircraft)
     refuse_wind(aircraft.wind, aircraft.further, f"vehicle {aircraft.name}")
+    refuse_recorded(aircraft.recorded, aircraft.wind, f"vehicle {aircraft.name}")
     thrust = {} if not aircraft.thrust.signal else {aircraft.thrust.signal: "N"}
     if aircraft.thrust.signal == "throttle":
         thrust = {"throttle": "1"}
@@ -348,7 +375,12 @@ def aircraft_model(aircraft: Aircraft) -> Model:
         **thrust,
         **dict.fromkeys(WIND.get(aircraft.wind, ()), "m/s"),
         **{name: CONSTANTS[name] for name in aircraft.varying},
+        **{name: STATES[name] for name in aircraft.recorded},
     }
+    states, outputs = (
+        {name: unit for name, unit in every.items() if name not in aircraft.recorded}
+        for every in (STATES, OUTPUTS)
+    )
     constants = {
         name: (aircraft.constants[name], unit)
         for name, unit in CONSTANTS.items()
@@ -360,9 +392,9 @@ def aircraft_model(aircraft: Aircraft) -> Model:
     try:
         model = own_model(
             NAME,
-            {**STATES, **further},
+            {**states, **further},
             driven,
-            {**OUTPUTS, **further},
+            {**outputs, **further},
             aircraft.parameters,
             motion.rates,
             motion.readings,
@@ -370,7 +402,7 @@ def aircraft_model(aircraft: Aircraft) -> Model:
             dict.fromkeys((*aircraft.forces, *MOMENTS), "1"),
             motion.flow,
             {**aircraft.start, **rest},
-            biases=aircraft.biases,
+            biases=[name for name in aircraft.biases if name not in aircraft.recorded],
         )
     except ModelError as error:
         where = f"vehicle {aircraft.name}"
@@ -405,16 +437,19 @@ class _Motion:
         self.table = TermTable([term for _, _, term in named])
         self.needs_mach = any("mach" in term.signals for _, (_, term) in aircraft.terms.items())
         self.places = {name: aircraft.sensors.get(name, (0.0, 0.0, 0.0)) for name in SENSORS}
+        self.moving = tuple(
+            name for name in (*STATES, *aircraft.further) if name not in aircraft.recorded
+        )
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
         """Velocity against the air, dynamic pressure times area, and the sums of terms."""
         c = self._constants(s, p)
-        u, v, w = _velocity(s)
+        u, v, w = self._velocity(s)
         if self.aircraft.wind:
             u, v, w = (own - wind for own, wind in zip((u, v, w), self._wind(s), strict=True))
         V = sqrt(u * u + v * v + w * w) if self.aircraft.wind else s.airspeed
-        alpha = _angle(w, u) if self.aircraft.wind else s.alpha
-        beta = _arcsine(v / V) if self.aircraft.wind else s.beta
+        alpha = _angle(w, u) if self.aircraft.wind else self._alpha(s)
+        beta = _arcsine(v / V) if self.aircraft.wind else self._beta(s)
         half = 0.5 / V
         values = {
             "alpha": alpha,
@@ -447,7 +482,7 @@ class _Motion:
         """Rates of all states."""
         c = self._constants(s, p)
         (X, Y, Z), (L, M, N) = self._loads(s, c)
-        u, v, w = _velocity(s) if self.aircraft.wind else (s.u_air, s.v_air, s.w_air)
+        u, v, w = self._velocity(s) if self.aircraft.wind else (s.u_air, s.v_air, s.w_air)
         sin_phi, cos_phi = sin(s.phi), cos(s.phi)
         sin_theta, cos_theta = sin(s.theta), cos(s.theta)
         u_dot = s.r * v - s.q * w - G0 * sin_theta + X / c["mass"]
@@ -465,14 +500,16 @@ class _Motion:
             "psi": (s.q * sin_phi + s.r * cos_phi) / cos_theta,
             "altitude": u * sin_theta - v * sin_phi * cos_theta - w * cos_phi * cos_theta,
         }
-        return {name: found[name] for name in (*STATES, *self.aircraft.further)}
+        return {name: found[name] for name in self.moving}
 
     def readings(self, s: Any, p: Any) -> Mapping[str, Any]:
         """What the sensors read where they are."""
         c = self._constants(s, p)
         (X, Y, Z), (L, M, N) = self._loads(s, c)
-        found = {name: getattr(s, name) for name in (*STATES, *self.aircraft.further)}
+        found = {name: getattr(s, name) for name in self.moving}
         for name in ("airspeed", "alpha", "beta"):
+            if name not in self.moving:
+                continue
             u, v, w = self._velocity_at(s, self.places[name])
             if name == "alpha":
                 found[name] = _angle(w, u)
@@ -492,6 +529,27 @@ class _Motion:
     def _constants(self, s: Any, p: Any) -> dict[str, Any]:
         varying = self.aircraft.varying
         return {name: getattr(s if name in varying else p, name) for name in CONSTANTS}
+
+    def _alpha(self, s: Any) -> Any:
+        """Of the centre of gravity; a recorded one is brought there from its vane."""
+        if "alpha" in self.moving or self.places["alpha"] == (0.0, 0.0, 0.0):
+            return s.alpha
+        x, y, _ = self.places["alpha"]
+        across = (s.p * y - s.q * x) / (s.airspeed * cos(s.alpha))
+        return arctan(sin(s.alpha) / cos(s.alpha) - across)
+
+    def _beta(self, s: Any) -> Any:
+        """Of the centre of gravity; a recorded one is brought there from its vane."""
+        if "beta" in self.moving:
+            return s.beta
+        x, _, z = self.places["beta"]
+        return s.beta - (s.r * x - s.p * z) / s.airspeed
+
+    def _velocity(self, s: Any) -> tuple[Any, Any, Any]:
+        """u, v, w of the centre of gravity, m/s."""
+        alpha, beta = self._alpha(s), self._beta(s)
+        across = s.airspeed * cos(beta)
+        return across * cos(alpha), s.airspeed * sin(beta), across * sin(alpha)
 
     def _wind(self, s: Any) -> tuple[Any, Any, Any]:
         """In body axes, m/s."""
@@ -538,12 +596,6 @@ class _Motion:
         T = s.thrust_force
         M = M + T * c["thrust_arm"]
         return (X + T * cos(c["thrust_angle"]), Y, Z - T * sin(c["thrust_angle"])), (L, M, N)
-
-
-def _velocity(s: Any) -> tuple[Any, Any, Any]:
-    """u, v, w of the states, m/s."""
-    across = s.airspeed * cos(s.beta)
-    return across * cos(s.alpha), s.airspeed * sin(s.beta), across * sin(s.alpha)
 
 
 def _angular_accelerations(s: Any, c: Mapping[str, Any], L: Any, M: Any, N: Any) -> dict[str, Any]:

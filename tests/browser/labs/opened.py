@@ -11,7 +11,7 @@ from tests.browser.serving import Servers, free_port
 if TYPE_CHECKING:
     from playwright.sync_api import Locator, Page
 
-LABS = range(1, 9)
+LABS = range(1, 10)
 TALL = 5000  # px: marimo scrolls inside its page, and a picture holds what is in view
 PATIENCE = 120_000.0  # ms: the machine may be busy, and a lab computes before it shows
 

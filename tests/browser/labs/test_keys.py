@@ -5,7 +5,11 @@ them.
 from __future__ import annotations
 
 import importlib
+import io
+import json
 import re
+import shlex
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,6 +24,7 @@ WORKINGS = {
     4: "augmented",
     6: "honest_sigmas",
     8: "swept_loop",
+    9: "model_structure",
 }
 LEFT = "as they are"
 
@@ -111,6 +116,36 @@ def test_the_longest_delay_of_lab_8_is_that_of_its_key() -> None:
     from flightid.labs.workings.swept_loop import longest_delay
 
     assert longest_delay() == 42.0 and "42 ms" in (KEYS / "lab8.md").read_text(encoding="utf-8")
+
+
+def test_answers_of_lab_9_are_those_of_its_key() -> None:
+    from flightid.labs.workings import model_structure as lab
+
+    assert lab.maneuvers_needed("alpha*elevator", "Cm", 10.0) == 4
+    told = lab.told(lab.study(degree=1), "Cm")
+    assert len(told) == 1 and "alpha*elevator" in told[0] and "98 %" in told[0]
+    linked = {row[0]: row[2] for row in lab.term_rows(lab.study(linked=True), "Cn")}
+    assert linked["`rudder`"] == "not chosen" and linked["`aileron`"].startswith("-0.062")
+
+
+def test_the_command_line_of_lab_9_gives_its_numbers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from flightid.labs.workings import model_structure as lab
+    from scenarios.cli import main
+
+    with zipfile.ZipFile(io.BytesIO(lab.archive(lab.study()))) as packed:
+        packed.extractall(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main([*shlex.split(lab.command(3, 2).replace("\\\n", " "))[1:], "--json"])
+    assert ended.value.code == 0
+    printed = json.loads(capsys.readouterr().out)
+    numbers = lab.numbers()
+    assert printed["coefficients"]["Cm"]["r2_left_out"] == pytest.approx(numbers["R2 left out"])
+    assert printed["r2_not_fitted"]["not_fitted.csv"]["Cm"] == pytest.approx(
+        numbers["R2 not fitted"]
+    )
 
 
 def test_secrets_of_lab_5_are_those_of_its_key() -> None:

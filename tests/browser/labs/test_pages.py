@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 # A text of each lab's last part.
 LAST: Mapping[int, str] = {
-    **dict.fromkeys((1, 2, 3, 4, 6, 8), "To think about"),
+    **dict.fromkeys((1, 2, 3, 4, 6, 8, 9), "To think about"),
     5: "Play five seeds",
     7: "What does the model lack?",
 }
@@ -87,6 +87,20 @@ def test_an_answer_is_judged(address: Callable[[int], str], page: Page) -> None:
     field.fill("4")
     field.press("Tab")
     page.get_by_text("1 of 5 answers hold").wait_for()
+
+
+def test_linked_surfaces_are_warned_of_and_the_check_falls(
+    address: Callable[[int], str], page: Page
+) -> None:
+    open_lab(page, address(9), LAST[9])
+    page.get_by_text("Nothing is found lacking.").first.wait_for()
+    page.get_by_text("0.9992").first.wait_for()
+    labelled(page, "coefficient").locator("select").select_option(label="Cn")
+    page.get_by_text("0.9978").first.wait_for()
+    labelled(page, "the rudder follows the aileron").locator("[role=checkbox]").click()
+    page.get_by_text("aileron and rudder move together").first.wait_for()
+    page.get_by_text("0.7153").first.wait_for()
+    assert_no_failure(page)
 
 
 def test_the_command_line_gives_the_same_numbers(

@@ -20,11 +20,11 @@ from tests.integration.command_line import CommandLine
 LABS = lab_files()
 
 
-def test_eight_labs_are_listed(flightid: CommandLine) -> None:
+def test_nine_labs_are_listed(flightid: CommandLine) -> None:
     lines = flightid.done("lab").splitlines()
-    assert [*LABS] == [*range(1, 9)]
-    assert lines[:8] == [f"{number}  {title_of(path)}" for number, path in LABS.items()]
-    assert len({title_of(path) for path in LABS.values()}) == 8 and "find the effect" in lines[4]
+    assert [*LABS] == [*range(1, 10)]
+    assert lines[:9] == [f"{number}  {title_of(path)}" for number, path in LABS.items()]
+    assert len({title_of(path) for path in LABS.values()}) == 9 and "find the effect" in lines[4]
 
 
 @pytest.mark.parametrize("number", LABS)
@@ -69,7 +69,7 @@ def test_a_copy_is_ones_own(flightid: CommandLine, tmp_path: Path) -> None:
 def test_what_cannot_be_opened_is_refused_in_one_line(
     flightid: CommandLine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert "there is no lab 9" in flightid.refused("lab", 9)
+    assert "there is no lab 10" in flightid.refused("lab", 10)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert 'pip install "flightid[labs]"' in flightid.refused("lab", 1)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: object())

@@ -22,6 +22,7 @@ from ident.structure.selection import (
     ORTHOGONAL,
     STEPWISE,
     columns_of,
+    orthogonal,
     products_of,
     select,
     stepwise,
@@ -169,6 +170,19 @@ def test_stepwise_is_least_squares_on_its_terms() -> None:
         predicted[own] = part[own] @ np.linalg.lstsq(part[other], z[other], rcond=None)[0]
     error = z - predicted
     assert steps[-1].held_out == pytest.approx(1.0 - error @ error / np.sum((z - z.mean()) ** 2))
+
+
+def test_of_terms_that_are_multiples_the_one_offered_first_enters() -> None:
+    # An elevator that stands still makes elevator*rudder a multiple of rudder, up to rounding.
+    rng = np.random.default_rng(8)
+    terms = [term("1"), term("beta"), term("rudder"), term("elevator*rudder")]
+    for still in rng.uniform(0.01, 0.3, 30):
+        beta, rudder = rng.standard_normal((2, 200))
+        X = np.stack([np.ones(200), beta, rudder, still * rudder], axis=1)
+        z = 0.5 * beta - rudder + 0.1 * rng.standard_normal(200)
+        for method in (stepwise, orthogonal):
+            chosen, _ = method(products_of([X], [z], terms))
+            assert 2 in chosen and 3 not in chosen
 
 
 def test_collinear_surfaces_are_told_with_the_maneuver() -> None:

@@ -13,7 +13,7 @@ from scenarios.files.declarations import read_toml_source
 from scenarios.files.vehicles import read_any_vehicle, read_vehicle
 from sim.declaration.compile import compile_model
 from sim.errors import DeclarationError
-from sim.vehicles.aircraft import Aircraft, Thrust, aircraft_model
+from sim.vehicles.aircraft import STATES, Aircraft, Thrust, aircraft_model
 from tests.airliner import AIRLINER, ELEVATOR, THRUST
 
 TRIMMED = replace(AIRLINER, start={**AIRLINER.start, "elevator": ELEVATOR, "thrust": THRUST})
@@ -40,7 +40,9 @@ QUOTED = replace(TRIMMED, name='the "new" wing\\ \x7f\n\u00fc')
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "aircraft", [QUOTED, TRIMMED, MIXED], ids=["quotes in its name", "plain", "mixed"]
+    "aircraft",
+    [QUOTED, TRIMMED, MIXED, replace(TRIMMED, recorded=("alpha", "q"))],
+    ids=["quotes in its name", "plain", "mixed", "recorded"],
 )
 def test_what_is_written_is_read_back(tmp_path: Path, aircraft: Aircraft) -> None:
     read, constraints = read_aircraft(read_toml_source(file_of(tmp_path, aircraft)))
@@ -92,6 +94,8 @@ def test_sigmas_stand_beside_the_values(tmp_path: Path) -> None:
         ('input = "thrust"', 'input = "throttle"', "a throttle needs the thrust"),
         ('input = "thrust"', 'input = "rocket"', "'rocket' is no input"),
         ("columns = []", 'columns = ["fuel"]', "fuel cannot stand there"),
+        ("columns = []", 'recorded = ["alfa"]', "alfa cannot stand there"),
+        ("columns = []", f"recorded = {list(STATES)}", "nothing is left to simulate"),
         ("wind = false", "wind = true", "the heading is no state"),
         ("wind = false", 'wind = "bodies"', "no axes of a wind"),
         ("thrust = 11140.63", "flap = 0.1", "flap is no input"),

@@ -11,7 +11,8 @@ from sim.declaration.compile import compile_model
 from sim.declaration.model import System
 from sim.errors import DeclarationError
 from sim.maths import G0
-from sim.vehicles.aircraft import Aircraft, Thrust, aircraft_model
+from sim.record import Hold
+from sim.vehicles.aircraft import STATES, Aircraft, Thrust, aircraft_model
 from tests.airliner import AIRLINER, ALPHA, COEFFICIENTS, CONSTANTS, ELEVATOR, THRUST
 from tests.bases import airliner_flight, fly_model
 
@@ -205,6 +206,69 @@ def test_vanes_away_from_the_centre_turn_with_the_aircraft(place: tuple) -> None
     x, y, z = place
     assert read["alpha"] - alpha == pytest.approx((-x * q + y * p) / V, abs=5e-6)
     assert read["beta"] - beta == pytest.approx((x * r - z * p) / V, abs=5e-6)
+
+
+LONGITUDINAL = ("airspeed", "alpha", "q", "theta")
+
+
+@pytest.mark.parametrize("recorded", [LONGITUDINAL, ("beta", "p", "r", "phi"), ("alpha", "beta")])
+def test_states_that_are_recorded_are_inputs_of_the_same_equations(recorded: tuple) -> None:
+    whole, part = system_of(AIRLINER), system_of(replace(AIRLINER, recorded=recorded))
+    p = whole.parameters.values().tolist()
+    state = dict(zip(whole.state_names, X, strict=True))
+    read = dict(zip(whole.output_names, whole.h(0.0, X, U, p), strict=True))
+    given = {**state, **dict(zip(whole.input_names, U, strict=True))}
+    # Vanes read the motion of their place; what is recorded is their reading.
+    given |= {name: read[name] for name in recorded if name in ("alpha", "beta")}
+    x, u = [given[n] for n in part.state_names], [given[n] for n in part.input_names]
+    assert not set(recorded) & {*part.state_names, *part.output_names}
+    rates = dict(zip(whole.state_names, whole.f(0.0, X, U, p), strict=True))
+    found = dict(zip(part.state_names, part.f(0.0, x, u, p), strict=True))
+    found |= dict(zip(part.output_names, part.h(0.0, x, u, p), strict=True))
+    for name, value in found.items():
+        expected = read[name] if name in part.output_names and name in read else rates[name]
+        # The vane is brought to the centre of gravity to first order in rate times arm over speed.
+        assert value == pytest.approx(expected, rel=3e-3, abs=1e-4), name
+
+
+def test_recorded_longitudinal_motion_needs_no_lift() -> None:
+    """Lateral motion with wrong lift, drag and pitching moment is that of the true aircraft."""
+    bare = replace(AIRLINER, sensors={})
+    flight = replace(airliner_flight(), hold=Hold.LINEAR)
+    true = aircraft_model(bare)
+    names = [each.name for each in true.equations.outputs]
+    rows = dict(zip(names, fly_model(true, flight), strict=True))
+    wrong = {
+        axis: {t: 0.8 * v for t, v in bare.coefficients[axis].items()} for axis in ("CL", "Cm")
+    }
+    part = replace(
+        bare,
+        coefficients={**bare.coefficients, **wrong},
+        recorded=("airspeed", "alpha", "q", "theta"),
+    )
+    model = aircraft_model(part)
+    u = np.vstack([flight.u, *(rows[name] for name in part.recorded)])
+    found = fly_model(model, replace(flight, u=u))
+    read = dict(zip((each.name for each in model.equations.outputs), found, strict=True))
+    plain = fly_model(aircraft_model(replace(part, recorded=())), flight)
+    off = dict(zip(names, plain, strict=True))
+    for name in ("beta", "p", "r", "phi"):
+        size = float(np.ptp(rows[name]))
+        assert np.max(np.abs(read[name] - rows[name])) < 2e-3 * size, name
+    worst = max(np.max(np.abs(off[n] - rows[n])) / np.ptp(rows[n]) for n in ("q", "alpha"))
+    assert worst > 0.1
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"recorded": tuple(STATES)}, "nothing is left to simulate"),
+        ({"recorded": ("alpha",), "wind": "body"}, "recorded against the air"),
+    ],
+)
+def test_recorded_states_that_make_no_sense_are_refused(changed: dict, told: str) -> None:
+    with pytest.raises(DeclarationError, match=told):
+        aircraft_model(replace(AIRLINER, **changed))
 
 
 @pytest.mark.long
