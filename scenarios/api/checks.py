@@ -14,7 +14,7 @@ from ident.flying_qualities.stability_margins import Margin
 from ident.frequency_response import LEAST_COHERENCE
 from scenarios import maneuvers
 from scenarios.api import plot, tables
-from scenarios.api.keywords import in_python_words, told_in_python
+from scenarios.api.keywords import band_of, in_python_words, signal_names, told_in_python
 from scenarios.api.records import Choices, choices_of
 from scenarios.api.requests import (
     KEPT,
@@ -35,8 +35,9 @@ from scenarios.files.channels import read_channel_map
 from scenarios.preparation.maneuver_file import Parts
 from scenarios.report.figure_formats import formats_wanted
 from scenarios.responses import analysis
-from scenarios.responses.fitting import FitOptions, LevelOptions, pilot_demand
+from scenarios.responses.fitting import FitOptions
 from scenarios.responses.model_fits import ModelOptions
+from scenarios.responses.qualities import LevelOptions, levels_by_name, pilot_demand
 from scenarios.responses.reading import Names
 from sim.errors import DeclarationError
 
@@ -416,16 +417,7 @@ class FrequencyResponse:
     def levels(self) -> dict[str, dict[str, tuple[int, int, int]]]:
         """Level of each quantity of a fitted form by response, and of each chart: level (4: outside
         all), best and worst within two standard deviations."""
-        from scenarios.responses.fitting import chart_levels
-
-        found = {
-            each.name: {
-                **{one.quality.name: (one.level, one.best, one.worst) for one in each.levels},
-                **{one.name: (one.level, one.best, one.worst) for one in chart_levels(each)},
-            }
-            for each in self.details.qualities
-        }
-        return {name: levels for name, levels in found.items() if levels}
+        return levels_by_name(self.details.qualities)
 
     def to_transfer_function(
         self, output: str | None = None, input: str | None = None, pade: int = 2
@@ -567,10 +559,12 @@ def frequency_response(
     """
     plan = plan_from(start, stop, hold, rate, lowpass, False, columns)
     request = with_parts(request_of(records, channels=channels, plan=plan), maneuver, maneuvers)
-    names = Names(_names(input), _names(output), _names(reference))
-    given = _band(band)
+    names = Names(signal_names(input), signal_names(output), signal_names(reference))
+    given = band_of(band)
     options = analysis.ResponseOptions(given, _lengths(window), tapers, coherence)
-    forms = tuple(f"{k}={v}" for k, v in fit.items()) if isinstance(fit, Mapping) else _names(fit)
+    forms = (
+        tuple(f"{k}={v}" for k, v in fit.items()) if isinstance(fit, Mapping) else signal_names(fit)
+    )
     held = tuple(f"{name}={value}" for name, value in (fix or {}).items())
     wanted = FitOptions(forms, held, shared_poles)
     asked = (bandwidth, margins, LevelOptions(levels, airspeed), pilot_demand(pilot, pilot_delay))
@@ -587,25 +581,6 @@ def _margin(one: Margin) -> dict[str, float]:
         "high": one.high,
         "frequency": one.frequency.value,
     }
-
-
-def _names(given: str | Sequence[str]) -> tuple[str, ...]:
-    names = (given,) if isinstance(given, str) else given
-    if not isinstance(names, Sequence) or not all(isinstance(each, str) for each in names):
-        remedy = "give a name or a list of names"
-        raise DeclarationError(f"{given!r} names no signal", where="input, output", remedy=remedy)
-    return tuple(names)
-
-
-def _band(given: tuple[float, float] | None) -> tuple[float, float] | None:
-    if given is None:
-        return None
-    try:
-        low, high = map(float, given)
-    except (TypeError, ValueError):
-        remedy = "give the lowest and the highest frequency, Hz: (0.1, 8)"
-        raise DeclarationError(f"{given!r} is no band", where="band", remedy=remedy) from None
-    return low, high
 
 
 def _place(name: str | None, names: Sequence[str], kind: str) -> int:

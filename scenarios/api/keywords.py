@@ -1,14 +1,14 @@
-"""Messages of the commands in the words of Python: keywords instead of options."""
+"""Keywords of Python: messages in their words instead of options, and what they may hold."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import ParamSpec, TypeVar
 
-from sim.errors import FlightidError
+from sim.errors import DeclarationError, FlightidError
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -82,3 +82,24 @@ def told_in_python(function: Callable[P, R]) -> Callable[P, R]:
             return function(*args, **kwargs)
 
     return told
+
+
+def signal_names(given: str | Sequence[str]) -> tuple[str, ...]:
+    """Names of signals, of one or several. Raises DeclarationError for what is none."""
+    names = (given,) if isinstance(given, str) else given
+    if not isinstance(names, Sequence) or not all(isinstance(each, str) for each in names):
+        remedy = "give a name or a list of names"
+        raise DeclarationError(f"{given!r} names no signal", where="input, output", remedy=remedy)
+    return tuple(names)
+
+
+def band_of(given: tuple[float, float] | None) -> tuple[float, float] | None:
+    """Lowest and highest frequency, Hz. Raises DeclarationError for what is no pair of numbers."""
+    if given is None:
+        return None
+    try:
+        low, high = map(float, given)
+    except (TypeError, ValueError):
+        remedy = "give the lowest and the highest frequency, Hz: (0.1, 8)"
+        raise DeclarationError(f"{given!r} is no band", where="band", remedy=remedy) from None
+    return low, high

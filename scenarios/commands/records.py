@@ -21,8 +21,9 @@ from scenarios.report.quantities import shown_in, unit_cell
 from scenarios.report.summary import details_in, written_to
 from scenarios.report.text_tables import TableColumn, table_lines, terminal_width
 from scenarios.responses.analysis import ResponseOptions, responses_of
-from scenarios.responses.fitting import FitOptions, LevelOptions, pilot_demand
+from scenarios.responses.fitting import FitOptions
 from scenarios.responses.model_fits import ModelOptions
+from scenarios.responses.qualities import LevelOptions, pilot_demand
 from scenarios.responses.reading import Names
 from scenarios.responses.report import print_responses
 from sim.errors import DeclarationError

@@ -29,19 +29,16 @@ from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.measured.record_file import identities, read_record_files, refuse_twice
 from scenarios.files.sources import InputFile
 from scenarios.preparation.plan import Request, column_choices
-from scenarios.responses.fitting import (
+from scenarios.responses.fitting import FitOptions, Fits, fit_cautions, fits_of
+from scenarios.responses.loops import LoopMargins, loop_margins_of, refuse_loop
+from scenarios.responses.model_fits import FittedModel, ModelOptions, model_fit_of
+from scenarios.responses.qualities import (
     NO_LEVELS,
-    FitOptions,
-    Fits,
     LevelOptions,
     Qualities,
-    fit_cautions,
-    fits_of,
     qualities_of,
     refuse_kind,
 )
-from scenarios.responses.loops import LoopMargins, loop_margins_of, refuse_loop
-from scenarios.responses.model_fits import FittedModel, ModelOptions, model_fit_of
 from scenarios.responses.reading import Names, ReadSignals, read_signals
 from sim.errors import DeclarationError, RecordError
 from sim.record import Hold

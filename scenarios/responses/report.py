@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -14,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
-from ident.flying_qualities.levels import Level
 from ident.flying_qualities.pilot_in_loop import step_response
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
@@ -45,13 +43,9 @@ from scenarios.report.terminal import show_blocks, show_table
 from scenarios.report.text_tables import print_paragraph
 from scenarios.responses.analysis import ResponseEstimates, pairs
 from scenarios.responses.fitting import (
-    LEVEL,
     Fits,
-    Qualities,
-    chart_levels,
     cost_sentence,
     envelope_sentence,
-    quality_name,
     transfer_text,
 )
 from scenarios.responses.loops import (
@@ -60,6 +54,7 @@ from scenarios.responses.loops import (
     margins_content,
 )
 from scenarios.responses.model_fits import model_content, model_lines, model_table
+from scenarios.responses.qualities import levels_content, quality_lines, quality_tables
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -83,8 +78,8 @@ def print_responses(
         show_table(
             out, response_table(found, row, column, f": {band_sentence(found, row, column)}")
         )
-    show_blocks(out, quality_tables(found))
-    for line in quality_lines(found):
+    show_blocks(out, quality_tables(found.qualities))
+    for line in quality_lines(found.qualities):
         print_paragraph(out, line, indent=0)
     if found.loop is not None:
         show_blocks(out, loop_tables(found.loop))
@@ -98,38 +93,6 @@ def print_responses(
         for line in model_lines(found.model):
             print_paragraph(out, line, indent=0)
         show_table(out, model_table(found.model))
-
-
-def quality_table(one: Qualities) -> Table | None:
-    """The numbers of one response with their 95 % intervals; None where there are none."""
-    if not one.numbers:
-        return None
-    rows = [(quality_name(name), each, unit) for name, (each, unit) in one.numbers.items()]
-    hertz = [
-        formatted(each.value / (2.0 * math.pi), ".3g") if unit == "rad/s" else ""
-        for _, each, unit in rows
-    ]
-    return table(
-        f"Flying qualities of {one.name}, with 95 % intervals",
-        (Column("quantity"), [name for name, _, _ in rows]),
-        (Column("value", BY_ROW), [formatted(each.value, ".3g") for _, each, _ in rows]),
-        (
-            Column("+-", BY_ROW, beside=True),
-            [formatted(LEVEL * each.std, ".2g") for _, each, _ in rows],
-        ),
-        (Column("frequency", "Hz"), hertz) if any(hertz) else None,
-        units=["" if unit == "1" else unit for _, _, unit in rows],
-    )
-
-
-def quality_tables(found: ResponseEstimates) -> list[Table]:
-    """Flying qualities, a table for each response that has some."""
-    return [each for each in map(quality_table, found.qualities) if each is not None]
-
-
-def quality_lines(found: ResponseEstimates) -> list[str]:
-    """Levels that are reached and what is not known of flying qualities, one sentence each."""
-    return [line for each in found.qualities for line in each.lines]
 
 
 def name_pair(found: ResponseEstimates, row: int, column: int) -> tuple[str, str]:
@@ -281,8 +244,8 @@ def responses_page(found: ResponseEstimates, drawn: Sequence[Drawn] = ()) -> Pag
         tables.append(Prose(f"{name}: {band_sentence(found, row, column)}.", "note"))
         functions += [Prose(as_sentence(line)) for line in fit_lines(found, row, column)]
         functions += fit_tables(found, row, column, f"Parameters of {name}")
-    qualities: list[Block] = [*quality_tables(found)]
-    if judged := quality_lines(found):
+    qualities: list[Block] = [*quality_tables(found.qualities)]
+    if judged := quality_lines(found.qualities):
         qualities.append(Bullets(tuple(map(as_sentence, judged))))
     margins: list[Block] = []
     if found.loop is not None:
@@ -580,31 +543,6 @@ def _fits_content(found: ResponseEstimates, fits: Fits) -> dict[str, Any]:
     }
 
 
-def _level_content(level: Level) -> dict[str, Any]:
-    return {
-        "quantity": level.quality.name,
-        "category": level.criterion.category,
-        "level": level.level,
-        "best": level.best,
-        "worst": level.worst,
-        "source": level.criterion.source,
-    }
-
-
-def _levels_content(one: Qualities) -> list[dict[str, Any]]:
-    on_charts = [
-        {
-            "quantity": each.name,
-            "level": each.level,
-            "best": each.best,
-            "worst": each.worst,
-            "source": each.source,
-        }
-        for each in chart_levels(one)
-    ]
-    return [*map(_level_content, one.levels), *on_charts]
-
-
 def _qualities_content(found: ResponseEstimates) -> list[dict[str, Any]]:
     return [
         {
@@ -615,7 +553,7 @@ def _qualities_content(found: ResponseEstimates) -> list[dict[str, Any]]:
                 for name, (number, unit) in each.numbers.items()
             },
             "notes": list(each.bandwidth.notes) if each.bandwidth is not None else [],
-            **({"levels": told} if (told := _levels_content(each)) else {}),
+            **({"levels": told} if (told := levels_content(each)) else {}),
         }
         for each in found.qualities
     ]

@@ -517,9 +517,13 @@ def test_a_long_delay_is_found(tmp_path: Path, late: float) -> None:
 
 def test_the_wrong_sign_of_a_loop_is_not_compared(tmp_path: Path) -> None:
     path = write_csv(tmp_path, "loop.csv", **loop_flight(1))
-    options = {"reference": "sweep", "band": (0.2, 10.0), "margins": "plus"}
-    loop = fid.frequency_response(path, "command", "returned", **options).details.loop
-    assert loop.contradicted and "fits these signals" in " ".join(loop.cautions)
+    found = fid.frequency_response(
+        path, "command", "returned", reference="sweep", band=(0.2, 10.0), margins="plus"
+    )
+    loop = found.details.loop
+    assert (
+        loop is not None and loop.contradicted and "fits these signals" in " ".join(loop.cautions)
+    )
     assert not any("45 deg met" in line for line in margin_lines(loop))
 
 
