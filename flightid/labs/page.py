@@ -6,14 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import marimo as mo
 from matplotlib.figure import Figure
 
-from scenarios.plots.drawing import figure_document
+from scenarios.plots.drawing import figure_document, figure_frame
 
 
 @dataclass(frozen=True)
@@ -40,12 +39,7 @@ def plotted(figure: Figure, told: str) -> Any:
     """A figure that zooms and shows values under the pointer, as wide as its place; ``told`` says
     what it shows to those who do not see it.
     """
-    document, title = (escape(text, quote=True) for text in (figure_document(figure, told), told))
-    # Within the page: a file of marimo's may be gone before a frame that is replaced has read it.
-    return mo.Html(
-        f'<iframe title="{title}" srcdoc="{document}" style="width: 100%; height: 400px; '
-        'border: 0; display: block"></iframe>'
-    )
+    return mo.Html(figure_frame(figure_document(figure, told), told, height=400))
 
 
 def beside(controls: Sequence[Any], figure: Any) -> Any:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from html import escape
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -298,9 +297,9 @@ class Interactive:
         return f"<Interactive: {self._words:.80}>"
 
     def _repr_html_(self) -> str:
-        document, title = escape(self.html, quote=True), escape(self._words, quote=True)
-        frame = 'width="100%" height="480" style="border: 0"'
-        return f'<iframe {frame} title="{title}" srcdoc="{document}"></iframe>'
+        from scenarios.plots.drawing import figure_frame
+
+        return figure_frame(self.html, self._words, height=480)
 
 
 def interactive(figure: Figure, words: str = "") -> Interactive:

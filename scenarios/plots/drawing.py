@@ -136,6 +136,26 @@ def figure_document(figure: Figure, words: str) -> str:
     return figure_html(Block("figure-alone", svg, words, plot_data(figure)))
 
 
+def figure_frame(document: str, words: str, height: int) -> str:
+    """An HTML document as a frame of a notebook's page, as wide as its place.
+
+    Parameters
+    ----------
+    document : the document; the frame holds it itself, because a file beside the notebook may be
+        gone before the frame has read it.
+    words : what the figure shows, for those who do not see it.
+    height : of the frame, px.
+
+    Examples
+    --------
+    >>> figure_frame("<p>a & b</p>", "two letters", 300)[:48]
+    '<iframe title="two letters" srcdoc="&lt;p&gt;a &'
+    """
+    inside, title = (escape(text, quote=True) for text in (document, words))
+    style = f"width: 100%; height: {height}px; border: 0; display: block"
+    return f'<iframe title="{title}" srcdoc="{inside}" style="{style}"></iframe>'
+
+
 def page_svg(figure: Figure, stem: str) -> str:
     """The figure as an ``<svg>`` element of a page, as wide as its place; the same bytes for the
     same figure.

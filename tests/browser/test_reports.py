@@ -9,11 +9,13 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
+from scenarios.report.document import Column, Number, Section, Table
 from scenarios.report.folder import write_page
 from tests.browser.complaints import Complaints, fits, keep_picture
 from tests.pages import HOSTILE, PAGE
@@ -198,6 +200,17 @@ def test_paper_has_no_empty_page_and_ten_candidates(
         )
     words = words_of(tmp_path / "page.pdf")
     assert min(words) > 5, words
+
+
+def test_cells_of_words_stay_wide_on_a_phone(phone: Page, tmp_path: Path) -> None:
+    columns = (*(Column(f"number {i}", "1") for i in range(6)), Column("t values"))
+    row: tuple[Number | str, ...] = (*[Number(123.456)] * 6, "Cm_alpha 17, Cm_q 2.9, Cm_de 16")
+    block = Section("Maneuvers", (Table("Maneuvers", columns, (row,)),))
+    write_page(tmp_path, replace(PAGE, sections=(block,)))
+    phone.goto((tmp_path / "report.html").as_uri())
+    size = float(phone.evaluate("parseFloat(getComputedStyle(document.documentElement).fontSize)"))
+    box = phone.locator("td.words").bounding_box()
+    assert box is not None and box["width"] >= 13 * size - 1
 
 
 def test_rebuilt_page_is_the_same(pages: dict[str, Path]) -> None:

@@ -72,7 +72,7 @@ def diagnosis_page(
     replication = pictures.pop("figure-replication", None)
     further = Bullets(tuple(warning for warning in warnings if warning not in tracing.doubts))
     return Page(
-        title=f"{_capital(tracing.vehicle.name)}: what the {tracing.vehicle.model} model lacks",
+        title=f"{tracing.vehicle.name}: what the {tracing.vehicle.model} model lacks",
         kind=text.subject(tracing),
         verdict=d.verdict.value,
         tone=TONES[d.verdict],
