@@ -227,7 +227,7 @@ SIM = (
         ("(time - at) / width + 0.5", "(time - at) / width"),
     ),
     *changes(
-        "sim/effects/input_path/actuator_rate_limit.py",
+        "sim/effects/input_path/actuator_limits.py",
         (
             "tests/unit/sim/effects/input_path/test_actuator_rate_limit.py",
             "tests/unit/sim/effects/input_path/test_memoryless_inputs.py",

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from sim.declaration.compile import compile_model
-from sim.effects.disturbance.gust_turbulence import GustTurbulence
-from sim.effects.input_path.actuator_lag import ActuatorLag
+from sim.effects.disturbance.gusts import GustTurbulence
+from sim.effects.input_path.actuator_dynamics import ActuatorLag
 from sim.effects.library import find_effect
-from sim.effects.sensor_path.sensor_lag import SensorLag
+from sim.effects.sensor_path.sensor_delay import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.effects.sensor_path.time_base import TimeBase
 from sim.vehicles.loes import Loes

@@ -18,16 +18,11 @@ from sim.declaration.effect import Parameter, Regularity, Station, constants_nee
 from sim.declaration.model import Equations, Multiplying
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.declaration.user_equations import OwnEquations
-from sim.effects.dynamics.curves.control_nonlinearity import VARIANTS as CURVED_CONTROLS
-from sim.effects.dynamics.curves.control_nonlinearity import ControlNonlinearity
-from sim.effects.dynamics.curves.drag_mach import DragMach
-from sim.effects.dynamics.curves.drag_nonlinearity import VARIANTS as CURVED_DRAG
-from sim.effects.dynamics.curves.lift_nonlinearity import VARIANTS as CURVED_LIFT
-from sim.effects.dynamics.curves.moment_nonlinearity import VARIANTS as CURVED_MOMENT
-from sim.effects.dynamics.curves.roll_nonlinearity import VARIANTS as CURVED_ROLL
-from sim.effects.dynamics.curves.side_force_nonlinearity import VARIANTS as CURVED_SIDE_FORCE
-from sim.effects.dynamics.curves.yaw_nonlinearity import VARIANTS as CURVED_YAW
+from sim.effects.dynamics.control_nonlinearity import CURVE_VARIANTS as CURVED_CONTROLS
+from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
 from sim.effects.dynamics.density_scale_height import DensityScaleHeight
+from sim.effects.dynamics.drag_mach import DragMach
+from sim.effects.dynamics.load_nonlinearity import VARIANTS as CURVED_LOADS
 from sim.effects.instances import BEYOND_PRODUCTS, controls
 from sim.effects.loads import MULTIPLIED, LoadCurve
 from sim.maths import Shapes, combine, first_shapes, natural_shapes, shape_names
@@ -36,15 +31,7 @@ from sim.maths import Shapes, combine, first_shapes, natural_shapes, shape_names
 FORMS = (2, 5, 10)
 # the port where a recorded airspeed comes in, and what it is called
 AIRSPEED_CHANGE, AIRSPEED = "airspeed_change", "airspeed"
-CURVES = (
-    *CURVED_CONTROLS,
-    *CURVED_DRAG,
-    *CURVED_LIFT,
-    *CURVED_MOMENT,
-    *CURVED_ROLL,
-    *CURVED_SIDE_FORCE,
-    *CURVED_YAW,
-)
+CURVES = (*CURVED_CONTROLS, *CURVED_LOADS)
 # A fall meets its heights and speeds together: a ballistic coefficient over the one is the air's
 # density, over the other the Mach number's drag.
 OF_A_FALL: Mapping[tuple[str, str], Traceable] = {

@@ -1,4 +1,4 @@
-"""A limit of the rate between the recorded input and the vehicle."""
+"""A limit of the rate or of the travel between the recorded input and the vehicle."""
 
 from __future__ import annotations
 
@@ -9,13 +9,20 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Parameter, Regularity, Station
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, shares_of_peak
-from sim.effects.instances import all_labelled, further_inputs, has_size, labelled, large_input
-from sim.maths import absolute, each_column, maximum
+from sim.effects.instances import (
+    MANY_SIZES,
+    all_labelled,
+    further_inputs,
+    has_size,
+    labelled,
+    large_input,
+)
+from sim.maths import absolute, clip, each_column, maximum
 
-UNLIMITED = 1e9
+UNLIMITED_RATE = 1e9
 # peaks of the input run through in a second: from hardly felt to always behind
 PER_SECOND = (20.0, 9.0, 4.0, 2.0, 0.9)
 HALF_AND_TWICE = (
@@ -31,9 +38,9 @@ class ActuatorRateLimit:
     """The surface runs towards the held command with ``rate`` at most, in unit of the input per
     second, and stops there.
 
-    At ``UNLIMITED`` it is taken as absent. It starts at the first recorded value. The rate is not a
-    smooth function of where the surface is: there is no state form, a filter takes it only with a
-    rate that is held.
+    At ``UNLIMITED_RATE`` it is taken as absent. It starts at the first recorded value. The rate is
+    not a smooth function of where the surface is: there is no state form, a filter takes it only
+    with a rate that is held.
 
     Attributes
     ----------
@@ -49,7 +56,7 @@ class ActuatorRateLimit:
 
     station: ClassVar[Station] = Station.INPUT_PATH
     rank: ClassVar[int] = 50
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": UNLIMITED})
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": UNLIMITED_RATE})
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
     explanation: ClassVar[str] = (
         "The surface can move only so fast: |dy/dt| <= rate, towards the command until y = u. A "
@@ -71,7 +78,7 @@ class ActuatorRateLimit:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter("rate", self.typical, f"{self.unit}/s", bounds=(1e-6, UNLIMITED)),)
+        return (Parameter("rate", self.typical, f"{self.unit}/s", bounds=(1e-6, UNLIMITED_RATE)),)
 
     @property
     def traits(self) -> Traits:
@@ -114,7 +121,7 @@ class ActuatorRateLimit:
 
 
 def _limited(edges: np.ndarray, u: np.ndarray, rate: Any) -> np.ndarray:
-    if rate.real >= UNLIMITED:
+    if rate.real >= UNLIMITED_RATE:
         return u
     starts = np.concatenate([[0], np.flatnonzero(u[1:] != u[:-1]) + 1])
     begin = edges[starts]
@@ -174,14 +181,131 @@ def _one_way(
         length *= 4
 
 
-VARIANTS: tuple[Traceable, ...] = (ActuatorRateLimit(), ActuatorRateLimit("stick", "1", 3.0))
+RATE_VARIANTS: tuple[Traceable, ...] = (ActuatorRateLimit(), ActuatorRateLimit("stick", "1", 3.0))
 
 
-def made_for(equations: Equations) -> tuple[Traceable, ...]:
+def rate_made_for(equations: Equations) -> tuple[Traceable, ...]:
     """One for each input that has none yet."""
     return tuple(
         ActuatorRateLimit(
             signal.name, signal.unit, 3.0 * large_input(signal.unit), label, has_size(signal.unit)
         )
         for signal, label in further_inputs(equations)
+    )
+
+
+UNLIMITED_TRAVEL = 1e9
+
+
+@dataclass(frozen=True)
+class ActuatorSaturation:
+    """The vehicle feels max(-limit, min(u, limit)): the same limit on both sides of trim.
+
+    ``limit`` in the unit of the input; at ``UNLIMITED_TRAVEL`` it is taken as absent. Without
+    memory: the state form has no states.
+
+    Attributes
+    ----------
+    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label :
+    of the name, where there are several inputs.
+    """
+
+    signal: str = "elevator"
+    unit: str = "rad"
+    typical: float = 0.05
+    label: str = ""
+    sized: bool = True
+
+    station: ClassVar[Station] = Station.INPUT_PATH
+    rank: ClassVar[int] = 60
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"limit": UNLIMITED_TRAVEL})
+    regularity: ClassVar[Regularity] = Regularity.INACTIVE
+    online_states: ClassVar[tuple[Signal, ...]] = ()
+    explanation: ClassVar[str] = (
+        "The surface stops at a limit although the command goes on: u_vehicle = max(-limit, min(u, "
+        "limit)). Below the limit nothing is different, "
+        "above it more command brings no more response. It is invisible in a record that stays "
+        "below the limit, and where all inputs are of one "
+        "size it only looks like a smaller control effectiveness: it takes inputs of several "
+        "sizes, on both sides of the limit. The limit counts "
+        "from where the recorded input does: from trim where that is a perturbation, from its zero "
+        "where it is a total."
+    )
+
+    @property
+    def name(self) -> str:
+        return labelled("actuator-saturation", self.label)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return all_labelled(("input-deadband", "control-nonlinearity"), self.label)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("limit", self.typical, self.unit, bounds=(0.0, UNLIMITED_TRAVEL)),)
+
+    @property
+    def traits(self) -> Traits:
+        """Believed from a tenth to ten times the typical value: for an elevator from a third of a
+        degree to half a right angle.
+        """
+        return Traits(
+            sentences=("the actuator stops at +-{limit}",),
+            short_name="actuator stop",
+            separating={"input-deadband": MANY_SIZES, "control-nonlinearity": MANY_SIZES},
+            plausible={"limit": (0.1 * self.typical, 10.0 * self.typical)},
+            in_input_unit=("limit",),
+        )
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return [
+            Probe({"limit": size})
+            for size in shares_of_peak(context, self.signal, (0.95, 0.85, 0.7, 0.5))
+        ]
+
+    def fitted_to(self, context: SearchContext) -> ActuatorSaturation:
+        """The same; where nothing is known of the input's unit, of a size that its record asks
+        for.
+        """
+        peak = context.input_peak.get(self.signal, 0.0)
+        return self if self.sized or not peak > 0.0 else replace(self, typical=0.5 * peak)
+
+    def act(self, edges: Any, u: Any, p: Any) -> Any:
+        """Exact for an input that is constant within cells."""
+        return each_column(lambda row, limit: clip(row, -limit, limit), u, p.limit)
+
+    def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
+        return ()
+
+    def pass_on(self, v: Any, x: Sequence[Any], p: Any) -> Any:
+        return clip(v, -p.limit, p.limit)
+
+
+TRAVEL_VARIANTS: tuple[Traceable, ...] = (
+    ActuatorSaturation(),
+    ActuatorSaturation("stick", "1", 0.5),
+)
+
+
+def travel_made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each input that has none yet."""
+    return tuple(
+        ActuatorSaturation(
+            signal.name, signal.unit, 0.5 * large_input(signal.unit), label, has_size(signal.unit)
+        )
+        for signal, label in further_inputs(equations)
+    )
+
+
+VARIANTS: tuple[Traceable, ...] = (
+    *RATE_VARIANTS,
+    *TRAVEL_VARIANTS,
+)
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
+    return (
+        *rate_made_for(equations),
+        *travel_made_for(equations),
     )

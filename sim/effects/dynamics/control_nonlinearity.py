@@ -1,4 +1,6 @@
-"""Control surface whose effect is no straight line of its deflection."""
+"""Control surface whose effect is no straight line of its deflection: a smooth curve, and two plain
+forms of it, unequal to both sides and weakening with the deflection.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +11,15 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.effects.controls import LATERAL_CONTROLS, LateralControl
+from sim.effects.controls import (
+    LATERAL_CONTROLS,
+    SHARES,
+    LateralControl,
+    PlainControl,
+    of_all_controls,
+)
 from sim.effects.instances import all_labelled, labelled
-from sim.maths import combine, natural_shapes, shape_names
+from sim.maths import combine, natural_shapes, shape_names, sqrt
 
 
 @dataclass(frozen=True)
@@ -182,7 +190,7 @@ def _lateral(c: LateralControl) -> ControlNonlinearity:
 
 
 # Plainer forms are in control_unevenness.py and control_weakening.py, under the same name.
-VARIANTS: tuple[Traceable, ...] = (
+CURVE_VARIANTS: tuple[Traceable, ...] = (
     ControlNonlinearity(),
     ControlNonlinearity(
         low=-1.0,
@@ -196,4 +204,111 @@ VARIANTS: tuple[Traceable, ...] = (
     ),
     *map(_lateral, LATERAL_CONTROLS),
     ControlNonlinearity(label="elevator", speed="reference_airspeed"),
+)
+
+
+# of the largest deflection: the kink is a curve that narrow, so that there is a slope everywhere
+ROUNDED = 0.001
+
+
+@dataclass(frozen=True)
+class ControlUnevenness(PlainControl):
+    """The moment of a deflection d is that of d + ``unevenness`` |d|: slopes of 1 + unevenness to
+    the positive side, 1 - unevenness to the other.
+
+    The vehicle's derivatives are then the means of both sides. |d| stands for sqrt(d^2 + w^2) - w,
+    ``width`` w of the rounded kink in the control's unit.
+    """
+
+    width: float = 0.00005
+
+    aliases: ClassVar[tuple[str, ...]] = ()
+    bend: ClassVar[Parameter] = Parameter("unevenness", 0.2, "1", bounds=(-1.0, 1.0))
+    traits: ClassVar[Traits] = Traits(
+        sentences=(
+            "the {control} works unequally to both sides, by {unevenness_change} about the mean "
+            "(unevenness {unevenness})",
+        ),
+        short_name="uneven control",
+        plausible={"unevenness": (-0.7, 0.7), **SHARES},
+    )
+
+    @property
+    def explanation(self) -> str:
+        moment = self.moment_by.partition("_")[0]
+        return (
+            f"The surface works more to one side than to the other: {moment} = ... + "
+            f"{self.moment_by} (d + unevenness |d|) for a deflection d from "
+            "trim, its other coefficients likewise. A tail near its stall, a gap that one side "
+            "opens, or an actuator with two gains do this. The "
+            "derivative is then the mean of both sides, and a model with one slope errs with the "
+            "same sign for up and down: after a doublet it ends "
+            "at another attitude than the aircraft. An input to one side alone only shows another "
+            "derivative; it takes steps to both."
+        )
+
+    def curve(self, d: Any, p: Any) -> Any:
+        return p.unevenness * (sqrt(d * d + self.width * self.width) - self.width)
+
+    def fitted_to(self, context: SearchContext) -> ControlUnevenness:
+        """The same with a kink as narrow as the deflections of the record ask."""
+        widest, middle = self.used(context)
+        return replace(self, width=ROUNDED * widest or self.width, middle=middle)
+
+
+UNEVENNESS_VARIANTS: tuple[Traceable, ...] = of_all_controls(ControlUnevenness, width=0.0005)
+
+
+@dataclass(frozen=True)
+class ControlWeakening(PlainControl):
+    """The moment of a deflection d is that of d - ``loss`` d (d/D)^2, ``widest`` D the largest
+    deflection used, in the control's unit.
+
+    There the surface has lost the share ``loss`` of its effect; negative where it has gained. The
+    vehicle's derivatives are those at zero.
+    """
+
+    widest: float = 0.1
+
+    bend: ClassVar[Parameter] = Parameter("loss", 0.2, "1", bounds=(-3.0, 1.0))
+    traits: ClassVar[Traits] = Traits(
+        sentences=(
+            "the {control} loses the share {loss} of its effect towards its largest deflection",
+        ),
+        short_name="weakening control",
+        plausible={"loss": (-0.7, 0.7), **SHARES},
+    )
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return all_labelled(("actuator-saturation", "input-deadband"), self.label)
+
+    @property
+    def explanation(self) -> str:
+        moment = self.moment_by.partition("_")[0]
+        return (
+            "Each further degree of the surface turns the flow by less, to both sides alike: "
+            f"{moment} = ... + {self.moment_by} (d - loss d (d/D)^2) "
+            "for a deflection d, D the largest that was used, its other coefficients likewise. A "
+            "gap that opens and flow that begins to separate do "
+            "this. Under an input of a few fixed levels a surface that reaches its stops looks the "
+            "same; a multisine tells."
+        )
+
+    def curve(self, d: Any, p: Any) -> Any:
+        return -p.loss * d * (d / self.widest) ** 2
+
+    def fitted_to(self, context: SearchContext) -> ControlWeakening:
+        """The same with the largest deflection of the record."""
+        widest, middle = self.used(context)
+        return replace(self, widest=widest or self.widest, middle=middle)
+
+
+WEAKENING_VARIANTS: tuple[Traceable, ...] = of_all_controls(ControlWeakening, widest=1.0)
+
+
+VARIANTS: tuple[Traceable, ...] = (
+    *CURVE_VARIANTS,
+    *UNEVENNESS_VARIANTS,
+    *WEAKENING_VARIANTS,
 )
