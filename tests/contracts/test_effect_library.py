@@ -32,6 +32,8 @@ ROOT = Path(__file__).parents[2]
 FAMILIES = {
     "actuator_dynamics": {"actuator-lag", "actuator-second-order"},
     "actuator_limits": {"actuator-rate-limit", "actuator-saturation"},
+    "airspeed": {"phugoid", "speed-variation"},
+    "atmosphere": {"density-scale-height", "drag-mach"},
     "derivative_jump": {"derivative-jump", "drag-jump"},
     "gusts": {"gust-discrete", "gust-horizontal", "gust-turbulence"},
     "input_delay": {"input-delay", "input-recorded-late"},
@@ -43,6 +45,7 @@ FAMILIES = {
     "sensor_drift": {"sensor-drift", "sensor-step"},
     "sensor_play": {"sensor-backlash", "sensor-deadband"},
     "sensor_position": {"accelerometer-offset", "vane-offset"},
+    "sensor_sampling": {"sensor-hold", "time-base"},
     "sensor_scale": {"sensor-scale", "sensor-curve"},
 }
 

@@ -18,10 +18,9 @@ from sim.declaration.effect import Parameter, Regularity, Station, constants_nee
 from sim.declaration.model import Equations, Multiplying
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.declaration.user_equations import OwnEquations
+from sim.effects.dynamics.atmosphere import DensityScaleHeight, DragMach
 from sim.effects.dynamics.control_nonlinearity import CURVE_VARIANTS as CURVED_CONTROLS
 from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
-from sim.effects.dynamics.density_scale_height import DensityScaleHeight
-from sim.effects.dynamics.drag_mach import DragMach
 from sim.effects.dynamics.load_nonlinearity import VARIANTS as CURVED_LOADS
 from sim.effects.instances import BEYOND_PRODUCTS, controls
 from sim.effects.loads import MULTIPLIED, LoadCurve

@@ -23,7 +23,7 @@ from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.library import find_effect
 from sim.effects.sensor_path.sensor_delay import SensorDelay, SensorLag
 from sim.effects.sensor_path.sensor_drift import SensorStep
-from sim.effects.sensor_path.sensor_hold import SensorHold
+from sim.effects.sensor_path.sensor_sampling import SensorHold
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.maths import each_column
 from sim.vehicles.short_period import ShortPeriod

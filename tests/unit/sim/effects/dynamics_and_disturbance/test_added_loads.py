@@ -15,8 +15,8 @@ from scipy.interpolate import CubicSpline
 
 from sim.declaration.effect import Effect
 from sim.declaration.proposal import SearchContext
+from sim.effects.disturbance.airspeed import SpeedVariation
 from sim.effects.disturbance.gusts import GustDiscrete
-from sim.effects.disturbance.speed_variation import SpeedVariation
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.dynamics.control_nonlinearity import (
     UNEVENNESS_VARIANTS,

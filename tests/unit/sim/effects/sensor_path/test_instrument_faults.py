@@ -18,8 +18,8 @@ from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.library import find_effect
 from sim.effects.sensor_path.sensor_coupling import SensorCoupling
 from sim.effects.sensor_path.sensor_drift import SensorStep
-from sim.effects.sensor_path.sensor_hold import SensorHold
 from sim.effects.sensor_path.sensor_position import AccelerometerOffset, VaneOffset
+from sim.effects.sensor_path.sensor_sampling import SensorHold
 from sim.effects.sensor_path.sensor_scale import SensorCurve, SensorScale
 from sim.maths import COMPLEX_STEP
 from tests.bases import (
