@@ -15,6 +15,7 @@ from scenarios.files.sources import InputFile, found_json, read_json
 from scenarios.files.writing import write_json
 from sim.declaration.effect import Effect
 from sim.declaration.proposal import Traceable
+from sim.effects.library import effect_modules
 from sim.errors import DeclarationError, FlightidError
 
 # ---- Effects as plain text and back
@@ -95,7 +96,7 @@ def _made(content: Mapping[str, Any]) -> Any:
     module, _, name = content["class"].partition(":")
     if not module.startswith(ROOM):
         raise ValueError(f"{module} is not of the library")
-    kind = getattr(importlib.import_module(module), name)
+    kind = _class_of(module, name)
     if not (isinstance(kind, type) and is_dataclass(kind)):
         raise TypeError(f"{name} is no effect")
     given = {key: _value(each) for key, each in content["fields"].items()}
@@ -103,6 +104,19 @@ def _made(content: Mapping[str, Any]) -> Any:
     for key, value in given.items():
         refuse_other_kind(value, hints[key])
     return kind(**given)
+
+
+def _class_of(module: str, name: str) -> Any:
+    """A class of the library by the file that had it when the study was kept, or by its name
+    alone where an older version had it in another file.
+    """
+    try:
+        return getattr(importlib.import_module(module), name)
+    except ModuleNotFoundError:
+        homes = [each for each in effect_modules() if hasattr(each, name)]
+        if not homes:
+            raise
+        return getattr(homes[0], name)
 
 
 def _value(content: Any) -> Any:

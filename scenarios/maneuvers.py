@@ -22,7 +22,7 @@ from ident.maneuver_detection import (
     find_maneuvers,
 )
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.measured.record_file import RecordFile, opened, with_names
+from scenarios.files.measured.columns import RecordFile, opened, with_names
 from scenarios.files.records import read_record, refuse_rate
 from scenarios.files.sources import InputFile, versions
 from scenarios.files.writing import study_folder, write_json, write_text

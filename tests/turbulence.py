@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from sim.declaration.model import Model
-from sim.effects.disturbance.gust_turbulence import GustTurbulence
+from sim.effects.disturbance.gusts import GustTurbulence
 from sim.record import Channel, Record
 from sim.truth.measurement import dryden_gust
 from tests.bases import RIGID_VALUES, rigid_model, three_two_one_one

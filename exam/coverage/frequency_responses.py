@@ -32,8 +32,13 @@ from ident.statistics.intervals import clustered_share
 from scenarios.files.vehicles import VehicleFile
 from scenarios.responses.fitting import target_of
 from scenarios.studies.catalogue import load_document
-from scenarios.trials.sweeps.declaration import SweepScenario, sweep_scenario_of
-from scenarios.trials.sweeps.flight import fly_sweep, frame_rate, true_loop
+from scenarios.trials.sweeps.flight import (
+    SweepScenario,
+    fly_sweep,
+    frame_rate,
+    sweep_scenario_of,
+    true_loop,
+)
 from scenarios.trials.sweeps.flight import true_margins as known_margins
 from scenarios.watching.loop_margins import LoopNames, MarginSession, finish_second, shown, take
 from sim.closed_loop.airframe import load_x29

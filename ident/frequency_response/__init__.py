@@ -1,6 +1,7 @@
 """Frequency responses of records, with coherence and random errors.
 
-May import the abstract part of `sim`. Oracles: `tests/unit/ident/frequency_response`.
+`estimate.py` is where to begin. May import the abstract part of `sim`. Oracles:
+`tests/unit/ident/frequency_response`.
 """
 
 from ident.frequency_response.estimate import (

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.statistics.isolated_samples import final_spikes
+from ident.statistics.noise_levels import final_spikes
 from ident.tracing.diagnosis import ErrorFigures, Prediction, Trained
 from ident.tracing.validation.error_figures import error_figures, prediction
 from ident.tracing.validation.held_out import frozen_on

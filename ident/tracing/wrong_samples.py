@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.process_noise.filter_error import noise_levels
-from ident.statistics.isolated_samples import (
+from ident.statistics.noise_levels import (
     Spikes,
     final_spikes,
     input_edges,

@@ -41,7 +41,7 @@ from scenarios.api.shown import (
     write_sheets,
 )
 from scenarios.api.vehicle import Vehicle
-from scenarios.files.channel_names import TIME
+from scenarios.files.channels import TIME
 from scenarios.identification.assessment import Options
 from scenarios.identification.identify import Identified, identify_files
 from scenarios.prediction import PredictionRequest, figures_of, predict_record
@@ -204,7 +204,7 @@ class Identification:
 
     def to_dict(self) -> dict[str, Any]:
         """Content of ``comparison.json``."""
-        from scenarios.files.measured.record_file import identities
+        from scenarios.files.measured.columns import identities
         from scenarios.identification.files import identification_content
 
         d = self.details

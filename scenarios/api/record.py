@@ -25,8 +25,8 @@ from scenarios.api.records import (
     opened_source,
     refuse_unreadable,
 )
-from scenarios.files.channel_names import TIME
-from scenarios.files.measured.record_file import RecordFile
+from scenarios.files.channels import TIME
+from scenarios.files.measured.columns import RecordFile
 from scenarios.files.records import refuse_without_clock, window_of
 from sim import record as sim_record
 from sim.errors import RecordError

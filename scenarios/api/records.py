@@ -13,15 +13,20 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME, split_header
-from scenarios.files.channels import ColumnChoice, read_channel_map
+from scenarios.files.channels import (
+    CHANNEL_UNITS,
+    STICK,
+    TIME,
+    ColumnChoice,
+    read_channel_map,
+    split_header,
+)
 from scenarios.files.declarations import closest
 from scenarios.files.formats.cells import CellTable, header_cell, numbers
 from scenarios.files.formats.parquet import frame_header
-from scenarios.files.measured.columns import Sidecar, suffix_unit
+from scenarios.files.measured.columns import RecordFile, Sidecar, read_record_file, suffix_unit
 from scenarios.files.measured.columns import SourceColumn as Found
 from scenarios.files.measured.derived import clock_place
-from scenarios.files.measured.record_file import RecordFile, read_record_file
 from scenarios.files.records import column_of, raw_column, read_record, window_of
 from scenarios.files.sources import InputFile
 from scenarios.preparation.plan import plan_of

@@ -16,7 +16,7 @@ from scenarios.api.record import record_of
 from scenarios.api.records import Choices, choices_of, numbered_apart, opened_source
 from scenarios.api.vehicle import Vehicle, source_of
 from scenarios.files.declarations import named_after
-from scenarios.files.measured.record_file import RecordFile, refuse_twice
+from scenarios.files.measured.columns import RecordFile, refuse_twice
 from scenarios.files.user_models import OwnModel, model_in_memory
 from scenarios.files.vehicles import MODELS
 from scenarios.preparation.plan import Plan, Request, plan_of
@@ -110,7 +110,7 @@ def _loop(name: str, changes: Sequence[str]) -> Runner:
 
 
 def _sweep(name: str, changes: Sequence[str]) -> Runner:
-    from scenarios.trials.sweeps.declaration import sweep_scenario_of
+    from scenarios.trials.sweeps.flight import sweep_scenario_of
     from scenarios.trials.sweeps.study import print_sweep, run_sweep, write_sweep
 
     run = partial(run_sweep, sweep_scenario_of(*load_document(name, changes)))
@@ -168,8 +168,7 @@ def flown_record(name: str, seed: int | None, changes: Sequence[str]) -> Record:
     if scenario_kind(name) == "sweep":
         import numpy as np
 
-        from scenarios.trials.sweeps.declaration import sweep_scenario_of
-        from scenarios.trials.sweeps.flight import fly_sweep
+        from scenarios.trials.sweeps.flight import fly_sweep, sweep_scenario_of
 
         sweep = sweep_scenario_of(*load_document(name, changes))
         with named_after(scenario_file(name)):

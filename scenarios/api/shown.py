@@ -16,7 +16,7 @@ from ident.tracing.diagnosis import Diagnosis
 from scenarios.api import tables
 from scenarios.diagnosis.report.text import effect_heading, wording_of
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.files.channel_names import TIME
+from scenarios.files.channels import TIME
 from scenarios.identification.assessment import IdentificationResult, RecordFit
 from scenarios.report.quantities import determined, number_text, value_text
 from scenarios.report.summary import PAGE

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.groups import Output, Preparation, with_groups
 from scenarios.cli.options import (
     Channels,
     ClockRate,
@@ -15,11 +14,14 @@ from scenarios.cli.options import (
     From,
     ManeuverFile,
     Maneuvers,
+    Output,
+    Preparation,
     Records,
     To,
     Trust,
     VehicleOption,
     of,
+    with_groups,
 )
 from scenarios.preparation.maneuver_file import with_maneuvers
 from scenarios.preparation.plan import Request, plan_of

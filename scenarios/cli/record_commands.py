@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.groups import Output, Preparation, with_groups
 from scenarios.cli.options import (
     METHOD_NAMES,
     AsJson,
@@ -21,12 +20,15 @@ from scenarios.cli.options import (
     Model,
     NoFigures,
     Out,
+    Output,
+    Preparation,
     Quiet,
     Records,
     Trust,
     VehicleOption,
     methods,
     of,
+    with_groups,
 )
 from scenarios.preparation.plan import Request, plan_of
 from scenarios.report.figure_formats import formats_of

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 from scenarios.compatibility.check import check_files
 from scenarios.compatibility.report import print_check
-from scenarios.files.measured.record_file import read_record_file, with_names
+from scenarios.files.measured.columns import read_record_file, with_names
 from scenarios.identification.assessment import PLAIN, Options
 from scenarios.maneuvers import maneuvers_of, print_maneuvers
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
@@ -110,7 +110,7 @@ def identify_records(
     matrices: Path | None = None,
 ) -> None:
     """Read, identify, write the study and the linearised model's ``matrices``, print."""
-    from scenarios.files.measured.record_file import path_of
+    from scenarios.files.measured.columns import path_of
     from scenarios.identification.identify import identify_files
     from scenarios.identification.report import print_identification
     from scenarios.identification.state_space import refuse_place, state_space_of, write_state_space
@@ -287,7 +287,7 @@ def _print_topics(draft: Draft, *, whole: bool) -> None:
 
 
 def _print_channels(draft: Draft) -> None:
-    from scenarios.files.channel_names import CHANNEL_UNITS
+    from scenarios.files.channels import CHANNEL_UNITS
 
     usable = [guess for guess in draft.guesses if not guess.fault and guess.samples]
     if not usable:

@@ -64,7 +64,7 @@ from sim.record import Hold
 
 if TYPE_CHECKING:
     from scenarios.preparation.plan import Plan
-    from scenarios.watching.page.follow import Follow
+    from scenarios.watching.page import Follow
 
 PIPE = "-"
 LOW_ORDER = "loes"  # the model that banks of filters follow
@@ -208,7 +208,7 @@ def watch_loop(
 ) -> None:
     """Follow a loop's signals to the end of the stream, margins every second; with a ``page`` serve
     it until Ctrl-C. ``band`` : Hz, of the broken-loop response; None for the usual one."""
-    from scenarios.watching.loop_study import print_loop_end, served_loop, write_loop
+    from scenarios.watching.loop_margins import print_loop_end, served_loop, write_loop
 
     refuse_page(port, page)
     watch = _prepared(record, None, None, channels, False, plan, ())
@@ -251,7 +251,7 @@ def watch_loop(
             write_loop(out, watch, session, source.name if source else watch.name, source)
             print(written_to(out), flush=True)
         if live is not None:
-            from scenarios.watching.page.follow import until_interrupted
+            from scenarios.watching.page import until_interrupted
 
             live.end()
             if not watch.stopped:
@@ -278,14 +278,14 @@ def _begun(watch: Watch, vehicle: VehicleFile) -> SpectralSession | None:
 
 
 def _page(watch: Watch, port: int | None) -> AbstractContextManager[Follow]:
-    from scenarios.watching.page.follow import served
+    from scenarios.watching.page import served
 
     return served(watch, port)
 
 
 def _stay(watch: Watch, session: Session, end: Outcome, follow: Follow) -> None:
     """The page shows the end until Ctrl-C; a stream that was stopped by Ctrl-C has had it."""
-    from scenarios.watching.page.follow import until_interrupted
+    from scenarios.watching.page import until_interrupted
 
     follow.end(session, end)
     if not watch.stopped:

@@ -17,9 +17,8 @@ from ident.compatibility.trials import (
     SensorFinding,
 )
 from ident.recording.series import Expectations, measurable_noise
-from scenarios.files.channel_names import STICK, TIME
-from scenarios.files.channels import ColumnChoice
-from scenarios.files.measured.record_file import (
+from scenarios.files.channels import STICK, TIME, ColumnChoice
+from scenarios.files.measured.columns import (
     RecordFile,
     all_simulated,
     identities,

@@ -24,7 +24,7 @@ from scenarios.diagnosis.opening import (
 )
 from scenarios.diagnosis.overflows import Overflows, Trace
 from scenarios.diagnosis.tracing import Inputs, Tracing
-from scenarios.files.measured.record_file import all_simulated, refuse_twice
+from scenarios.files.measured.columns import all_simulated, refuse_twice
 from scenarios.files.user_models import is_of_aircraft, moves_about_rest
 from scenarios.files.vehicles import files_read_unnamed, refuse_unknown_model, vehicle_next_to
 from scenarios.preparation.declared_model import step_for

@@ -23,7 +23,7 @@ from sim.record import Record
 
 if TYPE_CHECKING:
     from scenarios.files.channels import ColumnChoice
-    from scenarios.files.measured.record_file import RecordFile
+    from scenarios.files.measured.columns import RecordFile
     from scenarios.files.vehicles import VehicleFile
     from scenarios.preparation.plan import Plan, Segment
 

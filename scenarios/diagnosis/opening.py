@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenarios.diagnosis.candidates import checked_effects, read_effects
-from scenarios.files.channel_names import CHANNEL_UNITS
-from scenarios.files.measured.record_file import (
+from scenarios.files.channels import CHANNEL_UNITS
+from scenarios.files.measured.columns import (
     RecordFile,
     identities,
     path_of,

@@ -11,7 +11,7 @@ from ident.flying_qualities.levels import Flown
 from ident.tracing.diagnosis import Diagnosis
 from ident.tracing.settings import NORMAL
 from scenarios.diagnosis.kinematics import Kinematics
-from scenarios.files.channel_names import STICK
+from scenarios.files.channels import STICK
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VehicleFile
 from scenarios.preparation.plan import Plan

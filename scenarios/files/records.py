@@ -12,20 +12,20 @@ from typing import ParamSpec
 
 import numpy as np
 
-from scenarios.files.channel_names import CHANNEL_UNITS, TIME
-from scenarios.files.channels import ColumnChoice
+from scenarios.files.channels import CHANNEL_UNITS, TIME, ColumnChoice
 from scenarios.files.formats.cells import CellTable, Numbers, mark_fault, numbers
 from scenarios.files.measured.clock import grid_of_coarse_stamps, sorted_rows
 from scenarios.files.measured.columns import (
+    RecordFile,
     SourceColumn,
     column_place,
     find_column,
     missing_column,
     named_otherwise,
+    read_record_file,
     refuse_unknown_units,
 )
 from scenarios.files.measured.derived import clock_of, clock_place, leaps, stated_unit, with_derived
-from scenarios.files.measured.record_file import RecordFile, read_record_file
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 from sim.record import Channel, Hold, Record

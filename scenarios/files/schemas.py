@@ -23,7 +23,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from scenarios.files.formats.cells import LARGEST
+from scenarios.files.sources import LARGEST
 from scenarios.files.units import to_si
 from sim.errors import DeclarationError
 from sim.vehicles.factory import ABOVE_ZERO, FAMILIES, MODE_DERIVATIVES, WHOLE_AXES, mode_parameter

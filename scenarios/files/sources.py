@@ -1,26 +1,33 @@
-"""Files opened once: bytes and hashes, escaped text, JSON and TOML as plain values, versions."""
+"""Files opened once: bytes and hashes, escaped text, JSON and TOML as plain values, versions.
+
+How much a packed file unpacks to, found without unpacking it whole: a few bytes may stand for
+any number of them.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
+import io
 import json
 import math
 import os
 import platform
 import select
 import stat
+import struct
 import sys
 import time
 import tomllib
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
-from sim.errors import DeclarationError, FlightidError
+from sim.errors import DeclarationError, FlightidError, RecordError
 
 # ---- Control characters that came with headers
 
@@ -87,6 +94,7 @@ def styled_stream(stream: Any) -> Any:
 # ---- Files opened once
 
 # bytes of a record file, as it stands and unpacked: a few times that has room in memory
+LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
 MOST_RECORD = 1 << 30
 # bytes of a TOML or Python file: the parser takes a second for each million
 MOST_DECLARED = 1 << 22
@@ -370,3 +378,78 @@ def own_version() -> str:
         return version("flightid")
     except PackageNotFoundError:
         return "0+unknown"
+
+
+MOST_NUMBERS = MOST_RECORD // 8
+_PIECE_OF_PACKED = 1 << 20
+_COMPRESSED = 15  # type of an element of a MAT file that is packed
+_MAT_HEADER = 128
+HDF5, ZIP = b"\x89HDF", b"PK\x03\x04"
+
+
+def refuse_oversized(path: Path, content: bytes) -> None:
+    """Raise RecordError where a packed file unpacks to more than is read; a damaged file is for its
+    reader to name.
+    """
+    suffix = path.suffix.lower()
+    parquet = content.startswith(b"PAR1") and _numbers_in_parquet(content) > MOST_NUMBERS
+    matlab = (
+        suffix == ".mat"
+        and not content.startswith(HDF5)
+        and _unpacked_by_mat(content) > MOST_RECORD
+    )
+    if parquet or matlab or (content.startswith(ZIP) and _unpacked_by_zip(content) > MOST_RECORD):
+        raise too_large(
+            RecordError,
+            str(path),
+            "what it unpacks to",
+            MOST_RECORD,
+            "give a part of its rows or columns",
+        )
+
+
+def _unpacked_by_zip(content: bytes) -> int:
+    """Bytes of all parts of a spreadsheet, as its own index has them."""
+    import zipfile
+
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as file:
+            return sum(item.file_size for item in file.infolist())
+    except (zipfile.BadZipFile, OSError, ValueError, struct.error):
+        return 0
+
+
+def _numbers_in_parquet(content: bytes) -> int:
+    """Rows times columns, as the file's own index has them."""
+    try:
+        import pyarrow.parquet
+
+        found = pyarrow.parquet.ParquetFile(io.BytesIO(content)).metadata
+        return int(found.num_rows) * int(found.num_columns)
+    except Exception:  # not installed, or damaged in one of many ways
+        return 0
+
+
+def _unpacked_by_mat(content: bytes) -> int:
+    """Bytes of all elements of a MAT file of version 5, counted until there are too many."""
+    order: Literal["little", "big"] = "little" if content[126:128] == b"IM" else "big"
+    at, total = _MAT_HEADER, 0
+    while at + 8 <= len(content) and total <= MOST_RECORD:
+        kind, size = (
+            int.from_bytes(content[at + shift : at + shift + 4], order) for shift in (0, 4)
+        )
+        body = content[at + 8 : at + 8 + size]
+        total += _unpacked(body, MOST_RECORD - total) if kind == _COMPRESSED else len(body)
+        at += 8 + size
+    return total
+
+
+def _unpacked(body: bytes, most: int) -> int:
+    stream, size = zlib.decompressobj(), 0
+    try:
+        while body and size <= most and not stream.eof:
+            size += len(stream.decompress(body, _PIECE_OF_PACKED))
+            body = stream.unconsumed_tail
+    except zlib.error:
+        return 0
+    return size

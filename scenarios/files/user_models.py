@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.channel_names import CHANNEL_UNITS, TIME
+from scenarios.files.channels import CHANNEL_UNITS, TIME
 from scenarios.files.declarations import WANTED, closest, run_python, toml_of
 from scenarios.files.sources import InputFile, Source, read_source
 from sim.declaration.model import Model, Tie

@@ -12,7 +12,7 @@ from typing import Any
 from scenarios.files.aircraft_files import model_of_file, read_model_file
 from scenarios.files.declarations import checked, closest, toml_of
 from scenarios.files.library_vehicles import vehicle_source
-from scenarios.files.measured.record_file import RecordFile, path_of
+from scenarios.files.measured.columns import RecordFile, path_of
 from scenarios.files.sources import InputFile, Source
 from scenarios.files.user_models import (
     NONE,

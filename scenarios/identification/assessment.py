@@ -15,7 +15,7 @@ from ident.flying_qualities.modes import Characteristics
 from ident.recording.series import Certainty, Kind, Number, RecordFinding, shown
 from ident.statistics.information import variance_along
 from ident.statistics.intervals import ProfileInterval
-from ident.statistics.isolated_samples import input_edges, isolated_wrong
+from ident.statistics.noise_levels import input_edges, isolated_wrong
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import ErrorFigures, Trained
 from ident.tracing.validation.error_figures import error_figures

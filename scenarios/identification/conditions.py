@@ -42,7 +42,7 @@ from scenarios.studies.rows import Row
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import full_name
 from sim.declaration.model import Model, System
-from sim.effects.disturbance.phugoid import Phugoid
+from sim.effects.disturbance.airspeed import Phugoid
 from sim.effects.input_path.input_delay import InputDelay
 from sim.errors import DeclarationError
 from sim.record import Record

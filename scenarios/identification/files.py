@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.flying_qualities.levels import Flown, mode_levels
-from scenarios.files.measured.columns import sidecar_path
-from scenarios.files.measured.record_file import all_simulated, identities
+from scenarios.files.measured.columns import all_simulated, identities, sidecar_path
 from scenarios.files.sources import InputFile, resolved, versions
 from scenarios.files.writing import (
     RESPONSE,

@@ -15,8 +15,8 @@ from ident.flying_qualities.modes import characteristics, modal_estimate
 from ident.statistics.intervals import ProfileInterval
 from ident.statistics.residuals import ResidualTest, residual_tests
 from ident.whole_record.layout import FitSettings
-from scenarios.files.channel_names import CHANNEL_UNITS
-from scenarios.files.measured.record_file import (
+from scenarios.files.channels import CHANNEL_UNITS
+from scenarios.files.measured.columns import (
     RecordFile,
     path_of,
     read_with_validation,
@@ -98,7 +98,7 @@ from scenarios.report.summary import residual_phrase
 from scenarios.studies.rows import rows_of
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System
-from sim.effects.disturbance.phugoid import ATTITUDE, SPEED
+from sim.effects.disturbance.airspeed import ATTITUDE, SPEED
 from sim.errors import DeclarationError
 from sim.record import Hold, Record
 

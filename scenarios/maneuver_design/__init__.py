@@ -3,5 +3,5 @@
 May import: `ident.maneuver_design`, `sim`, and of `scenarios` what lies below `diagnosis`.
 
 To add a kind of maneuver: a function of a `Room` and a pace in `setting.py`, and its name in
-`KINDS`.
+`KINDS`; whoever can fly it names it in `limits.py`.
 """

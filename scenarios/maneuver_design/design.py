@@ -1,4 +1,12 @@
-"""The search for a maneuver: every kind as large as its limits allow, compared at equal amplitude
+"""A maneuver made as large as its limits allow, and what the aircraft does in it.
+
+Frequency responses that a designed maneuver would give: coherence and random error, before
+flight.
+
+The maneuver as the model flies it, with drawn sensor noise, goes through the estimate of
+``flightid response``; what it says is averaged over the draws.
+
+The search for a maneuver: every kind as large as its limits allow, compared at equal amplitude
 and time.
 """
 
@@ -6,10 +14,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ident.frequency_response import LEAST_COHERENCE, Signals, Spectra, estimate_responses
+from ident.frequency_response.estimate import (
+    decimated,
+    frequencies,
+    lowest_frequency,
+    window_lengths,
+)
 from ident.maneuver_design import (
     ODDS_COST,
     Acting,
@@ -20,8 +35,10 @@ from ident.maneuver_design import (
     linear_squares,
     price,
     sigmas_of,
+    simulated,
 )
-from scenarios.maneuver_design.coherence import Predicted, predicted_responses
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from scenarios.maneuver_design.limits import no_faster, offset_of
 from scenarios.maneuver_design.setting import (
     JUST_FOUND,
     KINDS,
@@ -32,12 +49,160 @@ from scenarios.maneuver_design.setting import (
     numbers_of,
     setting_of,
 )
-from scenarios.maneuver_design.within_limits import LimitedManeuver, within_limits
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model
 from sim.declaration.proposal import Curve, Traceable
 from sim.effects.library import find_effect
 from sim.errors import DeclarationError, ModelError
+
+# behind a limit of the rate the peak hardly follows the amplitude
+ATTEMPTS, USUALLY, STUBBORN = 16, 4, 3.0
+INSIDE = 0.999  # of a limit: a finer simulation differs by less
+TOO_WILD = 0.2  # by which a maneuver whose simulation leaves all measure is made smaller
+
+
+@dataclass(frozen=True, eq=False)
+class LimitedManeuver:
+    """A maneuver within its limits: ``rows (inputs, N)`` from rest, the share ``scale`` of the
+    amplitude, its simulation, and extremes by output.
+
+    ``margins`` : by output, the share by which its excursion may grow until it reaches a limit;
+    an output that does not move, or has no limit, has none.
+    """
+
+    rows: np.ndarray
+    scale: float
+    planned: Planned
+    motion: FittedModel
+    extremes: Mapping[str, tuple[float, float]]
+    bound_by: str
+    margins: Mapping[str, float] = field(default_factory=dict)
+
+
+def within_limits(
+    setting: Setting,
+    shapes: np.ndarray,
+    *,
+    quick: bool = False,
+    start: float = 1.0,
+    bound_by: str = "",
+) -> LimitedManeuver:
+    """The maneuver of ``shapes (inputs, N)``, peaks of one, at the amplitude of the limits, or
+    scaled down until the response stays inside.
+
+    ``start`` : the scale to begin with, and ``bound_by`` what made it so. Raises DeclarationError
+    where the limits leave nothing.
+    """
+    amplitude = np.array([*setting.limits.amplitude.values()])[:, None]
+    rate = np.array([setting.limits.rate.get(name, np.inf) for name in setting.limits.amplitude])
+    scale = min(1.0, start)
+    for attempt in range(ATTEMPTS):
+        rows = no_faster(scale * amplitude * shapes, rate, setting.room.interval)
+        planned = setting.planned(rows, quick=quick)
+        try:
+            motion = simulated(planned, slopes=False)
+        except ModelError:
+            scale *= TOO_WILD
+            continue
+        extremes = _extremes(setting, motion)
+        shares = used_shares(setting, extremes)
+        worst, name = max(((share, name) for name, share in shares.items()), default=(0.0, ""))
+        if worst <= 1.0:
+            margins = {name: 1.0 / share - 1.0 for name, share in shares.items() if share > 0.0}
+            return LimitedManeuver(
+                rows, scale, planned, simulated(planned), extremes, bound_by, margins
+            )
+        scale, bound_by = scale * INSIDE / worst ** (1.0 if attempt < USUALLY else STUBBORN), name
+    raise DeclarationError(
+        f"no maneuver stays within {bound_by or 'the limits'}",
+        where="--limits",
+        remedy="widen it, shorten the flight, or check the starting values",
+    )
+
+
+def _extremes(setting: Setting, motion: FittedModel) -> dict[str, tuple[float, float]]:
+    """Lowest and highest reading by output, load factors as totals."""
+    rows = zip(motion.system.output_names, motion.fit.lines[0].y, strict=True)
+    return {
+        name: (
+            offset_of(setting.model, name) + float(row.min()),
+            offset_of(setting.model, name) + float(row.max()),
+        )
+        for name, row in rows
+    }
+
+
+def used_shares(setting: Setting, extremes: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+    """The excursion from rest over what its limit allows, of each output that has a limit."""
+    shares = {}
+    for name, (low, high) in extremes.items():
+        least, most = setting.limits.outputs.get(name, (-np.inf, np.inf))
+        at = setting.still[name] + offset_of(setting.model, name)
+        if not least < at < most:
+            raise DeclarationError(
+                f"{name} is {at:g} before any maneuver",
+                where="--limits",
+                remedy="let the limits hold the rest",
+            )
+        shares[name] = max((at - low) / (at - least), (high - at) / (most - at))
+    return shares
+
+
+DRAWS = 8  # of the noise
+NEED = 0.5  # random error from which a response says nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """Responses of m outputs to q inputs at F frequencies, expected of one flight.
+
+    Attributes
+    ----------
+    frequency : Hz, ``(F,)``. inputs, outputs : names.
+    coherence : ``(m, q, F)``, partial where there are several inputs, mean over draws.
+    random_error : ``(m, q, F)``, of the magnitude, median over draws.
+    usable : ``(m, q)``, share of the band, in its logarithm, with a coherence of 0.6 or more.
+    """
+
+    frequency: np.ndarray
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    coherence: np.ndarray
+    random_error: np.ndarray
+
+    @property
+    def usable(self) -> np.ndarray:
+        """Share of the frequencies, evenly spaced in their logarithm, that would be usable."""
+        return np.asarray(np.mean(self.coherence >= LEAST_COHERENCE, axis=2))
+
+    @property
+    def criterion(self) -> float:
+        """Geometric mean of the random errors, each 50 % at most: the lower, the better."""
+        return float(np.exp(np.mean(np.log(np.minimum(self.random_error, NEED)))))
+
+
+def predicted_responses(setting: Setting, flight: LimitedManeuver) -> Predicted:
+    """The responses that a flight of a maneuver over the setting's band would give."""
+    assert setting.room.band is not None
+    low, high = (omega / (2.0 * math.pi) for omega in setting.room.band)
+    names = tuple(flight.motion.system.output_names)
+    clean = np.array(flight.motion.fit.lines[0].y)
+    duration = clean.shape[1] * setting.room.interval
+    windows = window_lengths([duration], low)
+    low = max(low, lowest_frequency(windows))
+    at = frequencies(low, high)
+    noise = np.array([setting.noise[name] for name in names])[:, None]
+    rng = np.random.default_rng(1)
+    coherence, errors = [], []
+    for _ in range(DRAWS):
+        measured = clean + noise * rng.standard_normal(clean.shape)
+        records, _ = decimated([Signals(setting.room.interval, flight.rows, measured)], high)
+        found = estimate_responses(records, at, Spectra(windows))
+        coherence.append(found.partial_coherence)
+        errors.append(found.random_error)
+    inputs = tuple(setting.rest)
+    return Predicted(at, inputs, names, np.mean(coherence, axis=0), np.median(errors, axis=0))
+
 
 # ---- The effects that are to be told apart
 

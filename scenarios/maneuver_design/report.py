@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.maneuver_design import Acting, Contest
-from scenarios.files.channel_names import TIME
+from scenarios.files.channels import TIME
 from scenarios.files.sources import versions
 from scenarios.files.vehicles import vehicle_with_file
 from scenarios.files.writing import study_folder, write_json, write_record, write_text

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.estimate import Outcome
-from ident.statistics.isolated_samples import input_edges, isolated_wrong
+from ident.statistics.noise_levels import input_edges, isolated_wrong
 from ident.statistics.residual_spectrum import effective_share
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out

@@ -14,7 +14,7 @@ from scenarios.preparation.plan import WHOLE, Plan, plan_of, refuse_turned
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
-    from scenarios.files.measured.record_file import RecordFile
+    from scenarios.files.measured.columns import RecordFile
 
 FILE = "maneuvers.toml"
 FIND = "flightid maneuvers RECORD --out DIR writes one"
@@ -168,7 +168,7 @@ def with_maneuvers(
 
 
 def _beside(record: Path | RecordFile) -> Path:
-    from scenarios.files.measured.record_file import path_of
+    from scenarios.files.measured.columns import path_of
 
     path = path_of(record)
     if path is None:

@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from ident.statistics.isolated_samples import input_spikes
+from ident.statistics.noise_levels import input_spikes
 from scenarios.files.user_models import is_own
 from scenarios.preparation.plan import ATTITUDE, DENSITY, LIFT, SPEED
 from sim.declaration.effect import Signal
 from sim.declaration.model import Model, OfTotals
-from sim.effects.disturbance.phugoid import Phugoid
+from sim.effects.disturbance.airspeed import Phugoid
 from sim.effects.library import applies
 from sim.errors import RecordError
 from sim.maths import G0

@@ -9,13 +9,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scenarios.files.channel_names import CHANNEL_UNITS
+from scenarios.files.channels import CHANNEL_UNITS
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
     from ident.flying_qualities.levels import Flown
     from scenarios.files.channels import ColumnChoice
-    from scenarios.files.measured.record_file import RecordFile
+    from scenarios.files.measured.columns import RecordFile
     from scenarios.files.sources import Source
     from scenarios.files.user_models import OwnModel
     from scenarios.files.vehicles import VehicleFile

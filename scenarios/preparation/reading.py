@@ -18,8 +18,8 @@ from itertools import pairwise
 import numpy as np
 
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.formats.cells import LARGEST
-from scenarios.files.measured.record_file import RecordFile, with_names
+from scenarios.files.measured.columns import RecordFile, with_names
+from scenarios.files.sources import LARGEST
 from scenarios.files.user_models import channel_units, is_own
 from scenarios.preparation.declared_model import BETTER, better_by, linear_by, with_hold
 from scenarios.preparation.measured_inputs import (

@@ -25,8 +25,8 @@ from ident.frequency_response.estimate import (
     lowest_frequency,
     window_lengths,
 )
-from scenarios.files.channel_names import CHANNEL_UNITS
-from scenarios.files.measured.record_file import identities, read_record_files, refuse_twice
+from scenarios.files.channels import CHANNEL_UNITS
+from scenarios.files.measured.columns import identities, read_record_files, refuse_twice
 from scenarios.files.sources import InputFile
 from scenarios.preparation.plan import Request, column_choices
 from scenarios.responses.fitting import FitOptions, Fits, fit_cautions, fits_of

@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from ident.frequency_response import Signals
-from scenarios.files.channel_names import CHANNEL_UNITS, TIME, split_header
-from scenarios.files.channels import ColumnChoice
+from scenarios.files.channels import CHANNEL_UNITS, TIME, ColumnChoice, split_header
 from scenarios.files.formats.cells import CellTable
+from scenarios.files.measured.columns import RecordFile, with_names
 from scenarios.files.measured.derived import stated_unit
-from scenarios.files.measured.record_file import RecordFile, with_names
 from scenarios.files.records import read_with_notes
 from scenarios.preparation.plan import Plan
 from scenarios.preparation.reading import LONG, filtered, split_at_gaps

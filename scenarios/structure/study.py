@@ -23,7 +23,7 @@ from ident.structure.collinearity import Collinearity, collinearity_of
 from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, columns_of, select
 from scenarios.files.aircraft_files import AXES, read_aircraft
 from scenarios.files.declarations import closest, read_toml_source, toml_of
-from scenarios.files.measured.record_file import (
+from scenarios.files.measured.columns import (
     RecordFile,
     read_record_files,
     refuse_twice,

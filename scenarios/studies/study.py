@@ -16,7 +16,7 @@ from ident.statistics.information import Determination, determination
 from ident.statistics.intervals import clustered_share
 from ident.statistics.residuals import ResidualTest, residual_tests
 from ident.whole_record.layout import weighted_sensitivities
-from scenarios.files.channel_names import CHANNEL_UNITS
+from scenarios.files.channels import CHANNEL_UNITS
 from scenarios.files.user_models import moves_about_rest
 from scenarios.report.quantities import in_hertz, shown_in, spaced
 from scenarios.studies.declaration import EMPTY, Estimation, Scenario, Variation, seen_by

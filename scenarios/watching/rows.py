@@ -17,11 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
-from scenarios.files.channels import ColumnChoice
-from scenarios.files.formats.cells import LARGEST, MISSING, CellTable, header_cell
-from scenarios.files.formats.layout import is_number
+from scenarios.files.channels import CHANNEL_UNITS, STICK, TIME, ColumnChoice
+from scenarios.files.formats.cells import MISSING, CellTable, header_cell, is_number
 from scenarios.files.measured.columns import (
+    RecordFile,
     Sidecar,
     SourceColumn,
     column_place,
@@ -31,8 +30,7 @@ from scenarios.files.measured.columns import (
 )
 from scenarios.files.measured.derived import source_columns, with_derived
 from scenarios.files.measured.expressions import is_plain_name
-from scenarios.files.measured.record_file import RecordFile
-from scenarios.files.sources import InputFile
+from scenarios.files.sources import LARGEST, InputFile
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 

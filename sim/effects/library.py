@@ -2,7 +2,7 @@
 
 Every module in a station's folder defines ``VARIANTS: tuple[Effect, ...]``, the instances that the
 library offers: one for each channel or input the effect may act on, with parameters at typical
-values.
+values. Effects of one family may share a file; each is listed under its own name.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import difflib
 import importlib
 import pkgutil
+from collections.abc import Sequence
 from types import ModuleType
 
 from sim.declaration.effect import (
@@ -56,7 +57,7 @@ def effect_modules() -> tuple[ModuleType, ...]:
 
 def library() -> tuple[Effect, ...]:
     """Every instance that the library offers; a module without ``VARIANTS`` is a ModelError."""
-    effects: list[Effect] = []
+    effects: list[tuple[str, Effect]] = []
     for module in effect_modules():
         variants = getattr(module, "VARIANTS", ())
         if not variants:
@@ -65,8 +66,8 @@ def library() -> tuple[Effect, ...]:
                 where=module.__name__,
                 remedy="define VARIANTS, a tuple of effects, in it",
             )
-        effects += variants
-    return tuple(effects)
+        effects += _with_places(module, variants)
+    return _in_order(effects)
 
 
 def effects_for(equations: Equations) -> tuple[Effect, ...]:
@@ -76,16 +77,33 @@ def effects_for(equations: Equations) -> tuple[Effect, ...]:
     A module's ``made_for(equations)``, where it has one, makes instances for inputs, outputs and
     ports that none of its ``VARIANTS`` is for.
     """
-    found: list[Effect] = []
+    found: list[tuple[str, Effect]] = []
     for module in effect_modules():
         known = [effect for effect in getattr(module, "VARIANTS", ()) if applies(effect, equations)]
         names = {effect.name for effect in known}
         made = module.made_for(equations) if hasattr(module, "made_for") else ()
-        found += [
-            *known,
-            *(effect for effect in made if effect.name not in names and applies(effect, equations)),
-        ]
-    return tuple(found)
+        further = [e for e in made if e.name not in names and applies(e, equations)]
+        found += _with_places(module, (*known, *further))
+    return _in_order(found)
+
+
+def _with_places(module: ModuleType, effects: Sequence[Effect]) -> list[tuple[str, Effect]]:
+    """Each effect of a file with the name under which its station lists it: that of the file, or
+    of the effect where the file has several.
+    """
+    stems = {effect.name.partition(":")[0] for effect in getattr(module, "VARIANTS", ())}
+    file = module.__name__.rpartition(".")[2]
+    return [
+        (file if len(stems) < 2 else effect.name.partition(":")[0].replace("-", "_"), effect)
+        for effect in effects
+    ]
+
+
+def _in_order(effects: Sequence[tuple[str, Effect]]) -> tuple[Effect, ...]:
+    """Effects in the order of the signal chain, then by the names of ``_with_places``."""
+    stations = [*Station]
+    ordered = sorted(effects, key=lambda each: (stations.index(each[1].station), each[0]))
+    return tuple(effect for _, effect in ordered)
 
 
 def other_names(equations: Equations) -> dict[str, str]:

@@ -28,6 +28,26 @@ from tests.effect_cases import GUARDS, OFFERED, OFFERED_GUARDS
 from tests.offered import made
 
 ROOT = Path(__file__).parents[2]
+# Files with the effects of one family; every other file has one effect, in whatever variants.
+FAMILIES = {
+    "actuator_dynamics": {"actuator-lag", "actuator-second-order"},
+    "actuator_limits": {"actuator-rate-limit", "actuator-saturation"},
+    "airspeed": {"phugoid", "speed-variation"},
+    "atmosphere": {"density-scale-height", "drag-mach"},
+    "derivative_jump": {"derivative-jump", "drag-jump"},
+    "gusts": {"gust-discrete", "gust-horizontal", "gust-turbulence"},
+    "input_delay": {"input-delay", "input-recorded-late"},
+    "input_play": {"input-backlash", "input-deadband"},
+    "load_nonlinearity": {
+        f"{load}-nonlinearity" for load in ("drag", "lift", "moment", "roll", "side-force", "yaw")
+    },
+    "sensor_delay": {"sensor-delay", "sensor-lag"},
+    "sensor_drift": {"sensor-drift", "sensor-step"},
+    "sensor_play": {"sensor-backlash", "sensor-deadband"},
+    "sensor_position": {"accelerometer-offset", "vane-offset"},
+    "sensor_sampling": {"sensor-hold", "time-base"},
+    "sensor_scale": {"sensor-scale", "sensor-curve"},
+}
 
 
 def files() -> Iterator[str]:
@@ -52,10 +72,16 @@ def test_every_effect_of_the_library_is_covered() -> None:
 
 @pytest.mark.parametrize("module", effect_modules(), ids=lambda module: module.__name__)
 def test_lies_in_the_folder_of_its_station(module: ModuleType) -> None:
-    """And each file has one effect, in whatever variants."""
-    folder = module.__name__.split(".")[2]
+    """And each file has one effect, in whatever variants, or those of one family."""
+    folder, file = module.__name__.split(".")[2], module.__name__.rpartition(".")[2]
     assert {effect.station.name.lower() for effect in module.VARIANTS} == {folder}
-    assert len({effect.name.partition(":")[0] for effect in module.VARIANTS}) == 1
+    stems = {effect.name.partition(":")[0] for effect in module.VARIANTS}
+    assert stems == FAMILIES[file] if file in FAMILIES else len(stems) == 1
+
+
+def test_effects_of_a_family_are_listed_under_their_own_names() -> None:
+    names = [name for name in effect_names() if name.endswith(("-nonlinearity", "-separation"))]
+    assert names == sorted(names) and len(names) == 8
 
 
 def test_a_new_file_is_a_new_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -98,7 +98,6 @@ SHORT_OF_ONE: frozenset[str] = frozenset(
         "ident/tracing/validation/training_knowledge.py",
         "scenarios/diagnosis/laid_down.py",
         "scenarios/diagnosis/report/separating_maneuvers.py",
-        "scenarios/maneuver_design/coherence.py",
         "sim/vehicles/ballistic.py",
         "sim/vehicles/lateral.py",
         "sim/vehicles/loes.py",

@@ -15,9 +15,11 @@ from sim.declaration import own_model
 from sim.declaration.effect import Effect, Signal, Station
 from sim.declaration.model import Containing, Equations
 from sim.declaration.proposal import Fitted, SearchContext, Traceable
-from sim.effects.dynamics.curves.control_nonlinearity import ControlNonlinearity
-from sim.effects.dynamics.curves.control_unevenness import ControlUnevenness
-from sim.effects.dynamics.curves.control_weakening import ControlWeakening
+from sim.effects.dynamics.control_nonlinearity import (
+    ControlNonlinearity,
+    ControlUnevenness,
+    ControlWeakening,
+)
 from sim.effects.library import catch_all_terms_for, effects_for
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.short_period import ShortPeriod

@@ -12,7 +12,7 @@ from ident.tracing.loop import diagnose
 from sim.declaration.effect import Effect
 from sim.declaration.model import Noise
 from sim.declaration.proposal import Traceable
-from sim.effects.guards.control_drag import ControlDrag
+from sim.effects.guards.changing_loads import ControlDrag
 from sim.effects.library import catch_all_terms_for, effects_for, find_effect
 from sim.record import Record
 from sim.truth.flight import fly, sample_times

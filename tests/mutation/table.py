@@ -103,7 +103,7 @@ ONCE_UNNOTICED = (
         ),
     ),
     *changes(
-        "scenarios/maneuver_design/coherence.py",
+        "scenarios/maneuver_design/design.py",
         ("tests/unit/scenarios/maneuver_design/test_coherence.py",),
         ("clean + noise * rng", "clean + 0.2 * noise * rng"),
         ("np.minimum(self.random_error, NEED)", "np.maximum(self.random_error, NEED)"),
@@ -227,7 +227,7 @@ SIM = (
         ("(time - at) / width + 0.5", "(time - at) / width"),
     ),
     *changes(
-        "sim/effects/input_path/actuator_rate_limit.py",
+        "sim/effects/input_path/actuator_limits.py",
         (
             "tests/unit/sim/effects/input_path/test_actuator_rate_limit.py",
             "tests/unit/sim/effects/input_path/test_memoryless_inputs.py",
@@ -377,7 +377,7 @@ IDENT = (
         ("- p[DELAY]", "+ p[DELAY]"),
     ),
     *changes(
-        "ident/flying_qualities/fitted_forms.py",
+        "ident/flying_qualities/levels.py",
         ("tests/unit/ident/flying_qualities/test_fitted_forms.py",),
         (
             'p["frequency"] ** 2 * over / p["inv_T_theta2"]',
@@ -397,7 +397,7 @@ IDENT = (
         ("0.5 * (1.0 - LEVEL) / len(known)", "0.5 * (1.0 - LEVEL)"),
     ),
     *changes(
-        "ident/frequency_response/multitaper.py",
+        "ident/frequency_response/segments.py",
         ("tests/unit/ident/frequency_response/test_multitaper.py",),
         ("np.abs(between) ** 2", "np.abs(between)"),
     ),
@@ -659,7 +659,7 @@ SCENARIOS = (
         ("else -abs(high)", "else -np.inf"),
     ),
     *changes(
-        "scenarios/maneuver_design/within_limits.py",
+        "scenarios/maneuver_design/design.py",
         ("tests/unit/scenarios/maneuver_design/test_setting.py",),
         ("(high - at) / (most - at)", "(high - at) / most"),
     ),

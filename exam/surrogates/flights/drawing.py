@@ -20,7 +20,7 @@ from exam.surrogates.flights.maneuvers import Table, maneuver
 from sim.declaration.effect import Effect, Parameter, ParameterSet, full_name
 from sim.declaration.model import Model, Noise
 from sim.effects.dynamics.elastic_mode import ElasticMode
-from sim.effects.guards.lagged_loads import LaggedLoads
+from sim.effects.guards.further_loads import LaggedLoads
 from sim.maths import G0
 from sim.vehicles.factory import RIGID_CONSTANTS, RIGID_DERIVATIVES, linearise, model_from_constants
 from sim.vehicles.library import read_parameter_set

@@ -107,7 +107,7 @@ def study(asked: tuple[str, ...], seed: int = 1) -> Augmented:
 
 
 def _identified(flown: FlownLoop) -> IdentificationResult:
-    from scenarios.files.measured.record_file import read_record_files
+    from scenarios.files.measured.columns import read_record_files
     from scenarios.files.vehicles import read_vehicle
     from scenarios.files.writing import write_record
     from scenarios.identification.identify import identify

@@ -39,7 +39,7 @@ def changes(
 def study(asked: tuple[str, ...], seed: int = 1) -> SweepStudy:
     """The flights and their estimates. Errors as ``run_sweep``."""
     from scenarios.studies.catalogue import load_document
-    from scenarios.trials.sweeps.declaration import sweep_scenario_of
+    from scenarios.trials.sweeps.flight import sweep_scenario_of
     from scenarios.trials.sweeps.study import run_sweep
 
     return run_sweep(sweep_scenario_of(*load_document(SCENARIO, asked)), seed)
@@ -95,8 +95,7 @@ def numbers(
 def longest_delay() -> float:
     """The longest delay of the slider, ms, with which the true phase margin is enough."""
     from scenarios.studies.catalogue import load_document
-    from scenarios.trials.sweeps.declaration import sweep_scenario_of
-    from scenarios.trials.sweeps.flight import true_margins
+    from scenarios.trials.sweeps.flight import sweep_scenario_of, true_margins
 
     def margin(delay: float) -> float:
         scenario = sweep_scenario_of(*load_document(SCENARIO, changes(delay=delay)))

@@ -9,7 +9,7 @@ from dataclasses import replace
 from ident.tracing.diagnosis import Candidate, Diagnosis, Quantity
 from scenarios.diagnosis.noise_words import is_coloured, noise_headings, residual_levels
 from scenarios.diagnosis.report.declared_only import nothing_stands, shown_table
-from scenarios.files.channel_names import CHANNEL_UNITS
+from scenarios.files.channels import CHANNEL_UNITS
 from scenarios.report.document import (
     BY_ROW,
     MISSING,

@@ -24,11 +24,9 @@ from typing import Any
 import numpy as np
 
 from scenarios.files import formats
-from scenarios.files.formats.cells import MISSING, CellTable, first_line
-from scenarios.files.formats.layout import is_number
-from scenarios.files.formats.sizes import refuse_oversized
+from scenarios.files.formats.cells import MISSING, CellTable, first_line, is_number
 from scenarios.files.formats.topic import Reader, Topic, as_module, begins_with
-from scenarios.files.sources import MOST_RECORD, Source, too_large
+from scenarios.files.sources import MOST_RECORD, Source, refuse_oversized, too_large
 from sim.errors import RecordError
 
 NOT_READERS = ("cells", "layout", "registry", "sizes", "topic", "variables")

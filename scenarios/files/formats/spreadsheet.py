@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.formats.cells import CellTable, header_cell
-from scenarios.files.formats.layout import header_row, unit_row
+from scenarios.files.formats.cells import CellTable, header_cell, header_row, unit_row
 from scenarios.files.formats.topic import Topic, damaged, missing_library, no_table
 
 FORMAT = "spreadsheet"

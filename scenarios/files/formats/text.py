@@ -21,11 +21,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scenarios.files.formats.cells import MISSING, CellTable, has_decimal_comma, header_cell
-from scenarios.files.formats.layout import (
+from scenarios.files.formats.cells import (
     LOOKED_AT,
+    MISSING,
     MOST_HEADS,
+    CellTable,
+    has_decimal_comma,
     has_number,
+    header_cell,
     header_row,
     heads,
     is_known,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenarios.files.formats.cells import LARGEST
+from scenarios.files.sources import LARGEST
 from sim.errors import RecordError
 
 COUNTERS = {"timeus": "us", "timems": "ms", "timens": "ns", "seconds": "s", "sec": "s"}

@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenarios.files.channel_names import CHANNEL_UNITS, TIME, is_clock, split_header
-from scenarios.files.channels import ColumnChoice
+from scenarios.files.channels import CHANNEL_UNITS, TIME, ColumnChoice, is_clock, split_header
 from scenarios.files.declarations import closest
 from scenarios.files.formats.cells import CellTable, numbers
 from scenarios.files.formats.topic import Topic
@@ -28,9 +27,8 @@ from scenarios.files.measured.clock import (
     times_of_dates,
     times_of_texts,
 )
-from scenarios.files.measured.columns import inside_unit, split_at, suffix_unit
+from scenarios.files.measured.columns import RecordFile, inside_unit, split_at, suffix_unit
 from scenarios.files.measured.expressions import Expression, evaluate, is_plain_name, parse
-from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.units import QUANTITIES, to_si
 from sim.errors import RecordError
 

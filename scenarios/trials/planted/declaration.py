@@ -23,9 +23,9 @@ _NONE: Mapping[str, float] = MappingProxyType({})
 class HiddenTerm:
     """Something that acts and that the declared model lacks.
 
-    ``name`` is that of a library effect or, with ``own:``, of a term in `scenarios.trials.hidden`.
-    ``values`` are its local parameters (SI); ``elsewhere`` those that differ in the other two
-    records, as the time of an event does.
+    ``name`` is that of a library effect or, with ``own:``, of a term in
+    `scenarios.trials.hidden_terms`. ``values`` are its local parameters (SI); ``elsewhere`` those
+    that differ in the other two records, as the time of an event does.
     """
 
     name: str
@@ -112,14 +112,16 @@ class TraceScenario:
 # ---- Hidden terms by name
 
 OWN = "own:"
-TERMS = "scenarios.trials.hidden"  # the package of the terms that scenarios may hide
+TERMS = "scenarios.trials.hidden_terms"  # the module of the terms that scenarios may hide
 CLOSED_LOOP = "x29-"
 BREAKOUT = "input-deadband"
 
 
 def own_terms(package_name: str = TERMS) -> Mapping[str, Effect]:
-    """The truth's own terms by name, from the modules of a package."""
+    """The truth's own terms by name: ``TERMS`` of a module, or those of a package's modules."""
     package = importlib.import_module(package_name)
+    if hasattr(package, "TERMS"):
+        return {term.name: term for term in package.TERMS}
     names = sorted(
         module.name for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
     )

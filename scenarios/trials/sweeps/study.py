@@ -41,8 +41,7 @@ from scenarios.responses.reading import Names
 from scenarios.responses.report import fit_lines, fit_tables, responses_csv
 from scenarios.studies.comparison import SCHEMA, estimate_content
 from scenarios.studies.rows import Row
-from scenarios.trials.sweeps.declaration import SweepScenario
-from scenarios.trials.sweeps.flight import fly_sweep, true_margins, true_parameters
+from scenarios.trials.sweeps.flight import SweepScenario, fly_sweep, true_margins, true_parameters
 from sim.record import Record
 
 if TYPE_CHECKING:

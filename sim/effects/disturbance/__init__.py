@@ -1,1 +1,5 @@
-"""Effects from outside the aircraft, one file each."""
+"""Effects from outside the aircraft, which act before the flow quantities are formed, one file for
+an effect or a family.
+
+An event sets ``onset`` and ``per_record`` in its traits. No file imports another effect.
+"""

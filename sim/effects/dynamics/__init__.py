@@ -1,1 +1,1 @@
-"""Effects in the equations of motion, one file each."""
+"""Effects in the equations of motion, one file for an effect or a family."""

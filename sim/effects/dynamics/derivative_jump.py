@@ -1,4 +1,4 @@
-"""Aerodynamic derivatives that change at one time."""
+"""Aerodynamic derivatives, or the drag of a falling body, that change at one time."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ from sim.declaration.effect import (
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.declaration.user_equations import OwnEquations
-from sim.effects.instances import labelled
+from sim.effects.instances import ANOTHER_FALL, labelled
 from sim.effects.parameter_jump import jumps_of
-from sim.effects.timing import WIDTH, edge_width, risen
+from sim.effects.timing import SLOW_WIDTH, WIDTH, edge_width, risen
+from sim.maths import log
 
 OF_PITCH = (
     "Something happens to the aircraft in flight: ice breaks off, a surface is damaged, fuel or a "
@@ -174,7 +175,7 @@ class DerivativeJump:
         )
 
 
-VARIANTS: tuple[Traceable, ...] = (
+DERIVATIVE_VARIANTS: tuple[Traceable, ...] = (
     DerivativeJump(),
     DerivativeJump(moment=LOES_MOMENT, lift=LOES_LIFT),
     *(
@@ -197,7 +198,68 @@ def made_for(equations: Equations) -> tuple[Traceable, ...]:
     known, ports = {*equations.parameter_names}, {port.name for port in equations.ports}
     listed = (
         each
-        for each in VARIANTS
+        for each in DERIVATIVE_VARIANTS
         if known.issuperset(constants_needed(each)) and ports.issuperset(ports_needed(each))
     )
     return jumps_of(equations) if isinstance(equations, OwnEquations) and not any(listed) else ()
+
+
+@dataclass(frozen=True)
+class DragJump:
+    """From ``time`` (s) on the drag is ``factor`` times as large; beta is the ballistic coefficient
+    before.
+
+    log drag += ln(1 + (factor - 1) e), e an edge that rises over ``width`` s, centred on ``time``.
+    """
+
+    width: float = SLOW_WIDTH
+
+    name: ClassVar[str] = "drag-jump"
+    station: ClassVar[Station] = Station.DYNAMICS
+    needs: ClassVar[tuple[str, ...]] = ("log_drag",)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("time", 8.0, "s"),
+        Parameter("factor", 1.3, "1", bounds=(1e-3, 1e3)),
+    )
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"factor": 1.0})
+    regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
+    aliases: ClassVar[tuple[str, ...]] = ()
+    states: ClassVar[tuple[Signal, ...]] = ()
+    traits: ClassVar[Traits] = Traits(
+        sentences=("the drag is multiplied by {factor} from {time} on",),
+        separating={"sensor-scale": ANOTHER_FALL},
+        plausible={"factor": (0.05, 20.0)},
+        onset="time",
+        per_record=True,
+    )
+    explanation: ClassVar[str] = (
+        "At one time the body changes: a heat shield is dropped, a drogue opens, a fin breaks, it "
+        "starts to tumble. From then on the drag is "
+        "another multiple of the dynamic pressure, drag = factor * 0.5 rho v^2 / beta. The "
+        "altitude itself shows no step, only its curvature does: "
+        "the residual bends from that time on. High up, where there is hardly any air, a change "
+        "leaves no trace until the air thickens."
+    )
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {"log_drag": log(1.0 + risen(s.time, p.time, self.width) * (p.factor - 1.0))}
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+    def fitted_to(self, context: SearchContext) -> DragJump:
+        """The same with an edge that sub-steps of that record resolve."""
+        return replace(self, width=edge_width(context.interval, SLOW_WIDTH))
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """Slope by the factor at 36 times."""
+        return tuple(Probe({"time": time, "factor": 1.0}, ("factor",)) for time in context.onsets())
+
+
+DRAG_VARIANTS: tuple[Traceable, ...] = (DragJump(),)
+
+
+VARIANTS: tuple[Traceable, ...] = (
+    *DERIVATIVE_VARIANTS,
+    *DRAG_VARIANTS,
+)

@@ -1,5 +1,6 @@
 """Loads that no set of constant derivatives gives: damping that depends on its own size,
-derivatives that drift.
+derivatives and drag that drift, drag of the deflected elevator, loads that remember which way the
+motion went last.
 """
 
 from __future__ import annotations
@@ -153,7 +154,7 @@ class DriftingDerivatives:
 
 
 _PER_SECOND = ("1/(rad s)", "1/(rad s)", "1/(rad s)")
-GUARDS: tuple[Traceable, ...] = (
+CHANGING_LOADS: tuple[Traceable, ...] = (
     DampingCurve("q_hat", ("1/rad2", "1/rad2"), (500.0, 500.0), ("Cm_de",)),
     DampingCurve("q", ("1/rad", "1/rad"), (0.3, 5.0), ("M_delta",)),
     DriftingDerivatives(
@@ -183,3 +184,157 @@ GUARDS: tuple[Traceable, ...] = (
         "roll",
     ),
 )
+
+
+@dataclass(frozen=True)
+class ControlDrag:
+    """drag += ``drag`` elevator, the deflection as a total: CD_de, per radian.
+
+    An axial accelerometer above or below the centre of gravity reads the pitch acceleration, which
+    answers the elevator at once, and so does nx where the elevator drags: without this guard the
+    second is told as the first.
+    """
+
+    name: ClassVar[str] = "guard:control-drag"
+    station: ClassVar[Station] = Station.DYNAMICS
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ()
+    states: ClassVar[tuple[Signal, ...]] = ()
+    needs: ClassVar[tuple[str, ...]] = ("drag",)
+    needs_constants: ClassVar[tuple[str, ...]] = ("Cm_de", "reference_airspeed")
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("drag", 0.1, "1/rad"),)
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"drag": 0.0})
+    traits: ClassVar[Traits] = Traits(guard=True)
+    explanation: ClassVar[str] = (
+        "A generic term: drag grows with the elevator. No cause of the library stands behind it. "
+        "Where it explains a record better than every "
+        "effect does, the cause is none of them: the longitudinal equations have no drag of the "
+        "controls."
+    )
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {"drag": p.drag * s.elevator}
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """The slope where there is none."""
+        return (Probe(self.absent, ("drag",)),)
+
+
+CONTROL_DRAG: tuple[Traceable, ...] = (ControlDrag(),)
+
+
+@dataclass(frozen=True)
+class DragDrift:
+    """log drag += ``rate`` (t - begin), ``rate`` in 1/s, ``begin`` the time at which beta holds,
+    s.
+    """
+
+    begin: float = 0.0
+
+    name: ClassVar[str] = "guard:drag-drift"
+    station: ClassVar[Station] = Station.DYNAMICS
+    needs: ClassVar[tuple[str, ...]] = ("log_drag",)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("rate", 0.03, "1/s", bounds=(-1.0, 1.0)),
+    )
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ("density-scale-height", "drag-mach")
+    states: ClassVar[tuple[Signal, ...]] = ()
+    traits: ClassVar[Traits] = Traits(guard=True)
+    explanation: ClassVar[str] = (
+        "A generic term: the drag of a falling body grows or shrinks steadily with time, drag = "
+        "exp(rate (t - begin)) * 0.5 rho v^2 / beta. "
+        "No cause of the library stands behind it. Where it explains a record better than every "
+        "effect does, the cause is none of them."
+    )
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {"log_drag": p.rate * (s.time - self.begin)}
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+    def fitted_to(self, context: SearchContext) -> DragDrift:
+        """The same with the declared beta at that record's begin."""
+        return replace(self, begin=context.begin)
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """The slope where there is none."""
+        return (Probe(self.absent, ("rate",)),)
+
+
+DRAG_DRIFT: tuple[Traceable, ...] = (DragDrift(),)
+
+
+WIDTHS = (0.005, 0.02, 0.06)  # rad, that a search tries: from friction to the whole of a maneuver
+
+
+@dataclass(frozen=True)
+class Hysteresis(SizedOnPorts):
+    """memory_dot = (rate - |rate| memory)/``width``, lift += ``lift`` memory, moment += ``moment``
+    memory.
+
+    Dahl's law of friction and of hysteresis that knows no pace: the memory runs to the sign of the
+    ``rate``, rad/s, while the nose turns by ``width``, rad, and stays where the nose rests. Narrow,
+    it is friction; wide, flow that attaches later than it left, or a load that slides.
+
+    Attributes
+    ----------
+    units, sizes : of lift and moment. needs_constants : those of the equations it is written for.
+    ports : that it loads, and the names of these parameters. rate : the signal of the motion that
+    is remembered.
+    """
+
+    units: tuple[str, str]
+    sizes: tuple[float, float]
+    needs_constants: tuple[str, ...]
+    ports: tuple[str, str] = LOADS
+    rate: str = "q"
+
+    name: ClassVar[str] = "guard:hysteresis"
+    station: ClassVar[Station] = Station.DYNAMICS
+    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    aliases: ClassVar[tuple[str, ...]] = ()
+    states: ClassVar[tuple[Signal, ...]] = (
+        Signal("memory", "1", "which way the motion went last, -1 to 1"),
+    )
+    traits: ClassVar[Traits] = Traits(guard=True)
+    explanation: ClassVar[str] = (
+        "A generic term: lift and moment differ by which way the nose went last, whatever its "
+        "pace, as with friction, flow that attaches later than "
+        "it left, or a load that slides. No cause of the library stands behind it. Where it "
+        "explains a record better than every effect does, the "
+        "cause is none of them."
+    )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (
+            Parameter("width", 0.02, "rad", bounds=(1e-3, 1.0)),
+            *load_parameters(self.sizes, self.units, self.ports),
+        )
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {port: getattr(p, port) * s.memory for port in self.ports}
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        rate = getattr(s, self.rate)
+        return ((rate - absolute(rate) * s.memory) / p.width,)
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """Slopes by both loads at some widths."""
+        return tuple(Probe({"width": width, **self.absent}, self.ports) for width in WIDTHS)
+
+
+HYSTERESIS: tuple[Traceable, ...] = (
+    Hysteresis(("1", "1"), (0.01, 0.005), ("Cm_de", "airspeed")),
+    Hysteresis(("1/s", "1/s2"), (0.01, 0.1), ("M_delta",)),
+    Hysteresis(("1", "1"), (0.01, 0.005), ("Cm_de", "reference_airspeed")),
+)
+
+
+GUARDS: tuple[Traceable, ...] = (*CHANGING_LOADS, *CONTROL_DRAG, *DRAG_DRIFT, *HYSTERESIS)

@@ -1,1 +1,1 @@
-"""Effects between the vehicle and the record, one file each."""
+"""Effects between the vehicle and the record, one file for an effect or a family."""

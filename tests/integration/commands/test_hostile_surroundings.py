@@ -258,7 +258,7 @@ def test_bombs_are_refused_by_their_size_with_the_limit(
 
     for module in ("sources", "formats.registry", "formats.sizes", "measured.record_file"):
         monkeypatch.setattr(f"scenarios.files.{module}.MOST_RECORD", 1 << 20)
-    monkeypatch.setattr("scenarios.files.formats.sizes.MOST_NUMBERS", 1 << 17)
+    monkeypatch.setattr("scenarios.files.sources.MOST_NUMBERS", 1 << 17)
     rows = 1 << 18
     (place / "bomb.csv.gz").write_bytes(gzip.compress(b"time,alpha\n" + b"0,0\n" * rows))
     savemat(

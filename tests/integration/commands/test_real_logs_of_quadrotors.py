@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scenarios.files.formats.cells import numbers
-from scenarios.files.measured.record_file import read_record_file
+from scenarios.files.measured.columns import read_record_file
 from tests.integration.command_line import CommandLine
 
 LOGS = Path(__file__).resolve().parents[4] / "shared" / "flightdata" / "logs"

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.kept import NAME, SCHEMA, KeptFile, read_kept
+from scenarios.kept import NAME, SCHEMA, KeptFile, effect_content, effect_of, read_kept
 from scenarios.prediction import vehicle_of_study
+from sim.effects.disturbance.gusts import GustDiscrete
 from sim.errors import DeclarationError
 
 VEHICLE = "mass = 10.0"
@@ -61,3 +62,15 @@ def test_the_vehicle_of_a_foreign_study_is_written_nowhere_else(
     with pytest.raises(DeclarationError, match="TOML"):
         vehicle_of_study(file, None)
     assert {path.name for path in tmp_path.rglob("*")} == {"scratch", NAME}
+
+
+def test_an_effect_kept_by_an_older_version_is_made_again() -> None:
+    """Its class may have been in another file then; a class that is nowhere is refused."""
+    effect = GustDiscrete()
+    content = effect_content(effect)
+    older = {**content, "class": "sim.effects.disturbance.gust_discrete:GustDiscrete"}
+    assert effect_of(older, (), "study") == effect == effect_of(content, (), "study")
+    for place in ("gust_discrete:GustOfNobody", "gusts:GustOfNobody"):
+        gone = {**content, "class": f"sim.effects.disturbance.{place}"}
+        with pytest.raises(DeclarationError, match="cannot be made again"):
+            effect_of(gone, (), "study")

@@ -9,7 +9,7 @@ from pathlib import Path
 import typer.main
 
 from scenarios.cli import app
-from scenarios.cli.groups import GROUPS, Output, Preparation, with_groups
+from scenarios.cli.options import GROUPS, Output, Preparation, with_groups
 from scenarios.cli.record_commands import identify
 
 

@@ -19,7 +19,7 @@ from exam.surrogates.pseudo_true import has_limit, pseudo_true
 from scenarios.preparation.measured_inputs import with_flow
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
-from sim.effects.disturbance.gust_turbulence import GustTurbulence
+from sim.effects.disturbance.gusts import GustTurbulence
 from sim.effects.library import find_effect
 from sim.errors import ModelError
 from sim.maneuvers import doublet, three_two_one_one

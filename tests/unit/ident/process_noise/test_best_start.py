@@ -20,7 +20,7 @@ from ident.process_noise.best_start import (
 from ident.process_noise.filter_error import fit_filter_error
 from ident.whole_record.layout import FitSettings, lay_out
 from sim.declaration.compile import compile_model
-from sim.effects.disturbance.gust_turbulence import GustTurbulence
+from sim.effects.disturbance.gusts import GustTurbulence
 from sim.record import Record
 from tests.bases import fly, rigid_flight, rigid_model
 from tests.rigid_problem import noisy

@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.statistics.isolated_samples import (
+from ident.statistics.noise_levels import (
     final_spikes,
     from_neighbours,
     input_edges,
     input_spikes,
     provisional_mask,
+    robust_sigma,
 )
-from ident.statistics.noise_levels import robust_sigma
 from sim.record import Channel, Record
 from tests.bases import three_two_one_one
 

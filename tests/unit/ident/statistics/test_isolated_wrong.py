@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.statistics.isolated_samples import isolated_wrong
+from ident.statistics.noise_levels import isolated_wrong
 
 N = 400
 SWITCHES = (50, 110, 170, 200, 230)

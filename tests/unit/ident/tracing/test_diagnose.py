@@ -18,10 +18,10 @@ from ident.tracing.loop import diagnose
 from sim.declaration.proposal import Traceable
 from sim.effects.library import catch_all_terms_for, effects_for
 from sim.effects.model_discrepancy import discrepancy_for
-from sim.effects.sensor_path.sensor_lag import SensorLag
+from sim.effects.sensor_path.sensor_delay import SensorLag
+from sim.effects.sensor_path.sensor_position import VaneOffset
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.effects.sensor_path.sensor_spikes import InputSpikes, SensorSpikes
-from sim.effects.sensor_path.vane_offset import VaneOffset
 from sim.errors import FlightidError
 from sim.record import Channel, Record
 from sim.vehicles.short_period import ShortPeriod

@@ -15,7 +15,7 @@ from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.kinematics import Kinematics
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.measured.record_file import RecordFile
+from scenarios.files.measured.columns import RecordFile
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.preparation.declared_model import model_of_file
 from scenarios.preparation.plan import Plan, Request, Segment

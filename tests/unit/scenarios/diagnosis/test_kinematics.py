@@ -43,7 +43,7 @@ from scenarios.diagnosis.report.content import diagnosis_content
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.report.wording import Wording
-from scenarios.files.measured.record_file import read_record_files
+from scenarios.files.measured.columns import read_record_files
 from scenarios.files.vehicles import read_any_vehicle
 from scenarios.files.writing import json_text, write_record
 from scenarios.preparation.plan import Request, Segment

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.files.measured.record_file import read_record_file, with_names
+from scenarios.files.measured.columns import read_record_file, with_names
 from scenarios.files.records import read_record
 from sim.errors import FlightidError
 from tests.recorders.forms import FORMS, record

@@ -11,7 +11,7 @@ import pytest
 from scenarios.files.formats import parquet
 from scenarios.files.formats.cells import numbers
 from scenarios.files.formats.registry import readers
-from scenarios.files.measured.record_file import read_record_file, with_names
+from scenarios.files.measured.columns import read_record_file, with_names
 from scenarios.files.records import read_record
 from sim.errors import RecordError
 from tests.recorders.forms import DATAFLASH_UNITS, FORMS, dataflash_messages, record

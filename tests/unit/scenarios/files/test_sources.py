@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from scenarios.cli.options import MODEL_NAMES
-from scenarios.files.measured.record_file import (
+from scenarios.files.measured.columns import (
     read_record_file,
     read_with_validation,
     refuse_twice,

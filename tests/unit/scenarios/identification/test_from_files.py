@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ident.estimate import Outcome
-from scenarios.files.measured.record_file import RecordFile, read_record_file
+from scenarios.files.measured.columns import RecordFile, read_record_file
 from scenarios.files.writing import write_record
 from scenarios.identification import identify
 from scenarios.identification.assessment import PLAIN, Options, other_reading

@@ -13,6 +13,7 @@ import pytest
 
 from scenarios.identification.model_checks import PULSE
 from scenarios.maneuver_design import report
+from scenarios.maneuver_design.design import used_shares
 from scenarios.maneuver_design.limits import (
     ACTUATOR_RATE,
     COMPUTER,
@@ -34,7 +35,6 @@ from scenarios.maneuver_design.setting import (
     steps_in_turn,
     sweeps,
 )
-from scenarios.maneuver_design.within_limits import used_shares
 from sim.declaration import own_model
 from sim.declaration.model import Model
 from sim.errors import DeclarationError

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.measured.record_file import RecordFile, read_record_file
+from scenarios.files.measured.columns import RecordFile, read_record_file
 from scenarios.files.records import read_with_notes
 from scenarios.preparation.drafting import Draft, drafted
 from sim.errors import RecordError

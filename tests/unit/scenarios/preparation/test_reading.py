@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.files.measured.record_file import read_record_files
+from scenarios.files.measured.columns import read_record_files
 from scenarios.files.records import read_record
 from scenarios.preparation import declared_model
 from scenarios.preparation.declared_model import held_by_computer, linear_by

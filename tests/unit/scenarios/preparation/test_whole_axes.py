@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.files.measured.record_file import read_record_files
+from scenarios.files.measured.columns import read_record_files
 from scenarios.files.vehicles import read_vehicle
 from scenarios.preparation.declared_model import model_of_file
 from scenarios.preparation.measured_inputs import instead_of

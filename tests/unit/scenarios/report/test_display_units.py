@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from scenarios.commands.libraries import show_effects
-from scenarios.files.channel_names import CHANNEL_UNITS
+from scenarios.files.channels import CHANNEL_UNITS
 from scenarios.plots.display import display_unit
 from scenarios.report.quantities import DEGREES, in_hertz, quantity_text, shown_in, unit_cell
 from scenarios.report.text_tables import table_lines

@@ -11,6 +11,7 @@ import pytest
 from scipy import signal
 
 from scenarios.watching.loop_margins import (
+    FollowLoop,
     LoopNames,
     MarginSession,
     finish_second,
@@ -20,7 +21,6 @@ from scenarios.watching.loop_margins import (
     margins_of,
     take,
 )
-from scenarios.watching.loop_study import FollowLoop
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import loop_test, margins
 from sim.errors import DeclarationError

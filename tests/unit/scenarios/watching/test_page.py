@@ -14,8 +14,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from scenarios.watching.page import follow
-from scenarios.watching.page.server import Feed, PageServer, page
+from scenarios.watching import page as watch_page
+from scenarios.watching.page import Feed, PageServer, page
 from scenarios.watching.reference import CrossValidation
 from sim.errors import DeclarationError
 
@@ -198,7 +198,7 @@ def test_events_are_strict_json() -> None:
     hanging = CrossValidation("M_q", "1/s", 1.0, np.inf, (1.0, 0.1), hanging=True)
     known = CrossValidation("delay", "s", 0.118, 0.003, (0.1, 0.001))
     told = json.loads(
-        follow.estimates(2.0, [hanging, known], np.array([0.25, 0.75]), "refined"),
+        watch_page.estimates(2.0, [hanging, known], np.array([0.25, 0.75]), "refined"),
         parse_constant=pytest.fail,
     )
     assert (
@@ -207,4 +207,4 @@ def test_events_are_strict_json() -> None:
         and "off" not in told["items"][0]
     )
     assert told["items"][1]["off"] == pytest.approx(5.69, abs=0.01) and told["items"][1]["outside"]
-    assert json.loads(follow.status("waiting", "", {"t": np.nan, "rows": 3}))["t"] is None
+    assert json.loads(watch_page.status("waiting", "", {"t": np.nan, "rows": 3}))["t"] is None

@@ -24,15 +24,13 @@ from sim.declaration.effect import (
     full_name,
 )
 from sim.declaration.model import Model, Noise, System
-from sim.effects.disturbance.gust_discrete import GustDiscrete
+from sim.effects.disturbance.gusts import GustDiscrete
 from sim.effects.dynamics.structural_mode import StructuralMode
-from sim.effects.input_path.actuator_lag import ActuatorLag
-from sim.effects.input_path.actuator_rate_limit import ActuatorRateLimit
-from sim.effects.input_path.actuator_saturation import ActuatorSaturation
-from sim.effects.input_path.input_backlash import InputBacklash
-from sim.effects.input_path.input_deadband import InputDeadband
+from sim.effects.input_path.actuator_dynamics import ActuatorLag
+from sim.effects.input_path.actuator_limits import ActuatorRateLimit, ActuatorSaturation
 from sim.effects.input_path.input_delay import InputDelay
-from sim.effects.sensor_path.sensor_lag import SensorLag
+from sim.effects.input_path.input_play import InputBacklash, InputDeadband
+from sim.effects.sensor_path.sensor_delay import SensorLag
 from sim.errors import ModelError
 from sim.maths import complex_step_jacobian
 from sim.propagation import drive_from_record, make_grid, simulate

@@ -21,11 +21,10 @@ from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.library import find_effect
-from sim.effects.sensor_path.sensor_delay import SensorDelay
-from sim.effects.sensor_path.sensor_hold import SensorHold
-from sim.effects.sensor_path.sensor_lag import SensorLag
+from sim.effects.sensor_path.sensor_delay import SensorDelay, SensorLag
+from sim.effects.sensor_path.sensor_drift import SensorStep
+from sim.effects.sensor_path.sensor_sampling import SensorHold
 from sim.effects.sensor_path.sensor_scale import SensorScale
-from sim.effects.sensor_path.sensor_step import SensorStep
 from sim.maths import each_column
 from sim.vehicles.short_period import ShortPeriod
 from tests.tracing_problem import doublets, fit_of, planted, problem_of

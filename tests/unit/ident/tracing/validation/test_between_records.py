@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ident.tracing.declared import fit_declared, held_out_data
 from ident.tracing.validation.between_records import inflation, scatter_between_records
-from sim.effects.disturbance.gust_turbulence import GustTurbulence
+from sim.effects.disturbance.gusts import GustTurbulence
 from sim.maneuvers import doublet, sequence, three_two_one_one
 from sim.record import Record
 from sim.truth.flight import fly, sample_times

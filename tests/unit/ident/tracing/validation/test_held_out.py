@@ -10,9 +10,9 @@ from ident.tracing.validation.error_figures import prediction
 from ident.tracing.validation.held_out import HeldOut, doubted, held_out
 from ident.tracing.validation.training_knowledge import training_prior
 from ident.tracing.wrong_samples import measured_masks
-from sim.effects.disturbance.gust_discrete import GustDiscrete
+from sim.effects.disturbance.gusts import GustDiscrete
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
-from sim.effects.sensor_path.sensor_lag import SensorLag
+from sim.effects.sensor_path.sensor_delay import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.record import Channel, Record
 from tests.tracing_problem import OUTPUTS, fit_of, planted, problem_of, with_output

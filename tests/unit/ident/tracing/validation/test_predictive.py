@@ -12,8 +12,8 @@ from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out, predicted_by
 from ident.tracing.validation.predictive import predictive_gains
 from ident.tracing.wrong_samples import measured_masks
-from sim.effects.disturbance.gust_turbulence import GustTurbulence
-from sim.effects.sensor_path.sensor_lag import SensorLag
+from sim.effects.disturbance.gusts import GustTurbulence
+from sim.effects.sensor_path.sensor_delay import SensorLag
 from sim.record import Record
 from tests.tracing_problem import OUTPUTS, doublets, fit_of, planted, problem_of
 from tests.turbulence import rough_record

@@ -15,16 +15,18 @@ from scipy.interpolate import CubicSpline
 
 from sim.declaration.effect import Effect
 from sim.declaration.proposal import SearchContext
-from sim.effects.disturbance.gust_discrete import GustDiscrete
-from sim.effects.disturbance.speed_variation import SpeedVariation
+from sim.effects.disturbance.airspeed import SpeedVariation
+from sim.effects.disturbance.gusts import GustDiscrete
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
-from sim.effects.dynamics.curves.control_nonlinearity import ControlNonlinearity
-from sim.effects.dynamics.curves.control_unevenness import VARIANTS, ControlUnevenness
-from sim.effects.dynamics.curves.control_weakening import ControlWeakening
-from sim.effects.dynamics.curves.lift_nonlinearity import LIFT_NONLINEARITY
-from sim.effects.dynamics.curves.moment_nonlinearity import MOMENT_NONLINEARITY
+from sim.effects.dynamics.control_nonlinearity import (
+    UNEVENNESS_VARIANTS,
+    ControlNonlinearity,
+    ControlUnevenness,
+    ControlWeakening,
+)
 from sim.effects.dynamics.derivative_jump import DerivativeJump
 from sim.effects.dynamics.elastic_mode import ElasticMode
+from sim.effects.dynamics.load_nonlinearity import LIFT_NONLINEARITY, MOMENT_NONLINEARITY
 from sim.effects.library import catch_all_terms_for, find_effect
 from sim.maths import combine, natural_shapes
 from sim.vehicles.loes import Loes
@@ -164,7 +166,7 @@ def test_a_control_that_loses_power_to_both_sides() -> None:
 def find_effect_named(control: str) -> ControlUnevenness:
     return next(
         effect
-        for effect in VARIANTS
+        for effect in UNEVENNESS_VARIANTS
         if isinstance(effect, ControlUnevenness) and effect.control == control
     )
 

@@ -12,9 +12,8 @@ from scipy.integrate import solve_ivp
 
 from sim.declaration.effect import Effect
 from sim.declaration.proposal import SearchContext
-from sim.effects.dynamics.curves.drag_mach import DragMach
-from sim.effects.dynamics.density_scale_height import DensityScaleHeight
-from sim.effects.dynamics.drag_jump import DragJump
+from sim.effects.dynamics.atmosphere import DensityScaleHeight, DragMach
+from sim.effects.dynamics.derivative_jump import DragJump
 from sim.effects.library import catch_all_terms_for, find_effect
 from sim.maths import combine
 from sim.vehicles.ballistic import Ballistic

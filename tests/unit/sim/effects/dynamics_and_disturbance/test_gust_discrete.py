@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sim.declaration.compile import compile_model
-from sim.effects.disturbance.gust_discrete import GustDiscrete
+from sim.effects.disturbance.gusts import GustDiscrete
 from tests.bases import RIGID_VALUES, rigid_model
 
 P = SimpleNamespace(peak=4.0, start=2.0, duration=1.5)

@@ -8,7 +8,7 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from sim.declaration.compile import compile_model
 from sim.declaration.model import System
-from sim.effects.disturbance.gust_turbulence import GustTurbulence
+from sim.effects.disturbance.gusts import GustTurbulence
 from sim.maths import complex_step_jacobian
 from sim.truth.flight import fly, sample_times
 from tests.bases import RIGID_VALUES, loes_model, rigid_model

@@ -17,7 +17,7 @@ from sim.declaration import own_model
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import Model
 from sim.declaration.proposal import SearchContext
-from sim.effects.guards.lagged_loads import LaggedLoads
+from sim.effects.guards.further_loads import LaggedLoads
 from sim.effects.library import catch_all_terms_for
 from sim.errors import DeclarationError
 from tests.bases import RIGID_VALUES, Flight, fly_model

@@ -16,8 +16,7 @@ from sim.declaration.compile import compile_model
 from sim.declaration.effect import Signal
 from sim.declaration.model import Model
 from sim.declaration.proposal import SearchContext
-from sim.effects.disturbance.phugoid import Phugoid
-from sim.effects.disturbance.speed_variation import SpeedVariation
+from sim.effects.disturbance.airspeed import Phugoid, SpeedVariation
 from sim.maths import complex_step_jacobian
 from tests.bases import RIGID_VALUES, Flight, fly, fly_model, rigid_flight, rigid_model
 

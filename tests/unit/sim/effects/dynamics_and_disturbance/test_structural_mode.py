@@ -12,7 +12,7 @@ import pytest
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import full_name
 from sim.declaration.model import Model, System
-from sim.effects.disturbance.gust_discrete import GustDiscrete
+from sim.effects.disturbance.gusts import GustDiscrete
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.errors import ModelError
 from sim.maths import complex_step_jacobian

@@ -14,7 +14,7 @@ from sim.declaration import own_model
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Equations, Multiplying
 from sim.declaration.proposal import SearchContext
-from sim.effects.dynamics.curves.varies import Varies, made_for, other_names
+from sim.effects.dynamics.varies import Varies, made_for, other_names
 from sim.effects.library import effects_for, find_effect
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.lateral import Lateral

@@ -14,13 +14,14 @@ from scipy.interpolate import CubicSpline
 
 from sim.declaration.effect import Effect
 from sim.declaration.proposal import SearchContext
-from sim.effects.disturbance.gust_discrete import GustDiscrete
-from sim.effects.disturbance.gust_horizontal import GustHorizontal
-from sim.effects.dynamics.curves.control_nonlinearity import ControlNonlinearity
-from sim.effects.dynamics.curves.control_unevenness import ControlUnevenness
-from sim.effects.dynamics.curves.control_weakening import ControlWeakening
+from sim.effects.disturbance.gusts import GustDiscrete, GustHorizontal
+from sim.effects.dynamics.control_nonlinearity import (
+    ControlNonlinearity,
+    ControlUnevenness,
+    ControlWeakening,
+)
 from sim.effects.dynamics.elastic_mode import ElasticMode
-from sim.effects.guards.lagged_loads import LaggedLoads
+from sim.effects.guards.further_loads import LaggedLoads
 from sim.effects.library import catch_all_terms_for, effects_for, find_effect
 from sim.maths import combine, natural_shapes
 from sim.vehicles.lateral import Lateral

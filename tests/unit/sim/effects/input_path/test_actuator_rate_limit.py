@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.effects.input_path.actuator_rate_limit import UNLIMITED, ActuatorRateLimit
+from sim.effects.input_path.actuator_limits import UNLIMITED_RATE, ActuatorRateLimit
 from sim.maths import COMPLEX_STEP
 
 seeds = st.integers(0, 1000)
@@ -78,7 +78,7 @@ def test_a_fast_sine_becomes_a_triangle() -> None:
 @given(seeds)
 def test_unlimited_is_the_identity_bit_for_bit(seed: int) -> None:
     u = np.random.default_rng(seed).standard_normal((30, 2))
-    for none in (UNLIMITED, complex(UNLIMITED), np.full(2, UNLIMITED)):
+    for none in (UNLIMITED_RATE, complex(UNLIMITED_RATE), np.full(2, UNLIMITED_RATE)):
         np.testing.assert_array_equal(act(np.arange(31) * 0.001, u, none), u)
 
 
@@ -120,7 +120,7 @@ def test_a_derivative_of_the_input_passes_through() -> None:
 def test_batches_are_one_by_one() -> None:
     many, tried = (
         np.random.default_rng(6).standard_normal((50, 3)),
-        np.array([0.5, 20.0, UNLIMITED]),
+        np.array([0.5, 20.0, UNLIMITED_RATE]),
     )
     edges = np.arange(51) * 0.001
     full = act(edges, many, tried[:, None])

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from sim.effects.input_path.input_backlash import InputBacklash
+from sim.effects.input_path.input_play import InputBacklash
 from sim.maths import COMPLEX_STEP
 
 inputs = arrays(

@@ -11,12 +11,10 @@ import pytest
 
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
-from sim.effects.input_path.actuator_lag import ActuatorLag
-from sim.effects.input_path.actuator_rate_limit import ActuatorRateLimit
-from sim.effects.input_path.actuator_saturation import ActuatorSaturation
-from sim.effects.input_path.input_backlash import InputBacklash
-from sim.effects.input_path.input_deadband import InputDeadband
+from sim.effects.input_path.actuator_dynamics import ActuatorLag
+from sim.effects.input_path.actuator_limits import ActuatorRateLimit, ActuatorSaturation
 from sim.effects.input_path.input_delay import InputDelay
+from sim.effects.input_path.input_play import InputBacklash, InputDeadband
 from sim.maths import COMPLEX_STEP
 from tests.bases import RIGID_VALUES as V
 from tests.bases import Flight, fly, fly_model, rigid_model, three_two_one_one

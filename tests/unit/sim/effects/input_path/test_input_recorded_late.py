@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from sim.declaration.compile import compile_model
-from sim.effects.input_path.input_delay import InputDelay
-from sim.effects.input_path.input_recorded_late import InputRecordedLate
+from sim.effects.input_path.input_delay import InputDelay, InputRecordedLate
 from sim.errors import ModelError
 from sim.maths import COMPLEX_STEP
 from tests.bases import Flight, fly_model, rigid_flight, rigid_model

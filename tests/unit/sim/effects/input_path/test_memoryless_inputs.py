@@ -10,10 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.declaration.proposal import SearchContext
-from sim.effects.input_path.actuator_rate_limit import ActuatorRateLimit
-from sim.effects.input_path.actuator_saturation import ActuatorSaturation
-from sim.effects.input_path.input_backlash import InputBacklash
-from sim.effects.input_path.input_deadband import InputDeadband
+from sim.effects.input_path.actuator_limits import ActuatorRateLimit, ActuatorSaturation
+from sim.effects.input_path.input_play import InputBacklash, InputDeadband
 from sim.effects.instances import large_input
 from sim.maths import COMPLEX_STEP
 

@@ -13,16 +13,14 @@ from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.declaration.proposal import SearchContext
 from sim.effects.airflow import at_arm
-from sim.effects.disturbance.gust_discrete import GustDiscrete
+from sim.effects.disturbance.gusts import GustDiscrete
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.library import find_effect
-from sim.effects.sensor_path.accelerometer_offset import AccelerometerOffset
 from sim.effects.sensor_path.sensor_coupling import SensorCoupling
-from sim.effects.sensor_path.sensor_curve import SensorCurve
-from sim.effects.sensor_path.sensor_hold import SensorHold
-from sim.effects.sensor_path.sensor_scale import SensorScale
-from sim.effects.sensor_path.sensor_step import SensorStep
-from sim.effects.sensor_path.vane_offset import VaneOffset
+from sim.effects.sensor_path.sensor_drift import SensorStep
+from sim.effects.sensor_path.sensor_position import AccelerometerOffset, VaneOffset
+from sim.effects.sensor_path.sensor_sampling import SensorHold
+from sim.effects.sensor_path.sensor_scale import SensorCurve, SensorScale
 from sim.maths import COMPLEX_STEP
 from tests.bases import (
     LEVEL,

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from sim.effects.controls import played
-from sim.effects.sensor_path.sensor_backlash import SensorBacklash
 from sim.effects.sensor_path.sensor_coupling import TurnedGyro
-from sim.effects.sensor_path.sensor_deadband import SensorDeadband
+from sim.effects.sensor_path.sensor_play import SensorBacklash, SensorDeadband
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from tests.bases import fly_model, lateral_flight, lateral_model, rigid_flight, rigid_model
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from sim.declaration.compile import compile_model
-from sim.effects.disturbance.gust_turbulence import GustTurbulence
-from sim.effects.input_path.actuator_lag import ActuatorLag
+from sim.effects.disturbance.gusts import GustTurbulence
+from sim.effects.input_path.actuator_dynamics import ActuatorLag
 from sim.effects.library import find_effect
-from sim.effects.sensor_path.sensor_lag import SensorLag
+from sim.effects.sensor_path.sensor_delay import SensorLag
+from sim.effects.sensor_path.sensor_sampling import TimeBase
 from sim.effects.sensor_path.sensor_scale import SensorScale
-from sim.effects.sensor_path.time_base import TimeBase
 from sim.vehicles.loes import Loes
 from sim.vehicles.short_period import ShortPeriod
 from tests.bases import Flight, fly_model, loes_flight, loes_model, rigid_flight, rigid_model

@@ -1,0 +1,247 @@
+"""Airspeed that does not stay as declared: the phugoid, and a change along the record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.effects.instances import STEADY_FLIGHT
+from sim.effects.loads import weight_lift
+from sim.maths import G0
+
+SPEED, ATTITUDE = "phugoid_speed", "phugoid_attitude"
+STEEPEST = 0.35  # rad, of a flight path that perturbations about level flight still describe
+# Three to five times what is known beforehand.
+BELIEVED = {
+    "trim_moment": (-0.06, 0.06),
+    "speed_damping": (-0.03, 0.05),
+    "induced_drag": (-15.0, 25.0),
+}
+# rad: less changes the speed by less than 0.1 m/s a second, which a flight path that is not quite
+# level does
+EVEN_CHANGE = 0.01
+# rad: the speed is almost linear in the attitude, so few places reach all
+TRIED = (0.0, -0.12, -0.03, 0.03, 0.12)
+
+
+@dataclass(frozen=True)
+class Phugoid:
+    """u_dot = -gravity (theta - alpha + (speed_damping u + induced_drag alpha)/g0), theta_dot = q,
+    V = airspeed + u.
+
+    Perturbations about level flight at the declared airspeed. The trim loads follow the dynamic
+    pressure: the lift that carries the weight (``weight_lift``: alpha_dot gains -(2 g0/V^2) u and
+    nz gains 2 u/V to first order) and the moment that balances what does not follow it, that of the
+    engines (Cm gains ``trim_moment`` (1 - qbar_0/qbar), near 2 trim_moment u/V). All other loads go
+    with (1 + u/V)^2. A record begins at u = 0; ``attitude`` (rad, nose up) is theta against the
+    level flight path there, each record's own. A steady deceleration is the same as an attitude:
+    u_dot = -gravity attitude. With ``gravity`` = 0 there is no exchange, and no effect.
+
+    ``speed_damping`` (1/s), ``induced_drag`` (m/(s2 rad)) and ``trim_moment`` (1, nose up) belong
+    to the aircraft. They are known beforehand to what aircraft have: D/m changes with the speed by
+    2 g0 D/(L V), with the angle of attack by g0 times the slope of D/L, and thrust at an arm of a
+    chord makes a moment coefficient of the size of CD.
+
+    Attributes
+    ----------
+    attitude_recorded : the pitch attitude is an input of the equations, ``theta`` (rad, from its
+    value at the record's begin), and no state. speed_recorded : so is the airspeed, with the lift
+    that carries the weight: only the trim moment is left to find.
+    """
+
+    attitude_recorded: bool = False
+    speed_recorded: bool = False
+
+    name: ClassVar[str] = "phugoid"
+    station: ClassVar[Station] = Station.DISTURBANCE
+    needs: ClassVar[tuple[str, ...]] = ("airspeed_change", "lift", "moment")
+    needs_constants: ClassVar[tuple[str, ...]] = ("mass", "wing_area", "chord", "airspeed")
+    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    aliases: ClassVar[tuple[str, ...]] = ("speed-variation",)
+    explanation: ClassVar[str] = (
+        "Pull the nose up and the aircraft climbs, loses speed, loses lift and sinks again: u_dot "
+        "= -g (theta - alpha) and theta_dot = q. Over the "
+        "tens of seconds of a maneuver this is the beginning of the phugoid, the slow oscillation "
+        "of speed and height with a frequency near "
+        "sqrt(2) g/V. As the speed falls, the lift that carries the weight falls with the dynamic "
+        "pressure: the load factor gains 2 u/V, the angle "
+        "of attack the rate -(2 g/V^2) u, and all other loads and dampings go with the speed. The "
+        "moment of the engines does not fall, and turns "
+        "the aircraft where it was balanced by the air. A model at constant speed leaves all this "
+        "out, and a slow drift of the accelerometer or of "
+        "the vane, a jump of a derivative or a load that nobody measured will imitate it. Any real "
+        "aircraft has it, whatever else is wrong with "
+        "the model, so it is offered before them. A recorded airspeed takes its place, a recorded "
+        "pitch attitude that of its second state."
+    )
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=(
+                "the aircraft exchanges speed and height (phugoid), its flight path {attitude} "
+                "nose up at the record's begin",
+                "with the airspeed the moment changes that balances the engines, a coefficient of "
+                "{trim_moment} in trim",
+            ),
+            short_name="phugoid",
+            separating={"speed-variation": STEADY_FLIGHT, "sensor-drift": STEADY_FLIGHT},
+            plausible={"trim_moment": BELIEVED["trim_moment"]}
+            if self.speed_recorded
+            else {"attitude": (-STEEPEST, STEEPEST), **BELIEVED},
+            same_as={} if self.speed_recorded else {"attitude": ("speed-variation", EVEN_CHANGE)},
+            never_beside=("speed-variation",),
+            per_record=not self.speed_recorded,
+            of_aircraft=()
+            if self.speed_recorded
+            else ("speed_damping", "induced_drag", "trim_moment"),
+            background=True,
+        )
+
+    @property
+    def states(self) -> tuple[Signal, ...]:
+        speed = Signal(SPEED, "m/s", "airspeed above that at the record's begin")
+        attitude = Signal(ATTITUDE, "rad", "pitch attitude above that at the record's begin")
+        return (
+            () if self.speed_recorded else (speed,) if self.attitude_recorded else (speed, attitude)
+        )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        moment = Parameter("trim_moment", 0.0, "1", prior_std=0.02, bounds=(-0.5, 0.5))
+        if self.speed_recorded:
+            return (replace(moment, value=0.01),)
+        return (
+            Parameter("gravity", G0, "m/s2", free=False),
+            Parameter("attitude", 0.03, "rad", bounds=(-0.6, 0.6)),
+            Parameter("speed_damping", 0.01, "1/s", prior_std=0.01, bounds=(-0.3, 0.3)),
+            Parameter("induced_drag", 5.0, "m/(s2 rad)", prior_std=6.0, bounds=(-60.0, 60.0)),
+            moment,
+        )
+
+    @property
+    def absent(self) -> Mapping[str, float]:
+        return MappingProxyType({"trim_moment" if self.speed_recorded else "gravity": 0.0})
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        change = s.airspeed_change if self.speed_recorded else getattr(s, SPEED)
+        ratio = vehicle.airspeed / (vehicle.airspeed + change)
+        moment = {"moment": p.trim_moment * (1.0 - ratio * ratio)}
+        return (
+            moment
+            if self.speed_recorded
+            else {"airspeed_change": change, "lift": weight_lift(change, vehicle), **moment}
+        )
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        if self.speed_recorded:
+            return ()
+        theta = p.attitude + (s.theta if self.attitude_recorded else getattr(s, ATTITUDE))
+        drag = (p.speed_damping * getattr(s, SPEED) + p.induced_drag * s.alpha) / G0
+        rate = -p.gravity * (theta - s.alpha + drag)
+        return (rate,) if self.attitude_recorded else (rate, s.q)
+
+    def fitted_to(self, context: SearchContext) -> Phugoid:
+        """The same with those states left out that the records have as inputs."""
+        return replace(
+            self,
+            attitude_recorded="theta" in context.input_peak,
+            speed_recorded="airspeed_change" in context.input_peak,
+        )
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """Flight paths up and down, each with its slope: at none at all there is an exchange
+        already.
+        """
+        start = {item.name: item.value for item in self.parameters}
+        if self.speed_recorded:
+            return (Probe(self.absent, ("trim_moment",)),)
+        return tuple(Probe({**start, "attitude": attitude}, ("attitude",)) for attitude in TRIED)
+
+
+PHUGOID_VARIANTS: tuple[Traceable, ...] = (Phugoid(),)
+
+
+@dataclass(frozen=True)
+class SpeedVariation:
+    """V(t) = V + ``rate`` (t - begin), V the declared airspeed, ``rate`` in m/s2, ``begin`` the
+    time at which V holds, s.
+
+    Pressure and non-dimensional rates follow, and with ``weight`` the lift that carries the weight
+    (`sim.effects.loads`): surfaces and attitude stay where they trimmed the aircraft at V. Without,
+    it is trimmed anew at every speed, by what no channel shows, and only the perturbations change.
+    On the low-order equivalent system the derivatives scale as those of an aircraft at constant
+    coefficients: L_alpha, L_delta, M_q with V, M_alpha and M_delta with V^2.
+    """
+
+    begin: float = 0.0
+    weight: bool = True
+
+    name: ClassVar[str] = "speed-variation"
+    station: ClassVar[Station] = Station.DISTURBANCE
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("rate", 1.5, "m/s2", bounds=(-15.0, 15.0)),
+    )
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ()
+    states: ClassVar[tuple[Signal, ...]] = ()
+    traits: ClassVar[Traits] = Traits(
+        sentences=("the airspeed changes by {rate}",),
+        short_name="changing airspeed",
+        separating=dict.fromkeys(
+            ("sensor-drift", "drag-mach", "density-scale-height"), STEADY_FLIGHT
+        ),
+        plausible={"rate": (-4.0, 4.0)},
+        per_record=True,
+        recorded_as="airspeed_change",
+    )
+    explanation: ClassVar[str] = (
+        "The aircraft speeds up or slows down during the record: V(t) = V + rate (t - begin). All "
+        "forces grow with V^2, the damping by rates with "
+        "V, so the short period becomes faster along the record and the load factor per angle of "
+        "attack larger, while a model with one speed fits "
+        "the middle of the record best and errs at both ends with opposite sign. The lift that "
+        "carries the weight grows with V^2, too: unless "
+        "something that is not recorded keeps the aircraft in trim, nz and the angle of attack "
+        "drift away together, nz by (V(t)/V)^2 - 1. A "
+        "measured airspeed settles the matter; without one it takes maneuvers both early and late "
+        "in the record. "
+        "On the lateral model, only pressure, damping and the turn under gravity change: the Dutch "
+        "roll becomes faster."
+    )
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return ("airspeed_change", "lift") if self.weight else ("airspeed_change",)
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        change = p.rate * (s.time - self.begin)
+        if not self.weight:
+            return {"airspeed_change": change}
+        density = getattr(s, "density_change", 0.0)
+        return {
+            "airspeed_change": change,
+            "lift": weight_lift(change, vehicle, s.airspeed_change, density),
+        }
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+    def fitted_to(self, context: SearchContext) -> SpeedVariation:
+        """The same with the declared airspeed at that record's begin."""
+        return replace(self, begin=context.begin)
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """The slope where there is none."""
+        return (Probe(self.absent, ("rate",)),)
+
+
+SPEED_VARIANTS: tuple[Traceable, ...] = (SpeedVariation(), SpeedVariation(weight=False))
+
+
+VARIANTS: tuple[Traceable, ...] = (*PHUGOID_VARIANTS, *SPEED_VARIANTS)

@@ -1,0 +1,187 @@
+"""The air of a falling body: its density over altitude, and drag that depends on the Mach
+number.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.effects.instances import ANOTHER_FALL
+from sim.maths import Shapes, absolute, asinh, combine, maximum, natural_shapes, shape_names, sqrt
+
+
+@dataclass(frozen=True)
+class DensityScaleHeight:
+    """rho = rho0 exp(-altitude / (H (1 + change))): the true scale height as a share above the
+    declared H; rho0 stays.
+
+    It acts on the logarithm of the drag, the only place where a falling body feels the density.
+    """
+
+    name: ClassVar[str] = "density-scale-height"
+    station: ClassVar[Station] = Station.DYNAMICS
+    needs: ClassVar[tuple[str, ...]] = ("log_drag",)
+    needs_constants: ClassVar[tuple[str, ...]] = ("density_scale_height",)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("change", 0.05, "1", bounds=(-0.7, 2.0)),
+    )
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"change": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ()
+    states: ClassVar[tuple[Signal, ...]] = ()
+    traits: ClassVar[Traits] = Traits(
+        sentences=(
+            "the air density falls off with a scale height {change_change} {change_direction} than "
+            "declared",
+        ),
+        separating=dict.fromkeys(("drag-mach", "drag-jump", "sensor-scale"), ANOTHER_FALL),
+        plausible={"change": (-0.4, 0.6)},
+    )
+    explanation: ClassVar[str] = (
+        "The atmosphere is warmer or colder than the declared one, and its density falls with "
+        "altitude by another scale height: rho = rho0 "
+        "exp(-altitude / (H (1 + change))), with the density at altitude zero as declared. At one "
+        "altitude that equals another ballistic "
+        "coefficient; a fall through several scale heights tells the two apart, since the error "
+        "grows with altitude. A change of temperature by "
+        "one per cent changes the scale height by one per cent."
+    )
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {
+            "log_drag": s.altitude * p.change / (vehicle.density_scale_height * (1.0 + p.change))
+        }
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """The slope where there is none."""
+        return (Probe(self.absent, ("change",)),)
+
+
+DENSITY_VARIANTS: tuple[Traceable, ...] = (DensityScaleHeight(),)
+
+
+SONIC, TRANSONIC = 1.1, 0.25  # middle and half width of the Mach numbers at which drag changes most
+# K, K/m, K: standard atmosphere, held at its tropopause value above 11 km
+SEA_LEVEL, LAPSE, COLDEST = 288.15, 0.0065, 216.65
+HIGH, MOST = 11000.0, 1.0  # m, from where the air is coldest; of the logarithm of the drag
+SPEED_PER_ROOT = math.sqrt(1.4 * 287.053)  # (m/s)/sqrt(K): air as a perfect gas
+
+
+@dataclass(frozen=True)
+class DragMach:
+    """log drag += f(M), M = speed / speed of sound, f a natural cubic spline over ``[low, high]``
+    with f = 0 at ``low``.
+
+    f = sum of ``shape1`` ... times orthonormal shapes (`sim.maths`) of asinh((M - 1.1)/0.25), which
+    spreads the transonic range, where drag changes most. beta is then the ballistic coefficient at
+    the lowest Mach number, below which f goes on straight. The speed of sound is that of the
+    standard atmosphere, a = sqrt(1.4 R T) with T = max(288.15 K - 0.0065 K/m altitude, 216.65 K).
+    One that is a few per cent off stretches f along M and changes no fit.
+
+    Attributes
+    ----------
+    low, high : Mach numbers flown. fine : ten shapes instead of five, the first five the same.
+    """
+
+    low: float = 0.5
+    high: float = 6.0
+    fine: bool = False
+
+    name: ClassVar[str] = "drag-mach"
+    station: ClassVar[Station] = Station.DYNAMICS
+    needs: ClassVar[tuple[str, ...]] = ("log_drag",)
+    needs_constants: ClassVar[tuple[str, ...]] = ("beta",)
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ("density-scale-height",)
+    states: ClassVar[tuple[Signal, ...]] = ()
+    explanation: ClassVar[str] = (
+        "The drag coefficient is no constant: near the speed of sound shock waves raise it, faster "
+        "still it falls again. Drag = exp(f(M)) * 0.5 "
+        "rho v^2 / beta, f a smooth curve of the Mach number (natural cubic spline), zero at the "
+        "lowest Mach number flown, where beta holds. A "
+        "body that slows down through the speed of sound shows it best. Speed and altitude fall "
+        "together, so that along a single fall it resembles "
+        "another density profile; falls of different speed tell the two apart."
+    )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        # What the fall hardly tells, high up where there is no air, must not run away: a shape
+        # changes the drag by threefold at one sigma.
+        shapes = enumerate(shape_names(self.fine, flat=False))
+        return tuple(
+            Parameter(name, 0.2 / (1.0 + i), "1", prior_std=MOST / (1.0 + i)) for i, name in shapes
+        )
+
+    @property
+    def absent(self) -> Mapping[str, float]:
+        return MappingProxyType(dict.fromkeys(shape_names(self.fine, flat=False), 0.0))
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the drag changes with the Mach number",),
+            separating={"drag-jump": ANOTHER_FALL, "sensor-scale": ANOTHER_FALL},
+            plausible=dict.fromkeys(shape_names(self.fine, flat=False), (-3.0, 3.0)),
+        )
+
+    @property
+    def shapes(self) -> Shapes:
+        """The shapes as functions of the stretched Mach number."""
+        low, high = _stretched(self.low), _stretched(self.high)
+        return natural_shapes(low, high, self.fine, low, False)
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {
+            "log_drag": combine(
+                self.shapes, _stretched(absolute(s.velocity) / _speed_of_sound(s.altitude)), p
+            )
+        }
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+    def fitted_to(self, context: SearchContext) -> DragMach:
+        """The same over the Mach numbers that the record's speeds reach: a fall is slowest where it
+        is lowest.
+        """
+        flown, heights = context.flown_range("velocity"), context.flown.get("altitude", (0.0, HIGH))
+        if flown is None:
+            return self
+        slowest = 0.0 if flown[0] < 0.0 < flown[1] else min(abs(flown[0]), abs(flown[1]))
+        low, high = (
+            slowest / _speed_of_sound(heights[0]),
+            max(abs(flown[0]), abs(flown[1])) / _speed_of_sound(heights[1]),
+        )
+        return replace(self, low=low, high=max(high, low + 0.1))
+
+    def finer(self) -> DragMach:
+        """The same with five finer shapes."""
+        return replace(self, fine=True)
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """Slopes by all shapes where there is none."""
+        return (Probe(self.absent, shape_names(self.fine, flat=False)),)
+
+
+def _speed_of_sound(altitude: Any) -> Any:
+    return SPEED_PER_ROOT * sqrt(maximum(SEA_LEVEL - LAPSE * altitude, COLDEST))
+
+
+def _stretched(mach: Any) -> Any:
+    return asinh((mach - SONIC) / TRANSONIC)
+
+
+MACH_VARIANTS: tuple[Traceable, ...] = (DragMach(),)
+
+
+VARIANTS: tuple[Traceable, ...] = (*DENSITY_VARIANTS, *MACH_VARIANTS)

@@ -1,0 +1,314 @@
+"""Control surface whose effect is no straight line of its deflection: a smooth curve, and two plain
+forms of it, unequal to both sides and weakening with the deflection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.effects.controls import (
+    LATERAL_CONTROLS,
+    SHARES,
+    LateralControl,
+    PlainControl,
+    of_all_controls,
+)
+from sim.effects.instances import all_labelled, labelled
+from sim.maths import combine, natural_shapes, shape_names, sqrt
+
+
+@dataclass(frozen=True)
+class ControlNonlinearity:
+    """The moment of a deflection d is that of d + f(d), f a natural cubic spline over ``[low,
+    high]`` with f(0) = f'(0) = 0.
+
+    moment += moment_by f(d), lift += ``lift_share`` lift_by f(d), with the vehicle's derivatives by
+    the control. f = sum of ``shape1`` ... times orthonormal shapes (`sim.maths`), each the root
+    mean square deflection that its shape adds over the range, in the control's unit. ``lift_share``
+    is one where lift and moment come from one force on the surface, zero where the moment alone
+    bends; it has no meaning while f is zero.
+
+    Attributes
+    ----------
+    low, high : the range used. fine : nine shapes instead of four, the first four the same.
+    control, unit, size : the signal, its unit, and a usual size. moment_by, lift_by : names of the
+    derivatives. share_free : whether ``lift_share`` is estimated: not where the control hardly
+    lifts. by : values that stand for moment_by and lift_by beside f, the vehicle's own when empty.
+    An input of a few levels leaves f and the
+        derivative to trade off; with a fixed factor beside f that stays a straight line, which a
+        Gaussian can describe.
+    ports : that moment and lift add to. further : ports beside them, each with its derivative by
+    the control. label : of the name, where there
+        are several controls.
+    speed : the constant that is the declared airspeed; where it is only a ``reference_airspeed``
+    deflections are totals, and f counts from the
+        ``middle`` of the range.
+    """
+
+    low: float = -0.1
+    high: float = 0.1
+    fine: bool = False
+    control: str = "elevator"
+    unit: str = "rad"
+    size: float = 0.01
+    moment_by: str = "Cm_de"
+    lift_by: str = "CL_de"
+    share_free: bool = True
+    by: tuple[float, ...] = ()
+    ports: tuple[str, str] = ("moment", "lift")
+    further: tuple[tuple[str, str], ...] = ()
+    label: str = ""
+    speed: str = "airspeed"
+    middle: float = 0.0
+
+    station: ClassVar[Station] = Station.DYNAMICS
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    states: ClassVar[tuple[Signal, ...]] = ()
+
+    @property
+    def explanation(self) -> str:
+        moment, lift = (name.partition("_")[0] for name in (self.moment_by, self.lift_by))
+        return (
+            "The surface works more or less at large deflections than its derivative at zero "
+            "tells: the flow separates, a gap opens, up and down "
+            f"differ. {moment} = ... + {self.moment_by} (d + f(d)) for a deflection d, {lift} = "
+            f"... + {self.lift_by} (d + lift_share f(d)), f a "
+            "smooth curve (natural cubic spline, four shapes) over the range used with no value "
+            "and no slope at zero. An input of a few fixed levels "
+            "shows it at these levels only, and there it cannot be told from a surface that "
+            "reaches its stops or from break-out; a multisine can."
+        )
+
+    @property
+    def name(self) -> str:
+        return labelled("control-nonlinearity", self.label)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return all_labelled(("actuator-saturation", "input-deadband"), self.label)
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return (*self.ports, *(port for port, _ in self.further))
+
+    @property
+    def needs_constants(self) -> tuple[str, ...]:
+        return (*self._derivatives, self.speed)
+
+    @property
+    def _derivatives(self) -> tuple[str, ...]:
+        return (self.moment_by, self.lift_by, *(derivative for _, derivative in self.further))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        # What the input does not reach must not run away: no shape adds more than the deflection
+        # itself.
+        widest = max(abs(self.low - self.middle), abs(self.high - self.middle))
+        shapes = tuple(
+            Parameter(name, -self.size / (1.0 + i), self.unit, prior_std=widest / (1.0 + i))
+            for i, name in enumerate(shape_names(self.fine))
+        )
+        return (
+            *shapes,
+            Parameter(
+                "lift_share", 1.0, "1", prior_std=1.0, bounds=(-10.0, 10.0), free=self.share_free
+            ),
+        )
+
+    @property
+    def absent(self) -> Mapping[str, float]:
+        return MappingProxyType(dict.fromkeys(shape_names(self.fine), 0.0))
+
+    @property
+    def traits(self) -> Traits:
+        widest = max(abs(self.low - self.middle), abs(self.high - self.middle))
+        return Traits(
+            sentences=(
+                "the {control} works unequally to both sides, by {unevenness_change} about the "
+                "mean (unevenness {unevenness})",
+                "the effect of the {control} is not in proportion to its deflection",
+            ),
+            short_name="curved control",
+            plausible=dict.fromkeys(shape_names(self.fine), (-widest, widest))
+            | {"lift_share": (-3.0, 5.0)},
+        )
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        at, low, high = getattr(s, self.control), self.low, self.high
+        if self.middle:
+            at, low, high = at - self.middle, low - self.middle, high - self.middle
+        more = combine(natural_shapes(low, high, self.fine), at, p[:-1])
+        moment, lift, *others = self.by or [getattr(vehicle, name) for name in self._derivatives]
+        added = {self.ports[0]: moment * more, self.ports[1]: p.lift_share * lift * more}
+        return {
+            **added,
+            **{port: other * more for (port, _), other in zip(self.further, others, strict=True)},
+        }
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+    def fitted_to(self, context: SearchContext) -> ControlNonlinearity:
+        """The same over the range of deflections that the record used, in units of the derivatives
+        fitted so far.
+
+        A pseudo-control goes no further than the stick.
+        """
+        low, high = (
+            context.flown_range(self.control)
+            or context.flown_range("stick")
+            or (self.low, self.high)
+        )
+        by = tuple(context.values.get(name, 0.0) for name in self._derivatives)
+        middle = 0.0 if self.speed == "airspeed" else 0.5 * (low + high)
+        return replace(self, low=low, high=high, middle=middle, by=by if by[0] != 0.0 else ())
+
+    def finer(self) -> ControlNonlinearity:
+        """The same with five finer shapes."""
+        return replace(self, fine=True)
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """Slopes by all shapes where there is none, lift and moment from one force."""
+        return (Probe({**self.absent, "lift_share": 1.0}, shape_names(self.fine)),)
+
+
+def _lateral(c: LateralControl) -> ControlNonlinearity:
+    return ControlNonlinearity(
+        control=c.control,
+        moment_by=c.moment_by,
+        lift_by=c.lift_by,
+        share_free=False,
+        ports=c.ports,
+        further=c.further,
+        label=c.control,
+    )
+
+
+# Plainer forms are in control_unevenness.py and control_weakening.py, under the same name.
+CURVE_VARIANTS: tuple[Traceable, ...] = (
+    ControlNonlinearity(),
+    ControlNonlinearity(
+        low=-1.0,
+        high=1.0,
+        control="delta",
+        unit="1",
+        size=0.1,
+        moment_by="M_delta",
+        lift_by="L_delta",
+        share_free=False,
+    ),
+    *map(_lateral, LATERAL_CONTROLS),
+    ControlNonlinearity(label="elevator", speed="reference_airspeed"),
+)
+
+
+# of the largest deflection: the kink is a curve that narrow, so that there is a slope everywhere
+ROUNDED = 0.001
+
+
+@dataclass(frozen=True)
+class ControlUnevenness(PlainControl):
+    """The moment of a deflection d is that of d + ``unevenness`` |d|: slopes of 1 + unevenness to
+    the positive side, 1 - unevenness to the other.
+
+    The vehicle's derivatives are then the means of both sides. |d| stands for sqrt(d^2 + w^2) - w,
+    ``width`` w of the rounded kink in the control's unit.
+    """
+
+    width: float = 0.00005
+
+    aliases: ClassVar[tuple[str, ...]] = ()
+    bend: ClassVar[Parameter] = Parameter("unevenness", 0.2, "1", bounds=(-1.0, 1.0))
+    traits: ClassVar[Traits] = Traits(
+        sentences=(
+            "the {control} works unequally to both sides, by {unevenness_change} about the mean "
+            "(unevenness {unevenness})",
+        ),
+        short_name="uneven control",
+        plausible={"unevenness": (-0.7, 0.7), **SHARES},
+    )
+
+    @property
+    def explanation(self) -> str:
+        moment = self.moment_by.partition("_")[0]
+        return (
+            f"The surface works more to one side than to the other: {moment} = ... + "
+            f"{self.moment_by} (d + unevenness |d|) for a deflection d from "
+            "trim, its other coefficients likewise. A tail near its stall, a gap that one side "
+            "opens, or an actuator with two gains do this. The "
+            "derivative is then the mean of both sides, and a model with one slope errs with the "
+            "same sign for up and down: after a doublet it ends "
+            "at another attitude than the aircraft. An input to one side alone only shows another "
+            "derivative; it takes steps to both."
+        )
+
+    def curve(self, d: Any, p: Any) -> Any:
+        return p.unevenness * (sqrt(d * d + self.width * self.width) - self.width)
+
+    def fitted_to(self, context: SearchContext) -> ControlUnevenness:
+        """The same with a kink as narrow as the deflections of the record ask."""
+        widest, middle = self.used(context)
+        return replace(self, width=ROUNDED * widest or self.width, middle=middle)
+
+
+UNEVENNESS_VARIANTS: tuple[Traceable, ...] = of_all_controls(ControlUnevenness, width=0.0005)
+
+
+@dataclass(frozen=True)
+class ControlWeakening(PlainControl):
+    """The moment of a deflection d is that of d - ``loss`` d (d/D)^2, ``widest`` D the largest
+    deflection used, in the control's unit.
+
+    There the surface has lost the share ``loss`` of its effect; negative where it has gained. The
+    vehicle's derivatives are those at zero.
+    """
+
+    widest: float = 0.1
+
+    bend: ClassVar[Parameter] = Parameter("loss", 0.2, "1", bounds=(-3.0, 1.0))
+    traits: ClassVar[Traits] = Traits(
+        sentences=(
+            "the {control} loses the share {loss} of its effect towards its largest deflection",
+        ),
+        short_name="weakening control",
+        plausible={"loss": (-0.7, 0.7), **SHARES},
+    )
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return all_labelled(("actuator-saturation", "input-deadband"), self.label)
+
+    @property
+    def explanation(self) -> str:
+        moment = self.moment_by.partition("_")[0]
+        return (
+            "Each further degree of the surface turns the flow by less, to both sides alike: "
+            f"{moment} = ... + {self.moment_by} (d - loss d (d/D)^2) "
+            "for a deflection d, D the largest that was used, its other coefficients likewise. A "
+            "gap that opens and flow that begins to separate do "
+            "this. Under an input of a few fixed levels a surface that reaches its stops looks the "
+            "same; a multisine tells."
+        )
+
+    def curve(self, d: Any, p: Any) -> Any:
+        return -p.loss * d * (d / self.widest) ** 2
+
+    def fitted_to(self, context: SearchContext) -> ControlWeakening:
+        """The same with the largest deflection of the record."""
+        widest, middle = self.used(context)
+        return replace(self, widest=widest or self.widest, middle=middle)
+
+
+WEAKENING_VARIANTS: tuple[Traceable, ...] = of_all_controls(ControlWeakening, widest=1.0)
+
+
+VARIANTS: tuple[Traceable, ...] = (
+    *CURVE_VARIANTS,
+    *UNEVENNESS_VARIANTS,
+    *WEAKENING_VARIANTS,
+)

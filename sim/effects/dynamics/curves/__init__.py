@@ -1,3 +1,0 @@
-"""Coefficients and derivatives that are curves: of an angle, a control, the Mach number, or of any
-signal.
-"""

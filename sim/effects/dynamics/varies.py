@@ -1,0 +1,292 @@
+"""The general form of all nonlinearities: a parameter of the equations that is a smooth curve of a
+state, an input or the airspeed.
+
+P. C. Young calls it a state-dependent parameter (Recursive Estimation and Time-Series Analysis, 2nd
+ed., chapter 11). Instances are made from the declaration: each parameter that multiplies a signal
+(``factors``), over each state, control and recorded airspeed. Those that are what a named curve
+bends bear its name (``other_names``) and are not made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.declaration.effect import Parameter, Regularity, Station, constants_needed, ports_needed
+from sim.declaration.model import Equations, Multiplying
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.declaration.user_equations import OwnEquations
+from sim.effects.dynamics.atmosphere import DensityScaleHeight, DragMach
+from sim.effects.dynamics.control_nonlinearity import CURVE_VARIANTS as CURVED_CONTROLS
+from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
+from sim.effects.dynamics.load_nonlinearity import VARIANTS as CURVED_LOADS
+from sim.effects.instances import BEYOND_PRODUCTS, controls
+from sim.effects.loads import MULTIPLIED, LoadCurve
+from sim.maths import Shapes, combine, first_shapes, natural_shapes, shape_names
+
+# shapes: a slope and a bend; the curve of five intervals of the named ones; that of ten
+FORMS = (2, 5, 10)
+# the port where a recorded airspeed comes in, and what it is called
+AIRSPEED_CHANGE, AIRSPEED = "airspeed_change", "airspeed"
+CURVES = (*CURVED_CONTROLS, *CURVED_LOADS)
+# A fall meets its heights and speeds together: a ballistic coefficient over the one is the air's
+# density, over the other the Mach number's drag.
+OF_A_FALL: Mapping[tuple[str, str], Traceable] = {
+    ("beta", "altitude"): DensityScaleHeight(),
+    ("beta", "velocity"): DragMach(),
+}
+# A usual change of a coefficient's derivatives; by the rates they are several times larger. Of the
+# low-order equivalent by name.
+_USUAL = {"CL": 0.8, "Cm": 0.3, "CD": 0.1, "CY": 0.2, "Cl": 0.06, "Cn": 0.04}
+_BY_RATE = {"q": 20.0, "p": 5.0, "r": 5.0}
+# Dimensional derivatives: of a low-order equivalent system, then of a multirotor.
+_USUAL_DIMENSIONAL = {
+    **{"L_alpha": 0.4, "M_alpha": 3.0, "L_delta": 0.01, "M_delta": 0.1, "L_q": 0.1, "M_q": 1.0},
+    **{"L_p": 1.0, "L_lat": 15.0, "M_lon": 15.0, "N_r": 0.5, "N_ped": 3.0, "Z_col": 5.0},
+}
+
+
+@dataclass(frozen=True)
+class Varies:
+    """``parameter`` += f(signal), f a natural cubic spline over ``[low, high]`` that is zero at the
+    anchor.
+
+    The anchor is zero where the range holds it, else the middle of the range. The parameter as
+    declared is that at the anchor. f = ``shape1`` times a straight line + ``shape2`` times nearly a
+    parabola; freer forms have the other shapes of a spline of five intervals, as the named curves,
+    and of ten (`sim.maths`). They are orthonormal: each size is the root mean square that its shape
+    adds over the range, in the parameter's unit. Outside the range f goes on straight.
+
+    Attributes
+    ----------
+    parameter, counted_in : of the equations, and its unit. over : the signal on the bus. called :
+    its name, where that differs. gust : the port
+        that adds to it. state : whether the signal is a state. size : a usual change; ``guessed``
+        where nothing is known of it, as in a user's own model. alike : the instance with the same
+        product of two signals.
+    low, high : the range flown, in the signal's unit. count : of shapes, one of ``FORMS``.
+    """
+
+    parameter: str = "Cm_q"
+    counted_in: str = "1/rad"
+    over: str = "alpha"
+    called: str = ""
+    gust: str = "gust"
+    state: bool = True
+    size: float = 6.0
+    guessed: bool = False
+    alike: str = "varies:Cm_alpha(q)"
+    low: float = -0.15
+    high: float = 0.15
+    count: int = FORMS[0]
+
+    station: ClassVar[Station] = Station.DYNAMICS
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+
+    @property
+    def name(self) -> str:
+        return name_of(self.parameter, self.called or self.over)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return (self.alike,) if self.alike else ()
+
+    @property
+    def explanation(self) -> str:
+        signal = self.called or self.over
+        return (
+            f"{self.parameter} is no constant but a smooth curve of {signal}: {self.parameter} = "
+            f"{self.parameter} + f({signal}), f a natural "
+            "cubic spline over the range flown that is zero at zero, or in the middle of a range "
+            "that does not hold zero. It is the general form of "
+            "all nonlinearities, of any derivative over any state, input or airspeed, and is asked "
+            "for only where no effect with a cause of its own "
+            "explains the records. Even growth alone is the product of two signals, which two "
+            "derivatives share: what bends tells which it is."
+        )
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return (self.gust,) if self.gust else ()
+
+    @property
+    def needs_constants(self) -> tuple[str, ...]:
+        return (self.parameter,)
+
+    @property
+    def states_read(self) -> tuple[str, ...]:
+        return (self.over,) if self.state else ()
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return shape_names(fine=True, flat=False)[: self.count]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        # What the records do not reach must not run away; a freer form begins next to the plain
+        # one.
+        starts = [
+            self.size / (1.0 + i) * (1.0 if i < FORMS[0] else 1e-3) for i in range(self.count)
+        ]
+        return tuple(
+            Parameter(name, start, self.counted_in, prior_std=3.0 * self.size)
+            for name, start in zip(self._names, starts, strict=True)
+        )
+
+    @property
+    def absent(self) -> Mapping[str, float]:
+        return MappingProxyType(dict.fromkeys(self._names, 0.0))
+
+    @property
+    def traits(self) -> Traits:
+        signal = self.called or self.over
+        return Traits(
+            sentences=(f"{self.parameter} depends on {signal}",),
+            short_name=f"{self.parameter} over {signal}",
+            plausible=dict.fromkeys(self._names, (-30.0 * self.size, 30.0 * self.size)),
+            separating={"varies": BEYOND_PRODUCTS},
+            general=True,
+        )
+
+    @property
+    def shapes(self) -> Shapes:
+        """The shapes as functions of the signal."""
+        anchor = 0.0 if self.low <= 0.0 <= self.high else 0.5 * (self.low + self.high)
+        return first_shapes(
+            natural_shapes(self.low, self.high, self.count == FORMS[-1], anchor, False), self.count
+        )
+
+    def change(self, s: Any, p: Any) -> Any:
+        at = getattr(s, self.over)
+        return combine(self.shapes, at + getattr(s, self.gust) if self.gust else at, p)
+
+    def fitted_to(self, context: SearchContext) -> Varies:
+        """The same over the range that the records flew; one that is larger than usual may change
+        by more, and a guess gives way to its size.
+        """
+        low, high = context.flown_range(self.over) or (self.low, self.high)
+        if not high > low:
+            low, high = self.low, self.high
+        declared = abs(context.values.get(self.parameter, 0.0))
+        # A guess of one in whatever unit would make what is found depend on the unit.
+        return replace(
+            self,
+            low=low,
+            high=high,
+            size=declared if self.guessed and declared > 0.0 else max(self.size, declared),
+        )
+
+    def finer(self) -> Varies:
+        """The same in the next form, with further shapes."""
+        return replace(self, count=min((n for n in FORMS if n > self.count), default=FORMS[-1]))
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """Slopes by all shapes where there is none."""
+        return (Probe(self.absent, self._names),)
+
+
+def name_of(parameter: str, signal: str) -> str:
+    """``varies:Cm_q(alpha)``."""
+    return f"varies:{parameter}({signal})"
+
+
+def made_for(equations: Equations) -> tuple[Varies, ...]:
+    """An instance for each parameter that multiplies a signal over each state, control and recorded
+    airspeed, but for those of a named curve.
+    """
+    if isinstance(equations, OwnEquations) and equations.terms:
+        return ()  # missing terms say it
+    named = other_names(equations)
+    made = {effect.name: effect for effect in _every(equations) if effect.name not in named}
+    return tuple(
+        replace(effect, alike=effect.alike if effect.alike in made else "")
+        for effect in made.values()
+    )
+
+
+def other_names(equations: Equations) -> Mapping[str, str]:
+    """Names of instances that are what a named curve bends, with the name of that curve."""
+    ports, known = {port.name for port in equations.ports}, {*equations.parameter_names}
+    curves = [
+        *(((derivative, signal), curve) for curve in CURVES for derivative, signal in _bent(curve)),
+        *OF_A_FALL.items(),
+    ]
+    fitting = [
+        (key, c)
+        for key, c in curves
+        if ports.issuperset(ports_needed(c)) and known.issuperset(constants_needed(c))
+    ]
+    offered = {effect.name for effect in _every(equations)}
+    return {
+        name: curve.name for key, curve in reversed(fitting) if (name := name_of(*key)) in offered
+    }
+
+
+def _bent(curve: Traceable) -> tuple[tuple[str, str], ...]:
+    """Derivatives that a named curve bends, each with the signal over which."""
+    if isinstance(curve, LoadCurve):
+        return ((curve.needs_constants[0], curve.flown),)
+    return (
+        tuple((name, curve.control) for name in curve.needs_constants[:-1])
+        if isinstance(curve, ControlNonlinearity)
+        else ()
+    )
+
+
+def _every(equations: Equations) -> Iterator[Varies]:
+    factors = equations.factors if isinstance(equations, Multiplying) else {}
+    own, ports = isinstance(equations, OwnEquations), {port.name for port in equations.ports}
+    recorded = [
+        (signal.name, AIRSPEED, False)
+        for signal in equations.inputs
+        if signal.name == AIRSPEED_CHANGE and not own
+    ]
+    signals = (
+        [(s.name, s.name, True) for s in equations.states]
+        + [(s.name, s.name, False) for s in controls(equations)]
+        + recorded
+    )
+    angle = next(
+        (
+            name
+            for name in ("alpha", "beta")
+            if any(signal.name == name for signal in equations.states)
+        ),
+        "",
+    )
+    for parameter, unit in factors.items():
+        for over, called, state in signals:
+            gust = "gust" if over == angle and "gust" in ports and not own else ""
+            alike = "" if own else _same_product(parameter, called, factors)
+            size = 1.0 if own else _usual(parameter)
+            yield Varies(
+                parameter,
+                unit,
+                over,
+                called if called != over else "",
+                gust,
+                state,
+                size,
+                own,
+                alike,
+            )
+
+
+def _same_product(parameter: str, signal: str, factors: Mapping[str, str]) -> str:
+    """The instance that has the same product of two signals: of ``Cl_p(beta)`` it is
+    ``Cl_beta(p)``; empty where there is none.
+    """
+    axis, _, by = parameter.partition("_")
+    known = {other.partition("_")[2]: other for other in factors if other.partition("_")[0] == axis}
+    back = next((other for suffix, other in known.items() if MULTIPLIED.get(suffix) == signal), "")
+    return name_of(back, MULTIPLIED[by]) if back and back != parameter and by in MULTIPLIED else ""
+
+
+def _usual(parameter: str) -> float:
+    axis, _, by = parameter.partition("_")
+    return _USUAL_DIMENSIONAL.get(parameter) or _USUAL.get(axis, 1.0) * _BY_RATE.get(by, 1.0)
+
+
+VARIANTS: tuple[Varies, ...] = (Varies(),)

@@ -1,0 +1,536 @@
+"""Loads that follow a state late, swing at one frequency or grow with the product of two signals;
+and a vane behind the centre of gravity, the other reading of an accelerometer ahead of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.model import Equations
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.declaration.user_equations import OwnEquations
+from sim.effects.airflow import at_arm
+from sim.effects.instances import (
+    all_labelled,
+    controls,
+    further_inputs,
+    labelled,
+    per_unit,
+    ports_without,
+)
+from sim.effects.loads import LOADS, SizedOnPorts, load_parameters
+from sim.maths import cos, once_for_alike
+
+LAGS = (0.05, 0.15, 0.5, 1.5)  # s, that a search tries: about the short period's time
+LOOKS_LATE = ("actuator-lag", "input-delay")
+
+
+@dataclass(frozen=True)
+class LaggedLoads(SizedOnPorts):
+    """late_dot = (angle - late)/``lag``, lift += ``lift`` (angle - late), moment += ``moment``
+    (angle - late).
+
+    The first term of unsteady aerodynamics: loads that overshoot or build up with time constant
+    ``lag``, s. For a short lag it is a derivative by alpha_dot, which the declared derivatives hold
+    already.
+
+    Attributes
+    ----------
+    units, sizes : of lift and moment. needs_constants : those of the equations it is written for.
+    ports : that it loads, and the names of these parameters. angle : the signal that is followed
+    late. aliases : effects that look like it. total : whether the signal is one; it then counts
+    from ``middle``, that of the values flown, so that the loads do not begin with a jump. flown,
+    counted_in : the state behind the signal and its unit. of : of the name, where there are guards
+    for several states.
+    """
+
+    units: tuple[str, ...]
+    sizes: tuple[float, ...]
+    needs_constants: tuple[str, ...]
+    ports: tuple[str, ...] = LOADS
+    angle: str = "alpha_air"
+    aliases: tuple[str, ...] = LOOKS_LATE
+    total: bool = False
+    middle: float = 0.0
+    flown: str = "alpha"
+    counted_in: str = "rad"
+    of: str = ""
+
+    station: ClassVar[Station] = Station.DYNAMICS
+    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    traits: ClassVar[Traits] = Traits(guard=True)
+
+    @property
+    def name(self) -> str:
+        return labelled("guard:lagged-loads", self.of)
+
+    @property
+    def states(self) -> tuple[Signal, ...]:
+        return (Signal(self._late, self.counted_in, f"{self.flown}, late"),)
+
+    @property
+    def _late(self) -> str:
+        """Of several each has its own, under a name that no user's signal can have."""
+        return f"{self.of}, late" if self.of else "late_angle"
+
+    @property
+    def explanation(self) -> str:
+        loads = " and ".join(port.replace("_", " ") for port in self.ports)
+        return (
+            f"A generic term: {loads} take{'' if len(self.ports) > 1 else 's'} time to follow "
+            f"{self.flown}: each += size ({self.flown} - late) with "
+            f"late_dot = ({self.flown} - late)/lag. No cause of the library stands behind it. "
+            "Where it explains a record better than every effect "
+            "does, the cause is none of them."
+        )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        loads = load_parameters(self.sizes, self.units, self.ports)
+        return (Parameter("lag", 0.3, "s", bounds=(0.01, 20.0)), *loads)
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        ahead = self._angle(s) - getattr(s, self._late)
+        return {port: getattr(p, port) * ahead for port in self.ports}
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ((self._angle(s) - getattr(s, self._late)) / p.lag,)
+
+    def _angle(self, s: Any) -> Any:
+        angle = getattr(s, self.angle)
+        return angle - self.middle if self.total else angle
+
+    def fitted_to(self, context: SearchContext) -> LaggedLoads:
+        """The same; a total counts from the middle of the values that the record flew."""
+        flown = context.flown_range(self.flown)
+        return replace(self, middle=0.5 * (flown[0] + flown[1])) if self.total and flown else self
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """Slopes by all loads at some lags."""
+        return tuple(
+            Probe({"lag": lag, **self.absent}, self.ports) for lag in LAGS if lag > context.interval
+        )
+
+
+_RUDDER, _ELEVATOR = all_labelled(LOOKS_LATE, "rudder"), all_labelled(LOOKS_LATE, "elevator")
+LAGGED_LOADS: tuple[Traceable, ...] = (
+    LaggedLoads(("1/rad", "1/rad"), (0.5, 0.3), ("Cm_de", "airspeed")),
+    LaggedLoads(("1/s", "1/s2"), (0.3, 2.0), ("M_delta",)),
+    LaggedLoads(
+        ("1/rad", "1/rad"),
+        (0.1, 0.03),
+        ("Cn_dr",),
+        ("side_force", "yaw"),
+        "beta_air",
+        _RUDDER,
+        flown="beta",
+    ),
+    LaggedLoads(
+        ("1/rad", "1/rad"),
+        (0.5, 0.3),
+        ("Cm_de", "reference_airspeed"),
+        aliases=_ELEVATOR,
+        total=True,
+    ),
+)
+
+
+def lagged_made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each state of a user's own model, on the ports where an estimated parameter
+    multiplies it.
+    """
+    if not isinstance(equations, OwnEquations):
+        return ()
+    looks = (
+        tuple(
+            name
+            for signal, label in further_inputs(equations)
+            for name in all_labelled(LOOKS_LATE, label)
+        )
+        or LOOKS_LATE
+    )
+    ports, found = ports_without(LAGGED_LOADS, equations), list[Traceable]()
+    multiplied = {(port, signal) for port, signal, _ in equations.products}
+    for state in equations.states:
+        loaded = [port for port in ports if (port.name, state.name) in multiplied]
+        if loaded:
+            units, names = (
+                tuple(per_unit(port.unit, state.unit) for port in loaded),
+                tuple(port.name for port in loaded),
+            )
+            late = LaggedLoads(
+                units, (1.0,) * len(loaded), (), names, state.name, looks, total=True
+            )
+            found.append(replace(late, flown=state.name, counted_in=state.unit, of=state.name))
+    return tuple(found)
+
+
+SPACING = 1.12  # of the frequencies tried, besides the peaks of the residual's spectrum
+FASTEST = 60.0  # rad/s
+# ports that swing as one, as lift and moment do; each further one has two more sizes to pay for
+TOGETHER = 2
+
+
+@dataclass(frozen=True)
+class PeriodicLoads:
+    """lift += ``lift_cos`` cos(w t) + ``lift_sin`` sin(w t), moment alike, w the ``frequency`` in
+    rad/s.
+
+    A rotor, a limit cycle of the control system, somebody who pumps the stick: forcing that does
+    not depend on the state.
+
+    Attributes
+    ----------
+    units, sizes : of lift and moment. needs_constants : those of the equations it is written for.
+    ports : that it loads; they name the parameters. label : of the name, where there are several.
+    """
+
+    units: tuple[str, ...]
+    sizes: tuple[float, ...]
+    needs_constants: tuple[str, ...]
+    ports: tuple[str, ...] = LOADS
+    label: str = ""
+
+    station: ClassVar[Station] = Station.DYNAMICS
+    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    aliases: ClassVar[tuple[str, ...]] = ("elastic-mode",)
+    states: ClassVar[tuple[Signal, ...]] = ()
+    traits: ClassVar[Traits] = Traits(
+        per_record=True,
+        guard=True,
+    )
+
+    @property
+    def name(self) -> str:
+        return labelled("guard:periodic-loads", self.label)
+
+    @property
+    def explanation(self) -> str:
+        loads, of = " and ".join(port.replace("_", " ") for port in self.ports), self.ports[-1]
+        return (
+            f"A generic term: {loads} swing{'' if len(self.ports) > 1 else 's'} at one frequency "
+            "all through the record, "
+            f"{of.replace('_', ' ')} += {of}_cos cos(w t) + {of}_sin sin(w t), whatever the "
+            "controls and the vehicle do. No cause of the library "
+            "does that. Where it explains a record better than every effect does, the cause is "
+            "none of them."
+        )
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return self.ports
+
+    @property
+    def absent(self) -> Mapping[str, float]:
+        return MappingProxyType(
+            {f"{port}_{part}": 0.0 for port in self.ports for part in ("cos", "sin")}
+        )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        sized = zip(self.ports, self.sizes, self.units, strict=True)
+        loads = (
+            Parameter(f"{port}_{part}", size, unit)
+            for port, size, unit in sized
+            for part in ("cos", "sin")
+        )
+        return (Parameter("frequency", 6.0, "rad/s", bounds=(0.2, 400.0)), *loads)
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        even = once_for_alike(lambda frequency: cos(frequency * s.time), p.frequency)
+        odd = once_for_alike(lambda frequency: cos(frequency * s.time - 0.5 * math.pi), p.frequency)
+        return {
+            port: getattr(p, f"{port}_cos") * even + getattr(p, f"{port}_sin") * odd
+            for port in self.ports
+        }
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """Slopes by all four sizes at the peaks of the residual's spectrum, then over a grid."""
+        slowest, fastest = (
+            max(1.0, 6.0 * math.pi / max(context.duration, 1.0)),
+            min(0.5 * math.pi / context.interval, FASTEST),
+        )
+        count = max(2, math.ceil(math.log(max(fastest / slowest, 1.1)) / math.log(SPACING)))
+        grid = [slowest * (fastest / slowest) ** (i / (count - 1)) for i in range(count)]
+        peaks = [
+            frequency for frequency in context.residual_peaks if slowest <= frequency <= fastest
+        ]
+        return tuple(
+            Probe({"frequency": frequency, **self.absent}, tuple(self.absent))
+            for frequency in (*peaks, *grid)
+        )
+
+
+PERIODIC_LOADS: tuple[Traceable, ...] = (
+    PeriodicLoads(("1", "1"), (0.01, 0.01), ("Cm_de",)),
+    PeriodicLoads(("1/s", "1/s2"), (0.01, 0.1), ("M_delta",)),
+    PeriodicLoads(("1", "1"), (0.002, 0.002), ("Cn_dr",), ("roll", "yaw")),
+)
+
+
+def periodic_made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One on the ports of a user's own model whose rates an estimated parameter is part of; one
+    each where there are more than two.
+    """
+    if not isinstance(equations, OwnEquations):
+        return ()
+    moved = {port for port, _, _ in equations.products}
+    ports = [port for port in ports_without(PERIODIC_LOADS, equations) if port.name in moved]
+    together = [ports] if 0 < len(ports) <= TOGETHER else [[port] for port in ports]
+    return tuple(
+        PeriodicLoads(
+            tuple(p.unit for p in some),
+            (1.0,) * len(some),
+            (),
+            tuple(p.name for p in some),
+            some[0].name if len(together) > 1 else "",
+        )
+        for some in together
+    )
+
+
+@dataclass(frozen=True)
+class ProductLoads(SizedOnPorts):
+    """lift += ``lift`` a b, moment += ``moment`` a b, a and b two signals of the equations.
+
+    Attributes
+    ----------
+    label : after ``guard:``. first, second : the signals, which may be the same. aliases, within :
+    effects that contain it. units, sizes : of lift and moment. needs_constants : those of the
+    equations it is written for. ports : that it loads, lift and moment or their like, and the names
+    of these parameters.
+    """
+
+    label: str
+    first: str
+    second: str
+    units: tuple[str, ...]
+    sizes: tuple[float, ...]
+    needs_constants: tuple[str, ...]
+    aliases: tuple[str, ...] = ()
+    ports: tuple[str, ...] = LOADS
+
+    station: ClassVar[Station] = Station.DYNAMICS
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    states: ClassVar[tuple[Signal, ...]] = ()
+
+    @property
+    def name(self) -> str:
+        return f"guard:{self.label}"
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            guard=True,
+        )
+
+    @property
+    def explanation(self) -> str:
+        loads = f"{' and '.join(self.ports)} {'grow' if len(self.ports) > 1 else 'grows'}"
+        return (
+            f"A generic term: {loads} with the product {self.first} * {self.second}. No cause of "
+            "the library stands behind it. Where it explains a "
+            "record better than every effect does, the cause is none of them."
+        )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return load_parameters(self.sizes, self.units, self.ports)
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        product = getattr(s, self.first) * getattr(s, self.second)
+        return {port: getattr(p, port) * product for port in self.ports}
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """Slopes by both where there is none."""
+        return (Probe(self.absent, self.ports),)
+
+
+_CONTROL = ("control-nonlinearity",)
+PRODUCT_LOADS: tuple[Traceable, ...] = (
+    ProductLoads(
+        "alpha-control", "alpha_air", "elevator", ("1/rad2", "1/rad2"), (5.0, 5.0), ("Cm_de",)
+    ),
+    ProductLoads(
+        "control-squared",
+        "elevator",
+        "elevator",
+        ("1/rad2", "1/rad2"),
+        (3.0, 3.0),
+        ("Cm_de", "airspeed"),
+        _CONTROL,
+    ),
+    ProductLoads("alpha-q", "alpha_air", "q_hat", ("1/rad2", "1/rad2"), (100.0, 100.0), ("Cm_de",)),
+    ProductLoads("alpha-control", "alpha_air", "delta", ("1/s", "1/s2"), (1.0, 10.0), ("M_delta",)),
+    ProductLoads(
+        "control-squared", "delta", "delta", ("1/s", "1/s2"), (0.02, 0.1), ("M_delta",), _CONTROL
+    ),
+    ProductLoads("alpha-q", "alpha_air", "q", ("1/rad", "1/(rad s)"), (5.0, 20.0), ("M_delta",)),
+    ProductLoads(
+        "control-squared",
+        "elevator",
+        "elevator",
+        ("1/rad2", "1/rad2"),
+        (3.0, 3.0),
+        ("Cm_de", "reference_airspeed"),
+        ("control-nonlinearity:elevator",),
+    ),
+    *(
+        ProductLoads(
+            name, first, second, ("1/rad2", "1/rad2"), (1.0, 1.0), ("Cn_dr",), within, ports
+        )
+        for name, first, second, within, ports in (
+            ("beta-rudder", "beta_air", "rudder", (), ("side_force", "yaw")),
+            ("beta-aileron", "beta_air", "aileron", (), ("yaw", "roll")),
+            ("beta-p", "beta_air", "p_hat", (), ("yaw", "roll")),
+            ("beta-r", "beta_air", "r_hat", (), ("roll", "yaw")),
+            (
+                "rudder-squared",
+                "rudder",
+                "rudder",
+                ("control-nonlinearity:rudder",),
+                ("side_force", "yaw"),
+            ),
+            (
+                "aileron-squared",
+                "aileron",
+                "aileron",
+                ("control-nonlinearity:aileron",),
+                ("yaw", "roll"),
+            ),
+        )
+    ),
+)
+
+
+def products_made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """Products of two states or controls of a user's own model, on the ports where no estimated
+    parameter multiplies either.
+
+    Where one does, the product is that parameter growing with the other signal, which ``varies``
+    says by name.
+    """
+    if not isinstance(equations, OwnEquations) or equations.terms:
+        return ()
+    ports, signals, found = (
+        ports_without(PRODUCT_LOADS, equations),
+        (*equations.states, *controls(equations)),
+        list[Traceable](),
+    )
+    multiplied = {(port, signal) for port, signal, _ in equations.products}
+    for place, first in enumerate(signals):
+        for second in signals[place:]:
+            free = [
+                port
+                for port in ports
+                if not {(port.name, first.name), (port.name, second.name)} & multiplied
+            ]
+            if free:
+                units = tuple(per_unit(port.unit, first.unit, second.unit) for port in free)
+                names = tuple(port.name for port in free)
+                found.append(
+                    ProductLoads(
+                        f"{first.name}-{second.name}",
+                        first.name,
+                        second.name,
+                        units,
+                        (1.0,) * len(free),
+                        (),
+                        (),
+                        names,
+                    )
+                )
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class VaneBehind:
+    """alpha_m = alpha + (arm/V) q, ``arm`` in m behind the centre of gravity, not negative; of
+    sideslip beta_m = beta - (arm/V) r.
+
+    The library has no vane there, and an accelerometer as far ahead explains every record alike. It
+    is put beside that one alone: where its derivatives lie nearer to the declared ones, the
+    accelerometer is not what is wrong.
+
+    Attributes
+    ----------
+    channel, rate : what the vane reads, and the rate of the nose in its plane. sign : of the rate's
+    share. accelerometer : the channel of the
+        one that reads alike. speed : the constant that is the declared airspeed, for equations
+        without an airspeed of the time.
+    """
+
+    channel: str = "alpha"
+    rate: str = "q"
+    sign: float = 1.0
+    accelerometer: str = "nz"
+    speed: str = "airspeed"
+
+    name: ClassVar[str] = "guard:vane-behind"
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("arm", 5.0, "m", bounds=(0.0, 100.0)),)
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+    explanation: ClassVar[str] = (
+        "A generic term: the angle of attack is read too early, alpha_m = alpha + (arm/V) q, as a "
+        "vane behind the centre of gravity or a correction "
+        "for a nose boom that is not there would do it. An accelerometer ahead of the centre of "
+        "gravity gives the same record under other "
+        "derivatives. Where the declared derivatives speak for this reading, no cause of the "
+        "library is named."
+    )
+
+    @property
+    def needs_constants(self) -> tuple[str, ...]:
+        return (self.speed,)
+
+    @property
+    def states_read(self) -> tuple[str, ...]:
+        return (self.rate,)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return (f"accelerometer-offset:{self.accelerometer}",)
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(guard=True, twins=self.aliases, equivalents=self.aliases)
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return [Probe({"arm": 0.0}, ("arm",))]
+
+    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {
+            self.channel: y[self.channel]
+            + at_arm(s, vehicle, self.sign * p.arm, self.rate, self.speed)
+        }
+
+
+VANE_BEHIND: tuple[Traceable, ...] = (
+    VaneBehind(),
+    VaneBehind("beta", "r", -1.0, "ny"),
+    VaneBehind(speed="reference_airspeed"),
+)
+
+
+GUARDS: tuple[Traceable, ...] = (*LAGGED_LOADS, *PERIODIC_LOADS, *PRODUCT_LOADS, *VANE_BEHIND)
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """The terms of this file for the signals and ports of a user's own model."""
+    return (
+        *lagged_made_for(equations),
+        *periodic_made_for(equations),
+        *products_made_for(equations),
+    )

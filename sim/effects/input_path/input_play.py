@@ -1,0 +1,221 @@
+"""Play between the recorded input and the vehicle: backlash (hysteresis) or a dead band
+(break-out).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.model import Equations
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.effects.controls import ABSENT, believed, half_width, played, tried
+from sim.effects.instances import (
+    MANY_SIZES,
+    all_labelled,
+    further_inputs,
+    has_size,
+    labelled,
+    large_input,
+)
+from sim.maths import clip, each_column
+
+
+@dataclass(frozen=True)
+class InputBacklash:
+    """The vehicle's input y stays where it is until |u - y| > half_width, then follows at that
+    distance.
+
+    ``half_width`` in the unit of the input, not negative. It starts at the first recorded value, in
+    the middle of its play. A play is no differential equation: there is no state form, a filter
+    takes it only with a width that is held.
+
+    Attributes
+    ----------
+    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label :
+    of the name, where there are several inputs.
+    """
+
+    signal: str = "elevator"
+    unit: str = "rad"
+    typical: float = 0.005
+    label: str = ""
+    sized: bool = True
+
+    station: ClassVar[Station] = Station.INPUT_PATH
+    rank: ClassVar[int] = 30
+    absent: ClassVar[Mapping[str, float]] = ABSENT
+    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+    explanation: ClassVar[str] = (
+        "Play in a linkage: the far end y stays put until the near end has gone through the play, "
+        "then follows, y = u - half_width on the way up "
+        "and y = u + half_width on the way down. Each reversal of the input loses 2 half_width "
+        "before anything moves, whatever the position, so "
+        "that the response is too small and late after a reversal and the vehicle may rest off its "
+        "trim after the maneuver. A dead band loses its "
+        "width about zero only, with no memory: reversals away from zero tell the two apart."
+    )
+
+    @property
+    def name(self) -> str:
+        return labelled("input-backlash", self.label)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return ()
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return half_width(self.typical, self.unit)
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the {control} has a play of +-{half_width} (hysteresis)",),
+            short_name="hysteresis",
+            separating={
+                "input-deadband": (
+                    "small slow reversals about a deflected control: a play acts there, a dead "
+                    "band about zero does not"
+                )
+            },
+            plausible=believed(self.typical),
+            in_input_unit=("half_width",),
+        )
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return tried(context, self.signal)
+
+    def fitted_to(self, context: SearchContext) -> InputBacklash:
+        """The same; where nothing is known of the input's unit, of a size that its record asks
+        for.
+        """
+        peak = context.input_peak.get(self.signal, 0.0)
+        return self if self.sized or not peak > 0.0 else replace(self, typical=0.05 * peak)
+
+    def act(self, edges: Any, u: Any, p: Any) -> Any:
+        """Exact for an input that is constant within cells; the loop runs over the turns of the
+        input only.
+        """
+        return each_column(played, u, p.half_width)
+
+
+BACKLASH_VARIANTS: tuple[Traceable, ...] = (InputBacklash(), InputBacklash("stick", "1", 0.05))
+
+
+def backlash_made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each input that has none yet."""
+    return tuple(
+        InputBacklash(
+            signal.name, signal.unit, 0.05 * large_input(signal.unit), label, has_size(signal.unit)
+        )
+        for signal, label in further_inputs(equations)
+    )
+
+
+@dataclass(frozen=True)
+class InputDeadband:
+    """The vehicle feels sign(u) max(|u| - half_width, 0): nothing near zero, no step at the edge of
+    the band.
+
+    ``half_width`` in the unit of the input, not negative. Without memory: the state form has no
+    states.
+
+    Attributes
+    ----------
+    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label :
+    of the name, where there are several inputs.
+    """
+
+    signal: str = "elevator"
+    unit: str = "rad"
+    typical: float = 0.01
+    label: str = ""
+    sized: bool = True
+
+    station: ClassVar[Station] = Station.INPUT_PATH
+    rank: ClassVar[int] = 20
+    absent: ClassVar[Mapping[str, float]] = ABSENT
+    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+    online_states: ClassVar[tuple[Signal, ...]] = ()
+    explanation: ClassVar[str] = (
+        "Near zero the input does nothing: u_vehicle = sign(u) max(|u| - half_width, 0). A "
+        "break-out force at the stick, slack in a linkage that "
+        "is centred by springs, or a threshold in software do this. Outside the band the vehicle "
+        "answers with its full slope but by half_width too "
+        "little, so that small inputs seem weaker than large ones, and an input that crosses zero "
+        "arrives late. Inputs of a single size only see a "
+        "smaller control effectiveness; two sizes or more are needed, of which one is not much "
+        "above the band."
+    )
+
+    @property
+    def name(self) -> str:
+        return labelled("input-deadband", self.label)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return all_labelled(("actuator-saturation", "control-nonlinearity"), self.label)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return half_width(self.typical, self.unit)
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the {control} {sticks} within +-{half_width} of zero (break-out)",),
+            short_name="break-out",
+            separating={"control-nonlinearity": MANY_SIZES},
+            plausible=believed(self.typical),
+            in_input_unit=("half_width",),
+        )
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return tried(context, self.signal)
+
+    def fitted_to(self, context: SearchContext) -> InputDeadband:
+        """The same; where nothing is known of the input's unit, of a size that its record asks
+        for.
+        """
+        peak = context.input_peak.get(self.signal, 0.0)
+        return self if self.sized or not peak > 0.0 else replace(self, typical=0.1 * peak)
+
+    def act(self, edges: Any, u: Any, p: Any) -> Any:
+        """Exact for an input that is constant within cells."""
+        return each_column(lambda row, width: row - clip(row, -width, width), u, p.half_width)
+
+    def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
+        return ()
+
+    def pass_on(self, v: Any, x: Sequence[Any], p: Any) -> Any:
+        return v - clip(v, -p.half_width, p.half_width)
+
+
+DEADBAND_VARIANTS: tuple[Traceable, ...] = (InputDeadband(), InputDeadband("stick", "1", 0.1))
+
+
+def deadband_made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each input that has none yet."""
+    return tuple(
+        InputDeadband(
+            signal.name, signal.unit, 0.1 * large_input(signal.unit), label, has_size(signal.unit)
+        )
+        for signal, label in further_inputs(equations)
+    )
+
+
+VARIANTS: tuple[Traceable, ...] = (
+    *BACKLASH_VARIANTS,
+    *DEADBAND_VARIANTS,
+)
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
+    return (
+        *backlash_made_for(equations),
+        *deadband_made_for(equations),
+    )

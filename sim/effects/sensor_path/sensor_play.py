@@ -1,0 +1,193 @@
+"""A vane with play in its bearing; a gyro that shows nothing below a threshold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sim.declaration.effect import Parameter, Regularity, Station
+from sim.declaration.model import Equations
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.effects.controls import ABSENT, believed, half_width, played
+from sim.effects.instances import KNOWN_OUTPUTS, large_output
+from sim.maths import clip, each_column, trailing
+
+SHARES_OF_HALF_RANGE = (0.04, 0.12, 0.3)  # of half the range of the readings, tried as widths
+VANES = ("alpha", "beta")
+
+
+@dataclass(frozen=True)
+class SensorBacklash:
+    """The recorded angle y stays where it is until |v - y| > half_width, then follows the true one
+    v at that distance.
+
+    ``half_width`` in rad, not negative. It starts at the first true value, in the middle of its
+    play.
+
+    Attributes
+    ----------
+    channel : the output it acts on.
+    """
+
+    channel: str
+    unit: str = "rad"
+    typical: float = 0.005
+
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    rank: ClassVar[int] = 8
+    absent: ClassVar[Mapping[str, float]] = ABSENT
+    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+    explanation: ClassVar[str] = (
+        "Play in the bearing or the linkage of a vane: the pick-off stays put until the vane has "
+        "gone through the play, then follows, y_recorded = y - half_width on the way up and y + "
+        "half_width on the way down. Each reversal of the angle loses "
+        "twice the half width before anything is shown, so that the reading is too small and late "
+        "after a reversal. A delay is the same at all sizes; play weighs more where the motion is "
+        "small. The kinematics with a rate and a load factor show it in the one channel."
+    )
+
+    @property
+    def name(self) -> str:
+        return f"sensor-backlash:{self.channel}"
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return (f"sensor-lag:{self.channel}", f"sensor-delay:{self.channel}")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return half_width(self.typical, self.unit)
+
+    @property
+    def traits(self) -> Traits:
+        small = "small and large motion: play loses the same angle at each reversal, a delay more"
+        return Traits(
+            sentences=("the {channel} sensor has a play of +-{half_width} (hysteresis)",),
+            short_name="play of the sensor",
+            separating=dict.fromkeys(("sensor-lag", "sensor-delay"), small),
+            plausible=believed(self.typical),
+        )
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """Shares of half the range of the readings."""
+        flown = context.flown_range(self.channel)
+        half = 0.5 * (flown[1] - flown[0]) if flown is not None else 10.0 * self.typical
+        return [Probe({"half_width": share * half}) for share in SHARES_OF_HALF_RANGE]
+
+    def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
+        """Exact for a channel that runs straight within sub-steps."""
+        begin, end = np.asarray(begin), np.asarray(end)
+        depth = max(begin.ndim, end.ndim) - 1
+        begin, end = trailing(begin, depth), trailing(end, depth)
+        shape = np.broadcast_shapes(begin.shape[1:], end.shape[1:])
+        row = np.empty((2 * len(end) + 1, *shape), dtype=np.result_type(begin, end))
+        row[::2], row[1::2] = begin, end
+        out = each_column(played, row, p.half_width)
+        return out[::2], out[1::2]
+
+
+BACKLASH_VARIANTS: tuple[Traceable, ...] = (SensorBacklash("alpha"),)
+
+
+def backlash_made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each vane that has none yet."""
+    return tuple(
+        SensorBacklash(signal.name, signal.unit)
+        for signal in equations.outputs
+        if signal.name in VANES
+        and signal.unit == "rad"
+        and (signal.name, signal.unit) not in KNOWN_OUTPUTS
+    )
+
+
+SHARES_OF_LARGEST = (0.04, 0.12, 0.3)  # of the largest reading, tried as widths
+
+
+@dataclass(frozen=True)
+class SensorDeadband:
+    """The recorded rate is sign(v) max(|v| - half_width, 0), v the true one, before the bias is
+    added.
+
+    ``half_width`` in the unit of the channel, not negative.
+
+    Attributes
+    ----------
+    channel, unit : the output it acts on. typical : the starting half width.
+    """
+
+    channel: str
+    unit: str = "rad/s"
+    typical: float = 0.01
+
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    rank: ClassVar[int] = 6
+    absent: ClassVar[Mapping[str, float]] = ABSENT
+    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+    explanation: ClassVar[str] = (
+        "A gyro does not move below a threshold, from friction in its gimbal or a dead zone of its "
+        "electronics: y_recorded = sign(y) max(|y| - half_width, 0). Slow motion is not shown at "
+        "all, and fast motion is shown too small by the half width. The kinematics between the "
+        "rate and the other sensors show it in the one channel; a bent load obeys them."
+    )
+
+    @property
+    def name(self) -> str:
+        return f"sensor-deadband:{self.channel}"
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return (f"sensor-curve:{self.channel}",)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return half_width(self.typical, self.unit)
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the {channel} is not shown below +-{half_width} and too small above",),
+            short_name="threshold of the sensor",
+            separating={
+                "sensor-curve": "motion of many sizes: a threshold takes the same off all of them"
+            },
+            plausible=believed(self.typical),
+        )
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """Shares of the largest reading."""
+        flown = context.flown_range(self.channel)
+        peak = max(map(abs, flown)) if flown is not None else 10.0 * self.typical
+        return [Probe({"half_width": share * peak}) for share in SHARES_OF_LARGEST]
+
+    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
+        true = y[self.channel]
+        return {self.channel: true - clip(true, -p.half_width, p.half_width)}
+
+
+DEADBAND_VARIANTS: tuple[Traceable, ...] = (SensorDeadband("q"),)
+
+
+def deadband_made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each rate that has none yet."""
+    return tuple(
+        SensorDeadband(signal.name, signal.unit, 0.05 * large_output(signal.unit))
+        for signal in equations.outputs
+        if signal.unit == "rad/s" and (signal.name, signal.unit) not in KNOWN_OUTPUTS
+    )
+
+
+VARIANTS: tuple[Traceable, ...] = (
+    *BACKLASH_VARIANTS,
+    *DEADBAND_VARIANTS,
+)
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
+    return (
+        *backlash_made_for(equations),
+        *deadband_made_for(equations),
+    )

@@ -1,0 +1,240 @@
+"""An accelerometer or a flow vane away from the centre of gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.declaration.effect import Parameter, Regularity, Station
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.effects.airflow import at_arm
+from sim.maths import G0
+
+MEASURE_IT = (
+    "no maneuver does while lift and moment are linear: measure where the instruments sit, or ask "
+    "which lift of the control surface can be "
+    "(CL_de, L_delta; it differs most)"
+)
+_VANES = ("nz", "ny")  # a vane in the same plane is the same to the kinematics
+_TURNING = {"q": "pitch", "r": "yaw"}
+_PLACES = {"nz": "{arm_side}", "ny": "{arm_side}", "nx": "{arm} below"}
+ACCELEROMETER_IN_PITCH = (
+    "An accelerometer ahead of the centre of gravity is lifted when the nose accelerates upward: "
+    "nz_m = nz + (arm/g0) q_dot, arm in m, positive "
+    "ahead, negative behind. The pitch acceleration answers the elevator at once, so the reading "
+    "jumps when the elevator does, down first for "
+    "one that is ahead. To the kinematics alpha_dot = q - (g/V) nz an accelerometer at arm is the "
+    "same as a vane at -arm, and the short period "
+    "keeps its form with alpha - (arm/V) q in the place of alpha: CL_de, CL_q, CL_alpha and Cm_q "
+    "take other values and every sample is the same. "
+    "No maneuver tells the two apart while lift and moment are linear; only where the instruments "
+    "sit does, or a CL_de that no tail could make. "
+    "The library has no vane behind the centre of gravity: where the declared derivatives speak "
+    "for one, an accelerometer ahead is not claimed."
+)
+ACCELEROMETER_IN_YAW = (
+    "A lateral accelerometer ahead of the centre of gravity is pushed to the right when the nose "
+    "accelerates to the right: ny_m = ny + (arm/g0) "
+    "r_dot, arm in m, positive ahead, negative behind. The yaw acceleration answers the rudder at "
+    "once, so the reading jumps when the rudder does. "
+    "To the kinematics of sideslip an accelerometer at arm is the same as a vane at -arm; "
+    "side-force derivatives that are free take other values "
+    "and every sample is the same, so that only the declared derivatives, or those held at zero, "
+    "tell the two apart."
+)
+BELOW = (
+    "An axial accelerometer below the centre of gravity is carried forward when the nose "
+    "accelerates upward: nx_m = nx + (arm/g0) q_dot, arm in m "
+    "below the centre of gravity. The pitch acceleration answers the elevator at once, so the "
+    "reading jumps with it, while the axial force of the "
+    "whole aircraft hardly does: what is left in nx has the shape of the pitch acceleration, in no "
+    "other channel."
+)
+_EXPLANATIONS = {"nz": ACCELEROMETER_IN_PITCH, "ny": ACCELEROMETER_IN_YAW, "nx": BELOW}
+
+
+@dataclass(frozen=True)
+class AccelerometerOffset:
+    """The accelerometer sits ``arm`` metres ahead of the centre of gravity: nz_m = nz + (arm/g0)
+    q_dot.
+
+    ``arm`` in m, either sign, positive ahead. q_dot is that of the equations of motion at the same
+    time, with what elastic modes, gusts and other effects add to it; with a held input it jumps as
+    the input does. A lateral one reads ny + (arm/g0) r_dot, an axial one nx + (arm/g0) q_dot where
+    it sits ``arm`` below the centre of gravity.
+
+    Attributes
+    ----------
+    channel, rate : what it reads, and the rate whose derivative it feels.
+    """
+
+    channel: str = "nz"
+    rate: str = "q"
+
+    unit: ClassVar[str] = "g"
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("arm", 3.0, "m", bounds=(-100.0, 100.0)),
+    )
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+
+    @property
+    def explanation(self) -> str:
+        return _EXPLANATIONS[self.channel]
+
+    @property
+    def name(self) -> str:
+        return f"accelerometer-offset:{self.channel}"
+
+    @property
+    def rates_read(self) -> tuple[str, ...]:
+        return (self.rate,)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return ("vane-offset",) if self.channel in _VANES else ()
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=(
+                f"the accelerometer sits {_PLACES[self.channel]} the centre of gravity and feels "
+                f"the {_TURNING[self.rate]} acceleration",
+            ),
+            short_name="accelerometer away from the centre of gravity",
+            separating={"vane-offset": MEASURE_IT},
+            twins=self.aliases,
+            equivalents=(*self.aliases, "guard:vane-behind") if self.aliases else (),
+            usual={"arm": 1.0},  # m: it is mounted near the center of gravity
+            plausible={"arm": (-40.0, 40.0) if self.aliases else (-5.0, 5.0)},
+        )
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return [Probe({"arm": 0.0}, ("arm",))]
+
+    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {self.channel: y[self.channel] + p.arm / G0 * getattr(s, f"{self.rate}_dot")}
+
+
+ACCELEROMETER_VARIANTS: tuple[Traceable, ...] = (
+    AccelerometerOffset(),
+    AccelerometerOffset("ny", "r"),
+    AccelerometerOffset("nx"),
+)
+
+
+TURNING = {"q": "pitch", "r": "yaw"}
+ANOTHER_SPEED = (
+    "the same maneuver at another airspeed: the error of a vane goes with q/V, a lag or a delay "
+    "stays"
+)
+VANE_IN_PITCH = (
+    "A vane ahead of the centre of gravity goes up with the nose while the aircraft pitches, so "
+    "that the air meets it from further above: "
+    "alpha_m = alpha - (arm/V) q, arm >= 0 in m ahead of the centre of gravity. In the short "
+    "period q runs ahead of alpha, and taking some of "
+    "it off makes the reading late: a lag or a delay of the vane by arm/V looks much the same, and "
+    "only fast reversals, where q and alpha_dot "
+    "differ by the lift, tell them apart. An accelerometer as far behind reads the same record "
+    "under other derivatives, see "
+    "accelerometer-offset:nz. A vane behind the centre of gravity would look like a late q; it is "
+    "not built, so its arm is not "
+    "allowed."
+)
+VANE_IN_YAW = (
+    "A vane of sideslip ahead of the centre of gravity swings with the nose: beta_m = beta + "
+    "(arm/V) r, arm >= 0 in m ahead of the centre of "
+    "gravity, since a nose that yaws to the right carries the vane to the right. In the Dutch roll "
+    "that makes the reading late: a lag or a delay of "
+    "the vane by arm/V looks much the same, and only fast rudder reversals tell them apart. A "
+    "lateral accelerometer as far behind reads the same "
+    "record under other derivatives, see accelerometer-offset:ny. A vane behind the centre of "
+    "gravity is not built, so its arm is not allowed."
+)
+
+
+@dataclass(frozen=True)
+class VaneOffset:
+    """The vane sits ``arm`` metres ahead of the centre of gravity: alpha_m = alpha - (arm/V) q.
+
+    ``arm`` in m, not negative; it adds to an arm that the vehicle's equations already have. V is
+    the airspeed at the time. A vane of sideslip reads beta + (arm/V) r.
+
+    Attributes
+    ----------
+    channel, rate : what the vane reads, and the rate of the nose in its plane. sign : of the rate's
+    share. speed : the constant that is the
+        declared airspeed, for equations without an airspeed of the time.
+    """
+
+    channel: str = "alpha"
+    rate: str = "q"
+    sign: float = -1.0
+    speed: str = "airspeed"
+
+    name: ClassVar[str] = "vane-offset"
+    unit: ClassVar[str] = "rad"
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("arm", 5.0, "m", bounds=(0.0, 100.0)),)
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+
+    @property
+    def explanation(self) -> str:
+        return VANE_IN_PITCH if self.channel == "alpha" else VANE_IN_YAW
+
+    @property
+    def needs_constants(self) -> tuple[str, ...]:
+        return (self.speed,)
+
+    @property
+    def states_read(self) -> tuple[str, ...]:
+        return (self.rate,)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return (f"sensor-lag:{self.channel}", f"sensor-delay:{self.channel}", self._accelerometer)
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=(
+                f"the vane sits {{arm}} ahead of the centre of gravity and feels the "
+                f"{TURNING[self.rate]} rate",
+            ),
+            short_name="vane ahead",
+            separating=dict.fromkeys(("sensor-lag", "sensor-delay"), ANOTHER_SPEED),
+            twins=(self._accelerometer,),
+            equivalents=(self._accelerometer,),
+            plausible={"arm": (0.0, 40.0)},
+            usual={"arm": 10.0},  # m: nose booms
+        )
+
+    @property
+    def _accelerometer(self) -> str:
+        return f"accelerometer-offset:{'nz' if self.channel == 'alpha' else 'ny'}"
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return [Probe({"arm": 0.0}, ("arm",))]
+
+    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {
+            self.channel: y[self.channel]
+            + at_arm(s, vehicle, self.sign * p.arm, self.rate, self.speed)
+        }
+
+
+VANE_VARIANTS: tuple[Traceable, ...] = (
+    VaneOffset(),
+    VaneOffset("beta", "r", 1.0),
+    VaneOffset(speed="reference_airspeed"),
+)
+
+
+VARIANTS: tuple[Traceable, ...] = (
+    *ACCELEROMETER_VARIANTS,
+    *VANE_VARIANTS,
+)
