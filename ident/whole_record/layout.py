@@ -12,7 +12,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -25,10 +25,10 @@ from ident.whole_record.record_problem import (
     interval_ends,
     record_problem,
 )
-from sim.declaration.effect import Parameter
+from sim.declaration.effect import FROM_OUTPUTS, Parameter
 from sim.declaration.model import System
 from sim.errors import ModelError
-from sim.maths import COMPLEX_STEP
+from sim.maths import COMPLEX_STEP, complex_step_jacobian
 from sim.propagation import Drive
 from sim.record import Record
 
@@ -404,6 +404,9 @@ def _declared_prior(items: Sequence[Parameter]) -> Prior | None:
     return Prior(np.array(known), np.array([items[i].value for i in known]), information)
 
 
+_TURNS, _LARGEST_MOVE = 30, 0.3  # of Gauss and Newton's method, the largest move in units of states
+
+
 def _seed_initial_states(
     theta: np.ndarray,
     records: Sequence[Record],
@@ -412,11 +415,53 @@ def _seed_initial_states(
     shared: int,
     local: int,
 ) -> None:
+    asked = [i for i in starts if system.initial.items[i].source == FROM_OUTPUTS]
     for r, record in enumerate(records):
         known = known_states(record, system)
+        found = {i: float(values[0]) for i, (_, values) in known.items()}
+        if asked:
+            found |= _from_outputs(record, system, found, asked)
         for c, i in enumerate(starts):
-            if i in known:
-                theta[shared + r * (local + len(starts)) + local + c] = known[i][1][0]
+            if i in found:
+                theta[shared + r * (local + len(starts)) + local + c] = found[i]
+
+
+def _from_outputs(
+    record: Record, system: System, known: Mapping[int, float], asked: Sequence[int]
+) -> dict[int, float]:
+    """States at the first sample whose outputs are nearest to those recorded there, by Gauss and
+    Newton's method; angles differ by less than half a turn.
+
+    Parameters
+    ----------
+    known : by position, states that are measured. asked : positions of those to find.
+    """
+    x0, p = system.initial.values(), system.parameters.values().tolist()
+    for i, value in known.items():
+        x0[i] = value
+    names = [n for n in system.output_names if n in record.output_names and record[n].valid[0]]
+    rows = [system.output_names.index(name) for name in names]
+    measured = np.array([record[name].values[0] for name in names])
+    angle = np.array([system.outputs[i].unit == "rad" for i in rows])
+    u = [float(record[name].values[0]) for name in system.input_names]
+
+    def read(part: Sequence[Any]) -> list[Any]:
+        x: list[Any] = x0.tolist()
+        for i, value in zip(asked, part, strict=True):
+            x[i] = value
+        outputs = system.h(float(record.time[0]), x, u, p)
+        return [outputs[i] for i in rows]
+
+    best = x0[list(asked)]
+    for _ in range(_TURNS):
+        slopes = complex_step_jacobian(read, best.tolist())
+        left = measured - np.array(read(best.tolist()))
+        left = np.where(angle, (left + np.pi) % (2.0 * np.pi) - np.pi, left)
+        move = np.linalg.lstsq(slopes, left, rcond=1e-9)[0]
+        best = best + move * min(1.0, _LARGEST_MOVE / max(float(np.max(np.abs(move))), 1e-300))
+    if not np.all(np.isfinite(best)):
+        return {}
+    return dict(zip(asked, best.tolist(), strict=True))
 
 
 # ---- What a record says of the parameters to first order

@@ -45,6 +45,7 @@ from sim.vehicles.aircraft import (
     refuse_recorded,
     refuse_wind,
 )
+from sim.vehicles.attitude import ATTITUDES, EULER
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -96,6 +97,7 @@ def _schema() -> type[BaseModel]:
         columns=(texts, []),
         states=(texts, []),
         recorded=(texts, []),
+        attitude=(str, EULER),
         biases=(texts, list(BIASED)),
     )
 
@@ -227,7 +229,9 @@ def _refuse_names(vehicle: Mapping[str, Any], path: Path) -> None:
             remedy = closest(name, moved)
             raise DeclarationError(f"{name} is no input", where=where, remedy=remedy)
     refuse_wind(_wind(vehicle["wind"]), vehicle["states"], f"{path}, key wind")
-    refuse_recorded(vehicle["recorded"], _wind(vehicle["wind"]), f"{path}, key recorded")
+    key = "recorded" if vehicle["attitude"] in ATTITUDES else "attitude"
+    wind, attitude = _wind(vehicle["wind"]), vehicle["attitude"]
+    refuse_recorded(vehicle["recorded"], wind, f"{path}, key {key}", attitude)
 
 
 def _wind(value: bool | str) -> str:
@@ -266,6 +270,7 @@ def _declared(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str) -
         tuple(vehicle["biases"]),
         tuple(vehicle["states"]),
         tuple(vehicle["recorded"]),
+        vehicle["attitude"],
     )
 
 
@@ -320,6 +325,7 @@ def written(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> st
         "columns": list(aircraft.varying),
         "states": list(aircraft.further),
         **({"recorded": list(aircraft.recorded)} if aircraft.recorded else {}),
+        **({"attitude": aircraft.attitude} if aircraft.attitude != EULER else {}),
         "biases": list(aircraft.biases),
         "wind": aircraft.wind or False,
     }

@@ -25,6 +25,8 @@ from sim.errors import ModelError
 
 # what equations call the constant speed that they are declared for
 AIRSPEEDS = ("airspeed", "reference_airspeed")
+# Source of a state's start that a fit finds from the outputs at the first sample.
+FROM_OUTPUTS = "from the outputs at the start"
 
 
 @dataclass(frozen=True)

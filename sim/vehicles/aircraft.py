@@ -22,7 +22,6 @@ References
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -31,11 +30,14 @@ from typing import Any
 import numpy as np
 
 from sim.aerodynamics.terms import AS_TERM, FLOW, RATES, Term, TermTable
+from sim.declaration.effect import FROM_OUTPUTS, Parameter, ParameterSet
 from sim.declaration.model import Model
 from sim.declaration.user_equations import OwnEquations
 from sim.declaration.user_model import own_model
 from sim.errors import DeclarationError, ModelError
 from sim.maths import G0, add_product, arctan, cos, interpolate, plus, sin, sqrt
+from sim.vehicles.aircraft_numbers import refuse_numbers
+from sim.vehicles.attitude import ATTITUDES, EULER
 
 NAME = "aircraft"
 BODY_AXES, WIND_AXES = ("CX", "CY", "CZ"), ("CD", "CY", "CL")
@@ -101,22 +103,6 @@ WIND: Mapping[str, tuple[str, str, str]] = MappingProxyType(
 )
 SENSORS = ("airspeed", "alpha", "beta", "accelerometer")
 BIASED = ("p", "q", "r")
-INERTIAS = ("roll_inertia", "pitch_inertia", "yaw_inertia")
-POSITIVE = (
-    "mass",
-    "wing_area",
-    "chord",
-    "span",
-    *INERTIAS,
-    "air_density",
-    "speed_of_sound",
-)
-# Area is about span times chord: their ratio is 1 of a rectangle, 4/3 of a triangle. Radii of
-# gyration in roll are 0.2 to 0.4 of half the span (Raymer, Aircraft Design, table 16.1).
-CHORD_TIMES_SPAN = (0.5, 2.5)  # of the area: wider than any wing
-RADIUS = (0.1, 0.8)  # of gyration in roll, of half the span: wider than any aircraft
-THINNEST = 0.003  # kg/m3, at 43 km; sea level in slug/ft3 is 0.0024
-SOUND = (200.0, 500.0)  # m/s; 340 m/s are 661 kn and 1116 ft/s
 Point = tuple[float, float, float]
 
 
@@ -149,6 +135,7 @@ class Aircraft:
     recorded : states that are columns of the record and not simulated; alpha and beta as their
         vanes read. varying : constants that are columns. start : states at the start.
     biases : outputs with a free constant bias. further : states beyond ``STATES``.
+    attitude : ``euler`` or ``quaternion``, by which it is integrated.
     """
 
     name: str
@@ -164,6 +151,7 @@ class Aircraft:
     biases: tuple[str, ...] = BIASED
     further: tuple[str, ...] = ()
     recorded: tuple[str, ...] = ()
+    attitude: str = EULER
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -220,7 +208,7 @@ class Aircraft:
 def refuse_unphysical(aircraft: Aircraft) -> None:
     """Raise DeclarationError for a mass, inertias or coefficients that no aircraft has."""
     where = f"vehicle {aircraft.name}"
-    _refuse_numbers(aircraft.constants, where)
+    refuse_numbers(aircraft.constants, CONSTANTS, where)
     both = {"CD", "CL"} & set(aircraft.coefficients), {"CX", "CZ"} & set(aircraft.coefficients)
     if all(both):
         raise DeclarationError(
@@ -257,13 +245,23 @@ def refuse_wind(axes: str, further: Collection[str], where: str) -> None:
         )
 
 
-def refuse_recorded(recorded: Collection[str], wind: str, where: str) -> None:
-    """Raise DeclarationError for recorded states that leave no motion, or that a wind makes others.
+def refuse_recorded(
+    recorded: Collection[str], wind: str, where: str, attitude: str = EULER
+) -> None:
+    """Raise DeclarationError for an unknown attitude, and for recorded states that leave no motion
+    or that a wind or a quaternion makes others.
 
     Parameters
     ----------
     recorded : states that are columns. wind : a key of ``WIND``, or empty. where : for the message.
+    attitude : a key of ``ATTITUDES``.
     """
+    if attitude not in ATTITUDES:
+        raise DeclarationError(
+            f"{attitude!r} is no way to integrate an attitude",
+            where=where,
+            remedy=f"write attitude = {' or '.join(repr(name) for name in ATTITUDES)}",
+        )
     if set(STATES) <= set(recorded):
         raise DeclarationError(
             "all states are recorded, and nothing is left to simulate",
@@ -271,78 +269,18 @@ def refuse_recorded(recorded: Collection[str], wind: str, where: str) -> None:
             remedy='leave out those that the maneuver moves, as in recorded = ["airspeed", '
             '"alpha", "q", "theta"] for lateral ones',
         )
+    if attitude != EULER and {"phi", "theta"} & set(recorded):
+        raise DeclarationError(
+            "phi and theta are recorded, and a quaternion integrates both",
+            where=where,
+            remedy='write attitude = "euler", or leave both out of recorded',
+        )
     if wind and {"airspeed", "alpha", "beta"} & set(recorded):
         raise DeclarationError(
             "airspeed, alpha and beta are recorded against the air, and with wind the states are "
             "over the ground",
             where=where,
             remedy="leave out wind, or these three from recorded",
-        )
-
-
-def _refuse_numbers(constants: Mapping[str, float], where: str) -> None:
-    """Raise DeclarationError, one line, for constants that no aircraft has.
-
-    Parameters
-    ----------
-    constants : SI, by name. where : for the message.
-    """
-    c = constants
-    for name in CONSTANTS:
-        if name not in c:
-            raise DeclarationError(f"the number {name} is missing", where=where, remedy="give it")
-    for name in POSITIVE:
-        if not 0.0 < c[name] < math.inf:
-            raise DeclarationError(
-                f"{name} = {c[name]:g} is not positive",
-                where=where,
-                remedy="give a positive number",
-            )
-    inertias = [c[name] for name in INERTIAS]
-    if 2.0 * max(inertias) > sum(inertias):
-        raise DeclarationError(
-            "the largest inertia is larger than the sum of the other two, which no body has",
-            where=where,
-            remedy=f"check {', '.join(INERTIAS[:2])} and {INERTIAS[2]} and their units",
-        )
-    if c["cross_inertia"] ** 2 >= c["roll_inertia"] * c["yaw_inertia"]:
-        raise DeclarationError(
-            f"cross_inertia = {c['cross_inertia']:g} kg m2 is too large",
-            where=where,
-            remedy="its square is below roll_inertia yaw_inertia",
-        )
-    _refuse_other_units(c, where)
-
-
-def _refuse_other_units(c: Mapping[str, float], where: str) -> None:
-    """Raise DeclarationError for numbers that go together in other units only."""
-    product = c["chord"] * c["span"]
-    if not CHORD_TIMES_SPAN[0] < product / c["wing_area"] < CHORD_TIMES_SPAN[1]:
-        raise DeclarationError(
-            f"wing_area = {c['wing_area']:g} m2 is not that of chord {c['chord']:g} m and span "
-            f"{c['span']:g} m, whose product is {product:.4g} m2",
-            where=where,
-            remedy='give all three in m, or with their units as in span = "70.5 ft"',
-        )
-    radius = 2.0 * math.sqrt(c["roll_inertia"] / c["mass"]) / c["span"]
-    if not RADIUS[0] < radius < RADIUS[1]:
-        raise DeclarationError(
-            f"the radius of gyration in roll is {radius:.2g} of half the span, of aircraft 0.2 to "
-            "0.4",
-            where=where,
-            remedy='check mass, span and roll_inertia; units are written as in mass = "1205 slug"',
-        )
-    if c["air_density"] < THINNEST:
-        raise DeclarationError(
-            f"air_density = {c['air_density']:g} kg/m3 is that of 43 km",
-            where=where,
-            remedy='write slugs as air_density = "0.0014 slug/ft3"',
-        )
-    if not SOUND[0] < c["speed_of_sound"] < SOUND[1]:
-        raise DeclarationError(
-            f"speed_of_sound = {c['speed_of_sound']:g} m/s is that of no air",
-            where=where,
-            remedy='write other units as speed_of_sound = "1116 ft/s"',
         )
 
 
@@ -366,7 +304,8 @@ def aircraft_model(aircraft: Aircraft) -> Model:
     """
     refuse_unphysical(aircraft)
     refuse_wind(aircraft.wind, aircraft.further, f"vehicle {aircraft.name}")
-    refuse_recorded(aircraft.recorded, aircraft.wind, f"vehicle {aircraft.name}")
+    where = f"vehicle {aircraft.name}"
+    refuse_recorded(aircraft.recorded, aircraft.wind, where, aircraft.attitude)
     thrust = {} if not aircraft.thrust.signal else {aircraft.thrust.signal: "N"}
     if aircraft.thrust.signal == "throttle":
         thrust = {"throttle": "1"}
@@ -377,10 +316,7 @@ def aircraft_model(aircraft: Aircraft) -> Model:
         **{name: CONSTANTS[name] for name in aircraft.varying},
         **{name: STATES[name] for name in aircraft.recorded},
     }
-    states, outputs = (
-        {name: unit for name, unit in every.items() if name not in aircraft.recorded}
-        for every in (STATES, OUTPUTS)
-    )
+    outputs = {name: unit for name, unit in OUTPUTS.items() if name not in aircraft.recorded}
     constants = {
         name: (aircraft.constants[name], unit)
         for name, unit in CONSTANTS.items()
@@ -389,10 +325,15 @@ def aircraft_model(aircraft: Aircraft) -> Model:
     further = {name: FURTHER[name] for name in FURTHER if name in aircraft.further}
     rest = {name: aircraft.constants[name] for name in aircraft.varying}
     motion = _Motion(aircraft)
+    turned = ATTITUDES[aircraft.attitude]
+    at = [aircraft.start.get(name, 0.0) for name in ("phi", "theta", "psi")]
+    begun = {name: v for name, v in aircraft.start.items() if name not in ("phi", "theta", "psi")}
+    begun |= {n: v for n, v in turned.at_start(*at).items() if n in motion.moving}
+    units = {**STATES, **FURTHER, **turned.states, **turned.headed}
     try:
         model = own_model(
             NAME,
-            {**states, **further},
+            {name: units[name] for name in motion.moving},
             driven,
             {**outputs, **further},
             aircraft.parameters,
@@ -401,15 +342,27 @@ def aircraft_model(aircraft: Aircraft) -> Model:
             constants,
             dict.fromkeys((*aircraft.forces, *MOMENTS), "1"),
             motion.flow,
-            {**aircraft.start, **rest},
+            {**begun, **rest},
             biases=[name for name in aircraft.biases if name not in aircraft.recorded],
         )
     except ModelError as error:
-        where = f"vehicle {aircraft.name}"
         raise DeclarationError(error.what, where=where, remedy=error.remedy) from error
     assert isinstance(model.equations, OwnEquations)
     terms = tuple((axis, term.text) for axis, term in aircraft.terms.values())
-    return replace(model, equations=replace(model.equations, terms=terms))
+    starts = [_start(item, aircraft.attitude) for item in model.initial]
+    equations = replace(model.equations, terms=terms)
+    return replace(model, equations=equations, initial=ParameterSet(tuple(starts)))
+
+
+def _start(item: Parameter, attitude: str) -> Parameter:
+    """A state at the start; of a quaternion what says nothing is held, the rest read of phi, theta
+    and psi.
+    """
+    turned = ATTITUDES[attitude]
+    if item.name in turned.held:
+        return replace(item, free=False)
+    by_angles = attitude != EULER and item.name in {**turned.states, **turned.headed}
+    return replace(item, source=FROM_OUTPUTS) if by_angles else item
 
 
 def declaration_of(model: Model) -> Aircraft | None:
@@ -437,7 +390,13 @@ class _Motion:
         self.table = TermTable([term for _, _, term in named])
         self.needs_mach = any("mach" in term.signals for _, (_, term) in aircraft.terms.items())
         self.places = {name: aircraft.sensors.get(name, (0.0, 0.0, 0.0)) for name in SENSORS}
-        self.moving = tuple(
+        self.turned = ATTITUDES[aircraft.attitude]
+        self.headed = "psi" in aircraft.further
+        flown = [name for name in STATES if name not in ("phi", "theta")]
+        flown += [*self.turned.states, *(self.turned.headed if self.headed else ())]
+        flown += [name for name in aircraft.further if name != "psi"]
+        self.moving = tuple(name for name in flown if name not in aircraft.recorded)
+        self.read = tuple(
             name for name in (*STATES, *aircraft.further) if name not in aircraft.recorded
         )
 
@@ -483,11 +442,10 @@ class _Motion:
         c = self._constants(s, p)
         (X, Y, Z), (L, M, N) = self._loads(s, c)
         u, v, w = self._velocity(s) if self.aircraft.wind else (s.u_air, s.v_air, s.w_air)
-        sin_phi, cos_phi = sin(s.phi), cos(s.phi)
-        sin_theta, cos_theta = sin(s.theta), cos(s.theta)
-        u_dot = s.r * v - s.q * w - G0 * sin_theta + X / c["mass"]
-        v_dot = s.p * w - s.r * u + G0 * cos_theta * sin_phi + Y / c["mass"]
-        w_dot = s.q * u - s.p * v + G0 * cos_theta * cos_phi + Z / c["mass"]
+        x, y, z = self.turned.down(s)
+        u_dot = s.r * v - s.q * w + G0 * x + X / c["mass"]
+        v_dot = s.p * w - s.r * u + G0 * y + Y / c["mass"]
+        w_dot = s.q * u - s.p * v + G0 * z + Z / c["mass"]
         V, plane = s.airspeed, u * u + w * w
         V_dot = (u * u_dot + v * v_dot + w * w_dot) / V
         found = {
@@ -495,10 +453,8 @@ class _Motion:
             "alpha": (u * w_dot - w * u_dot) / plane,
             "beta": (V * v_dot - v * V_dot) / (V * sqrt(plane)),
             **_angular_accelerations(s, c, L, M, N),
-            "phi": s.p + sin_theta / cos_theta * (s.q * sin_phi + s.r * cos_phi),
-            "theta": s.q * cos_phi - s.r * sin_phi,
-            "psi": (s.q * sin_phi + s.r * cos_phi) / cos_theta,
-            "altitude": u * sin_theta - v * sin_phi * cos_theta - w * cos_phi * cos_theta,
+            **self.turned.rates(s),
+            "altitude": -(u * x + v * y + w * z),
         }
         return {name: found[name] for name in self.moving}
 
@@ -506,7 +462,8 @@ class _Motion:
         """What the sensors read where they are."""
         c = self._constants(s, p)
         (X, Y, Z), (L, M, N) = self._loads(s, c)
-        found = {name: getattr(s, name) for name in self.moving}
+        angles = self.turned.angles(s, self.headed)
+        found = {n: angles[n] if n in angles else getattr(s, n) for n in self.read}
         for name in ("airspeed", "alpha", "beta"):
             if name not in self.moving:
                 continue
@@ -554,7 +511,7 @@ class _Motion:
     def _wind(self, s: Any) -> tuple[Any, Any, Any]:
         """In body axes, m/s."""
         parts = tuple(getattr(s, name) for name in WIND[self.aircraft.wind])
-        return parts if self.aircraft.wind == "body" else _to_body(s, *parts)
+        return parts if self.aircraft.wind == "body" else self.turned.to_body(s, *parts)
 
     def _thrust(self, s: Any) -> Any:
         source = self.aircraft.thrust
@@ -610,18 +567,6 @@ def _angular_accelerations(s: Any, c: Mapping[str, Any], L: Any, M: Any, N: Any)
     yaw = (Ix * (Ix - Iy) + Ixz * Ixz) * P * Q - Ixz * sum_ * Q * R + Ixz * L + Ix * N
     pitch = (Iz - Ix) * P * R - Ixz * (P * P - R * R) + M
     return {"p": roll / bound, "q": pitch / Iy, "r": yaw / bound}
-
-
-def _to_body(s: Any, north: Any, east: Any, down: Any) -> tuple[Any, Any, Any]:
-    """Components of a vector in body axes."""
-    a, b = sin(s.phi), cos(s.phi)
-    c, d = sin(s.theta), cos(s.theta)
-    e, f = sin(s.psi), cos(s.psi)
-    return (
-        d * f * north + d * e * east - c * down,
-        (a * c * f - b * e) * north + (a * c * e + b * f) * east + a * d * down,
-        (b * c * f + a * e) * north + (b * c * e - a * f) * east + b * d * down,
-    )
 
 
 def _angle(y: Any, x: Any) -> Any:

@@ -55,6 +55,18 @@ def test_the_python_module_flies_the_same(equations: str) -> None:
     assert tuple(module.OUTPUTS) == written.system.output_names
 
 
+def test_a_quaternion_is_written_as_well() -> None:
+    flight = base_for("aircraft")[1]
+    start = {**AIRLINER.start, "phi": 0.4, "psi": 2.8}
+    turned = replace(AIRLINER, attitude="quaternion", further=("psi",), start=start)
+    written = exported("turned", aircraft_model(turned))
+    expected = np.array(fly(written.system, flight))
+    module = module_of(written)
+    assert {"e0", "e1", "e2", "e3", "psi_start"} <= set(module.STATES)
+    found, _ = module.simulate(flight.time, flight.u, max_step=flight.max_step)
+    assert np.abs(found - expected).max() < 1e-9 * np.abs(expected).max()
+
+
 def test_a_parameter_of_the_module_may_be_changed() -> None:
     written, flight, expected = case("rigid")
     module = module_of(written)

@@ -41,7 +41,7 @@ QUOTED = replace(TRIMMED, name='the "new" wing\\ \x7f\n\u00fc')
 @pytest.mark.long
 @pytest.mark.parametrize(
     "aircraft",
-    [QUOTED, TRIMMED, MIXED, replace(TRIMMED, recorded=("alpha", "q"))],
+    [QUOTED, TRIMMED, MIXED, replace(TRIMMED, recorded=("alpha", "q"), attitude="quaternion")],
     ids=["quotes in its name", "plain", "mixed", "recorded"],
 )
 def test_what_is_written_is_read_back(tmp_path: Path, aircraft: Aircraft) -> None:
@@ -94,6 +94,7 @@ def test_sigmas_stand_beside_the_values(tmp_path: Path) -> None:
         ('input = "thrust"', 'input = "throttle"', "a throttle needs the thrust"),
         ('input = "thrust"', 'input = "rocket"', "'rocket' is no input"),
         ("columns = []", 'columns = ["fuel"]', "fuel cannot stand there"),
+        ("columns = []", 'attitude = "matrix"', "no way to integrate"),
         ("columns = []", 'recorded = ["alfa"]', "alfa cannot stand there"),
         ("columns = []", f"recorded = {list(STATES)}", "nothing is left to simulate"),
         ("wind = false", "wind = true", "the heading is no state"),

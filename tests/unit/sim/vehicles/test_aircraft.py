@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from sim.declaration.compile import compile_model
 from sim.declaration.model import System
 from sim.errors import DeclarationError
 from sim.maths import G0
+from sim.propagation import rk4_step
 from sim.record import Hold
 from sim.vehicles.aircraft import STATES, Aircraft, Thrust, aircraft_model
+from sim.vehicles.attitude import ATTITUDES, QUATERNION
 from tests.airliner import AIRLINER, ALPHA, COEFFICIENTS, CONSTANTS, ELEVATOR, THRUST
 from tests.bases import airliner_flight, fly_model
 
@@ -264,11 +269,86 @@ def test_recorded_longitudinal_motion_needs_no_lift() -> None:
     [
         ({"recorded": tuple(STATES)}, "nothing is left to simulate"),
         ({"recorded": ("alpha",), "wind": "body"}, "recorded against the air"),
+        ({"recorded": ("theta",), "attitude": QUATERNION}, "a quaternion integrates both"),
+        ({"attitude": "matrix"}, "no way to integrate"),
     ],
 )
 def test_recorded_states_that_make_no_sense_are_refused(changed: dict, told: str) -> None:
     with pytest.raises(DeclarationError, match=told):
         aircraft_model(replace(AIRLINER, **changed))
+
+
+TURNED = replace(AIRLINER, attitude=QUATERNION, further=("psi", "altitude"), start={"psi": 2.8})
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    phi=st.floats(-3.1, 3.1),
+    theta=st.floats(-1.5, 1.5),
+    psi=st.floats(-3.1, 3.1),
+    length=st.floats(0.3, 3.0),
+)
+def test_a_quaternion_turns_as_the_matrix_does(
+    phi: float, theta: float, psi: float, length: float
+) -> None:
+    attitude = ATTITUDES[QUATERNION]
+    state = dict(attitude.at_start(phi, theta, psi))
+    for name in ("e0", "e1", "e2", "e3"):  # of any length
+        state[name] *= length
+    s = SimpleNamespace(**state, p=0.3, q=-0.2, r=0.5)
+    matrix = rotation(phi, theta, psi)
+    assert np.array(attitude.down(s)) == pytest.approx(matrix @ [0.0, 0.0, 1.0], abs=1e-9)
+    vector = [3.0, -2.0, 0.7]
+    assert np.array(attitude.to_body(s, *vector)) == pytest.approx(matrix @ vector, abs=1e-7)
+    angles = attitude.angles(s, True)
+    assert rotation(*(angles[n] for n in ("phi", "theta", "psi"))) == pytest.approx(
+        matrix, abs=1e-7
+    )
+    # The matrix turns at -omega x, by differences of the quaternion.
+    step, rates = 1e-6, attitude.rates(s)
+    ends = []
+    for sign in (step, -step):
+        moved = SimpleNamespace(**{n: v + sign * rates[n] for n, v in state.items()})
+        ends.append(np.array(attitude.to_body(moved, *vector)))
+    turned = -np.cross([0.3, -0.2, 0.5], matrix @ vector)
+    assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(turned, abs=1e-6)
+
+
+def test_a_quaternion_flies_as_euler_angles_do() -> None:
+    """Through turns of all axes, to the error of the integration."""
+    start = {"phi": 0.5, "theta": 0.2, "psi": 2.8}
+    euler = flown(replace(TURNED, attitude="euler"), np.empty(0), {**AIRLINER.start, **start})
+    other = flown(TURNED, np.empty(0), {**AIRLINER.start, **start})
+    assert list(euler) == list(other)
+    for name, row in euler.items():
+        assert other[name] == pytest.approx(row, abs=1e-6 * max(float(np.ptp(row)), 1e-3)), name
+
+
+def test_a_loop_through_the_vertical_is_integrated() -> None:
+    """Energy is kept without thrust and drag, and the nose comes round where it was."""
+    free = {axis: dict.fromkeys(terms, 0.0) for axis, terms in AIRLINER.coefficients.items()}
+    turning = replace(
+        TURNED,
+        coefficients=free,
+        start={"airspeed": 200.0, "alpha": 0.0, "theta": 0.0, "psi": 2.8, "q": 0.4},
+        sensors={},
+    )
+    system = system_of(turning)
+    x, p = system.initial.values().tolist(), system.parameters.values().tolist()
+    dt, count = 0.01, round(2.0 * np.pi / 0.4 / 0.01)
+    read = []
+    for _ in range(count + 1):
+        read.append(dict(zip(system.output_names, system.h(0.0, x, [0.0] * 4, p), strict=True)))
+        u = [[0.0] * 4] * 3
+        x = rk4_step(system.f, 0.0, x, (u[0], u[1], u[2]), p, dt)
+    theta = np.array([each["theta"] for each in read])
+    assert np.max(theta) > 1.5 and np.min(theta) < -1.5
+    energy = [0.5 * each["airspeed"] ** 2 + G0 * each["altitude"] for each in read]
+    assert np.ptp(energy) < 1e-6 * energy[0]
+    assert theta[-1] == pytest.approx(0.4 * count * dt - 2.0 * np.pi, abs=1e-6)
+    assert abs(read[-1]["psi"]) == pytest.approx(2.8, abs=1e-6)
+    top = read[count // 2]
+    assert abs(top["phi"]) == pytest.approx(np.pi, abs=1e-6)
 
 
 @pytest.mark.long

@@ -1,0 +1,189 @@
+"""Attitude of an aircraft by Euler angles or by a quaternion: states, their rates, and angles read.
+
+Euler angles phi, theta and psi turn the Earth's axes by yaw, then pitch, then roll [1]_; their
+rates have no value at theta = +-90 deg. The quaternion (e0, e1, e2, e3) has rates everywhere,
+
+    2 e0' = -(e1 p + e2 q + e3 r),      2 e1' = e0 p + e2 r - e3 q,
+    2 e2' = e0 q + e3 p - e1 r,         2 e3' = e0 r + e1 q - e2 p .
+
+Everything that is read of it is divided by its norm, which the rates keep. A fit may therefore hold
+e0 at the start. It holds e3 there as well: the heading at the start is a state of its own,
+``psi_start``, whose rate is zero, and which is there where the heading is wanted.
+
+References
+----------
+.. [1] B. L. Stevens, F. L. Lewis and E. N. Johnson, Aircraft Control and Simulation, 3rd ed.,
+   Wiley, 2016, section 1.4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, Protocol
+
+from sim.maths import arctan, cos, real, sin, sqrt, where
+
+EULER, QUATERNION = "euler", "quaternion"
+Vector = tuple[Any, Any, Any]
+_TINY = 1e-300  # beside which a zero may divide
+
+
+class Attitude(Protocol):
+    """How an attitude is written down.
+
+    ``states`` : their units by name, the heading left out; ``headed`` : further ones that the
+    heading needs. ``held`` : states whose value at the start says nothing.
+    """
+
+    states: Mapping[str, str]
+    headed: Mapping[str, str]
+    held: tuple[str, ...]
+
+    def down(self, s: Any) -> Vector:
+        """The Earth's downward axis in body axes, of length one."""
+
+    def rates(self, s: Any) -> Mapping[str, Any]:
+        """Rates of the states by name, those of the heading among them."""
+
+    def angles(self, s: Any, headed: bool) -> Mapping[str, Any]:
+        """phi and theta, and psi where ``headed``, rad."""
+
+    def to_body(self, s: Any, north: Any, east: Any, down: Any) -> Vector:
+        """Components in body axes of a vector in the Earth's."""
+
+    def at_start(self, phi: float, theta: float, psi: float) -> Mapping[str, float]:
+        """Values of the states at an attitude, rad."""
+
+
+class EulerAngles:
+    """phi, theta and psi as states."""
+
+    states: Mapping[str, str] = MappingProxyType({"phi": "rad", "theta": "rad"})
+    headed: Mapping[str, str] = MappingProxyType({"psi": "rad"})
+    held: tuple[str, ...] = ()
+
+    def down(self, s: Any) -> Vector:
+        cos_theta = cos(s.theta)
+        return -sin(s.theta), sin(s.phi) * cos_theta, cos(s.phi) * cos_theta
+
+    def rates(self, s: Any) -> Mapping[str, Any]:
+        sin_phi, cos_phi = sin(s.phi), cos(s.phi)
+        sin_theta, cos_theta = sin(s.theta), cos(s.theta)
+        return {
+            "phi": s.p + sin_theta / cos_theta * (s.q * sin_phi + s.r * cos_phi),
+            "theta": s.q * cos_phi - s.r * sin_phi,
+            "psi": (s.q * sin_phi + s.r * cos_phi) / cos_theta,
+        }
+
+    def angles(self, s: Any, headed: bool) -> Mapping[str, Any]:
+        return {name: getattr(s, name) for name in ("phi", "theta", *(("psi",) if headed else ()))}
+
+    def to_body(self, s: Any, north: Any, east: Any, down: Any) -> Vector:
+        a, b = sin(s.phi), cos(s.phi)
+        c, d = sin(s.theta), cos(s.theta)
+        e, f = sin(s.psi), cos(s.psi)
+        return (
+            d * f * north + d * e * east - c * down,
+            (a * c * f - b * e) * north + (a * c * e + b * f) * east + a * d * down,
+            (b * c * f + a * e) * north + (b * c * e - a * f) * east + b * d * down,
+        )
+
+    def at_start(self, phi: float, theta: float, psi: float) -> Mapping[str, float]:
+        return {"phi": phi, "theta": theta, "psi": psi}
+
+
+class Quaternion:
+    """Four states of any length, read by their direction; see the module."""
+
+    states: Mapping[str, str] = MappingProxyType(dict.fromkeys(("e0", "e1", "e2", "e3"), "1"))
+    headed: Mapping[str, str] = MappingProxyType({"psi_start": "rad"})
+    held: tuple[str, ...] = ("e0", "e3")
+
+    def down(self, s: Any) -> Vector:
+        e0, e1, e2, e3 = _unit(s)
+        return (
+            2.0 * (e1 * e3 - e0 * e2),
+            2.0 * (e2 * e3 + e0 * e1),
+            e0 * e0 - e1 * e1 - e2 * e2 + e3 * e3,
+        )
+
+    def rates(self, s: Any) -> Mapping[str, Any]:
+        p, q, r = s.p, s.q, s.r
+        return {
+            "e0": -0.5 * (s.e1 * p + s.e2 * q + s.e3 * r),
+            "e1": 0.5 * (s.e0 * p + s.e2 * r - s.e3 * q),
+            "e2": 0.5 * (s.e0 * q + s.e3 * p - s.e1 * r),
+            "e3": 0.5 * (s.e0 * r + s.e1 * q - s.e2 * p),
+            "psi_start": 0.0 * p,
+        }
+
+    def angles(self, s: Any, headed: bool) -> Mapping[str, Any]:
+        x, y, z = self.down(s)
+        across = sqrt(y * y + z * z)
+        found = {"phi": _angle(y, z), "theta": -2.0 * arctan(x / (1.0 + across))}
+        if headed:
+            found["psi"] = _wrapped(_angle(*self._course(s)) + s.psi_start)
+        return found
+
+    def to_body(self, s: Any, north: Any, east: Any, down: Any) -> Vector:
+        e0, e1, e2, e3 = _unit(s)
+        c, d = cos(s.psi_start), sin(s.psi_start)
+        north, east = c * north + d * east, c * east - d * north
+        x, y, z = self.down(s)
+        return (
+            (e0 * e0 + e1 * e1 - e2 * e2 - e3 * e3) * north
+            + 2.0 * (e1 * e2 + e0 * e3) * east
+            + x * down,
+            2.0 * (e1 * e2 - e0 * e3) * north
+            + (e0 * e0 - e1 * e1 + e2 * e2 - e3 * e3) * east
+            + y * down,
+            2.0 * (e1 * e3 + e0 * e2) * north + 2.0 * (e2 * e3 - e0 * e1) * east + z * down,
+        )
+
+    def at_start(self, phi: float, theta: float, psi: float) -> Mapping[str, float]:
+        """e3 is zero: of the attitudes with these phi and theta the one that needs no yaw axis."""
+        # The downward axis turned from the body's z about an axis in the x-y plane.
+        x = -math.sin(theta)
+        y, z = math.sin(phi) * math.cos(theta), math.cos(phi) * math.cos(theta)
+        e0 = math.sqrt(max(0.5 * (1.0 + z), 1e-12))
+        state = {"e0": e0, "e1": 0.5 * y / e0, "e2": -0.5 * x / e0, "e3": 0.0}
+        seen = _Values(**state)
+        return {**state, "psi_start": psi - float(_angle(*self._course(seen)))}
+
+    @staticmethod
+    def _course(s: Any) -> tuple[Any, Any]:
+        """East and north of the nose, the heading at the start apart."""
+        e0, e1, e2, e3 = _unit(s)
+        return 2.0 * (e1 * e2 + e0 * e3), e0 * e0 + e1 * e1 - e2 * e2 - e3 * e3
+
+
+class _Values:
+    def __init__(self, **values: float) -> None:
+        self.__dict__.update(values)
+
+
+def _unit(s: Any) -> tuple[Any, Any, Any, Any]:
+    norm = sqrt(s.e0 * s.e0 + s.e1 * s.e1 + s.e2 * s.e2 + s.e3 * s.e3)
+    return s.e0 / norm, s.e1 / norm, s.e2 / norm, s.e3 / norm
+
+
+def _angle(y: Any, x: Any) -> Any:
+    """The angle of the direction (x, y), -pi to pi, by functions that keep complex steps."""
+    size = sqrt(x * x + y * y)
+    # tan of half the angle, by the form that loses no digits on its side of the y axis.
+    ahead, off = real(x) >= 0.0, where(real(y) >= 0.0, y + _TINY, y - _TINY)
+    return 2.0 * arctan(where(ahead, y, size - x) / where(ahead, size + x, off))
+
+
+def _wrapped(angle: Any) -> Any:
+    """Within -pi and pi, of an angle within three times that."""
+    turn = 2.0 * math.pi
+    below = where(real(angle) > math.pi, angle - turn, angle)
+    return where(real(angle) < -math.pi, angle + turn, below)
+
+
+ATTITUDES: Mapping[str, Attitude] = MappingProxyType(
+    {EULER: EulerAngles(), QUATERNION: Quaternion()}
+)
