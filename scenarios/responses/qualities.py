@@ -18,8 +18,14 @@ from ident.flying_qualities.bandwidth import (
     dropback,
     pitch_bandwidth_level,
 )
-from ident.flying_qualities.fitted_forms import form_levels, form_qualities
-from ident.flying_qualities.levels import CATEGORIES, CLASSES, Level, Quality
+from ident.flying_qualities.levels import (
+    CATEGORIES,
+    CLASSES,
+    Level,
+    Quality,
+    form_levels,
+    form_qualities,
+)
 from ident.flying_qualities.pilot_in_loop import (
     DROOP,
     PILOT_DELAY,
