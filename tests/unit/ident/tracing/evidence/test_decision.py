@@ -137,6 +137,32 @@ def test_rough_air_acts_while_the_aircraft_hardly_moves() -> None:
     assert z[1] < 2.0
 
 
+@pytest.mark.parametrize(("strength", "named"), [(0.6, ["unmeasured-input"]), (1.2, [])])
+def test_an_event_is_named_where_hardly_more_than_noise_is_left(
+    strength: float, named: list[str]
+) -> None:
+    """A pulse in passing beside a slow error of the gyro: it is not spread over the record, and
+    beside a discrepancy it is not looked for.
+    """
+    model = declared()
+    every = effects_for(model.equations)
+    pulse = next(each for each in every if each.name == "unmeasured-input")
+    assert isinstance(pulse, Traceable)
+    values = {"start": 4.0, "duration": 1.2, "lift": 0.02, "moment": 0.01}
+    record = planted([pulse], {f"{pulse.name}.{key}": each for key, each in values.items()}, seed=3)
+    (channel,) = [each for each in record.outputs if each.name == "q"]
+    slow = coloured_noise(np.random.default_rng(4), record.time, strength * NOISE["q"], 1.0)
+    record = with_output(record, "q", channel.values + slow)
+    few = [
+        each
+        for each in every
+        if each.name in (LATE, "sensor-scale:q", pulse.name) and isinstance(each, Traceable)
+    ]
+    search = searched(problem_of([record], few, model=model))
+    assert not is_noise(search.best().fitted.fit)
+    assert [each.name for each in decided(search, discrepancy_for(every)).named] == named
+
+
 @pytest.mark.long
 def test_white_noise_decides_where_a_discrepancy_is_less_probable() -> None:
     """Two causes of which one brings little: beside a discrepancy its scatter would leave it
