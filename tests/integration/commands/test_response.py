@@ -515,6 +515,35 @@ def test_a_long_delay_is_found(tmp_path: Path, late: float) -> None:
     assert found.cost < 10.0 and found.values["delay"] == pytest.approx(late - 0.005, abs=0.005)
 
 
+def test_no_level_lies_below_a_delay_of_zero(tmp_path: Path) -> None:
+    """The lower end of the interval of a delay that is none was worse than level 3."""
+    time, target, _ = swept()
+    roll = signal.lsim(([9.0], [1.0, 9.0]), target, time)[1]
+    roll = roll + np.random.default_rng(6).normal(0.0, 0.3, time.size)
+    path = write_csv(tmp_path, "sweep.csv", time=time, target=target, roll=roll)
+    found = fid.frequency_response(path, "target", "roll", fit="roll", levels="IV-A")
+    (late,) = [
+        each for each in found.details.qualities[0].levels if each.quality.name == "total_delay"
+    ]
+    assert late.quality.value < 2.0 * late.quality.std
+    assert (late.level, late.best, late.worst) == (1, 1, 1)
+
+
+def test_a_fitted_mode_outside_the_usable_band_is_said(tmp_path: Path) -> None:
+    """The coherence dips at a lightly damped mode, and the usable band begins above it."""
+    time, target, _ = swept()
+    y = signal.lsim(([9.0], [1.0, 0.18, 9.0]), target / 20.0, time)[1]
+    y = y + np.random.default_rng(7).normal(0.0, 0.05, time.size)
+    path = write_csv(tmp_path, "light.csv", time=time, target=target / 20.0, y=y)
+    found = fid.frequency_response(path, "target", "y", fit="dutch-roll")
+    band, fits = found.details.found.bands()[0][0], found.details.fits
+    assert band is not None and fits is not None
+    low = 2.0 * math.pi * band[0]
+    mode = fits.fit.functions[0].values["frequency"]
+    assert mode < low
+    assert any("lies outside the usable band" in each for each in found.warnings)
+
+
 def test_the_wrong_sign_of_a_loop_is_not_compared(tmp_path: Path) -> None:
     path = write_csv(tmp_path, "loop.csv", **loop_flight(1))
     found = fid.frequency_response(

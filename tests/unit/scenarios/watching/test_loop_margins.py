@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from scenarios.responses.loops import margin_lines
 from scenarios.watching.loop_margins import (
     FollowLoop,
     LoopNames,
@@ -161,3 +162,13 @@ def test_a_sign_and_one_signal_each_are_needed() -> None:
         loop_names("times", ("a",), ("b",), None)
     with pytest.raises(DeclarationError, match="no single loop"):
         loop_names("minus", ("a", "c"), ("b",), None)
+
+
+def test_the_wrong_sign_of_a_loop_is_not_compared(rows: np.ndarray) -> None:
+    right = margins_of(watched(rows))
+    wrong = margins_of(watched(rows, names=LoopNames("plus", "command", "returned", "sweep")))
+    assert right is not None and not right.contradicted
+    assert any("MIL-F-9490D, below" in line for line in margin_lines(right))
+    assert wrong is not None and wrong.contradicted
+    assert not any("MIL-F-9490D, below" in line for line in margin_lines(wrong))
+    assert any("--margins minus fits these signals" in each for each in wrong.cautions)
