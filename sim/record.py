@@ -192,6 +192,10 @@ class Record:
                 where=self.name,
                 remedy=f"the record covers {span}",
             )
+        return self.rows(keep)
+
+    def rows(self, keep: np.ndarray) -> Record:
+        """The rows where ``keep (N,)``, bool, is true."""
         cut = [
             tuple(
                 replace(c, values=_frozen(c.values[keep]), valid=_frozen(c.valid[keep]))

@@ -10,10 +10,8 @@ Draws of the modes' characteristics, Gaussian, are turned into damping, frequenc
 one and held against all limits of a mode at once: what a level is worth is the share of the draws
 that reach it.
 
-Flying qualities of fitted low-order forms: short period, CAP, roll mode, Dutch roll, with
-levels.
-
-Of the form ``pitch`` at constant speed n/alpha = V / (g T_theta2) and CAP = omega^2 / (n/alpha)
+Low-order forms that are fitted to frequency responses (short period, roll mode, Dutch roll) are
+held against the same limits. For the form ``pitch`` at constant speed n/alpha = V / (g T_theta2) and CAP = omega^2 / (n/alpha)
 (MIL-STD-1797A, 4.2.1.2; Bihrle, AFFDL-TR-65-198, 1966). Limits of the levels:
 ``handling_qualities.toml``.
 """
@@ -176,9 +174,6 @@ def _every() -> tuple[Criterion, ...]:
     )
 
 
-_TIMES = ("delay", "total_delay", "roll_time_constant")
-
-
 def levels(
     found: Sequence[Quality], against: Sequence[Criterion] | None = None
 ) -> tuple[Level, ...]:
@@ -190,8 +185,8 @@ def levels(
             continue
         quality = by_name[criterion.quantity]
         low, high = quality.value - SIGMAS * quality.std, quality.value + SIGMAS * quality.std
-        # No level is reached below the least limit of a time: it is not negative.
-        low = max(low, min(0.0, quality.value)) if quality.name in _TIMES else low
+        if quality.unit == "s":  # a delay or a time constant is not negative
+            low = max(low, min(0.0, quality.value))
         edges = [edge for pair in criterion.levels for edge in pair if low < edge < high]
         spots = sorted([low, *edges, high])
         # Levels change at edges only: one point inside each piece, and the ends, see them all.

@@ -14,7 +14,7 @@ from ident.flying_qualities.stability_margins import Margin
 from ident.frequency_response import LEAST_COHERENCE
 from scenarios import maneuvers
 from scenarios.api import plot, tables
-from scenarios.api.keywords import band_of, in_python_words, signal_names, told_in_python
+from scenarios.api.keywords import band_of, in_python_words, names_of, told_in_python
 from scenarios.api.records import Choices, choices_of
 from scenarios.api.requests import (
     KEPT,
@@ -559,12 +559,11 @@ def frequency_response(
     """
     plan = plan_from(start, stop, hold, rate, lowpass, False, columns)
     request = with_parts(request_of(records, channels=channels, plan=plan), maneuver, maneuvers)
-    names = Names(signal_names(input), signal_names(output), signal_names(reference))
+    names = Names(names_of(input), names_of(output), names_of(reference))
     given = band_of(band)
     options = analysis.ResponseOptions(given, _lengths(window), tapers, coherence)
-    forms = (
-        tuple(f"{k}={v}" for k, v in fit.items()) if isinstance(fit, Mapping) else signal_names(fit)
-    )
+    by_output = [f"{k}={v}" for k, v in fit.items()] if isinstance(fit, Mapping) else fit
+    forms = names_of(by_output, "form", "fit")
     held = tuple(f"{name}={value}" for name, value in (fix or {}).items())
     wanted = FitOptions(forms, held, shared_poles)
     asked = (bandwidth, margins, LevelOptions(levels, airspeed), pilot_demand(pilot, pilot_delay))

@@ -84,12 +84,14 @@ def told_in_python(function: Callable[P, R]) -> Callable[P, R]:
     return told
 
 
-def signal_names(given: str | Sequence[str]) -> tuple[str, ...]:
-    """Names of signals, of one or several. Raises DeclarationError for what is none."""
+def names_of(
+    given: str | Sequence[str], kind: str = "signal", where: str = "input, output"
+) -> tuple[str, ...]:
+    """One name or several of a ``kind``. Raises DeclarationError for what is none."""
     names = (given,) if isinstance(given, str) else given
     if not isinstance(names, Sequence) or not all(isinstance(each, str) for each in names):
         remedy = "give a name or a list of names"
-        raise DeclarationError(f"{given!r} names no signal", where="input, output", remedy=remedy)
+        raise DeclarationError(f"{given!r} names no {kind}", where=where, remedy=remedy)
     return tuple(names)
 
 

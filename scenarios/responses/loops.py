@@ -120,9 +120,9 @@ def loop_margins_of(
     worst = worst_margins(known) if known else ()
     at = [number for number, one in enumerate(each) if one is not None]
     worst = tuple(replace(one, maneuver=at[one.maneuver]) for one in worst)
-    cautions = _cautions(found, names, sign, read, worst)
-    parts = read.names if each else ()
     other = found.joint and fitting_sign(_products(read)) not in (sign, None)
+    cautions = _cautions(found, names, sign, worst, contradicted=other)
+    parts = read.names if each else ()
     return LoopMargins(
         name, sign, curve, pooled, parts, tuple(each), tuple(reasons), worst, cautions, other
     )
@@ -132,8 +132,9 @@ def _cautions(
     found: FrequencyResponses,
     names: Names,
     sign: str,
-    read: ReadSignals,
     worst: Sequence[WorstMargin],
+    *,
+    contradicted: bool,
 ) -> tuple[str, ...]:
     out = []
     if not found.joint:
@@ -142,7 +143,7 @@ def _cautions(
             "loop "
             "biases them; record the excitation and name it with --reference"
         )
-    elif fitting_sign(_products(read)) not in (sign, None):
+    elif contradicted:
         out.append(sign_caution(names.references[0], names.inputs[0], names.outputs[0], sign))
     for one in worst:
         if one.p_value < DIFFER:

@@ -34,6 +34,7 @@ from ident.flying_qualities.pilot_in_loop import (
     neal_smith,
     pitch_overshoot,
 )
+from ident.flying_qualities.stability_margins import NORMAL
 from ident.frequency_response import FrequencyResponses
 from ident.frequency_response.transfer_function import FORMS
 from scenarios.report.document import BY_ROW, Column, Table, formatted, table
@@ -43,7 +44,6 @@ from sim.errors import DeclarationError
 
 RATE, ATTITUDE = "rate", "attitude"
 PITCH = "pitch"  # the form that airspeed belongs to
-LEVEL = 1.959964  # standard deviations of a 95 % interval
 
 
 @dataclass(frozen=True)
@@ -324,7 +324,7 @@ def quality_table(one: Qualities) -> Table | None:
         (Column("value", BY_ROW), [formatted(each.value, ".3g") for _, each, _ in rows]),
         (
             Column("+-", BY_ROW, beside=True),
-            [formatted(LEVEL * each.std, ".2g") for _, each, _ in rows],
+            [formatted(NORMAL * each.std, ".2g") for _, each, _ in rows],
         ),
         (Column("frequency", "Hz"), hertz) if any(hertz) else None,
         units=["" if unit == "1" else unit for _, _, unit in rows],
@@ -353,26 +353,23 @@ def levels_by_name(qualities: Sequence[Qualities]) -> dict[str, dict[str, tuple[
     return {name: levels for name, levels in found.items() if levels}
 
 
-def _level_content(level: Level) -> dict[str, Any]:
-    return {
-        "quantity": level.quality.name,
-        "category": level.criterion.category,
-        "level": level.level,
-        "best": level.best,
-        "worst": level.worst,
-        "source": level.criterion.source,
-    }
-
-
 def levels_content(one: Qualities) -> list[dict[str, Any]]:
-    on_charts = [
-        {
-            "quantity": each.name,
-            "level": each.level,
-            "best": each.best,
-            "worst": each.worst,
-            "source": each.source,
-        }
-        for each in chart_levels(one)
+    """Levels of quantities and of charts for ``responses.json``."""
+    return [
+        *(
+            _level_row(each.quality.name, each, each.criterion.source)
+            | {"category": each.criterion.category}
+            for each in one.levels
+        ),
+        *(_level_row(each.name, each, each.source) for each in chart_levels(one)),
     ]
-    return [*map(_level_content, one.levels), *on_charts]
+
+
+def _level_row(name: str, reached: Level | ChartLevel, source: str) -> dict[str, Any]:
+    return {
+        "quantity": name,
+        "level": reached.level,
+        "best": reached.best,
+        "worst": reached.worst,
+        "source": source,
+    }

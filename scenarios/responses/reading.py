@@ -210,20 +210,12 @@ def _rows_with_outputs(record: Record) -> tuple[Record, list[str]]:
     if own > 1.5 * step:
         names = [each.name for each in record.outputs if not each.valid.all()]
         said = f"{', '.join(names)} has a sample every {own:.3g} s: rows between are left out"
-        return _only_rows(record, valid), [f"{record.name}: {said}"]
+        return record.rows(valid), [f"{record.name}: {said}"]
     edges = np.flatnonzero(np.diff(np.concatenate([[True], valid, [True]]).astype(int)))
     keep = np.ones(len(record), dtype=bool)
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
         keep[begin:end] = record.time[end - 1] - record.time[begin] + 2.0 * step <= LONG
-    return (_only_rows(record, keep) if not keep.all() else record), []
-
-
-def _only_rows(record: Record, keep: np.ndarray) -> Record:
-    inputs, outputs = (
-        tuple(Channel.of(each.name, each.unit, each.with_gaps()[keep]) for each in group)
-        for group in (record.inputs, record.outputs)
-    )
-    return replace(record, time=record.time[keep], inputs=inputs, outputs=outputs)
+    return record.rows(keep), []
 
 
 def _unit(file: RecordFile, name: str) -> str | None:

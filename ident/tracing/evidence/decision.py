@@ -227,10 +227,10 @@ def _decided(search: Search, discrepancy: Traceable | None, leaves_noise: Leaves
 
 
 def _with_slight_rest(search: Search, best: WeighedSet, discrepancy: Traceable) -> Decision | None:
-    """The decision by sets where what the best one leaves is no noise, but hardly more.
+    """The decision under white noise where the best set leaves hardly more than noise; else None.
 
-    An event in passing is not spread over the records, and beside a discrepancy it is not looked
-    for. Here it is named, by the same levels as under white noise; None where nothing is.
+    The search beside a discrepancy does not look for events, whose evidence is not spread over the
+    records. Here they are named by the levels of white noise. None also where nothing is named.
     """
     fitted = search.fit((*best.fitted.effects, discrepancy), best.fitted)
     if fitted is None or _error_over_noise(best.fitted, fitted) > SLIGHT:
