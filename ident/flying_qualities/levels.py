@@ -12,8 +12,8 @@ that reach it.
 
 Low-order forms that are fitted to frequency responses (short period, roll mode, Dutch roll) are
 held against the same limits. For the form ``pitch`` at constant speed n/alpha = V / (g T_theta2)
-and CAP = omega^2 / (n/alpha) (MIL-STD-1797A, 4.2.1.2; Bihrle, AFFDL-TR-65-198, 1966). Limits of the levels:
-``handling_qualities.toml``.
+and CAP = omega^2 / (n/alpha) (MIL-STD-1797A, 4.2.1.2; Bihrle, AFFDL-TR-65-198, 1966).
+Limits of the levels: ``handling_qualities.toml``.
 """
 
 from __future__ import annotations
