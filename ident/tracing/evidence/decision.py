@@ -309,7 +309,7 @@ def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision
     whole, (best, slight) = best, _less_slight(search, best, clear)
     best = _less_guards(search, best)
     named = [
-        Named(effect.name, inclusion[effect.name], _alike(search, whole, effect, sets))
+        _named(search, whole, effect, sets)
         for effect in best.fitted.effects
         if _is_cause(effect, best, search.context.interval)
     ]
@@ -382,6 +382,29 @@ def _less_guards(search: Search, best: WeighedSet) -> WeighedSet:
     if plain is None or not is_noise(plain.fitted.fit):
         return best
     return plain if _error_over_noise(plain.fitted, best.fitted) <= SLIGHT else best
+
+
+def _named(
+    search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Key, float]
+) -> Named:
+    """A member with its probability and those of the effects that could take its place.
+
+    Posterior odds suppose that the equations are true. Where Vuong's test does not tell another
+    effect from the member, its odds are at least those of that test.
+    """
+    mine, alike = inclusion_of(sets)[effect.name], _alike(search, best, effect, sets)
+    odds = {name: share / mine for name, share in alike.items()}
+    formless = {
+        each.name
+        for each in search.candidates
+        if each.traits.guard or (each.traits.general and not effect.traits.general)
+    }
+    for name, each in _rivals(search, best, effect.name).items():
+        if name not in formless:
+            odds[name] = max(each, odds.get(name, 0.0))
+    # What is told is how the probability of the group is shared, not how large it is.
+    share = (mine + sum(alike.values())) / (1.0 + sum(odds.values()))
+    return Named(effect.name, share, {name: each * share for name, each in odds.items()})
 
 
 def _alike(
