@@ -228,7 +228,7 @@ class Diagnosis:
     the fit where its residual is white, else estimated from the residual's high
         frequencies. residual_std : the level of the fit, whatever is in it.
     tests_before, tests_after : residual tests. steps, candidates : how the search went.
-    seconds : time by stage. scatter : standard deviation of declared parameters between fits of
+    scatter : standard deviation of declared parameters between fits of
     single records, where they were made. modes_before, modes_after : numbers of the modes from
     which levels of flying qualities follow, None where there are none. stopped : a search used all
     its fits. trained_before, trained_after : what another record is predicted with. not_met :
@@ -254,7 +254,6 @@ class Diagnosis:
     warnings: tuple[Caution, ...]
     predictions: tuple[Prediction, ...]
     fitted: tuple[FittedRecord, ...]
-    seconds: Mapping[str, float]
     scatter: Mapping[str, float] = field(default_factory=dict)
     inflation: Mapping[str, float] = field(default_factory=dict)
     stopped: bool = False

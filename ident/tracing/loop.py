@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -81,7 +80,6 @@ def diagnose(
     ------
     ModelError : a record without any output of the model, or a model that cannot be fitted at all.
     """
-    watch = Stopwatch()
     outputs = [
         signal.name
         for signal in model.equations.outputs
@@ -94,31 +92,25 @@ def diagnose(
     records, validation = problem.records, problem.predicted
     held = held_out_data(declared, validation)
     problem, root = declared.problem, declared.root
-    watch.stage("search")
     masks, spikes = spike_claims(problem, search.best().fitted)
     if any(not np.array_equal(a, b) for a, b in zip(masks, problem.masks, strict=True)):
         problem = problem.with_masks(masks)
         root = problem.fit((), root) or root
         search = search.again(problem)
-    watch.stage("spikes")
     groups = kinematics() if kinematics is not None and search.best().names else ()
     if groups:
         search = search.with_kinematics(groups)
-    watch.stage("kinematics")
     found, out = _decided(search, discrepancy, held)
-    watch.stage("discrepancy")
     problem, best = search.problem, found.best
     kept = _still_needed(declared.spikes, problem, records, best)
     judgement = _judged(problem, found, out, held, (*kept, *spikes))
     before, after = _scatter(problem, root, judgement, held)
-    watch.stage("held out")
     told = reported(
         problem,
         Before(root, residual_tests(root, HeldOut(None, None)).all, before),
         After(judgement, after),
         held,
         validation,
-        watch.seconds,
     )
     return replace(
         told,
@@ -150,18 +142,6 @@ def _searched(
     # Half an interval changes no scan: only at sets that were not scanned is there one.
     rival.expanded |= search.expanded
     return other, again, rival.run()
-
-
-@dataclass(eq=False)
-class Stopwatch:
-    """Time spent by stage, s."""
-
-    started: float = field(default_factory=clock.perf_counter)
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    def stage(self, name: str) -> None:
-        """What passed since the last stage is this one's."""
-        self.seconds[name] = clock.perf_counter() - self.started - sum(self.seconds.values())
 
 
 def _still_needed(

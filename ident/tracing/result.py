@@ -104,7 +104,6 @@ def reported(
     after: After,
     held: HeldOutData,
     validation: Sequence[Record],
-    seconds: Mapping[str, float],
 ) -> Diagnosis:
     """All that a Diagnosis holds. ``validation`` are the records that are not fitted as they were
     given, spikes of their inputs included.
@@ -171,7 +170,6 @@ def reported(
         warnings=judgement.cautions,
         predictions=tuple(predictions),
         fitted=fitted,
-        seconds=dict(seconds),
         scatter=after.scatter.scatter,
         inflation=inflation,
         not_met=not_met,

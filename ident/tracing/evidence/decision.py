@@ -384,9 +384,7 @@ def _less_guards(search: Search, best: WeighedSet) -> WeighedSet:
     return plain if _error_over_noise(plain.fitted, best.fitted) <= SLIGHT else best
 
 
-def _named(
-    search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Key, float]
-) -> Named:
+def _named(search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Key, float]) -> Named:
     """A member with its probability and those of the effects that could take its place.
 
     Posterior odds suppose that the equations are true. Where Vuong's test does not tell another
