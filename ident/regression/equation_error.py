@@ -212,15 +212,23 @@ def _layout(records: Sequence[Record], system: System) -> _Layout:
 
 
 def _evaluate(
-    layout: _Layout, theta: np.ndarray, histories: Sequence[Sequence[np.ndarray]] | None = None
+    layout: _Layout,
+    theta: np.ndarray,
+    histories: Sequence[Sequence[np.ndarray]] | None = None,
+    *,
+    slopes: bool = True,
 ) -> list[_Equations] | None:
     """Residuals of all records; ``histories`` in place of the smoothed states, the biases of their
-    sensors taken off already.
+    sensors taken off already. Without ``slopes`` the jacobians are zero.
     """
     with np.errstate(all="ignore"):
         parts = [
             _equations(
-                layout, r, theta[layout.columns(r)], None if histories is None else histories[r]
+                layout,
+                r,
+                theta[layout.columns(r)],
+                None if histories is None else histories[r],
+                slopes=slopes,
             )
             for r in range(len(layout.records))
         ]
@@ -232,13 +240,21 @@ def _evaluate(
 
 
 def _equations(
-    layout: _Layout, r: int, mine: np.ndarray, history: Sequence[np.ndarray] | None = None
+    layout: _Layout,
+    r: int,
+    mine: np.ndarray,
+    history: Sequence[np.ndarray] | None = None,
+    *,
+    slopes: bool = True,
 ) -> _Equations:
     """Residuals of record ``r`` and their derivatives by complex step, a column an unknown."""
-    system, record, data, c = layout.system, layout.records[r], layout.data[r], len(mine)
+    system, record, data = layout.system, layout.records[r], layout.data[r]
+    c = len(mine) if slopes else 1
     p: list[Any] = list(system.parameters.values())
     for column, index in enumerate(layout.order):
-        p[index] = mine[column] + 1j * COMPLEX_STEP * (np.arange(c) == column)
+        p[index] = mine[column]
+        if slopes:
+            p[index] = p[index] + 1j * COMPLEX_STEP * (np.arange(c) == column)
     time = record.time
     u_begin, u_end = ([_deep(row) for row in stage] for stage in _inputs(record, system, p))
     x: list[Any]
@@ -301,11 +317,14 @@ def _averaged(slope: np.ndarray, first: np.ndarray, increments: np.ndarray) -> n
     """What the slope weights ``(N, W)`` make of a signal with the given increments between rows,
     ``(N, c)``.
     """
+    from scipy.sparse import csr_array
+
     kernel = -np.cumsum(slope, axis=1)[:, :-1]
-    total = np.zeros((len(slope), increments.shape[1]), dtype=complex)
-    for j in range(kernel.shape[1]):
-        total += kernel[:, j, None] * increments[first + j]
-    return total
+    rows, width = kernel.shape
+    columns = (first[:, None] + np.arange(width)).ravel()
+    begin = np.arange(rows + 1) * width
+    weights = csr_array((kernel.ravel(), columns, begin), shape=(rows, len(increments)))
+    return np.asarray(weights @ increments)
 
 
 def _variances(parts: list[_Equations]) -> tuple[np.ndarray, np.ndarray]:
@@ -347,9 +366,11 @@ def _descend(
     cost, share, resolved = _cost(parts), 1.0, unresolved(float(_variances(parts)[1].sum()))
     for _ in range(12):
         trial = np.clip(theta + share * step, low, high)
-        new = _evaluate(layout, trial)
-        if new is not None and _cost(new) <= cost + resolved:
-            return trial, new, share
+        tried = _evaluate(layout, trial, slopes=False)
+        if tried is not None and _cost(tried) <= cost + resolved:
+            new = _evaluate(layout, trial)
+            if new is not None:
+                return trial, new, share
         share *= 0.5
     return theta, parts, 0.0
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -298,6 +299,7 @@ def _inflated_estimate(fitted: FittedModel, inflation: Mapping[str, float]) -> E
     return replace(plain, covariance=plain.covariance * np.outer(inflated, inflated))
 
 
+@lru_cache(maxsize=8)
 def _estimate(fitted: FittedModel) -> Estimate:
     return (
         filter_error_estimate(fitted.fit)

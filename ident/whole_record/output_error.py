@@ -18,7 +18,7 @@ from math import ceil
 import numpy as np
 
 from ident.estimate import LARGEST, Estimate, Outcome
-from ident.regression.equation_error import run_equation_error
+from ident.regression.equation_error import RegressionSettings, run_equation_error
 from ident.statistics.information import (
     add_normal_equations,
     determined_and_open,
@@ -251,7 +251,10 @@ def from_regression(layout: FitLayout) -> Iterator[FitLayout]:
     states or they did not settle.
     """
     try:
-        found = run_equation_error([problem.record for problem in layout.problems], layout.system)
+        records = [problem.record for problem in layout.problems]
+        found = run_equation_error(
+            records, layout.system, RegressionSettings(tolerance=0.1, coloured=False)
+        )
     except FlightidError:
         return
     if (
