@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -307,9 +307,12 @@ def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision
     if enough is not None and sets[certain] > 1.0 - CERTAIN:
         best = enough
     whole, (best, slight) = best, _less_slight(search, best, clear)
-    best = _less_guards(search, best)
+    if slight:  # what is left out takes no part in what remains
+        others = {key: share for key, share in sets.items() if not key & slight.keys()}
+        sets = {key: share / sum(others.values()) for key, share in others.items()}
+    kept, best = best, _less_guards(search, best)
     named = [
-        _named(search, whole, effect, sets)
+        _named(search, kept, effect, sets)
         for effect in best.fitted.effects
         if _is_cause(effect, best, search.context.interval)
     ]
@@ -345,11 +348,11 @@ def _less_slight(
     Also why those that are left out are, by name.
     """
     left_out: dict[str, str] = {}
-    usual = {each.name for each in best.fitted.effects if each.traits.background}
+    usual = {each.name for each in search.problem.candidates if each.traits.background}
     while causes := search.added(best) - usual:
         slight = []
         for name in sorted(causes - search.problem.named_by_kinematics):
-            less = search.less(best, name)
+            less = _likeliest_less(search, best, name, usual)
             if less is None or best.weight - less.weight >= clear:
                 continue
             z = vuong(best, less, search.context.interval)
@@ -363,6 +366,19 @@ def _less_slight(
         z, asked, name, best = min(slight, key=lambda each: each[0])
         left_out[name] = LITTLE.format(z, asked)
     return best, left_out
+
+
+def _likeliest_less(
+    search: Search, best: WeighedSet, name: str, usual: Collection[str]
+) -> WeighedSet | None:
+    """The set without a member, with or without the ``usual`` motion that any record may have,
+    which an effect may stand for: whichever is likelier.
+    """
+    plain = search.less(best, name)
+    rest = best.names - {name} - frozenset(usual)
+    found = [one for key, one in search.visited.items() if key - frozenset(usual) == rest]
+    found += [] if plain is None else [plain]
+    return max(found, key=lambda one: one.weight, default=None)
 
 
 def _less_guards(search: Search, best: WeighedSet) -> WeighedSet:
