@@ -15,6 +15,7 @@ from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record
 
+TO_THE_END = 300  # iterations: where parameters trade off a fit takes up to 200
 SETTLED = 1e-6  # of log likelihood: a step that gains less moves nothing by more than 0.0015 sigmas
 CREEPING = 0.02  # the same where noise levels are unknowns, which creep: 0.2 sigmas
 
@@ -106,7 +107,7 @@ class TraceProblem:
                 return one.fitted
         random = any(isinstance(effect, NoiseEffect) for effect in effects)
         enough = CREEPING if random else SETTLED
-        settings = FitSettings(max_step=self.settings.max_step, enough=enough)
+        settings = FitSettings(self.settings.max_step, iterations=TO_THE_END, enough=enough)
         self._ended.append(_Ended(*asked, self._fit(effects, settings, start, added)))
         return self._ended[-1].fitted
 

@@ -222,10 +222,11 @@ class Search:
         return self.rivals[key] - best.weight > raised
 
     def again(self, problem: TraceProblem) -> Search:
-        """The same search where other samples count: candidates are scanned at the best set of
-        those that are fitted anew.
+        """The same search where other samples count: it goes on where they make another set the
+        most probable of those that are fitted anew.
         """
-        return self.refitted(problem).run()
+        other = self.refitted(problem)
+        return other if other.best().names == self.best().names else other.run()
 
     def refitted(self, problem: TraceProblem) -> Search:
         """A search in other data, or the same read otherwise, with the leading sets fitted anew."""
