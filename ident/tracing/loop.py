@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -46,8 +45,6 @@ from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record
 
-# rise of the log density of held-out data at which these alone would make the claim certain
-PREDICTED = math.log(CERTAIN / (1.0 - CERTAIN))
 ALTERNATIVES = 2  # named at most: fixed by the format of a diagnosis
 
 
@@ -237,7 +234,7 @@ def _judged(
         verdict = Verdict.PARTIAL
     cautions += left
     raised = sum(gains) if gains else np.inf
-    if raised <= PREDICTED:
+    if raised <= 0.0:
         verdict = Verdict.UNEXPLAINED
         worse = _no_improvement(raised)
         why = (worse.requirement.sentence if worse.requirement else worse.sentence,)
@@ -261,8 +258,7 @@ def _of_guards(problem: TraceProblem, found: Decision) -> list[Caution]:
 
 def _no_improvement(raised: float) -> Caution:
     asked = "the rise of the log likelihood of data that were not fitted"
-    finite = np.isfinite(raised)
-    requirement = Requirement(asked, raised, PREDICTED, at_least=True) if finite else None
+    requirement = Requirement(asked, raised, 0.0, at_least=True) if np.isfinite(raised) else None
     what = "the effects found do not lower the error on data that were not fitted"
     return Caution(Concern.NO_IMPROVEMENT, what, requirement=requirement)
 

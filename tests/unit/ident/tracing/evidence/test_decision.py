@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Verdict
-from ident.tracing.evidence.decision import _by_kinematics, _other_forms, decided, searched
+from ident.tracing.evidence.decision import (
+    _by_kinematics,
+    _likeliest_less,
+    _other_forms,
+    decided,
+    searched,
+)
+from ident.tracing.evidence.evidence import WeighedSet
 from ident.tracing.evidence.search import Search
-from ident.tracing.evidence.steady_search import quiet_vuong
+from ident.tracing.evidence.steady_search import quiet_vuong, vuong
 from ident.tracing.loop import diagnose
 from ident.tracing.whiteness import is_noise
 from sim.declaration.proposal import Traceable
@@ -185,6 +195,44 @@ def test_a_group_that_acts_is_ambiguous_though_no_member_is_certain() -> None:
     assert found.verdict is Verdict.AMBIGUOUS
     assert {named.name, *named.alternatives} >= {ARM, LATE}
     assert named.probability < 0.95 < named.probability + sum(named.alternatives.values())
+
+
+def test_effects_that_vuongs_test_does_not_tell_apart_share_their_probability() -> None:
+    """The odds of each, by the sets that were fitted and the normal law, are at least its."""
+    shared = 0
+    for arm in (1.5 * SHORT, 2.0 * SHORT):
+        search = searched(offered([planted([effect(ARM)], {"vane-offset.arm": arm}, seed=2)]))
+        best = search.best()
+        for named in decided(search).named:
+            assert named.probability + sum(named.alternatives.values()) <= 1.0 + 1e-9
+            rest = best.names - {named.name}
+            for key, other in search.visited.items():
+                (new, *more) = sorted(key - rest) or [named.name]
+                if more or new == named.name or not rest < key or other.weight >= best.weight:
+                    continue
+                z = vuong(best, other, search.context.interval)
+                if z < 2.0:
+                    odds = named.alternatives[new] / named.probability
+                    assert odds > (1.0 - 1e-9) * norm.sf(z) / norm.cdf(z)
+                    shared += 1
+    assert shared
+
+
+def test_motion_that_any_record_may_have_is_offered_in_the_place_of_a_member() -> None:
+    """A pulse stood for a phugoid: what it brings counts from the set with the phugoid."""
+    weights = {("a", "pulse"): 100.0, ("a",): 10.0, ("a", "phugoid"): 72.0, ("phugoid",): 80.0}
+    visited = {
+        frozenset(key): SimpleNamespace(names=frozenset(key), weight=weight)
+        for key, weight in weights.items()
+    }
+    stub = SimpleNamespace(
+        visited=visited, less=lambda best, name: visited[frozenset(best.names - {name})]
+    )
+    search, best = cast("Search", stub), cast("WeighedSet", visited[frozenset({"a", "pulse"})])
+    found = _likeliest_less(search, best, "pulse", {"phugoid"})
+    assert found is not None and found.names == {"a", "phugoid"}
+    found = _likeliest_less(search, best, "pulse", ())
+    assert found is not None and found.names == {"a"}
 
 
 def test_what_brings_little_where_the_declared_model_leaves_noise_is_a_hint() -> None:
