@@ -446,13 +446,6 @@ def linear_squares(planned: Planned, true: Acting, rival: Acting) -> float:
     return float(left @ left)
 
 
-def sigma_of(planned: Planned, acting: Acting) -> dict[str, float]:
-    """Expected standard deviations of all parameters where the effect is in the model that is
-    fitted.
-    """
-    return sigmas_of(simulated(planned, (acting.effect,), acting.full_values).fit)
-
-
 def _squares(best: FittedModel) -> np.ndarray:
     return np.asarray(np.sum(best.fit.residuals[0] ** 2, axis=1) / best.fit.variance)
 

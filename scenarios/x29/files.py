@@ -121,14 +121,7 @@ SHOWN = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "d
 def loop_figures(study: LoopStudy) -> Iterator[Named]:
     """A study's figures: the stem of each file, and what draws it."""
     from scenarios.plots.estimates import figure_correlation, figure_innovations
-    from scenarios.plots.low_order import (
-        LikelihoodCurve,
-        figure_delays,
-        figure_linear,
-        figure_peaks,
-        figure_side_by_side,
-        figure_states,
-    )
+    from scenarios.plots.low_order import figure_side_by_side, figure_states
     from scenarios.plots.signals import figure_fit, figure_record, units_of
 
     result, title = study.result, study.scenario.title
@@ -211,7 +204,19 @@ def loop_figures(study: LoopStudy) -> Iterator[Named]:
         partial(_parameter_histories, history, constant, f"{title}\nparameters as states"),
     )
     yield "correlation", partial(figure_correlation, estimate.names, estimate.correlation, title)
-    bank = result.bank
+    yield from _further_figures(study)
+
+
+def _further_figures(study: LoopStudy) -> Iterator[Named]:
+    """Delays, linear check, margins and variants, where the study has them."""
+    from scenarios.plots.low_order import (
+        LikelihoodCurve,
+        figure_delays,
+        figure_linear,
+        figure_peaks,
+    )
+
+    title, bank = study.scenario.title, study.result.bank
     curve = LikelihoodCurve(
         bank.delays,
         bank.log_likelihood,

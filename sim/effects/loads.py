@@ -66,29 +66,6 @@ _ENDS = {signal: end for end, signal in MULTIPLIED.items()} | {
 }
 
 
-def also_varying(ports: Sequence[str], first: str, second: str) -> tuple[str, ...]:
-    """Derivatives that vary with a signal and add the product of two signals to some ports: either
-    derivative over the other's signal.
-
-    None where the signals are those of a user's own model, whose parameters have any names.
-    """
-    if not {first, second} <= {*_ENDS} or not {*ports} <= {*_COEFFICIENTS}:
-        return ()
-    one, other = _ENDS[first], _ENDS[second]
-    over, under = MULTIPLIED[one], MULTIPLIED[other]
-    axes = [axis for port in ports for axis in _COEFFICIENTS[port]]
-    return tuple(
-        dict.fromkeys(
-            name
-            for axis in axes
-            for name in (f"varies:{axis}_{one}({under})", f"varies:{axis}_{other}({over})")
-        )
-    )
-
-
-# ---- The lift that carries the weight
-
-
 def weight_lift(
     change: Any, vehicle: Any, airspeed_change: Any = 0.0, density_change: Any = 0.0
 ) -> Any:

@@ -52,11 +52,6 @@ def read_matlab(path: Path, raw: bytes) -> tuple[Topic, ...]:
     return topics_of_variables(path, variables)
 
 
-def is_matlab(raw: bytes) -> bool:
-    """Whether an HDF5 file holds the marks that MATLAB leaves."""
-    return raw.startswith(b"MATLAB 7.3") or b"MATLAB_class" in raw
-
-
 def _variables(group: Any, file: Any, *, matlab: bool) -> dict[str, Any]:
     import h5py
 
