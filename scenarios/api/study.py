@@ -31,7 +31,7 @@ from scenarios.api.shown import Parameter, Parameters, row_of, write_report, wri
 from scenarios.api.vehicle import Vehicle, source_of
 from scenarios.files.declarations import named_after
 from scenarios.files.user_models import is_own
-from scenarios.identification.state_space import linearised
+from scenarios.identification.low_order import linearised
 from scenarios.maneuver_design import design as designing
 from scenarios.maneuver_design.report import design_text, verdict_of
 from scenarios.maneuver_design.setting import TYPICAL, DesignRequest

@@ -23,8 +23,7 @@ from scenarios.cli.options import (
     of,
     with_groups,
 )
-from scenarios.preparation.maneuver_file import with_maneuvers
-from scenarios.preparation.plan import Request, plan_of
+from scenarios.preparation.plan import Request, plan_of, with_maneuvers
 
 METHOD_WORDS = ("stepwise", "orthogonal")
 TARGETS = ("python", "fmu", "jsbsim", "dave-ml")
@@ -82,7 +81,7 @@ def structure(
     Stepwise regression or orthogonal functions; collinear terms are told with the maneuver that
     would separate them.
     """
-    from scenarios.commands.structure import find_structure
+    from scenarios.commands.records import find_structure
     from scenarios.structure.study import StructureOptions
 
     plan = preparation.plan(records)
@@ -193,6 +192,6 @@ def export(
 
     SI and radians, with the values found and the starting states of the first record.
     """
-    from scenarios.commands.structure import export_model
+    from scenarios.commands.records import export_model
 
     export_model(study, to, out, model)

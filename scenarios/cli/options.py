@@ -25,8 +25,7 @@ from typing import Annotated, Any, TextIO, get_type_hints
 
 import typer
 
-from scenarios.preparation.maneuver_file import with_maneuvers
-from scenarios.preparation.plan import Plan, plan_of
+from scenarios.preparation.plan import Plan, plan_of, with_maneuvers
 from scenarios.report.figure_formats import Formats, formats_of
 
 # ---- What a shell completes

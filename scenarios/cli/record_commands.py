@@ -358,7 +358,7 @@ def diagnose(
     """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and
     after.
     """
-    from scenarios.commands.diagnose import diagnose_records
+    from scenarios.commands.records import diagnose_records
 
     plan = preparation.plan(records, trusted=trust)
     request = Request(

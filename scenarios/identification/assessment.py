@@ -26,7 +26,7 @@ from ident.whole_record.output_error import put_together as of_pieces
 from scenarios.files.declarations import closest
 from scenarios.files.user_models import side_at
 from scenarios.files.vehicles import VehicleFile
-from scenarios.identification.consider import Considered
+from scenarios.identification.model_checks import Considered
 from scenarios.preparation.declared_model import BETTER
 from scenarios.preparation.reading import Parted, parts_of, put_together
 from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck, Seen

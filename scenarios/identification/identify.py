@@ -67,7 +67,6 @@ from scenarios.identification.conditions import (
     with_weight_if_needed,
     without_theta,
 )
-from scenarios.identification.consider import consider, considered_sentences
 from scenarios.identification.methods import (
     FILTERS,
     METHODS,
@@ -77,6 +76,7 @@ from scenarios.identification.methods import (
     refuse_method,
     uses_attitude,
 )
+from scenarios.identification.model_checks import consider, considered_sentences
 from scenarios.preparation.aircraft_records import refuse_unfit_records
 from scenarios.preparation.declared_model import (
     BETTER,

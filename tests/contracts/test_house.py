@@ -85,8 +85,6 @@ SHORT_OF_ONE: frozenset[str] = frozenset(
         "flightid/plot.py",
         "ident/tracing/declared.py",
         "ident/tracing/validation/training_knowledge.py",
-        "scenarios/diagnosis/laid_down.py",
-        "scenarios/diagnosis/report/separating_maneuvers.py",
         "sim/vehicles/ballistic.py",
         "sim/vehicles/lateral.py",
         "sim/vehicles/loes.py",

@@ -84,7 +84,7 @@ ONCE_UNNOTICED = (
         ),
     ),
     *changes(
-        "scenarios/trials/sweeps/flight.py",
+        "scenarios/trials/sweeps.py",
         ("tests/unit/scenarios/trials/sweeps/test_sweeps.py",),
         (
             "decay * p + now * late[n + 1] + before * late[n]",
@@ -649,7 +649,7 @@ SCENARIOS = (
         ("self.signed and self.value >= 0", "self.signed and self.value > 0"),
     ),
     *changes(
-        "scenarios/diagnosis/deciding.py",
+        "scenarios/diagnosis/diagnose.py",
         ("tests/unit/scenarios/diagnosis/test_deciding.py",),
         ("record[name].values - record[name].values[0]", "record[name].values"),
     ),

@@ -17,8 +17,7 @@ import numpy as np
 
 from scenarios.files.channels import CHANNEL_UNITS, TIME, ColumnChoice, is_clock, split_header
 from scenarios.files.declarations import closest
-from scenarios.files.formats.cells import CellTable, numbers
-from scenarios.files.formats.topic import Topic
+from scenarios.files.formats.cells import CellTable, Topic, numbers
 from scenarios.files.measured.clock import (
     SECONDS,
     Clock,

@@ -111,7 +111,7 @@ def test_linear_algebra_gets_one_thread_unless_the_user_says_otherwise(
 
 def test_the_process_for_figures_is_started_before_numpy_is_loaded() -> None:
     done = process(
-        "import sys, scenarios.commands.diagnose; print([name for name in ('numpy', 'pydantic') if "
+        "import sys, scenarios.commands.records; print([name for name in ('numpy', 'pydantic') if "
         "name in sys.modules])"
     )
     assert done.stdout == "[]\n", done.stderr
