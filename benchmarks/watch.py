@@ -41,7 +41,7 @@ from scenarios.files.writing import write_record
 from scenarios.identification.low_order import PAPER_START, loes_filter_system
 from scenarios.watching.rows import growing_file, lines_of
 from scenarios.watching.session import TOGETHER, pieces, rows_in, session_of, take
-from scenarios.watching.show import (Show)
+from scenarios.watching.show import Show
 from scenarios.watching.study import History
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.nonlinear import fly_closed_loop, three_two_one_one

@@ -48,7 +48,7 @@ from scenarios.watching.session import (
     start,
     take,
 )
-from scenarios.watching.show import (display, print_end)
+from scenarios.watching.show import display, print_end
 from scenarios.watching.spectral import (
     Point,
     SpectralSession,

@@ -217,7 +217,7 @@ SIM = (
         ("0.5 * (low + high) if self.total", "0.5 * (high - low) if self.total"),
     ),
     *changes(
-        "sim/effects/airflow.py",
+        "sim/effects/loads.py",
         ("tests/unit/sim/effects/sensor_path/test_instrument_faults.py",),
         ('s.V if hasattr(s, "V") else getattr(vehicle, speed)', "getattr(vehicle, speed)"),
     ),
