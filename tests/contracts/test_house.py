@@ -49,7 +49,6 @@ LONG_FILES: frozenset[str] = frozenset(
         "ident/whole_record/layout.py",
         "scenarios/api/records.py",
         "scenarios/api/study.py",
-        "scenarios/cli/record_commands.py",
         "scenarios/files/measured/derived.py",
         "scenarios/files/user_models.py",
         "scenarios/identification/assessment.py",
