@@ -459,87 +459,99 @@ def _refuse_mixed_watch(model: str | None, margins: str | None, signals: list[st
         raise DeclarationError(what, where="--input, --output", remedy="add --margins minus")
 
 
+WatchRecord = Annotated[
+    str, typer.Argument(metavar="RECORD|-", help="A CSV file that grows, or - for standard input.")
+]
+WatchModel = Annotated[
+    str | None,
+    valued(
+        "--model",
+        "M",
+        "loes, rigid, lateral, longitudinal, or your own model file.",
+        complete=of("loes", "rigid", "lateral", "longitudinal"),
+    ),
+]
+WatchVehicle = Annotated[
+    Path | None, valued("--vehicle", "V.toml", "Constants and starting values.")
+]
+WatchMargins = Annotated[
+    str | None,
+    valued(
+        "--margins",
+        "SIGN",
+        "Instead of a model: margins of the loop of --input, --output, --excitation.",
+        complete=of("minus", "plus"),
+    ),
+]
+WatchInputs = Annotated[
+    list[str] | None, valued("--input", "A", "With --margins: the command behind the sum.")
+]
+WatchOutputs = Annotated[
+    list[str] | None, valued("--output", "B", "With --margins: the signal that returns.")
+]
+WatchExcitation = Annotated[
+    str | None, valued("--excitation", "R", "With --margins: what is added to it.")
+]
+WatchReference = Annotated[
+    Path | None,
+    valued(
+        "--reference",
+        "STUDY",
+        "A study to compare with; without --vehicle the filter starts from it.",
+    ),
+]
+WatchRate = Annotated[
+    float | None, valued("--rate", "HZ", "Of a stream without a clock: its rows a second.")
+]
+WatchIdle = Annotated[
+    float | None,
+    valued(
+        "--idle", "S", "End after so many seconds without a row; a file: 5, a pipe: never.", min=0.0
+    ),
+]
+WatchUntilEnd = Annotated[bool, flag("--until-end", "Do not wait for the file to grow.")]
+WatchRefine = Annotated[
+    bool,
+    typer.Option(
+        help="Linearise anew on the way, and refine over all rows when the stream has ended."
+    ),
+]
+WatchPage = Annotated[
+    bool, flag("--page", "Serve a page of the stream to the browser of this machine, until Ctrl-C.")
+]
+WatchPort = Annotated[
+    int | None,
+    valued("--port", "N", "The page's port; without it 8040 or a free one.", min=1, max=65535),
+]
+WatchBand = Annotated[
+    tuple[float, float] | None,
+    valued(
+        "--band",
+        "LOW HIGH",
+        "Hz, of the regression in the frequency domain: 0.1 2; of margins: 0.2 10.",
+    ),
+]
+
+
 def watch(
-    record: Annotated[
-        str,
-        typer.Argument(metavar="RECORD|-", help="A CSV file that grows, or - for standard input."),
-    ],
-    model: Annotated[
-        str | None,
-        valued(
-            "--model",
-            "M",
-            "loes, rigid, lateral, longitudinal, or your own model file.",
-            complete=of("loes", "rigid", "lateral", "longitudinal"),
-        ),
-    ] = None,
-    vehicle: Annotated[
-        Path | None, valued("--vehicle", "V.toml", "Constants and starting values.")
-    ] = None,
-    margins: Annotated[
-        str | None,
-        valued(
-            "--margins",
-            "SIGN",
-            "Instead of a model: margins of the loop of --input, --output, --excitation.",
-            complete=of("minus", "plus"),
-        ),
-    ] = None,
-    inputs: Annotated[
-        list[str] | None, valued("--input", "A", "With --margins: the command behind the sum.")
-    ] = None,
-    outputs: Annotated[
-        list[str] | None, valued("--output", "B", "With --margins: the signal that returns.")
-    ] = None,
-    excitation: Annotated[
-        str | None, valued("--excitation", "R", "With --margins: what is added to it.")
-    ] = None,
-    reference: Annotated[
-        Path | None,
-        valued(
-            "--reference",
-            "STUDY",
-            "A study to compare with; without --vehicle the filter starts from it.",
-        ),
-    ] = None,
+    record: WatchRecord,
+    model: WatchModel = None,
+    vehicle: WatchVehicle = None,
+    margins: WatchMargins = None,
+    inputs: WatchInputs = None,
+    outputs: WatchOutputs = None,
+    excitation: WatchExcitation = None,
+    reference: WatchReference = None,
     channels: Channels = None,
     columns: Columns = None,
-    rate: Annotated[
-        float | None, valued("--rate", "HZ", "Of a stream without a clock: its rows a second.")
-    ] = None,
+    rate: WatchRate = None,
     out: Out = None,
-    idle: Annotated[
-        float | None,
-        valued(
-            "--idle",
-            "S",
-            "End after so many seconds without a row; a file: 5, a pipe: never.",
-            min=0.0,
-        ),
-    ] = None,
-    until_end: Annotated[bool, flag("--until-end", "Do not wait for the file to grow.")] = False,
-    refine: Annotated[
-        bool,
-        typer.Option(
-            help="Linearise anew on the way, and refine over all rows when the stream has ended."
-        ),
-    ] = True,
-    page: Annotated[
-        bool,
-        flag("--page", "Serve a page of the stream to the browser of this machine, until Ctrl-C."),
-    ] = False,
-    port: Annotated[
-        int | None,
-        valued("--port", "N", "The page's port; without it 8040 or a free one.", min=1, max=65535),
-    ] = None,
-    band: Annotated[
-        tuple[float, float] | None,
-        valued(
-            "--band",
-            "LOW HIGH",
-            "Hz, of the regression in the frequency domain: 0.1 2; of margins: 0.2 10.",
-        ),
-    ] = None,
+    idle: WatchIdle = None,
+    until_end: WatchUntilEnd = False,
+    refine: WatchRefine = True,
+    page: WatchPage = False,
+    port: WatchPort = None,
+    band: WatchBand = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:

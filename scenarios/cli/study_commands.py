@@ -218,59 +218,68 @@ def compare(
 # ---- flightid design
 
 
+DesignVehicle = Annotated[
+    Path | None,
+    valued("--vehicle", "V.toml", "Constants and derivatives as far as they are known."),
+]
+DesignLimits = Annotated[
+    Path | None,
+    valued(
+        "--limits",
+        "L.toml",
+        "nz_max, alpha_max, elevator_amplitude, elevator_rate and the like; else usual ones.",
+    ),
+]
+DesignTell = Annotated[str, valued("--tell", "EFFECT,EFFECT", "Effects that are to be told apart.")]
+DesignSize = Annotated[
+    str,
+    valued(
+        "--size",
+        "KEY=VALUE,...",
+        "Of the first effect; typical, or found: what one 3-2-1-1 just shows.",
+    ),
+]
+DesignValues = Annotated[
+    list[str] | None,
+    valued("--value", "NAME=VALUE,...", "Derivatives known better than in the file."),
+]
+DesignNoise = Annotated[
+    list[str] | None, valued("--noise", "OUTPUT=SIZE,...", "Measured outputs, standard deviations.")
+]
+DesignAmplitude = Annotated[
+    list[str] | None, valued("--amplitude", "INPUT=SIZE,...", "Largest deflections from trim.")
+]
+DesignDuration = Annotated[float | None, valued("--duration", "S", "Length of the record, s.")]
+DesignRate = Annotated[float | None, valued("--rate", "HZ", "Samples a second.")]
+DesignBand = Annotated[
+    tuple[float, float] | None,
+    valued(
+        "--band",
+        "LOW HIGH",
+        "Hz: a sweep and multisines for frequency responses, with the coherence to expect.",
+    ),
+]
+DesignComputer = Annotated[
+    bool,
+    flag(
+        "--computer", "A flight computer moves the controls: multisines, quick steps, wide bands."
+    ),
+]
+
+
 def design(
     model: Model,
-    vehicle: Annotated[
-        Path | None,
-        valued("--vehicle", "V.toml", "Constants and derivatives as far as they are known."),
-    ] = None,
-    limits: Annotated[
-        Path | None,
-        valued(
-            "--limits",
-            "L.toml",
-            "nz_max, alpha_max, elevator_amplitude, elevator_rate and the like; else usual ones.",
-        ),
-    ] = None,
-    tell: Annotated[
-        str, valued("--tell", "EFFECT,EFFECT", "Effects that are to be told apart.")
-    ] = "",
-    size: Annotated[
-        str,
-        valued(
-            "--size",
-            "KEY=VALUE,...",
-            "Of the first effect; typical, or found: what one 3-2-1-1 just shows.",
-        ),
-    ] = "typical",
-    values: Annotated[
-        list[str] | None,
-        valued("--value", "NAME=VALUE,...", "Derivatives known better than in the file."),
-    ] = None,
-    noise: Annotated[
-        list[str] | None,
-        valued("--noise", "OUTPUT=SIZE,...", "Measured outputs, standard deviations."),
-    ] = None,
-    amplitude: Annotated[
-        list[str] | None, valued("--amplitude", "INPUT=SIZE,...", "Largest deflections from trim.")
-    ] = None,
-    duration: Annotated[float | None, valued("--duration", "S", "Length of the record, s.")] = None,
-    rate: Annotated[float | None, valued("--rate", "HZ", "Samples a second.")] = None,
-    band: Annotated[
-        tuple[float, float] | None,
-        valued(
-            "--band",
-            "LOW HIGH",
-            "Hz: a sweep and multisines for frequency responses, with the coherence to expect.",
-        ),
-    ] = None,
-    computer: Annotated[
-        bool,
-        flag(
-            "--computer",
-            "A flight computer moves the controls: multisines, quick steps, wide bands.",
-        ),
-    ] = False,
+    vehicle: DesignVehicle = None,
+    limits: DesignLimits = None,
+    tell: DesignTell = "",
+    size: DesignSize = "typical",
+    values: DesignValues = None,
+    noise: DesignNoise = None,
+    amplitude: DesignAmplitude = None,
+    duration: DesignDuration = None,
+    rate: DesignRate = None,
+    band: DesignBand = None,
+    computer: DesignComputer = False,
     out: Out = None,
     figures: Figures = None,
     no_figures: NoFigures = False,

@@ -171,14 +171,12 @@ def identify(
         kept=method not in FILTERS,
     )
     tests = _tests(records, estimate)
-    by_data, (estimate, considered) = (
-        estimate,
-        consider(
-            _started_at(estimate, bounded, begins=bool(vehicle.modes) or method in FILTERS),
-            vehicle.uncertainty,
-            estimate,
-            lambda each: estimated_by(records, each, outputs, method, settings, options)[1],
-        ),
+    by_data = estimate
+    estimate, considered = consider(
+        _started_at(estimate, bounded, begins=bool(vehicle.modes) or method in FILTERS),
+        vehicle.uncertainty,
+        by_data,
+        lambda each: estimated_by(records, each, outputs, method, settings, options)[1],
     )
     rows, names = rows_of(estimate), [f"bias_{name}" for name in biased.biases]
     airborne = (

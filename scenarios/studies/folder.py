@@ -186,15 +186,9 @@ def study_figures(study: StudyResult) -> Iterator[Named]:
     yield "record", partial(figure_record, study.record, title, SIMULATED_DATA)
     for method in study.methods:
         if method.estimation.flight is not None:
-            yield (
-                f"record_{method.estimation.name}",
-                partial(
-                    figure_record,
-                    method.result.record,
-                    f"{title}\n{method.estimation.label}",
-                    SIMULATED_DATA,
-                ),
-            )
+            heading = f"{title}\n{method.estimation.label}"
+            drawn = partial(figure_record, method.result.record, heading, SIMULATED_DATA)
+            yield f"record_{method.estimation.name}", drawn
         # Of a single parameter the figures of all methods together say what one for each would.
         if method is main or len(method.rows) > 1:
             yield from _filter_figures(

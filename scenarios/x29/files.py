@@ -172,33 +172,18 @@ def loop_figures(study: LoopStudy) -> Iterator[Named]:
                 _printed(study),
             ),
         )
-    yield (
-        "innovations",
-        partial(
-            figure_innovations,
-            history,
-            estimate.output_names,
-            units_of(record, estimate.output_names),
-            title,
-        ),
-    )
+    names = estimate.output_names
+    units = units_of(record, names)
+    yield "innovations", partial(figure_innovations, history, names, units, title)
     system = result.setting.system
     items = [
         system.initial[n] if n in system.state_names else system.parameters[n]
         for n in history.names
     ]
     moving, constant = items[: len(system.state_names)], items[len(system.state_names) :]
-    names = [item.name for item in moving]
-    yield (
-        "states",
-        partial(
-            figure_states,
-            history,
-            names,
-            [item.unit for item in moving],
-            f"{title}\nstates of the filter",
-        ),
-    )
+    states, state_units = [item.name for item in moving], [item.unit for item in moving]
+    heading = f"{title}\nstates of the filter"
+    yield "states", partial(figure_states, history, states, state_units, heading)
     yield (
         "parameters",
         partial(_parameter_histories, history, constant, f"{title}\nparameters as states"),

@@ -24,14 +24,6 @@ LONG = {
     "ident/banks/equation_kernels.py::along": "one pass over time, nothing allocated in it",
     "flightid/labs/lab6_honest_sigmas.py::_": "longer at 100 columns",
     "ident/banks/equation_kernels.py::march_of_steps": "longer at 100 columns",
-    "ident/compatibility/check.py::_compatibility": "longer at 100 columns",
-    "scenarios/cli/record_commands.py::watch": "longer at 100 columns",
-    "scenarios/cli/study_commands.py::design": "longer at 100 columns",
-    "scenarios/identification/identify.py::identify": "longer at 100 columns",
-    "scenarios/plots/estimates.py::figure_correlation": "longer at 100 columns",
-    "scenarios/studies/folder.py::study_figures": "longer at 100 columns",
-    "scenarios/x29/files.py::loop_figures": "longer at 100 columns",
-    "scenarios/x29/study.py::run_loop": "longer at 100 columns",
 }
 # Files that are still longer; the list shrinks, and nothing is added to it.
 LONG_FILES: frozenset[str] = frozenset(
