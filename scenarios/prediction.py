@@ -39,9 +39,10 @@ from scenarios.identification.conditions import PATH, with_weight
 from scenarios.kept import DIAGNOSE, KeptFile, KeptModel, read_kept
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.preparation.declared_model import model_of_file
+from scenarios.preparation.filtering import put_together
 from scenarios.preparation.plan import ATTITUDE, Plan
 from scenarios.preparation.plausibility import refuse_unpredictable
-from scenarios.preparation.reading import Decided, Prepared, prepare, put_together
+from scenarios.preparation.reading import Decided, Prepared, prepare
 from scenarios.report.document import (
     Bullets,
     Cell,

@@ -39,8 +39,8 @@ from scenarios.maneuver_design.design import DesignResult, design
 from scenarios.maneuver_design.limits import PILOT
 from scenarios.maneuver_design.setting import DesignRequest
 from scenarios.preparation.declared_model import step_for
+from scenarios.preparation.filtering import Parted, parts_of, put_together
 from scenarios.preparation.plan import WHOLE, Plan, Request
-from scenarios.preparation.reading import Parted, parts_of, put_together
 from sim.declaration.model import Model
 from sim.declaration.proposal import Curve, Traceable
 from sim.effects.library import effects_for

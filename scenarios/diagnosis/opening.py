@@ -25,9 +25,9 @@ from scenarios.files.user_models import (
 )
 from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, vehicle_next_to
 from scenarios.preparation.declared_model import BETTER, outputs_with_bias
+from scenarios.preparation.filtering import Parted
 from scenarios.preparation.plan import BY_HAND, Plan, Request, column_choices, flown_of
 from scenarios.preparation.plausibility import split_off
-from scenarios.preparation.reading import Parted
 from scenarios.preparation.recording import RecordCheck
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable

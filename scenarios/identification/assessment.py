@@ -28,7 +28,7 @@ from scenarios.files.user_models import side_at
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.model_checks import Considered
 from scenarios.preparation.declared_model import BETTER
-from scenarios.preparation.reading import Parted, parts_of, put_together
+from scenarios.preparation.filtering import Parted, parts_of, put_together
 from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck, Seen
 from scenarios.report.document import BY_ROW, SIGMAS, Column, Table, estimate, formatted, table
 from scenarios.studies.rows import Row

@@ -19,7 +19,7 @@ from scenarios.files.channels import CHANNEL_UNITS, TIME, ColumnChoice, split_he
 from scenarios.files.formats.cells import Topic, numbers
 from scenarios.files.measured.clock import SECONDS, grid_of_coarse_stamps
 from scenarios.files.measured.columns import RecordFile, split_at
-from scenarios.files.measured.derived import clock_of, clock_place, holds_dates, stated_unit
+from scenarios.files.measured.grid import clock_of, clock_place, holds_dates, stated_unit
 from scenarios.files.records import read_record
 from scenarios.files.units import to_si
 from sim.errors import RecordError

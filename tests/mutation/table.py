@@ -397,7 +397,7 @@ IDENT = (
         ("0.5 * (1.0 - LEVEL) / len(known)", "0.5 * (1.0 - LEVEL)"),
     ),
     *changes(
-        "ident/frequency_response/segments.py",
+        "ident/frequency_response/multitaper.py",
         ("tests/unit/ident/frequency_response/test_multitaper.py",),
         ("np.abs(between) ** 2", "np.abs(between)"),
     ),
@@ -566,7 +566,7 @@ SCENARIOS = (
         ('-p["gravity"].value / flow.speed', 'p["gravity"].value / flow.speed'),
     ),
     *changes(
-        "scenarios/preparation/reading.py",
+        "scenarios/preparation/filtering.py",
         ("tests/unit/scenarios/preparation/test_filtering.py",),
         ("0.5 * BELOW_HALF * plan.rate", "BELOW_HALF * plan.rate"),
     ),
@@ -707,7 +707,7 @@ SCENARIOS = (
 # Records from the files of recorders.
 RECORDS = (
     *changes(
-        "scenarios/preparation/reading.py",
+        "scenarios/preparation/filtering.py",
         ("tests/unit/scenarios/preparation/test_gaps.py",),
         ('side="right") - 1, 0, None)', 'side="left") - 1, 0, None)'),
         (
