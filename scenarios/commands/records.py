@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from scenarios.compatibility.check import check_files
 from scenarios.compatibility.report import print_check
 from scenarios.files.measured.columns import read_record_file, with_names
+from scenarios.files.writing import write_text
 from scenarios.identification.assessment import PLAIN, Options
 from scenarios.maneuvers import maneuvers_of, print_maneuvers
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
@@ -340,8 +341,8 @@ def _refuse_present(out: Path) -> None:
 def _write(out: Path, draft: Draft) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
-        (out / VEHICLE).write_text(vehicle_text(draft), encoding="utf-8", newline="\n")
-        (out / CHANNELS).write_text(map_text(draft), encoding="utf-8", newline="\n")
+        write_text(out / VEHICLE, vehicle_text(draft))
+        write_text(out / CHANNELS, map_text(draft))
     except OSError as error:
         raise DeclarationError(
             f"cannot be written ({error.strerror or error})",

@@ -11,7 +11,7 @@ from typing import Any
 
 from ident.estimate import Estimate
 from scenarios.files.sources import InputFile, versions
-from scenarios.files.writing import study_folder, write_json, write_record
+from scenarios.files.writing import study_folder, write_json, write_record, write_text
 from scenarios.report.document import (
     Block,
     Page,
@@ -147,7 +147,7 @@ def write_spectral(out: Path, watch: Watch, session: SpectralSession, name: str)
     with study_folder(out, "comparison.json") as scratch:
         record_file, _ = write_record(scratch, record_of(session))
         history = history_csv(session)
-        (scratch / NAME).write_text(history, encoding="ascii", newline="\n")
+        write_text(scratch / NAME, history)
         digest = hashlib.sha256(record_file.read_bytes()).hexdigest()
         content = {
             "schema": SCHEMA,

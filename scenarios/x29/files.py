@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -12,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.estimate import FilterHistory, Outcome
-from scenarios.files.writing import study_folder, write_json, write_record
+from scenarios.files.writing import csv_text, study_folder, write_json, write_record, write_text
+from scenarios.plots import drawn_in
 from scenarios.plots.display import SIMULATED_DATA
 from scenarios.report.document import (
     Bullets,
@@ -341,19 +340,10 @@ def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL
     with study_folder(folder, MAIN) as scratch:
         write_record(scratch, study.result.flown.record, simulated=True)
         write_json(scratch / "truth.json", truth_content(study))
-        (scratch / "study.txt").write_text(
-            as_text(lambda out: print_loop(study, out, HERE)),
-            encoding="utf-8",
-            errors="backslashreplace",
-            newline="\n",
-        )
+        write_text(scratch / "study.txt", as_text(lambda out: print_loop(study, out, HERE)))
         _write_history(scratch / "history.csv", study)
         _write_simulation(scratch / "simulation.csv", study.result.setting.record, study.simulated)
-        drawn: tuple[Drawn, ...] = ()
-        if figures:
-            from scenarios.plots.drawing import drawn_for_page
-
-            drawn = drawn_for_page(loop_figures(study), scratch, figures)
+        drawn = drawn_in(scratch, loop_figures(study), figures)
         write_page(scratch, loop_page(study, drawn))
         write_json(scratch / MAIN, loop_comparison(study))
     return Path(folder)
@@ -420,10 +410,5 @@ def _write_simulation(path: Path, record: Record, simulated: np.ndarray) -> None
 
 
 def _write_columns(path: Path, columns: dict[str, np.ndarray]) -> None:
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(
-        [f"{value:.9g}" for value in row] for row in np.array(list(columns.values())).T.tolist()
-    )
-    path.write_text(text.getvalue(), encoding="utf-8", newline="\n")
+    rows = np.array(list(columns.values())).T.tolist()
+    write_text(path, csv_text(columns, ([f"{value:.9g}" for value in row] for row in rows)))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
@@ -34,7 +32,7 @@ from scenarios.diagnosis.report.wording import (
 )
 from scenarios.diagnosis.tracing import Tracing, kept_diagnosis
 from scenarios.files.user_models import channel_units
-from scenarios.files.writing import study_folder, write_json
+from scenarios.files.writing import csv_text, study_folder, write_json, write_text
 from scenarios.kept import write_kept
 from scenarios.preparation.recording import record_table
 from scenarios.report.document import (
@@ -384,8 +382,4 @@ def _cell(name: str, q: Quantity) -> str:
 
 
 def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    path.write_text(text.getvalue(), encoding="utf-8", newline="\n")
+    write_text(path, csv_text(header, rows))
