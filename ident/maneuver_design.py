@@ -21,7 +21,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.statistics.information import inverse_information
+from ident.statistics.intervals import inverse_information
 from ident.tracing.candidate_model.fitted_model import (
     FittedModel,
     added_parameters,

@@ -155,7 +155,7 @@ def _watch_in_frequency(
     watch: Watch, model: str, record: str, out: Path | None, limit: float | None, until_end: bool
 ) -> None:
     """Follow a stream whose model is regressed in the frequency domain."""
-    from scenarios.watching.spectral_study import line, print_spectral_end, write_spectral
+    from scenarios.watching.show import line, print_spectral_end, write_spectral
 
     vehicle = read_vehicle(watch.vehicle_path, model)
     watch.signals = signals_of(vehicle)

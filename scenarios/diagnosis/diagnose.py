@@ -356,8 +356,8 @@ def _loop(model: Model) -> Trace:
     from functools import partial
 
     from ident.tracing.loop import diagnose
+    from sim.effects.disturbance.unmeasured_input import discrepancy_for
     from sim.effects.library import effects_for
-    from sim.effects.model_discrepancy import discrepancy_for
 
     return partial(diagnose, discrepancy=discrepancy_for(effects_for(model.equations)))
 

@@ -13,8 +13,7 @@ import numpy as np
 from ident.estimate import Estimate, Outcome
 from ident.flying_qualities.modes import Characteristics
 from ident.recording.series import Certainty, Kind, Number, RecordFinding, shown
-from ident.statistics.information import variance_along
-from ident.statistics.intervals import ProfileInterval
+from ident.statistics.intervals import ProfileInterval, variance_along
 from ident.statistics.noise_levels import input_edges, isolated_wrong
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import ErrorFigures, Trained

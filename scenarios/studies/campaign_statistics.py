@@ -19,11 +19,11 @@ import numpy as np
 
 from ident.banks.bank import filter_batched
 from ident.filters.ekf import run_ekf
-from ident.statistics.information import inverse_information
 from ident.statistics.intervals import (
     clopper_pearson,
     deviation_factors,
     inside,
+    inverse_information,
     mean_square_interval,
 )
 from ident.whole_record.layout import weighted_sensitivities
