@@ -27,12 +27,13 @@ if TYPE_CHECKING:
         find_maneuvers,
         frequency_response,
     )
+    from scenarios.api.design import Design, design
     from scenarios.api.diagnosis import Diagnosis, Survey, diagnose, survey
     from scenarios.api.identification import Identification, Prediction, identify, predict
     from scenarios.api.record import Record, read_record
     from scenarios.api.shown import Parameter, Parameters
     from scenarios.api.structure import Structure, export, structure
-    from scenarios.api.study import Campaign, Design, Study, campaign, design, run, simulate
+    from scenarios.api.study import Campaign, Study, campaign, run, simulate
     from scenarios.api.tables import InputError, Table, effects, models, scenarios, vehicles
     from scenarios.api.vehicle import Vehicle, vehicle
     from sim.declaration import own_model
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 _EXPORTS = {
     **dict.fromkeys(("Campaign", "campaign"), "study"),
     **dict.fromkeys(("Check", "check"), "checks"),
-    **dict.fromkeys(("Design", "design"), "study"),
+    **dict.fromkeys(("Design", "design"), "design"),
     **dict.fromkeys(("Diagnosis", "diagnose"), "diagnosis"),
     **dict.fromkeys(("FrequencyResponse", "frequency_response"), "checks"),
     "InputError": "tables",

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.statistics.information import inverse_information
+from ident.statistics.intervals import inverse_information
 from ident.tracing.candidate_model.fitted_model import (
     FittedModel,
     added_parameters,
@@ -444,13 +444,6 @@ def linear_squares(planned: Planned, true: Acting, rival: Acting) -> float:
     basis = np.linalg.qr(slopes[:, size > 0.0] / size[size > 0.0])[0]
     left = apart - basis @ (basis.T @ apart)
     return float(left @ left)
-
-
-def sigma_of(planned: Planned, acting: Acting) -> dict[str, float]:
-    """Expected standard deviations of all parameters where the effect is in the model that is
-    fitted.
-    """
-    return sigmas_of(simulated(planned, (acting.effect,), acting.full_values).fit)
 
 
 def _squares(best: FittedModel) -> np.ndarray:

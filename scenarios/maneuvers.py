@@ -26,9 +26,8 @@ from scenarios.files.measured.columns import RecordFile, opened, with_names
 from scenarios.files.records import read_record, refuse_rate
 from scenarios.files.sources import InputFile, versions
 from scenarios.files.writing import study_folder, write_json, write_text
-from scenarios.preparation.maneuver_file import FILE, Part, Parts
 from scenarios.preparation.measured_inputs import with_load_factors
-from scenarios.preparation.plan import Plan
+from scenarios.preparation.plan import FILE, Part, Parts, Plan
 from scenarios.report.document import (
     MISSING,
     PURE,

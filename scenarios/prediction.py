@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,7 +25,7 @@ from scenarios.files.vehicles import (
     read_vehicle,
     vehicle_with_file,
 )
-from scenarios.files.writing import PREDICTED, study_folder, write_json
+from scenarios.files.writing import PREDICTED, csv_text, study_folder, write_json, write_text
 from scenarios.identification.assessment import (
     left_out,
     pooled_fits,
@@ -37,11 +35,13 @@ from scenarios.identification.assessment import (
 )
 from scenarios.identification.conditions import PATH, with_weight
 from scenarios.kept import DIAGNOSE, KeptFile, KeptModel, read_kept
+from scenarios.plots import drawn_in
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.preparation.declared_model import model_of_file
+from scenarios.preparation.filtering import put_together
 from scenarios.preparation.plan import ATTITUDE, Plan
 from scenarios.preparation.plausibility import refuse_unpredictable
-from scenarios.preparation.reading import Decided, Prepared, prepare, put_together
+from scenarios.preparation.reading import Decided, Prepared, prepare
 from scenarios.report.document import (
     Bullets,
     Cell,
@@ -280,7 +280,7 @@ def vehicle_of_study(file: KeptFile, model: Path | OwnModel | None) -> VehicleFi
         # written outside this folder.
         named = Path(entry.name).name.lstrip(".") if entry is not None else ""
         path = Path(folder) / (named or "vehicle.toml")
-        path.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")
+        write_text(path, text)
         return read_vehicle(path, chosen)
 
 
@@ -524,14 +524,8 @@ def write_prediction(
     the folder.
     """
     with study_folder(folder, MAIN) as scratch:
-        (scratch / "prediction.csv").write_text(
-            _table(found), encoding="utf-8", errors="backslashreplace", newline="\n"
-        )
-        drawn: tuple[Drawn, ...] = ()
-        if figures:
-            from scenarios.plots.drawing import drawn_for_page
-
-            drawn = drawn_for_page(prediction_figures(found), scratch, figures)
+        write_text(scratch / "prediction.csv", _table(found))
+        drawn = drawn_in(scratch, prediction_figures(found), figures)
         write_page(scratch, prediction_page(found, drawn))
         write_json(scratch / MAIN, prediction_content(found))
     return Path(folder)
@@ -588,11 +582,5 @@ def _table(found: PredictionResult) -> str:
         columns[f"{PREDICTED}{name}"] = found.after.rows[i].tolist()
         if found.before is not None:
             columns[f"{DECLARED}{name}"] = found.before.rows[i].tolist()
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(
-        [repr(cell) if cell == cell else "" for cell in row]
-        for row in zip(*columns.values(), strict=True)
-    )
-    return text.getvalue()
+    rows = zip(*columns.values(), strict=True)
+    return csv_text(columns, ([repr(cell) if cell == cell else "" for cell in row] for row in rows))

@@ -32,14 +32,14 @@ from ident.statistics.intervals import clustered_share
 from scenarios.files.vehicles import VehicleFile
 from scenarios.responses.fitting import target_of
 from scenarios.studies.catalogue import load_document
-from scenarios.trials.sweeps.flight import (
+from scenarios.trials.sweeps import (
     SweepScenario,
     fly_sweep,
     frame_rate,
     sweep_scenario_of,
     true_loop,
 )
-from scenarios.trials.sweeps.flight import true_margins as known_margins
+from scenarios.trials.sweeps import true_margins as known_margins
 from scenarios.watching.loop_margins import LoopNames, MarginSession, finish_second, shown, take
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import loop_test, margins, open_loop

@@ -146,12 +146,49 @@ def march_of_steps(problem: FilterProblem, settings: FilterSettings, runs: BankR
     """Prepare a pass; the prediction is `ident.filters.ekf`'s, the update takes all channels of a
     sample that are there at once.
     """
-    system, grid, (m, _) = problem.system, problem.grid, problem.valid.shape
-    n, n_x = len(problem.names), len(system.states)
+    n, n_x, m = len(problem.names), len(problem.system.states), problem.valid.shape[0]
+    nudge = (1j * COMPLEX_STEP) * np.eye(n)[:, :, None]
+    samples = problem.grid.sample.tolist()
+    predict = _prediction(problem, settings, runs, nudge)
+    update = _update(problem, runs, nudge)
+
+    def march(
+        first: int,
+        last: int,
+        x: np.ndarray,
+        P: np.ndarray,
+        about: np.ndarray | None,
+        trace: BankTrace | None,
+    ) -> PassStretch:
+        B, count = x.shape[1], last - first
+        out = PassStretch(
+            np.empty((count, B, n)), np.empty((count, B, n, n)), np.empty((count, B, m, 1 + m))
+        )
+        for k in range(first, last):
+            point = None if about is None or not k else about[:, k - 1].copy()
+            for s in range(samples[k - 1], samples[k]) if k else ():
+                x, P, D = predict(s, x, P, point)
+                if trace is not None:
+                    trace.moved[k] = (
+                        D
+                        if s == samples[k - 1]
+                        else trace.moved[k] + D + D[:, :, :n_x] @ trace.moved[k]
+                    )
+            x, P, out.innovation[k - first] = update(
+                k, x, P, None if about is None else about[:, k], trace
+            )
+            out.mean[k - first], out.covariance[k - first] = x.T, P
+        return out
+
+    return march
+
+
+def _prediction(
+    problem: FilterProblem, settings: FilterSettings, runs: BankRuns, nudge: np.ndarray
+) -> Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    system, grid, n_x = problem.system, problem.grid, len(problem.system.states)
     transition = settings.transition.of_rows(n_x, problem.density)
     walk = problem.density[n_x:] if problem.walking else None
-    nudge = (1j * COMPLEX_STEP) * np.eye(n)[:, :, None]
-    samples, R = grid.sample.tolist(), np.diag(problem.variance)
 
     def predict(
         s: int, x: np.ndarray, P: np.ndarray, point: np.ndarray | None
@@ -191,6 +228,16 @@ def march_of_steps(problem: FilterProblem, settings: FilterSettings, runs: BankR
             after[:n_x] += (D @ away.T[:, :, None])[:, :, 0].T
         return after, moved_covariance(P, D, noise, walk, dt), D
 
+    return predict
+
+
+def _update(
+    problem: FilterProblem, runs: BankRuns, nudge: np.ndarray
+) -> Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    system, grid, (m, _) = problem.system, problem.grid, problem.valid.shape
+    n, n_x = len(problem.names), len(system.states)
+    R = np.diag(problem.variance)
+
     def update(
         k: int, x: np.ndarray, P: np.ndarray, point: np.ndarray | None, trace: BankTrace | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -222,35 +269,7 @@ def march_of_steps(problem: FilterProblem, settings: FilterSettings, runs: BankR
         change = first[:, :, :n].transpose(0, 2, 1) @ (first[:, :, : n + 1] / variance[:, :, None])
         return x + change[:, :, n].T, P - change[:, :, :n], innovation
 
-    def march(
-        first: int,
-        last: int,
-        x: np.ndarray,
-        P: np.ndarray,
-        about: np.ndarray | None,
-        trace: BankTrace | None,
-    ) -> PassStretch:
-        B, count = x.shape[1], last - first
-        out = PassStretch(
-            np.empty((count, B, n)), np.empty((count, B, n, n)), np.empty((count, B, m, 1 + m))
-        )
-        for k in range(first, last):
-            point = None if about is None or not k else about[:, k - 1].copy()
-            for s in range(samples[k - 1], samples[k]) if k else ():
-                x, P, D = predict(s, x, P, point)
-                if trace is not None:
-                    trace.moved[k] = (
-                        D
-                        if s == samples[k - 1]
-                        else trace.moved[k] + D + D[:, :, :n_x] @ trace.moved[k]
-                    )
-            x, P, out.innovation[k - first] = update(
-                k, x, P, None if about is None else about[:, k], trace
-            )
-            out.mean[k - first], out.covariance[k - first] = x.T, P
-        return out
-
-    return march
+    return update
 
 
 def moved_covariance(

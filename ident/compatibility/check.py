@@ -114,16 +114,7 @@ def _compatibility(
     joined = relations(usable)
     notes += [LEVEL] if joined else []
     if not joined:
-        empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
-        return Compatibility(
-            channels,
-            {},
-            empty,
-            tuple(replace(empty, records=(r.name,)) for r in records),
-            (),
-            _closed_by(channels, joined),
-            tuple(notes),
-        )
+        return _without_relations(records, channels, notes)
     signals = [
         signals_of(record, usable, settings.airspeed, settings.gravity, settings.vane_arm)
         for record in records
@@ -169,6 +160,14 @@ def _compatibility(
         told,
         tuple(notes),
     )
+
+
+def _without_relations(
+    records: Sequence[Record], channels: tuple[str, ...], notes: Sequence[str]
+) -> Compatibility:
+    empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
+    each = tuple(replace(empty, records=(record.name,)) for record in records)
+    return Compatibility(channels, {}, empty, each, (), _closed_by(channels, {}), tuple(notes))
 
 
 def _nothing_observable(records: Sequence[Record], why: tuple[str, ...]) -> Compatibility:

@@ -35,7 +35,7 @@ from ident.compatibility.signals import (
     weigher,
     whitener,
 )
-from ident.statistics.information import OPEN, bounded_inverse, inverse_information
+from ident.statistics.intervals import OPEN, bounded_inverse, inverse_information
 from ident.statistics.residual_spectrum import corrected_covariance
 
 # ---- Fits of the kinematics to records

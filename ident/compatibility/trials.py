@@ -21,7 +21,7 @@ from ident.compatibility.fitting import (
 )
 from ident.compatibility.kinematics import BIAS, SensorFault, linearised, unknowns_of
 from ident.compatibility.signals import instrumented, weigher
-from ident.statistics.information import bounded_inverse
+from ident.statistics.intervals import bounded_inverse
 from sim.maths import G0
 
 # ---- What a check of the kinematics says

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.estimate import Estimate, Outcome
-from ident.statistics.information import variance_along
+from ident.statistics.intervals import variance_along
 from sim.declaration.effect import Signal
 from sim.declaration.model import System
 from sim.errors import ModelError

@@ -33,15 +33,15 @@ from ident.frequency_domain.transform import (
 )
 from ident.regression.equation_error import run_equation_error
 from ident.statistics import intervals
-from ident.statistics.information import (
+from ident.statistics.intervals import (
     LocalModel,
+    ProfileInterval,
     add_normal_equations,
     determined_and_open,
     inverse_information,
     local_model,
     unresolved,
 )
-from ident.statistics.intervals import ProfileInterval
 from sim.declaration.model import System
 from sim.errors import FlightidError, ModelError
 from sim.record import Record

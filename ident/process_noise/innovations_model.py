@@ -49,7 +49,7 @@ from ident.process_noise.whitener import (
 from ident.process_noise.whitener import from_left as _left
 from ident.process_noise.whitener import from_right as _right
 from ident.process_noise.whitener import transposed as _each_turned
-from ident.statistics.information import inverse_information
+from ident.statistics.intervals import inverse_information
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import LaidOut, WeightedResiduals
 from ident.whole_record.linearise import Linearisation

@@ -25,7 +25,7 @@ import numpy as np
 
 from ident.estimate import LARGEST, Estimate, Outcome
 from ident.regression.state_histories import StateData, state_data, windows
-from ident.statistics.information import (
+from ident.statistics.intervals import (
     UNDETERMINED,
     add_normal_equations,
     conditional_scale,

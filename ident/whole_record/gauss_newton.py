@@ -23,14 +23,14 @@ import numpy as np
 from ident.estimate import LARGEST, Estimate, Outcome
 from ident.regression.equation_error import run_equation_error
 from ident.statistics import intervals
-from ident.statistics.information import (
+from ident.statistics.intervals import (
     LocalModel,
+    ProfileInterval,
     add_normal_equations,
     inverse_information,
     local_model,
     unresolved,
 )
-from ident.statistics.intervals import ProfileInterval
 from ident.whole_record.layout import (
     ROUNDING,
     FitLayout,

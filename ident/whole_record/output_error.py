@@ -19,7 +19,7 @@ import numpy as np
 
 from ident.estimate import LARGEST, Estimate, Outcome
 from ident.regression.equation_error import RegressionSettings, run_equation_error
-from ident.statistics.information import (
+from ident.statistics.intervals import (
     add_normal_equations,
     determined_and_open,
     inverse_information,

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Outcome
-from ident.statistics.information import LocalModel, inverse_information, local_model, unresolved
+from ident.statistics.intervals import LocalModel, inverse_information, local_model, unresolved
 from ident.statistics.residual_spectrum import corrected_covariance
 from ident.whole_record.gauss_newton import Fit, arrived, carried, evaluate, joined_up
 from ident.whole_record.layout import FitLayout, FitProblem

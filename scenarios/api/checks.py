@@ -32,11 +32,10 @@ from scenarios.api.vehicle import Vehicle
 from scenarios.compatibility import check as checking
 from scenarios.compatibility.report import finding_lines
 from scenarios.files.channels import read_channel_map
-from scenarios.preparation.maneuver_file import Parts
+from scenarios.preparation.plan import Parts
 from scenarios.report.figure_formats import formats_wanted
 from scenarios.responses import analysis
-from scenarios.responses.fitting import FitOptions
-from scenarios.responses.model_fits import ModelOptions
+from scenarios.responses.fitting import FitOptions, ModelOptions
 from scenarios.responses.qualities import LevelOptions, levels_by_name, pilot_demand
 from scenarios.responses.reading import Names
 from sim.errors import DeclarationError

@@ -219,7 +219,7 @@ class Diagnosis:
         claimed effects are no part of it.
         """
         from ident.flying_qualities.modes import to_control
-        from scenarios.identification.state_space import linearised
+        from scenarios.identification.low_order import linearised
         from sim.declaration.compile import compile_model
 
         traced, values = self.details, self.parameters.to_dict()

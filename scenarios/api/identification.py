@@ -228,7 +228,7 @@ class Identification:
         """The identified model as matrices about its point of reference, with units and delays.
         Raises InputError where there is no such point.
         """
-        from scenarios.identification.state_space import state_space_of
+        from scenarios.identification.low_order import state_space_of
 
         return state_space_of(self.details.found)
 

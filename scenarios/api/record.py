@@ -216,8 +216,8 @@ class Record:
         return replace(self, file=replace(self.file, sidecar=sidecar))
 
     def _filtered(self, rate: float | None = None, lowpass: float | None = None) -> Record:
+        from scenarios.preparation.filtering import filtered
         from scenarios.preparation.plan import plan_of
-        from scenarios.preparation.reading import filtered
 
         def channels(names: tuple[str, ...]) -> tuple[sim_record.Channel, ...]:
             return tuple(

@@ -26,7 +26,7 @@ from scenarios.files.formats.cells import CellTable, header_cell, numbers
 from scenarios.files.formats.parquet import frame_header
 from scenarios.files.measured.columns import RecordFile, Sidecar, read_record_file, suffix_unit
 from scenarios.files.measured.columns import SourceColumn as Found
-from scenarios.files.measured.derived import clock_place
+from scenarios.files.measured.grid import clock_place
 from scenarios.files.records import column_of, raw_column, read_record, window_of
 from scenarios.files.sources import InputFile
 from scenarios.preparation.plan import plan_of

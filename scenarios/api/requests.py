@@ -110,8 +110,7 @@ def _loop(name: str, changes: Sequence[str]) -> Runner:
 
 
 def _sweep(name: str, changes: Sequence[str]) -> Runner:
-    from scenarios.trials.sweeps.flight import sweep_scenario_of
-    from scenarios.trials.sweeps.study import print_sweep, run_sweep, write_sweep
+    from scenarios.trials.sweeps import print_sweep, run_sweep, sweep_scenario_of, write_sweep
 
     run = partial(run_sweep, sweep_scenario_of(*load_document(name, changes)))
     return Runner(run, write_sweep, _on_console(print_sweep), _as_text(print_sweep))
@@ -168,7 +167,7 @@ def flown_record(name: str, seed: int | None, changes: Sequence[str]) -> Record:
     if scenario_kind(name) == "sweep":
         import numpy as np
 
-        from scenarios.trials.sweeps.flight import fly_sweep, sweep_scenario_of
+        from scenarios.trials.sweeps import fly_sweep, sweep_scenario_of
 
         sweep = sweep_scenario_of(*load_document(name, changes))
         with named_after(scenario_file(name)):
@@ -259,7 +258,7 @@ def with_parts(request: Request, asked: Named, found: Found) -> Request:
     """The request with the parts of the maneuvers that are asked for as its segments. Raises
     DeclarationError.
     """
-    from scenarios.preparation.maneuver_file import Parts, with_maneuvers
+    from scenarios.preparation.plan import Parts, with_maneuvers
 
     several: list[int | str] = (
         [] if asked is None else [asked] if isinstance(asked, int | str) else list(asked)

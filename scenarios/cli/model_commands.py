@@ -20,11 +20,12 @@ from scenarios.cli.options import (
     To,
     Trust,
     VehicleOption,
+    flag,
     of,
+    valued,
     with_groups,
 )
-from scenarios.preparation.maneuver_file import with_maneuvers
-from scenarios.preparation.plan import Request, plan_of
+from scenarios.preparation.plan import Request, plan_of, with_maneuvers
 
 METHOD_WORDS = ("stepwise", "orthogonal")
 TARGETS = ("python", "fmu", "jsbsim", "dave-ml")
@@ -39,42 +40,27 @@ def structure(
     vehicle: VehicleOption = None,
     validate: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--validate", metavar="RECORD...", help="Predict the coefficients of these records."
-        ),
+        valued("--validate", "RECORD...", "Predict the coefficients of these records."),
     ] = None,
     preparation: Preparation,
     method: Annotated[
         str,
-        typer.Option(
+        valued(
             "--method",
-            metavar="METHOD",
-            autocompletion=of(*METHOD_WORDS),
-            help="stepwise regression, or orthogonal functions.",
+            "METHOD",
+            "stepwise regression, or orthogonal functions.",
+            complete=of(*METHOD_WORDS),
         ),
     ] = "stepwise",
-    degree: Annotated[
-        int, typer.Option("--degree", metavar="N", help="Of the products of signals offered.")
-    ] = 2,
-    splines: Annotated[
-        int,
-        typer.Option(
-            "--splines",
-            metavar="N",
-            help="Offer splines with N knots in alpha.",
-        ),
-    ] = 0,
+    degree: Annotated[int, valued("--degree", "N", "Of the products of signals offered.")] = 2,
+    splines: Annotated[int, valued("--splines", "N", "Offer splines with N knots in alpha.")] = 0,
     terms: Annotated[
-        Path | None,
-        typer.Option("--terms", metavar="FILE", help="The terms offered, by coefficient."),
+        Path | None, valued("--terms", "FILE", "The terms offered, by coefficient.")
     ] = None,
     baseline: Annotated[
-        bool,
-        typer.Option("--baseline", help="Find increments to the terms of the vehicle file."),
+        bool, flag("--baseline", "Find increments to the terms of the vehicle file.")
     ] = False,
-    bandwidth: Annotated[
-        float, typer.Option("--bandwidth", metavar="HZ", help="Of the angular accelerations.")
-    ] = 3.0,
+    bandwidth: Annotated[float, valued("--bandwidth", "HZ", "Of the angular accelerations.")] = 3.0,
     output: Output,
 ) -> None:
     """Which terms of the aerodynamic coefficients the records support; a vehicle file of them.
@@ -82,7 +68,7 @@ def structure(
     Stepwise regression or orthogonal functions; collinear terms are told with the maneuver that
     would separate them.
     """
-    from scenarios.commands.structure import find_structure
+    from scenarios.commands.records import find_structure
     from scenarios.structure.study import StructureOptions
 
     plan = preparation.plan(records)
@@ -123,19 +109,17 @@ def predict(
     rate: ClockRate = None,
     trust: Trust = False,
     model: Annotated[
-        Path | None,
-        typer.Option("--model", metavar="FILE.py", help="The study's own model, which is run."),
+        Path | None, valued("--model", "FILE.py", "The study's own model, which is run.")
     ] = None,
     effects: Annotated[
-        Path | None,
-        typer.Option("--effects", metavar="FILE", help="The study's own effects, which are run."),
+        Path | None, valued("--effects", "FILE", "The study's own effects, which are run.")
     ] = None,
     tolerances: Annotated[
         str | None,
-        typer.Option(
+        valued(
             "--tolerances",
-            metavar="TEST,...",
-            help="Pass or fail in tests of simulator qualification, or in those of FILE.toml.",
+            "TEST,...",
+            "Pass or fail in tests of simulator qualification, or in those of FILE.toml.",
         ),
     ] = None,
     output: Output,
@@ -166,26 +150,13 @@ def export(
             help="Folder that identify or diagnose wrote, or a vehicle file of model aircraft.",
         ),
     ],
-    to: Annotated[
-        str,
-        typer.Option(
-            "--to",
-            metavar="TARGET",
-            autocompletion=of(*TARGETS),
-            help=f"{', '.join(TARGETS)}.",
-        ),
-    ],
+    to: Annotated[str, valued("--to", "TARGET", f"{', '.join(TARGETS)}.", complete=of(*TARGETS))],
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            metavar="FILE",
-            help="The file; else one named after the vehicle, in this folder.",
-        ),
+        valued("--out", "FILE", "The file; else one named after the vehicle, in this folder."),
     ] = None,
     model: Annotated[
-        Path | None,
-        typer.Option("--model", metavar="FILE.py", help="The study's own model, which is run."),
+        Path | None, valued("--model", "FILE.py", "The study's own model, which is run.")
     ] = None,
 ) -> None:
     """The model of a study for another program: a Python module, an FMU, a JSBSim
@@ -193,6 +164,6 @@ def export(
 
     SI and radians, with the values found and the starting states of the first record.
     """
-    from scenarios.commands.structure import export_model
+    from scenarios.commands.records import export_model
 
     export_model(study, to, out, model)

@@ -25,8 +25,7 @@ from typing import Annotated, Any, TextIO, get_type_hints
 
 import typer
 
-from scenarios.preparation.maneuver_file import with_maneuvers
-from scenarios.preparation.plan import Plan, plan_of
+from scenarios.preparation.plan import Plan, plan_of, with_maneuvers
 from scenarios.report.figure_formats import Formats, formats_of
 
 # ---- What a shell completes
@@ -92,105 +91,100 @@ def _beginning(names: Iterable[str], incomplete: str) -> list[str]:
 
 # ---- Options and arguments that several commands share
 
-Out = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="Write the study into this folder.")
-]
+
+def valued(
+    name: str,
+    metavar: str,
+    explanation: str,
+    complete: Callable[[str], list[str]] | None = None,
+    **bounds: Any,
+) -> Any:
+    """An option with a value: name, word for the value, help; ``bounds``: min, max."""
+    return typer.Option(name, metavar=metavar, help=explanation, autocompletion=complete, **bounds)
+
+
+def flag(name: str, explanation: str) -> Any:
+    """An option without a value: its name and its line of help."""
+    return typer.Option(name, help=explanation)
+
+
+Out = Annotated[Path | None, valued("--out", "DIR", "Write the study into this folder.")]
 Seed = Annotated[
     int | None,
-    typer.Option(
-        "--seed",
-        min=0,
-        metavar="N",
-        help="Seed of the random numbers; the scenario's own when left out.",
-    ),
+    valued("--seed", "N", "Seed of the random numbers; the scenario's own when left out.", min=0),
 ]
 Changes = Annotated[
     list[str] | None,
-    typer.Option(
-        "--set", metavar="KEY=VALUE", help="Change an entry of the scenario, e.g. flight.rate=50."
-    ),
+    valued("--set", "KEY=VALUE", "Change an entry of the scenario, e.g. flight.rate=50."),
 ]
 From = Annotated[
     list[float] | None,
-    typer.Option(
-        "--from",
-        metavar="T",
-        help="Use the record from this time on, s; with --to again for each maneuver.",
+    valued(
+        "--from", "T", "Use the record from this time on, s; with --to again for each maneuver."
     ),
 ]
-To = Annotated[
-    list[float] | None, typer.Option("--to", metavar="T", help="Use the record up to this time, s.")
-]
+To = Annotated[list[float] | None, valued("--to", "T", "Use the record up to this time, s.")]
 Maneuvers = Annotated[
     list[str] | None,
-    typer.Option(
-        "--maneuver",
-        metavar="N",
-        help="Use a maneuver of maneuvers.toml, by number or name; again for each.",
+    valued(
+        "--maneuver", "N", "Use a maneuver of maneuvers.toml, by number or name; again for each."
     ),
 ]
 ManeuverFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--maneuvers", metavar="FILE", help="That file; else maneuvers.toml beside the record."
-    ),
+    Path | None, valued("--maneuvers", "FILE", "That file; else maneuvers.toml beside the record.")
 ]
 Held = Annotated[
     str | None,
-    typer.Option(
+    valued(
         "--hold",
-        metavar="HOLD",
-        autocompletion=of("previous", "linear"),
-        help="Inputs between samples: previous or linear; else as the data say.",
+        "HOLD",
+        "Inputs between samples: previous or linear; else as the data say.",
+        complete=of("previous", "linear"),
     ),
 ]
 Rate = Annotated[
     float | None,
-    typer.Option(
+    valued(
         "--rate",
-        metavar="HZ",
-        help=(
-            "Resample all channels to this rate behind one filter; of a record without a clock: "
-            "its rate."
-        ),
+        "HZ",
+        "Resample all channels to this rate behind one filter; of a record without a clock: "
+        "its rate.",
     ),
 ]
 ClockRate = Annotated[
     float | None,
-    typer.Option(
+    valued(
         "--rate",
-        metavar="HZ",
-        help="Of a record without a clock: its rate; of a log of topics: that of their grid.",
+        "HZ",
+        "Of a record without a clock: its rate; of a log of topics: that of their grid.",
     ),
 ]
 Columns = Annotated[
     str | None,
-    typer.Option(
+    valued(
         "--columns",
-        metavar="NAME,NAME,...",
-        help="Names of the columns, of a file without a header or instead of its own.",
+        "NAME,NAME,...",
+        "Names of the columns, of a file without a header or instead of its own.",
     ),
 ]
 Lowpass = Annotated[
     float | None,
-    typer.Option(
-        "--lowpass", metavar="HZ", help="One zero-phase low-pass for all channels, inputs included."
-    ),
+    valued("--lowpass", "HZ", "One zero-phase low-pass for all channels, inputs included."),
 ]
 Trust = Annotated[
     bool,
-    typer.Option(
+    flag(
         "--trust-record",
-        help="Take the raw columns as they are: warn of what they show, refuse and mask nothing.",
+        "Take the raw columns as they are: warn of what they show, refuse and mask nothing.",
     ),
 ]
 Model = Annotated[
     str,
-    typer.Option(
+    valued(
         "--model",
-        metavar="M",
-        autocompletion=models,
-        help=f"{', '.join(MODEL_NAMES)}, or FILE.py with a model of your own.",
+        "M",
+        f"{', '.join(MODEL_NAMES)}, or FILE.py with a model of your own.",
+        complete=models,
     ),
 ]
 Records = Annotated[
@@ -199,10 +193,10 @@ Records = Annotated[
 ]
 VehicleOption = Annotated[
     Path | None,
-    typer.Option(
+    valued(
         "--vehicle",
-        metavar="V.toml",
-        help="Constants and starting values; else vehicle.toml beside the first record, if any.",
+        "V.toml",
+        "Constants and starting values; else vehicle.toml beside the first record, if any.",
     ),
 ]
 Scenario = Annotated[
@@ -213,110 +207,85 @@ Scenario = Annotated[
 ]
 OwnModel = Annotated[
     str | None,
-    typer.Option(
-        "--model",
-        metavar="FILE.py",
-        help="A model of your own flies instead of a scenario; its file is run.",
+    valued(
+        "--model", "FILE.py", "A model of your own flies instead of a scenario; its file is run."
     ),
 ]
 TrueValues = Annotated[
-    Path | None,
-    typer.Option(
-        "--vehicle", metavar="V.toml", help="With --model: true values; else those of its file."
-    ),
+    Path | None, valued("--vehicle", "V.toml", "With --model: true values; else those of its file.")
 ]
 Inputs = Annotated[
     list[str] | None,
-    typer.Option(
+    valued(
         "--input",
-        metavar="NAME=KIND,KEY=VALUE,...",
-        help="With --model, again for each maneuver; else a doublet on each input.",
+        "NAME=KIND,KEY=VALUE,...",
+        "With --model, again for each maneuver; else a doublet on each input.",
     ),
 ]
 Noise = Annotated[
     list[str] | None,
-    typer.Option(
-        "--noise",
-        metavar="OUTPUT=SIZE",
-        help="With --model: standard deviation; else 1 % of its largest move.",
+    valued(
+        "--noise", "OUTPUT=SIZE", "With --model: standard deviation; else 1 % of its largest move."
     ),
 ]
 Duration = Annotated[
-    float | None,
-    typer.Option("--duration", metavar="S", help="With --model: length of the record, s."),
+    float | None, valued("--duration", "S", "With --model: length of the record, s.")
 ]
-SampleRate = Annotated[
-    float | None, typer.Option("--rate", metavar="HZ", help="With --model: samples a second.")
-]
+SampleRate = Annotated[float | None, valued("--rate", "HZ", "With --model: samples a second.")]
 Figures = Annotated[
     list[str] | None,
-    typer.Option(
+    valued(
         "--figures",
-        metavar="FORMAT,...",
-        autocompletion=of("png", "svg", "pdf", "none"),
-        help="Figures as png (usual), svg or pdf, several with commas; or none.",
+        "FORMAT,...",
+        "Figures as png (usual), svg or pdf, several with commas; or none.",
+        complete=of("png", "svg", "pdf", "none"),
     ),
 ]
-NoFigures = Annotated[bool, typer.Option("--no-figures", help="Draw none, as --figures none.")]
+NoFigures = Annotated[bool, flag("--no-figures", "Draw none, as --figures none.")]
 Class = Annotated[
     str | None,
-    typer.Option(
+    valued(
         "--class",
-        metavar="I..IV",
-        autocompletion=of("I", "II", "II-C", "III", "IV"),
-        help="Class of the aircraft, for levels of flying qualities; II-C: carrier.",
+        "I..IV",
+        "Class of the aircraft, for levels of flying qualities; II-C: carrier.",
+        complete=of("I", "II", "II-C", "III", "IV"),
     ),
 ]
 Category = Annotated[
     str | None,
-    typer.Option(
+    valued(
         "--category",
-        metavar="A|B|C",
-        autocompletion=of("A", "B", "C"),
-        help="Category of the flight phase: A rapid, B gradual, C terminal.",
+        "A|B|C",
+        "Category of the flight phase: A rapid, B gradual, C terminal.",
+        complete=of("A", "B", "C"),
     ),
 ]
 Channels = Annotated[
-    Path | None,
-    typer.Option("--channels", metavar="MAP", help="TOML file that maps columns to channels."),
+    Path | None, valued("--channels", "MAP", "TOML file that maps columns to channels.")
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors and warnings.")]
+Quiet = Annotated[bool, flag("--quiet", "Print nothing but errors and warnings.")]
 AsJson = Annotated[
-    bool,
-    typer.Option(
-        "--json", help="Print the study's JSON document, as --out writes it, and nothing else."
-    ),
+    bool, flag("--json", "Print the study's JSON document, as --out writes it, and nothing else.")
 ]
 Jobs = Annotated[
     int | None,
-    typer.Option(
-        "--jobs",
-        metavar="N",
-        help="Processes, each with one thread; else one a core. No number depends on it.",
+    valued(
+        "--jobs", "N", "Processes, each with one thread; else one a core. No number depends on it."
     ),
 ]
 Resume = Annotated[
     bool,
-    typer.Option(
-        "--resume",
-        help="Go on with what the folder of --out holds; --runs may be larger than before.",
+    flag(
+        "--resume", "Go on with what the folder of --out holds; --runs may be larger than before."
     ),
 ]
 Cluster = Annotated[
     str | None,
-    typer.Option(
-        "--cluster",
-        metavar="ADDRESS",
-        help="Work on a Dask cluster, by its scheduler's tcp://HOST:PORT.",
-    ),
+    valued("--cluster", "ADDRESS", "Work on a Dask cluster, by its scheduler's tcp://HOST:PORT."),
 ]
 TimeLimit = Annotated[
     float | None,
-    typer.Option(
-        "--time-limit",
-        metavar="S",
-        help="Seconds that a run may take; one that takes longer is left out.",
-    ),
+    valued("--time-limit", "S", "Seconds that a run may take; one that takes longer is left out."),
 ]
 
 

@@ -26,8 +26,10 @@ from scenarios.cli.options import (
     Records,
     Trust,
     VehicleOption,
+    flag,
     methods,
     of,
+    valued,
     with_groups,
 )
 from scenarios.preparation.plan import Request, plan_of
@@ -43,12 +45,10 @@ def map_(
     ],
     rate: ClockRate = None,
     columns: Columns = None,
-    topics: Annotated[bool, typer.Option("--topics", help="Show every topic of a log.")] = False,
+    topics: Annotated[bool, flag("--topics", "Show every topic of a log.")] = False,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out", metavar="DIR", help="Write channels.toml and vehicle.toml into this folder."
-        ),
+        valued("--out", "DIR", "Write channels.toml and vehicle.toml into this folder."),
     ] = None,
 ) -> None:
     """What a recorder's file holds, with a draft of the channel map and of the vehicle file."""
@@ -85,109 +85,90 @@ def maneuvers(
 
 Inputs = Annotated[
     list[str] | None,
-    typer.Option(
-        "--input", metavar="A", help="A column or channel; again for inputs that move together."
-    ),
+    valued("--input", "A", "A column or channel; again for inputs that move together."),
 ]
 Outputs = Annotated[
-    list[str] | None,
-    typer.Option("--output", metavar="B", help="A column or channel; again for each."),
+    list[str] | None, valued("--output", "B", "A column or channel; again for each.")
 ]
 References = Annotated[
     list[str] | None,
-    typer.Option(
+    valued(
         "--reference",
-        metavar="R",
-        help="With feedback: an excitation that the noise does not reach; one for each input.",
+        "R",
+        "With feedback: an excitation that the noise does not reach; one for each input.",
     ),
 ]
 Windows = Annotated[
-    list[float] | None,
-    typer.Option("--window", metavar="S", help="Length of a window, s; again for each. Else four."),
+    list[float] | None, valued("--window", "S", "Length of a window, s; again for each. Else four.")
 ]
-Tapers = Annotated[
-    int, typer.Option("--tapers", min=0, metavar="N", help="N sine tapers instead of windows.")
-]
+Tapers = Annotated[int, valued("--tapers", "N", "N sine tapers instead of windows.", min=0)]
 Band = Annotated[
-    tuple[float, float] | None,
-    typer.Option("--band", metavar="LOW HIGH", help="Hz; else from the inputs' power."),
+    tuple[float, float] | None, valued("--band", "LOW HIGH", "Hz; else from the inputs' power.")
 ]
 Fit = Annotated[
     list[str] | None,
-    typer.Option(
+    valued(
         "--fit",
-        metavar="[OUTPUT=]FORM",
-        help="Fit pitch, roll, dutch-roll, roll-and-dutch-roll, or orders such as 1/2.",
+        "[OUTPUT=]FORM",
+        "Fit pitch, roll, dutch-roll, roll-and-dutch-roll, or orders such as 1/2.",
     ),
 ]
 Fix = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--fix", metavar="NAME=VALUE", help="Hold a parameter of the form; again for each."
-    ),
+    list[str] | None, valued("--fix", "NAME=VALUE", "Hold a parameter of the form; again for each.")
 ]
-Shared = Annotated[bool, typer.Option("--shared-poles", help="One denominator for all responses.")]
+Shared = Annotated[bool, flag("--shared-poles", "One denominator for all responses.")]
 Bandwidth = Annotated[
     str | None,
-    typer.Option(
+    valued(
         "--bandwidth",
-        metavar="KIND",
-        autocompletion=of("rate", "attitude"),
-        help="Bandwidth and phase delay of outputs that are a rate or an attitude.",
+        "KIND",
+        "Bandwidth and phase delay of outputs that are a rate or an attitude.",
+        complete=of("rate", "attitude"),
     ),
 ]
 Margins = Annotated[
     str | None,
-    typer.Option(
+    valued(
         "--margins",
-        metavar="SIGN",
-        autocompletion=of("minus", "plus"),
-        help="Stability margins of a loop whose output returns into the input with this sign.",
+        "SIGN",
+        "Stability margins of a loop whose output returns into the input with this sign.",
+        complete=of("minus", "plus"),
     ),
 ]
 Levels = Annotated[
     str | None,
-    typer.Option(
+    valued(
         "--levels",
-        metavar="CLASS-CATEGORY",
-        help=(
-            "Levels of fitted forms: class I, II-C, II-L, III, IV and flight phase A, B, C, as in "
-            "IV-A."
-        ),
+        "CLASS-CATEGORY",
+        "Levels of fitted forms: class I, II-C, II-L, III, IV and flight phase A, B, C, as in "
+        "IV-A.",
     ),
 ]
 Airspeed = Annotated[
-    float | None,
-    typer.Option("--airspeed", metavar="V", help="m/s; n/alpha and CAP of a fitted pitch rate."),
+    float | None, valued("--airspeed", "V", "m/s; n/alpha and CAP of a fitted pitch rate.")
 ]
 PilotBandwidth = Annotated[
     float | None,
-    typer.Option(
+    valued(
         "--pilot",
-        metavar="RAD/S",
-        help="With --bandwidth: Neal and Smith's pilot at this closed-loop bandwidth, rad/s.",
+        "RAD/S",
+        "With --bandwidth: Neal and Smith's pilot at this closed-loop bandwidth, rad/s.",
     ),
 ]
 FittedModel = Annotated[
     str | None,
-    typer.Option(
+    valued(
         "--model",
-        metavar="M",
-        autocompletion=of("rigid", "lateral", "longitudinal", "loes"),
-        help="Fit this linear model to all responses at once: built in, or your own file.",
+        "M",
+        "Fit this linear model to all responses at once: built in, or your own file.",
+        complete=of("rigid", "lateral", "longitudinal", "loes"),
     ),
 ]
 ModelVehicle = Annotated[
-    Path | None,
-    typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values of --model."),
+    Path | None, valued("--vehicle", "V.toml", "Constants and starting values of --model.")
 ]
-PilotDelay = Annotated[
-    float | None,
-    typer.Option("--pilot-delay", metavar="S", help="Delay of that pilot, s: 0.25."),
-]
-Coherence = Annotated[
-    float, typer.Option("--coherence", metavar="C", help="Least coherence of the usable band.")
-]
+PilotDelay = Annotated[float | None, valued("--pilot-delay", "S", "Delay of that pilot, s: 0.25.")]
+Coherence = Annotated[float, valued("--coherence", "C", "Least coherence of the usable band.")]
 
 
 @with_groups
@@ -248,51 +229,40 @@ def identify(
     preparation: Preparation,
     trust: Trust = False,
     method: Annotated[
-        str,
-        typer.Option(
-            "--method", metavar="METHOD", autocompletion=methods, help=f"{', '.join(METHOD_NAMES)}."
-        ),
+        str, valued("--method", "METHOD", f"{', '.join(METHOD_NAMES)}.", complete=methods)
     ] = "output-error",
     validate: Annotated[
         list[Path] | None,
-        typer.Option(
+        valued(
             "--validate",
-            metavar="RECORD...",
-            help="Predict these records with what was estimated from the others.",
+            "RECORD...",
+            "Predict these records with what was estimated from the others.",
         ),
     ] = None,
     profile: Annotated[
         list[str] | None,
-        typer.Option(
+        valued(
             "--profile",
-            metavar="NAME...",
-            help="Profile-likelihood intervals of these parameters; all: of every one.",
+            "NAME...",
+            "Profile-likelihood intervals of these parameters; all: of every one.",
         ),
     ] = None,
     band: Annotated[
         tuple[float, float] | None,
-        typer.Option(
-            "--band",
-            metavar="LOW HIGH",
-            help="Hz, for frequency-domain; else from the inputs' power.",
-        ),
+        valued("--band", "LOW HIGH", "Hz, for frequency-domain; else from the inputs' power."),
     ] = None,
     engine: Annotated[
         str | None,
-        typer.Option(
-            "--engine",
-            metavar="ENGINE",
-            help="Of the extended Kalman filter: filterpy or batched; same result.",
+        valued(
+            "--engine", "ENGINE", "Of the extended Kalman filter: filterpy or batched; same result."
         ),
     ] = None,
     aircraft_class: Class = None,
     category: Category = None,
     matrices: Annotated[
         Path | None,
-        typer.Option(
-            "--state-space",
-            metavar="FILE",
-            help="Write A, B, C, D about trim with names: .json, .mat or .npz.",
+        valued(
+            "--state-space", "FILE", "Write A, B, C, D about trim with names: .json, .mat or .npz."
         ),
     ] = None,
     output: Output,
@@ -328,27 +298,24 @@ def diagnose(
     vehicle: VehicleOption = None,
     validate: Annotated[
         list[Path] | None,
-        typer.Option(
+        valued(
             "--validate",
-            metavar="RECORD...",
-            help="Predict these records; else the last of several, or the last part of one.",
+            "RECORD...",
+            "Predict these records; else the last of several, or the last part of one.",
         ),
     ] = None,
     effects: Annotated[
-        Path | None,
-        typer.Option(
-            "--effects", metavar="FILE", help="Python file with effects of your own; it is run."
-        ),
+        Path | None, valued("--effects", "FILE", "Python file with effects of your own; it is run.")
     ] = None,
     preparation: Preparation,
     trust: Trust = False,
     effort: Annotated[
         str,
-        typer.Option(
+        valued(
             "--effort",
-            metavar="E",
-            autocompletion=of("normal", "thorough"),
-            help="How far the search looks: normal, thorough.",
+            "E",
+            "How far the search looks: normal, thorough.",
+            complete=of("normal", "thorough"),
         ),
     ] = "normal",
     aircraft_class: Class = None,
@@ -358,7 +325,7 @@ def diagnose(
     """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and
     after.
     """
-    from scenarios.commands.diagnose import diagnose_records
+    from scenarios.commands.records import diagnose_records
 
     plan = preparation.plan(records, trusted=trust)
     request = Request(
@@ -440,13 +407,10 @@ def survey(
             help="Model, vehicle, and the records with what they were flown at.",
         ),
     ] = None,
-    example: Annotated[
-        bool, typer.Option("--example", help="Print such a file, to copy and edit.")
-    ] = False,
+    example: Annotated[bool, flag("--example", "Print such a file, to copy and edit.")] = False,
     out: Out = None,
     jobs: Annotated[
-        int | None,
-        typer.Option("--jobs", min=1, metavar="N", help="Processes; all cores when left out."),
+        int | None, valued("--jobs", "N", "Processes; all cores when left out.", min=1)
     ] = None,
     cluster: Cluster = None,
     figures: Figures = None,
@@ -495,105 +459,99 @@ def _refuse_mixed_watch(model: str | None, margins: str | None, signals: list[st
         raise DeclarationError(what, where="--input, --output", remedy="add --margins minus")
 
 
+WatchRecord = Annotated[
+    str, typer.Argument(metavar="RECORD|-", help="A CSV file that grows, or - for standard input.")
+]
+WatchModel = Annotated[
+    str | None,
+    valued(
+        "--model",
+        "M",
+        "loes, rigid, lateral, longitudinal, or your own model file.",
+        complete=of("loes", "rigid", "lateral", "longitudinal"),
+    ),
+]
+WatchVehicle = Annotated[
+    Path | None, valued("--vehicle", "V.toml", "Constants and starting values.")
+]
+WatchMargins = Annotated[
+    str | None,
+    valued(
+        "--margins",
+        "SIGN",
+        "Instead of a model: margins of the loop of --input, --output, --excitation.",
+        complete=of("minus", "plus"),
+    ),
+]
+WatchInputs = Annotated[
+    list[str] | None, valued("--input", "A", "With --margins: the command behind the sum.")
+]
+WatchOutputs = Annotated[
+    list[str] | None, valued("--output", "B", "With --margins: the signal that returns.")
+]
+WatchExcitation = Annotated[
+    str | None, valued("--excitation", "R", "With --margins: what is added to it.")
+]
+WatchReference = Annotated[
+    Path | None,
+    valued(
+        "--reference",
+        "STUDY",
+        "A study to compare with; without --vehicle the filter starts from it.",
+    ),
+]
+WatchRate = Annotated[
+    float | None, valued("--rate", "HZ", "Of a stream without a clock: its rows a second.")
+]
+WatchIdle = Annotated[
+    float | None,
+    valued(
+        "--idle", "S", "End after so many seconds without a row; a file: 5, a pipe: never.", min=0.0
+    ),
+]
+WatchUntilEnd = Annotated[bool, flag("--until-end", "Do not wait for the file to grow.")]
+WatchRefine = Annotated[
+    bool,
+    typer.Option(
+        help="Linearise anew on the way, and refine over all rows when the stream has ended."
+    ),
+]
+WatchPage = Annotated[
+    bool, flag("--page", "Serve a page of the stream to the browser of this machine, until Ctrl-C.")
+]
+WatchPort = Annotated[
+    int | None,
+    valued("--port", "N", "The page's port; without it 8040 or a free one.", min=1, max=65535),
+]
+WatchBand = Annotated[
+    tuple[float, float] | None,
+    valued(
+        "--band",
+        "LOW HIGH",
+        "Hz, of the regression in the frequency domain: 0.1 2; of margins: 0.2 10.",
+    ),
+]
+
+
 def watch(
-    record: Annotated[
-        str,
-        typer.Argument(metavar="RECORD|-", help="A CSV file that grows, or - for standard input."),
-    ],
-    model: Annotated[
-        str | None,
-        typer.Option(
-            "--model",
-            metavar="M",
-            autocompletion=of("loes", "rigid", "lateral", "longitudinal"),
-            help="loes, rigid, lateral, longitudinal, or your own model file.",
-        ),
-    ] = None,
-    vehicle: Annotated[
-        Path | None,
-        typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values."),
-    ] = None,
-    margins: Annotated[
-        str | None,
-        typer.Option(
-            "--margins",
-            metavar="SIGN",
-            autocompletion=of("minus", "plus"),
-            help="Instead of a model: margins of the loop of --input, --output, --excitation.",
-        ),
-    ] = None,
-    inputs: Annotated[
-        list[str] | None,
-        typer.Option("--input", metavar="A", help="With --margins: the command behind the sum."),
-    ] = None,
-    outputs: Annotated[
-        list[str] | None,
-        typer.Option("--output", metavar="B", help="With --margins: the signal that returns."),
-    ] = None,
-    excitation: Annotated[
-        str | None,
-        typer.Option("--excitation", metavar="R", help="With --margins: what is added to it."),
-    ] = None,
-    reference: Annotated[
-        Path | None,
-        typer.Option(
-            "--reference",
-            metavar="STUDY",
-            help="A study to compare with; without --vehicle the filter starts from it.",
-        ),
-    ] = None,
+    record: WatchRecord,
+    model: WatchModel = None,
+    vehicle: WatchVehicle = None,
+    margins: WatchMargins = None,
+    inputs: WatchInputs = None,
+    outputs: WatchOutputs = None,
+    excitation: WatchExcitation = None,
+    reference: WatchReference = None,
     channels: Channels = None,
     columns: Columns = None,
-    rate: Annotated[
-        float | None,
-        typer.Option(
-            "--rate", metavar="HZ", help="Of a stream without a clock: its rows a second."
-        ),
-    ] = None,
+    rate: WatchRate = None,
     out: Out = None,
-    idle: Annotated[
-        float | None,
-        typer.Option(
-            "--idle",
-            min=0.0,
-            metavar="S",
-            help="End after so many seconds without a row; a file: 5, a pipe: never.",
-        ),
-    ] = None,
-    until_end: Annotated[
-        bool, typer.Option("--until-end", help="Do not wait for the file to grow.")
-    ] = False,
-    refine: Annotated[
-        bool,
-        typer.Option(
-            help="Linearise anew on the way, and refine over all rows when the stream has ended."
-        ),
-    ] = True,
-    page: Annotated[
-        bool,
-        typer.Option(
-            "--page",
-            help="Serve a page of the stream to the browser of this machine, until Ctrl-C.",
-        ),
-    ] = False,
-    port: Annotated[
-        int | None,
-        typer.Option(
-            "--port",
-            min=1,
-            max=65535,
-            metavar="N",
-            help="The page's port; without it 8040 or a free one.",
-        ),
-    ] = None,
-    band: Annotated[
-        tuple[float, float] | None,
-        typer.Option(
-            "--band",
-            metavar="LOW HIGH",
-            help="Hz, of the regression in the frequency domain: 0.1 2; of margins: 0.2 10.",
-        ),
-    ] = None,
+    idle: WatchIdle = None,
+    until_end: WatchUntilEnd = False,
+    refine: WatchRefine = True,
+    page: WatchPage = False,
+    port: WatchPort = None,
+    band: WatchBand = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:

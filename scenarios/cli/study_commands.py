@@ -29,7 +29,9 @@ from scenarios.cli.options import (
     Seed,
     TimeLimit,
     TrueValues,
+    flag,
     scenarios,
+    valued,
 )
 from scenarios.report.figure_formats import formats_of
 from sim.errors import DeclarationError
@@ -52,7 +54,7 @@ def run(
     figures: Figures = None,
     no_figures: NoFigures = False,
     compare: Annotated[
-        bool, typer.Option("--compare", help="Then put the studies side by side, as compare does.")
+        bool, flag("--compare", "Then put the studies side by side, as compare does.")
     ] = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -76,7 +78,7 @@ def run(
 
 
 def simulate(
-    out: Annotated[Path, typer.Option("--out", metavar="RECORD.csv", help="The file to write.")],
+    out: Annotated[Path, valued("--out", "RECORD.csv", "The file to write.")],
     name: Scenario = None,
     seed: Seed = None,
     changes: Changes = None,
@@ -86,17 +88,13 @@ def simulate(
     noise: Noise = None,
     hidden: Annotated[
         list[str] | None,
-        typer.Option(
-            "--hide",
-            metavar="EFFECT.KEY=VALUE",
-            help="With --model: an effect that acts and is not told.",
-        ),
+        valued("--hide", "EFFECT.KEY=VALUE", "With --model: an effect that acts and is not told."),
     ] = None,
     duration: Duration = None,
     rate: SampleRate = None,
     quiet: Quiet = False,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print the names of the files as JSON, and nothing else.")
+        bool, flag("--json", "Print the names of the files as JSON, and nothing else.")
     ] = False,
 ) -> None:
     """The record of a scenario alone, or of a flight of a model of your own."""
@@ -118,10 +116,7 @@ def simulate(
 def campaign(
     name: Scenario = None,
     runs: Annotated[
-        int | None,
-        typer.Option(
-            "--runs", min=2, metavar="N", help="Number of runs, each with a seed of its own."
-        ),
+        int | None, valued("--runs", "N", "Number of runs, each with a seed of its own.", min=2)
     ] = None,
     seed: Seed = None,
     out: Out = None,
@@ -134,20 +129,14 @@ def campaign(
     rate: SampleRate = None,
     method: Annotated[
         str | None,
-        typer.Option(
-            "--method",
-            metavar="NAME",
-            help="One of the scenario's further methods; else its main one.",
-        ),
+        valued("--method", "NAME", "One of the scenario's further methods; else its main one."),
     ] = None,
     noise_levels: Annotated[
         bool,
-        typer.Option(
+        flag(
             "--noise-levels",
-            help=(
-                "Also find the noise levels by likelihood, which is done anyway where a sigma is "
-                "wrong."
-            ),
+            "Also find the noise levels by likelihood, which is done anyway where a sigma is "
+            "wrong.",
         ),
     ] = False,
     jobs: Jobs = None,
@@ -200,11 +189,10 @@ def compare(
         ),
     ],
     every: Annotated[
-        bool, typer.Option("--methods", help="All methods of each study, not its main one alone.")
+        bool, flag("--methods", "All methods of each study, not its main one alone.")
     ] = False,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Write tables and figures into this folder."),
+        Path | None, valued("--out", "DIR", "Write tables and figures into this folder.")
     ] = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
@@ -230,80 +218,68 @@ def compare(
 # ---- flightid design
 
 
+DesignVehicle = Annotated[
+    Path | None,
+    valued("--vehicle", "V.toml", "Constants and derivatives as far as they are known."),
+]
+DesignLimits = Annotated[
+    Path | None,
+    valued(
+        "--limits",
+        "L.toml",
+        "nz_max, alpha_max, elevator_amplitude, elevator_rate and the like; else usual ones.",
+    ),
+]
+DesignTell = Annotated[str, valued("--tell", "EFFECT,EFFECT", "Effects that are to be told apart.")]
+DesignSize = Annotated[
+    str,
+    valued(
+        "--size",
+        "KEY=VALUE,...",
+        "Of the first effect; typical, or found: what one 3-2-1-1 just shows.",
+    ),
+]
+DesignValues = Annotated[
+    list[str] | None,
+    valued("--value", "NAME=VALUE,...", "Derivatives known better than in the file."),
+]
+DesignNoise = Annotated[
+    list[str] | None, valued("--noise", "OUTPUT=SIZE,...", "Measured outputs, standard deviations.")
+]
+DesignAmplitude = Annotated[
+    list[str] | None, valued("--amplitude", "INPUT=SIZE,...", "Largest deflections from trim.")
+]
+DesignDuration = Annotated[float | None, valued("--duration", "S", "Length of the record, s.")]
+DesignRate = Annotated[float | None, valued("--rate", "HZ", "Samples a second.")]
+DesignBand = Annotated[
+    tuple[float, float] | None,
+    valued(
+        "--band",
+        "LOW HIGH",
+        "Hz: a sweep and multisines for frequency responses, with the coherence to expect.",
+    ),
+]
+DesignComputer = Annotated[
+    bool,
+    flag(
+        "--computer", "A flight computer moves the controls: multisines, quick steps, wide bands."
+    ),
+]
+
+
 def design(
     model: Model,
-    vehicle: Annotated[
-        Path | None,
-        typer.Option(
-            "--vehicle",
-            metavar="V.toml",
-            help="Constants and derivatives as far as they are known.",
-        ),
-    ] = None,
-    limits: Annotated[
-        Path | None,
-        typer.Option(
-            "--limits",
-            metavar="L.toml",
-            help=(
-                "nz_max, alpha_max, elevator_amplitude, elevator_rate and the like; else usual "
-                "ones."
-            ),
-        ),
-    ] = None,
-    tell: Annotated[
-        str,
-        typer.Option("--tell", metavar="EFFECT,EFFECT", help="Effects that are to be told apart."),
-    ] = "",
-    size: Annotated[
-        str,
-        typer.Option(
-            "--size",
-            metavar="KEY=VALUE,...",
-            help="Of the first effect; typical, or found: what one 3-2-1-1 just shows.",
-        ),
-    ] = "typical",
-    values: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--value", metavar="NAME=VALUE,...", help="Derivatives known better than in the file."
-        ),
-    ] = None,
-    noise: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--noise", metavar="OUTPUT=SIZE,...", help="Measured outputs, standard deviations."
-        ),
-    ] = None,
-    amplitude: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--amplitude", metavar="INPUT=SIZE,...", help="Largest deflections from trim."
-        ),
-    ] = None,
-    duration: Annotated[
-        float | None, typer.Option("--duration", metavar="S", help="Length of the record, s.")
-    ] = None,
-    rate: Annotated[
-        float | None, typer.Option("--rate", metavar="HZ", help="Samples a second.")
-    ] = None,
-    band: Annotated[
-        tuple[float, float] | None,
-        typer.Option(
-            "--band",
-            metavar="LOW HIGH",
-            help=(
-                "Hz: a sweep and multisines for frequency responses, with the coherence to expect."
-            ),
-        ),
-    ] = None,
-    computer: Annotated[
-        bool,
-        typer.Option(
-            "--computer",
-            help="A flight computer moves the controls: multisines, quick steps, wide bands.",
-        ),
-    ] = False,
+    vehicle: DesignVehicle = None,
+    limits: DesignLimits = None,
+    tell: DesignTell = "",
+    size: DesignSize = "typical",
+    values: DesignValues = None,
+    noise: DesignNoise = None,
+    amplitude: DesignAmplitude = None,
+    duration: DesignDuration = None,
+    rate: DesignRate = None,
+    band: DesignBand = None,
+    computer: DesignComputer = False,
     out: Out = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
@@ -348,11 +324,10 @@ def report(
         list[Path], typer.Argument(metavar="DIR...", help="Folders that --out was given.")
     ],
     tables: Annotated[
-        bool,
-        typer.Option("--tables", help="Write its tables as Markdown, LaTeX and XLSX as well."),
+        bool, flag("--tables", "Write its tables as Markdown, LaTeX and XLSX as well.")
     ] = False,
     pdf: Annotated[
-        bool, typer.Option("--pdf", help="Print it as report.pdf as well, by Chromium or Chrome.")
+        bool, flag("--pdf", "Print it as report.pdf as well, by Chromium or Chrome.")
     ] = False,
 ) -> None:
     """The page of a study again, from its folder, without computing anything; its tables, a PDF."""
@@ -407,8 +382,7 @@ def models(
         ),
     ] = None,
     example: Annotated[
-        bool,
-        typer.Option("--example", help="Print the file of a model of one's own, to copy and edit."),
+        bool, flag("--example", "Print the file of a model of one's own, to copy and edit.")
     ] = False,
 ) -> None:
     """The models: states, inputs, outputs, parameters, and the effects that may act on them."""
@@ -429,12 +403,7 @@ def vehicles(
     ] = None,
     other: Annotated[
         str | None,
-        typer.Option(
-            "--diff",
-            metavar="OTHER",
-            autocompletion=options.vehicles,
-            help="What differs from another vehicle.",
-        ),
+        valued("--diff", "OTHER", "What differs from another vehicle.", complete=options.vehicles),
     ] = None,
 ) -> None:
     """The library of vehicles, every number with unit and origin."""
@@ -452,22 +421,17 @@ def lab(
         typer.Argument(metavar="N", help="Number of the lab; all are listed when left out."),
     ] = None,
     edit: Annotated[
-        bool, typer.Option("--edit", help="Open a copy of your own in the editor, not as a page.")
+        bool, flag("--edit", "Open a copy of your own in the editor, not as a page.")
     ] = False,
     copy: Annotated[
-        Path | None,
-        typer.Option("--copy", metavar="DIR", help="Write a copy of your own into this folder."),
+        Path | None, valued("--copy", "DIR", "Write a copy of your own into this folder.")
     ] = None,
-    key: Annotated[bool, typer.Option("--key", help="Print the instructor's key.")] = False,
+    key: Annotated[bool, flag("--key", "Print the instructor's key.")] = False,
     port: Annotated[
         int | None,
-        typer.Option(
-            "--port", min=1, max=65535, metavar="P", help="Port on this machine; else a free one."
-        ),
+        valued("--port", "P", "Port on this machine; else a free one.", min=1, max=65535),
     ] = None,
-    browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", help="Open it in a browser.")
-    ] = True,
+    browser: Annotated[bool, flag("--browser/--no-browser", "Open it in a browser.")] = True,
 ) -> None:
     """A teaching notebook, opened in a browser."""
     from scenarios.commands.libraries import copy_lab, list_labs, open_lab, show_key

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 from scenarios.compatibility.check import check_files
 from scenarios.compatibility.report import print_check
 from scenarios.files.measured.columns import read_record_file, with_names
+from scenarios.files.writing import write_text
 from scenarios.identification.assessment import PLAIN, Options
 from scenarios.maneuvers import maneuvers_of, print_maneuvers
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
@@ -21,12 +23,14 @@ from scenarios.report.quantities import shown_in, unit_cell
 from scenarios.report.summary import details_in, written_to
 from scenarios.report.text_tables import TableColumn, table_lines, terminal_width
 from scenarios.responses.analysis import ResponseOptions, responses_of
-from scenarios.responses.fitting import FitOptions
-from scenarios.responses.model_fits import ModelOptions
+from scenarios.responses.fitting import FitOptions, ModelOptions
 from scenarios.responses.qualities import LevelOptions, pilot_demand
 from scenarios.responses.reading import Names
 from scenarios.responses.report import print_responses
 from sim.errors import DeclarationError
+
+if TYPE_CHECKING:
+    from scenarios.structure.study import StructureOptions
 
 # ---- flightid check: what the kinematics alone say of the sensors, printed and written
 
@@ -112,8 +116,8 @@ def identify_records(
     """Read, identify, write the study and the linearised model's ``matrices``, print."""
     from scenarios.files.measured.columns import path_of
     from scenarios.identification.identify import identify_files
+    from scenarios.identification.low_order import refuse_place, state_space_of, write_state_space
     from scenarios.identification.report import print_identification
-    from scenarios.identification.state_space import refuse_place, state_space_of, write_state_space
 
     if matrices is not None:
         ours = [out / "comparison.json", out / "record.csv"] if out is not None else []
@@ -337,8 +341,8 @@ def _refuse_present(out: Path) -> None:
 def _write(out: Path, draft: Draft) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
-        (out / VEHICLE).write_text(vehicle_text(draft), encoding="utf-8", newline="\n")
-        (out / CHANNELS).write_text(map_text(draft), encoding="utf-8", newline="\n")
+        write_text(out / VEHICLE, vehicle_text(draft))
+        write_text(out / CHANNELS, map_text(draft))
     except OSError as error:
         raise DeclarationError(
             f"cannot be written ({error.strerror or error})",
@@ -349,3 +353,68 @@ def _write(out: Path, draft: Draft) -> None:
 
 def _short(text: str, most: int) -> str:
     return text if len(text) <= most else f"{text[: most - 4]} ..."
+
+
+def diagnose_records(
+    request: Request, out: Path | None, figures: Formats, *, progress: bool = True
+) -> None:
+    """Read, trace, write the study, print; ``progress`` False: nothing is shown of how far it
+    is.
+    """
+    with progress_bar(progress, counted=False) as tell:
+        from scenarios.diagnosis.diagnose import diagnose_files
+
+        tracing = diagnose_files(request, tell)
+        if out is not None:
+            from scenarios.diagnosis.report.files import write_diagnosis
+
+            tell("writing the study", 0.97)
+            write_diagnosis(tracing, out, figures=figures)
+    from scenarios.diagnosis.report.text import diagnosis_text
+    from scenarios.report.summary import details_in, written_to
+    from scenarios.report.text_tables import terminal_width
+
+    print(diagnosis_text(tracing, terminal_width(), details_in(out)))
+    if out is not None:
+        print(written_to(out))
+
+
+# ---- flightid structure
+
+
+def find_structure(
+    request: Request, options: StructureOptions, out: Path | None, figures: Formats
+) -> None:
+    """Read, choose, write, print.
+
+    Parameters
+    ----------
+    request : records and vehicle file. options : how terms are offered and chosen. out : folder.
+    """
+    from scenarios.structure.report import VEHICLE, structure_text, write_structure
+    from scenarios.structure.study import structure_of_files
+
+    found = structure_of_files(request, options)
+    if out is not None:
+        write_structure(found, out, figures=figures)
+    print(structure_text(found, terminal_width()), end="")
+    if out is not None:
+        names = " ".join(str(each) for each in request.records)
+        print(
+            f"refine: flightid identify {names} --model aircraft --vehicle {out / VEHICLE} "
+            "--out FIT"
+        )
+        print(written_to(out))
+
+
+# ---- flightid export
+
+
+def export_model(study: Path, to: str, out: Path | None, model: Path | None) -> None:
+    """Read the study's model, write it for a target, print a line: see ``written_model``."""
+    from scenarios.export.targets import written_model
+
+    path, found, told = written_model(study, to, out, model)
+    print(f"{path}: {found.model} model of {found.name}, {told}")
+    for remark in found.remarks:
+        print(f"note: {remark}")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from scenarios.api.requests import LOADERS, Progress, Runner, flown_record
 from scenarios.files.declarations import named_after
+from scenarios.files.writing import write_text
 from scenarios.maneuver_design.setting import DesignRequest
 from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.progress import progress_bar
@@ -128,7 +129,7 @@ def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> l
             *write_record(scratch, flown.train, out.stem, simulated=True),
             *write_record(scratch, flown.validate, f"{out.stem}_validate", simulated=True),
         ]
-        (scratch / vehicle.name).write_text(flown.vehicle_file, encoding="utf-8", newline="\n")
+        write_text(scratch / vehicle.name, flown.vehicle_file)
     written = [out.parent / path.name for path in paths]
     print(f"{out.name}; for --validate: {out.stem}_validate.csv; for --vehicle: {vehicle.name}")
     return [*written, vehicle]

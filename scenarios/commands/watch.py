@@ -155,7 +155,7 @@ def _watch_in_frequency(
     watch: Watch, model: str, record: str, out: Path | None, limit: float | None, until_end: bool
 ) -> None:
     """Follow a stream whose model is regressed in the frequency domain."""
-    from scenarios.watching.spectral_study import line, print_spectral_end, write_spectral
+    from scenarios.watching.show import line, print_spectral_end, write_spectral
 
     vehicle = read_vehicle(watch.vehicle_path, model)
     watch.signals = signals_of(vehicle)
@@ -208,7 +208,7 @@ def watch_loop(
 ) -> None:
     """Follow a loop's signals to the end of the stream, margins every second; with a ``page`` serve
     it until Ctrl-C. ``band`` : Hz, of the broken-loop response; None for the usual one."""
-    from scenarios.watching.loop_margins import print_loop_end, served_loop, write_loop
+    from scenarios.watching.loop_page import print_loop_end, served_loop, write_loop
 
     refuse_page(port, page)
     watch = _prepared(record, None, None, channels, False, plan, ())

@@ -33,8 +33,8 @@ from scenarios.files.vehicles import (
     read_any_vehicle,
     vehicle_next_to,
 )
+from scenarios.preparation.filtering import split_at_gaps
 from scenarios.preparation.plan import Plan, Request, Segment, column_choices
-from scenarios.preparation.reading import split_at_gaps
 from scenarios.preparation.recording import (
     NOTHING_SEEN,
     RecordCheck,
@@ -219,7 +219,7 @@ def record_to_check(
     columns that are certainly not what they are called.
     """
     from scenarios.files.records import read_with_notes
-    from scenarios.preparation.reading import filtered, named
+    from scenarios.preparation.filtering import filtered, named
 
     # An input tells where a load may jump between two samples; it may be absent, and may have gaps.
     known = (*CHANNELS, PRESSURE, *INPUTS)

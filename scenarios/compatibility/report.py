@@ -22,6 +22,7 @@ from ident.compatibility.trials import (
 from scenarios.compatibility.check import CompatibilityCheck, equivalent_constant, noise_levels
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
+from scenarios.plots import drawn_in
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.preparation.recording import record_content, record_lines, record_table
 from scenarios.report.document import (
@@ -411,11 +412,7 @@ SCHEMA = "flightid/compatibility/1"
 def write_check(check: CompatibilityCheck, folder: str | Path, *, figures: Formats = USUAL) -> Path:
     """Write a check into ``folder``, whole or not at all; returns the folder."""
     with study_folder(folder, MAIN) as scratch:
-        drawn: tuple[Drawn, ...] = ()
-        if figures:
-            from scenarios.plots.drawing import drawn_for_page
-
-            drawn = drawn_for_page(check_figures(check.result, check.simulated), scratch, figures)
+        drawn = drawn_in(scratch, check_figures(check.result, check.simulated), figures)
         write_page(scratch, check_page(check, drawn))
         write_json(scratch / MAIN, check_content(check))
     return Path(folder)

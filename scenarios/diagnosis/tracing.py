@@ -1,23 +1,27 @@
-"""The nouns of a diagnosis of files: what it rests on, and its result with what that was made
-from.
+"""Types of a diagnosis of files, its model as the study folder keeps it, and overflows counted
+during a search.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
 
 from ident.flying_qualities.levels import Flown
-from ident.tracing.diagnosis import Diagnosis
-from ident.tracing.settings import NORMAL
+from ident.tracing.diagnosis import Data, Diagnosis
+from ident.tracing.settings import NORMAL, TraceSettings
 from scenarios.diagnosis.kinematics import Kinematics
 from scenarios.files.channels import STICK
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VehicleFile
-from scenarios.preparation.plan import Plan
+from scenarios.kept import DIAGNOSE, KeptModel, KeptReading
+from scenarios.preparation.plan import ATTITUDE, LIFT, SPEED, Plan
 from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck
 from sim.declaration.model import Model
-from sim.declaration.proposal import Traits
+from sim.declaration.proposal import Traceable, Traits
 from sim.record import Record
 
 if TYPE_CHECKING:
@@ -84,3 +88,98 @@ class Tracing:
         return next(
             (channel.unit for channel in self.records[0].inputs if channel.name == STICK), ""
         )
+
+
+SPIKES = "sensor-spikes:"
+
+
+def kept_diagnosis(tracing: Tracing) -> KeptModel | None:
+    """The model that a diagnosis leaves; None where the loop did not say what it was fitted
+    with.
+    """
+    d, plan, vehicle = tracing.diagnosis, tracing.plan, tracing.vehicle
+    if d.trained_before is None or d.trained_after is None:
+        return None
+    inputs = {signal.name for signal in tracing.model.equations.inputs}
+    reading = KeptReading(
+        tracing.records[0].hold.value,
+        plan.hold is not None,
+        weight=SPEED not in inputs or LIFT in inputs,
+        attitude=ATTITUDE in inputs,
+        rate=plan.rate or 0.0,
+        lowpass=plan.lowpass or 0.0,
+        trusted=plan.trusted,
+    )
+    claimed = tuple(claim.name for claim in d.effects if claim.claimed)
+    spiked = tuple(
+        name.removeprefix(SPIKES)
+        for name in claimed
+        if name.startswith(SPIKES) and name.removeprefix(SPIKES) in inputs
+    )
+    return KeptModel(
+        DIAGNOSE,
+        vehicle.model,
+        vehicle.identity if vehicle.text else None,
+        vehicle.text,
+        vehicle.own_file,
+        reading,
+        tracing.model.biases,
+        d.trained_after,
+        d.trained_before,
+        tracing.inputs.effects[0] if tracing.inputs.effects else None,
+        spiked,
+        claimed=claimed,
+    )
+
+
+class Trace(Protocol):
+    """The tracing loop, ``ident.tracing.loop.diagnose``."""
+
+    def __call__(
+        self,
+        records: Sequence[Record],
+        model: Model,
+        candidates: Sequence[Traceable],
+        guards: Sequence[Traceable],
+        validation: Sequence[Record],
+        settings: TraceSettings,
+        progress: Callable[[str, float], None],
+        *,
+        kinematics: Callable[[], Sequence[tuple[str, ...]]] | None,
+        reread: Callable[[], Data] | None,
+    ) -> Diagnosis: ...
+
+
+@dataclass
+class Overflows:
+    """How often a computation left the range of numbers; the loop leaves out what it would have
+    shown.
+    """
+
+    count: int = 0
+
+    def __call__(self, kind: str, flag: int) -> None:
+        """NumPy's call where a result overflows or is no number."""
+        self.count += 1
+
+    def counted(self, trace: Trace) -> Trace:
+        """The same loop, its overflows counted instead of warned of; a share below the smallest
+        number is none.
+        """
+
+        def counting(*arguments: Any, **named: Any) -> Diagnosis:
+            with np.errstate(over="call", invalid="call", divide="call", under="ignore", call=self):
+                return trace(*arguments, **named)
+
+        return counting
+
+
+def overflow_sentence(count: int) -> str:
+    """One line on what was left out; empty where nothing was."""
+    if count == 0:
+        return ""
+    several = f"{count} computations" if count > 1 else "one computation"
+    return (
+        f"{several} of the search left the range of numbers: what they would have shown is left "
+        "out; look for wild samples and wrong units"
+    )

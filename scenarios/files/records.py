@@ -25,7 +25,8 @@ from scenarios.files.measured.columns import (
     read_record_file,
     refuse_unknown_units,
 )
-from scenarios.files.measured.derived import clock_of, clock_place, leaps, stated_unit, with_derived
+from scenarios.files.measured.derived import with_derived
+from scenarios.files.measured.grid import clock_of, clock_place, leaps, stated_unit
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 from sim.record import Channel, Hold, Record

@@ -13,7 +13,7 @@ import shutil
 import signal
 import tempfile
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
@@ -46,14 +46,11 @@ def write_record(
     """
     table, sidecar = Path(folder) / f"{stem}.csv", Path(folder) / f"{stem}.json"
     columns = [record.time, *(channel.with_gaps() for channel in record.channels)]
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([TIME, *(channel.name for channel in record.channels)])
-    writer.writerows(
+    rows = (
         ["" if math.isnan(value) else repr(value) for value in row]
         for row in zip(*(column.tolist() for column in columns), strict=True)
     )
-    write_text(table, text.getvalue())
+    write_text(table, csv_text([TIME, *(channel.name for channel in record.channels)], rows))
     units = {TIME: "s", **{channel.name: channel.unit for channel in record.channels}}
     origin = {"origin": SIMULATED} if simulated else {}
     write_json(
@@ -87,16 +84,11 @@ def write_responses(
         columns |= {name: record[name].with_gaps(), f"{PREDICTED}{name}": row}
         if true is not None and name in true:
             columns[f"{TRUE}{name}"] = true[name]
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
     rows = zip(
         *(np.asarray(column, dtype=float).tolist() for column in columns.values()), strict=True
     )
-    writer.writerows(
-        [f"{value:.9g}" if math.isfinite(value) else "" for value in row] for row in rows
-    )
-    path.write_text(text.getvalue(), encoding="utf-8", newline="\n")
+    cells = ([f"{value:.9g}" if math.isfinite(value) else "" for value in row] for row in rows)
+    write_text(path, csv_text(columns, cells))
 
 
 def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
@@ -116,6 +108,15 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
 def json_text(content: Mapping[str, Any], where: str = "JSON") -> str:
     """The text that ``write_json`` writes; ``where`` names the file in errors."""
     return escaped(_laid_out(_plain(content, where, ""), ""))
+
+
+def csv_text(header: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
+    """A table as the text of a CSV file: its header, then its rows."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return text.getvalue()
 
 
 def write_text(path: Path, text: str) -> None:

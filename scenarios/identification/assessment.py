@@ -13,8 +13,7 @@ import numpy as np
 from ident.estimate import Estimate, Outcome
 from ident.flying_qualities.modes import Characteristics
 from ident.recording.series import Certainty, Kind, Number, RecordFinding, shown
-from ident.statistics.information import variance_along
-from ident.statistics.intervals import ProfileInterval
+from ident.statistics.intervals import ProfileInterval, variance_along
 from ident.statistics.noise_levels import input_edges, isolated_wrong
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import ErrorFigures, Trained
@@ -26,9 +25,9 @@ from ident.whole_record.output_error import put_together as of_pieces
 from scenarios.files.declarations import closest
 from scenarios.files.user_models import side_at
 from scenarios.files.vehicles import VehicleFile
-from scenarios.identification.consider import Considered
+from scenarios.identification.model_checks import Considered
 from scenarios.preparation.declared_model import BETTER
-from scenarios.preparation.reading import Parted, parts_of, put_together
+from scenarios.preparation.filtering import Parted, parts_of, put_together
 from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck, Seen
 from scenarios.report.document import BY_ROW, SIGMAS, Column, Table, estimate, formatted, table
 from scenarios.studies.rows import Row

@@ -26,8 +26,9 @@ from scenarios.identification.assessment import (
     RecordFit,
     reading_content,
 )
-from scenarios.identification.consider import considered_content
 from scenarios.identification.identify import Identified
+from scenarios.identification.low_order import linearised
+from scenarios.identification.model_checks import considered_content
 from scenarios.identification.report import (
     constraints_content,
     estimated_noise,
@@ -36,7 +37,6 @@ from scenarios.identification.report import (
     intervals_content,
     kept_identification,
 )
-from scenarios.identification.state_space import linearised
 from scenarios.kept import write_kept
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, axis_label, display_unit
 from scenarios.preparation.recording import record_content

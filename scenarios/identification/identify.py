@@ -67,7 +67,6 @@ from scenarios.identification.conditions import (
     with_weight_if_needed,
     without_theta,
 )
-from scenarios.identification.consider import consider, considered_sentences
 from scenarios.identification.methods import (
     FILTERS,
     METHODS,
@@ -77,6 +76,7 @@ from scenarios.identification.methods import (
     refuse_method,
     uses_attitude,
 )
+from scenarios.identification.model_checks import consider, considered_sentences
 from scenarios.preparation.aircraft_records import refuse_unfit_records
 from scenarios.preparation.declared_model import (
     BETTER,
@@ -171,14 +171,12 @@ def identify(
         kept=method not in FILTERS,
     )
     tests = _tests(records, estimate)
-    by_data, (estimate, considered) = (
-        estimate,
-        consider(
-            _started_at(estimate, bounded, begins=bool(vehicle.modes) or method in FILTERS),
-            vehicle.uncertainty,
-            estimate,
-            lambda each: estimated_by(records, each, outputs, method, settings, options)[1],
-        ),
+    by_data = estimate
+    estimate, considered = consider(
+        _started_at(estimate, bounded, begins=bool(vehicle.modes) or method in FILTERS),
+        vehicle.uncertainty,
+        by_data,
+        lambda each: estimated_by(records, each, outputs, method, settings, options)[1],
     )
     rows, names = rows_of(estimate), [f"bias_{name}" for name in biased.biases]
     airborne = (

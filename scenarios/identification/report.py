@@ -25,8 +25,8 @@ from scenarios.identification.assessment import (
 )
 from scenarios.identification.conditions import METHOD as FREQUENCY
 from scenarios.identification.conditions import PATH, innovations_phrase
-from scenarios.identification.consider import considered_table
 from scenarios.identification.methods import uses_attitude
+from scenarios.identification.model_checks import considered_table
 from scenarios.kept import IDENTIFY, KeptModel, KeptReading
 from scenarios.preparation.plan import LIFT, SPEED, Plan
 from scenarios.preparation.recording import record_lines, record_table

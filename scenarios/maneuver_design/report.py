@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import shlex
 from collections.abc import Iterator, Sequence
@@ -18,7 +16,7 @@ from ident.maneuver_design import Acting, Contest
 from scenarios.files.channels import TIME
 from scenarios.files.sources import versions
 from scenarios.files.vehicles import vehicle_with_file
-from scenarios.files.writing import study_folder, write_json, write_record, write_text
+from scenarios.files.writing import csv_text, study_folder, write_json, write_record, write_text
 from scenarios.maneuver_design.design import DesignedManeuver, DesignResult
 from scenarios.maneuver_design.limits import offset_of
 from scenarios.maneuver_design.tables import (
@@ -36,6 +34,7 @@ from scenarios.maneuver_design.tables import (
     sigmas_table,
     units_shown,
 )
+from scenarios.plots import drawn_in
 from scenarios.report.document import (
     Bullets,
     Page,
@@ -387,11 +386,7 @@ def write_design(design: DesignResult, folder: str | Path, *, figures: Formats =
         for each in design.maneuvers:
             write_maneuver(scratch, each, f"{FLOWN}_{each.kind}")
         write_text(scratch / f"{EXPECTED}.csv", _expected(design))
-        drawn: tuple[Drawn, ...] = ()
-        if figures:
-            from scenarios.plots.drawing import drawn_for_page
-
-            drawn = drawn_for_page(design_figures(design), scratch, figures)
+        drawn = drawn_in(scratch, design_figures(design), figures)
         write_page(scratch, design_page(design, drawn))
         write_json(scratch / MAIN, design_content(design))
     return Path(folder)
@@ -419,10 +414,5 @@ def _expected(design: DesignResult) -> str:
     columns |= dict(
         zip(flight.motion.system.output_names, flight.motion.fit.lines[0].y, strict=True)
     )
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(
-        [f"{value:.9g}" for value in row] for row in zip(*columns.values(), strict=True)
-    )
-    return text.getvalue()
+    rows = zip(*columns.values(), strict=True)
+    return csv_text(columns, ([f"{value:.9g}" for value in row] for row in rows))

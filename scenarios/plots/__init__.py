@@ -1,3 +1,31 @@
 """Figures: pure functions that take results and return matplotlib Figures; the only modules that
 import matplotlib.
 """
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from scenarios.report.figure_formats import Drawn, Formats
+
+
+def drawn_in(
+    folder: Path, named: Iterable[tuple[str, Callable[[], Figure]]], formats: Formats
+) -> tuple[Drawn, ...]:
+    """Figures of a study drawn into its folder, for its page; none where no format is wanted.
+
+    Parameters
+    ----------
+    folder : one that exists. named : the stem of each file, and what draws it. formats : of the
+        files.
+    """
+    if not formats:
+        return ()
+    from scenarios.plots.drawing import drawn_for_page
+
+    return drawn_for_page(named, folder, formats)

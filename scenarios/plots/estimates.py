@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -308,6 +309,11 @@ LARGE, TOLD = 0.9, 0.5
 _RIGHT, _COUNT = 1.0, 0.28  # inches
 
 
+def _square(column: int, row: int, side: float, **style: Any) -> Rectangle:
+    """A square about the middle of a cell of a heat map."""
+    return Rectangle((column - side / 2.0, row - side / 2.0), side, side, **style)
+
+
 def figure_correlation(
     names: Sequence[str], correlation: np.ndarray, title: str = "", large: float = LARGE
 ) -> Figure:
@@ -347,28 +353,10 @@ def figure_correlation(
     for row, column in np.argwhere(below):
         value = matrix[row, column]
         if not np.isfinite(value):
-            panel.add_patch(
-                Rectangle(
-                    (column - 0.5, row - 0.5),
-                    1.0,
-                    1.0,
-                    facecolor=GREY,
-                    linewidth=0,
-                    antialiased=False,
-                )
-            )
+            panel.add_patch(_square(column, row, 1.0, facecolor=GREY, lw=0, antialiased=False))
         elif abs(value) >= TOLD:
             if abs(value) > large:
-                panel.add_patch(
-                    Rectangle(
-                        (column - 0.46, row - 0.46),
-                        0.92,
-                        0.92,
-                        fill=False,
-                        edgecolor=BLACK,
-                        linewidth=1.3,
-                    )
-                )
+                panel.add_patch(_square(column, row, 0.92, fill=False, edgecolor=BLACK, lw=1.3))
             colour = "white" if abs(value) > 0.65 else BLACK
             panel.text(
                 column,

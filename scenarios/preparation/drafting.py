@@ -16,11 +16,10 @@ import numpy as np
 
 from ident.recording.missing_samples import fill_value
 from scenarios.files.channels import CHANNEL_UNITS, TIME, ColumnChoice, split_header
-from scenarios.files.formats.cells import numbers
-from scenarios.files.formats.topic import Topic
+from scenarios.files.formats.cells import Topic, numbers
 from scenarios.files.measured.clock import SECONDS, grid_of_coarse_stamps
 from scenarios.files.measured.columns import RecordFile, split_at
-from scenarios.files.measured.derived import clock_of, clock_place, holds_dates, stated_unit
+from scenarios.files.measured.grid import clock_of, clock_place, holds_dates, stated_unit
 from scenarios.files.records import read_record
 from scenarios.files.units import to_si
 from sim.errors import RecordError

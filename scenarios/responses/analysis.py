@@ -29,9 +29,16 @@ from scenarios.files.channels import CHANNEL_UNITS
 from scenarios.files.measured.columns import identities, read_record_files, refuse_twice
 from scenarios.files.sources import InputFile
 from scenarios.preparation.plan import Request, column_choices
-from scenarios.responses.fitting import FitOptions, Fits, fit_cautions, fits_of
+from scenarios.responses.fitting import (
+    FitOptions,
+    Fits,
+    FittedModel,
+    ModelOptions,
+    fit_cautions,
+    fits_of,
+    model_fit_of,
+)
 from scenarios.responses.loops import LoopMargins, loop_margins_of, refuse_loop
-from scenarios.responses.model_fits import FittedModel, ModelOptions, model_fit_of
 from scenarios.responses.qualities import (
     NO_LEVELS,
     LevelOptions,

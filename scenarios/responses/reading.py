@@ -16,10 +16,10 @@ from ident.frequency_response import Signals
 from scenarios.files.channels import CHANNEL_UNITS, TIME, ColumnChoice, split_header
 from scenarios.files.formats.cells import CellTable
 from scenarios.files.measured.columns import RecordFile, with_names
-from scenarios.files.measured.derived import stated_unit
+from scenarios.files.measured.grid import stated_unit
 from scenarios.files.records import read_with_notes
+from scenarios.preparation.filtering import LONG, filtered, split_at_gaps
 from scenarios.preparation.plan import Plan
-from scenarios.preparation.reading import LONG, filtered, split_at_gaps
 from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Hold, Record
 

@@ -46,6 +46,9 @@ from scenarios.responses.fitting import (
     Fits,
     cost_sentence,
     envelope_sentence,
+    model_content,
+    model_lines,
+    model_table,
     transfer_text,
 )
 from scenarios.responses.loops import (
@@ -53,7 +56,6 @@ from scenarios.responses.loops import (
     margin_lines,
     margins_content,
 )
-from scenarios.responses.model_fits import model_content, model_lines, model_table
 from scenarios.responses.qualities import levels_content, quality_lines, quality_tables
 
 if TYPE_CHECKING:

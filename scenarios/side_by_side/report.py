@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from scenarios.files.sources import versions
-from scenarios.files.writing import study_folder, write_json
+from scenarios.files.writing import study_folder, write_json, write_text
+from scenarios.plots import drawn_in
 from scenarios.report.document import (
     BY_ROW,
     MISSING,
@@ -478,14 +479,8 @@ def write_compared(compared: SideBySide, folder: str | Path, *, figures: Formats
     studies' own folders.
     """
     with study_folder(folder, MAIN) as scratch:
-        (scratch / "compared.csv").write_text(
-            compared_csv(compared), encoding="utf-8", errors="backslashreplace", newline="\n"
-        )
-        drawn: tuple[Drawn, ...] = ()
-        if figures:
-            from scenarios.plots.drawing import drawn_for_page
-
-            drawn = drawn_for_page(compared_figures(compared), scratch, figures)
+        write_text(scratch / "compared.csv", compared_csv(compared))
+        drawn = drawn_in(scratch, compared_figures(compared), figures)
         write_page(scratch, compared_page(compared, drawn))
         write_json(scratch / MAIN, compared_content(compared))
     return Path(folder)

@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console
 
 from scenarios.files.sources import versions
-from scenarios.files.writing import study_folder, write_json
+from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.report.document import (
     BY_ROW,
     PURE,
@@ -591,10 +591,8 @@ def write_campaign(
             writer.writerow(
                 [seed, *(repr(cell) for pair in zip(value, std, strict=True) for cell in pair)]
             )
-        (scratch / "statistics.csv").write_text(
-            statistics_csv(judgement.statistics), encoding="utf-8", newline="\n"
-        )
-        (scratch / "estimates.csv").write_text(text.getvalue(), encoding="utf-8", newline="\n")
+        write_text(scratch / "statistics.csv", statistics_csv(judgement.statistics))
+        write_text(scratch / "estimates.csv", text.getvalue())
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.drawing import drawn_for_page

@@ -9,8 +9,6 @@ and counts its prior anew.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,14 +19,15 @@ import numpy as np
 
 from ident.banks.bank import filter_batched
 from ident.filters.ekf import run_ekf
-from ident.statistics.information import inverse_information
 from ident.statistics.intervals import (
     clopper_pearson,
     deviation_factors,
     inside,
+    inverse_information,
     mean_square_interval,
 )
 from ident.whole_record.layout import weighted_sensitivities
+from scenarios.files.writing import csv_text
 from scenarios.report.document import (
     BY_ROW,
     MISSING,
@@ -469,18 +468,15 @@ def statistics_content(found: CampaignStatistics) -> dict[str, Any]:
 
 def statistics_csv(found: CampaignStatistics) -> str:
     """A row a parameter, SI; a cell is empty where there is nothing."""
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
     rows = [_flat(each) for each in found.parameters]
-    writer.writerow(rows[0])
-    for row in rows:
-        writer.writerow(
-            [
-                cell if isinstance(cell, str) else "" if cell is None else repr(cell)
-                for cell in row.values()
-            ]
-        )
-    return text.getvalue()
+    cells = (
+        [
+            each if isinstance(each, str) else "" if each is None else repr(each)
+            for each in row.values()
+        ]
+        for row in rows
+    )
+    return csv_text(rows[0], cells)
 
 
 def _content_parameter(each: ParameterStatistics) -> dict[str, Any]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import re
 from collections import Counter
@@ -18,6 +16,7 @@ from ident.estimate import Estimate
 from ident.flying_qualities.modes import MODAL_UNITS
 from ident.statistics.residuals import ResidualTest
 from scenarios.files.sources import versions
+from scenarios.files.writing import csv_text
 from scenarios.report.quantities import AXES
 from scenarios.report.summary import levels_content
 from scenarios.studies.declaration import Choice, Estimation, FlightPlan, Scenario, Start
@@ -189,16 +188,12 @@ def determination_content(method: MethodDetermination) -> dict[str, Any]:
 
 def determination_csv(methods: Sequence[MethodDetermination]) -> str:
     """The parameters of all methods."""
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(HEADINGS)
-    for method in methods:
-        for name, prior, std, share, claimed in _rows(method):
-            numbers = (prior, std, std / prior, share, claimed)
-            writer.writerow(
-                [method.estimation.name, name, *(repr(float(number)) for number in numbers)]
-            )
-    return text.getvalue()
+    rows = (
+        [method.estimation.name, name, *map(repr, map(float, (prior, std, std / prior, *shares)))]
+        for method in methods
+        for name, prior, std, *shares in _rows(method)
+    )
+    return csv_text(HEADINGS, rows)
 
 
 def _rows(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterator
 from functools import partial
@@ -14,13 +12,16 @@ import numpy as np
 
 from scenarios.files.writing import (
     RESPONSE,
+    csv_text,
     study_folder,
     write_json,
     write_record,
     write_responses,
+    write_text,
 )
+from scenarios.plots import drawn_in
 from scenarios.plots.display import SIMULATED_DATA
-from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.folder import write_page
 from scenarios.report.quantities import as_text
 from scenarios.report.summary import HERE
@@ -186,15 +187,9 @@ def study_figures(study: StudyResult) -> Iterator[Named]:
     yield "record", partial(figure_record, study.record, title, SIMULATED_DATA)
     for method in study.methods:
         if method.estimation.flight is not None:
-            yield (
-                f"record_{method.estimation.name}",
-                partial(
-                    figure_record,
-                    method.result.record,
-                    f"{title}\n{method.estimation.label}",
-                    SIMULATED_DATA,
-                ),
-            )
+            heading = f"{title}\n{method.estimation.label}"
+            drawn = partial(figure_record, method.result.record, heading, SIMULATED_DATA)
+            yield f"record_{method.estimation.name}", drawn
         # Of a single parameter the figures of all methods together say what one for each would.
         if method is main or len(method.rows) > 1:
             yield from _filter_figures(
@@ -434,24 +429,11 @@ def write_study(study: StudyResult, folder: str | Path, *, figures: Formats = US
             method.determination for method in study.methods if method.determination is not None
         ]
         if determined:
-            (scratch / "determination.csv").write_text(
-                determination_csv(determined), encoding="utf-8", newline="\n"
-            )
+            write_text(scratch / "determination.csv", determination_csv(determined))
         if study.sweep is not None:
-            (scratch / "sweep.csv").write_text(
-                sweep_csv(study.sweep), encoding="utf-8", newline="\n"
-            )
-        (scratch / "study.txt").write_text(
-            as_text(lambda out: print_study(study, out, HERE)),
-            encoding="utf-8",
-            errors="backslashreplace",
-            newline="\n",
-        )
-        drawn: tuple[Drawn, ...] = ()
-        if figures:
-            from scenarios.plots.drawing import drawn_for_page
-
-            drawn = drawn_for_page(study_figures(study), scratch, figures)
+            write_text(scratch / "sweep.csv", sweep_csv(study.sweep))
+        write_text(scratch / "study.txt", as_text(lambda out: print_study(study, out, HERE)))
+        drawn = drawn_in(scratch, study_figures(study), figures)
         write_page(scratch, study_page(study, drawn))
         write_json(scratch / MAIN, comparison(study))
     return Path(folder)
@@ -491,8 +473,5 @@ def write_history(path: Path, method: MethodResult) -> None:
         columns += [mean, std]
     for value, std in zip(history.innovation, history.innovation_std, strict=True):
         columns += [value, std]
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows([f"{value:.9g}" for value in row] for row in np.array(columns).T.tolist())
-    path.write_text(text.getvalue(), encoding="utf-8", newline="\n")
+    rows = np.array(columns).T.tolist()
+    write_text(path, csv_text(header, ([f"{value:.9g}" for value in row] for row in rows)))

@@ -12,8 +12,7 @@ import numpy as np
 from ident.estimate import Estimate
 from ident.flying_qualities.levels import ModeLevel, mode_levels
 from ident.flying_qualities.modes import characteristics, modal_estimate
-from ident.statistics.information import Determination, determination
-from ident.statistics.intervals import clustered_share
+from ident.statistics.intervals import Determination, clustered_share, determination
 from ident.statistics.residuals import ResidualTest, residual_tests
 from ident.whole_record.layout import weighted_sensitivities
 from scenarios.files.channels import CHANNEL_UNITS

@@ -11,6 +11,7 @@ import numpy as np
 
 from ident.tracing.diagnosis import Verdict
 from scenarios.files.writing import file_stems, study_folder, write_json, write_text
+from scenarios.plots import drawn_in
 from scenarios.report.document import (
     Bullets,
     Page,
@@ -283,11 +284,7 @@ def write_survey(
     """
     with study_folder(folder, MAIN) as scratch:
         write_text(scratch / "derivatives.csv", derivatives_text(survey))
-        drawn: tuple[Drawn, ...] = ()
-        if figures:
-            from scenarios.plots.drawing import drawn_for_page
-
-            drawn = drawn_for_page(survey_figures(survey), scratch, figures)
+        drawn = drawn_in(scratch, survey_figures(survey), figures)
         linked = [
             name
             for name in survey.grown.kept

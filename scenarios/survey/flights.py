@@ -316,7 +316,7 @@ def _with_maneuvers(
     """The plan with the maneuvers that a flight names. Raises DeclarationError; a record that is
     not there fails with its flight.
     """
-    from scenarios.preparation.maneuver_file import with_maneuvers
+    from scenarios.preparation.plan import with_maneuvers
 
     if not all(each.is_file() for each in records):
         return plan

@@ -245,7 +245,7 @@ def _told(
     fitted: FittedModel, declared: Sequence[str], effects: Sequence[Traceable], share: float
 ) -> dict[str, Any]:
     """Estimates of the declared parameters and then of the effects', with their covariance."""
-    from ident.statistics.information import inverse_information
+    from ident.statistics.intervals import inverse_information
 
     normal, _ = fitted.fit.normal_equations()
     covariance, _ = inverse_information(normal, fitted.fit.theta)

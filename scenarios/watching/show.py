@@ -1,26 +1,247 @@
-"""What a stream shows while it arrives, a live table or a line a second, and what it ends with."""
+"""What a watch shows while a stream arrives, a live table or a line a second, what it ends with,
+and the study folder of a watch in the frequency domain.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ident.estimate import Estimate
+from scenarios.files.sources import InputFile, versions
+from scenarios.files.writing import study_folder, write_json, write_record, write_text
+from scenarios.report.document import (
+    Block,
+    Page,
+    Section,
+    as_sentence,
+    capital,
+    now,
+    reproduction,
+    section,
+)
+from scenarios.report.folder import write_page
+from scenarios.report.quantities import console, number_text
+from scenarios.report.shared_tables import derived_table, estimates_table, fixed_table
+from scenarios.report.text_tables import TableColumn, print_table
+from scenarios.studies.comparison import SCHEMA
+from scenarios.studies.rows import Row
+from scenarios.watching.history_figure import history_section
 from scenarios.watching.reference import (
     WORDS,
+    CrossValidation,
+    Reference,
     View,
     comparisons,
     live_table,
     outside_of,
+    rows_and_vehicle,
+    usual_command,
     vehicle_sentence,
 )
 from scenarios.watching.reference import line as view_line
 from scenarios.watching.session import Session, Step, Watch
-from scenarios.watching.spectral_study import beside_lines
-from scenarios.watching.study import Outcome, so_far
+from scenarios.watching.spectral import (
+    UNKNOWN,
+    Point,
+    SpectralSession,
+    derived_quantities,
+    estimate_of,
+    history_csv,
+    last_estimate,
+    record_of,
+    spectral_content,
+    undetermined,
+)
+from scenarios.watching.study import NAME, Outcome, reference_content, so_far
+
+SHOWN = 4  # parameters in a line, the best known ones
+
+
+def line(session: SpectralSession, point: Point, left_out: int) -> str:
+    """A second of the stream in one line."""
+    rows = estimate_of(point, session)[:SHOWN]
+    told = [
+        f"{each['name']} {number_text(each['value'], each['std'])} +- "
+        f"{number_text(each['std'], each['std'])}"
+        for each in rows
+    ]
+    lost = f", {left_out} line{'s' * (left_out != 1)} left out" if left_out else ""
+    return f"{session.name}, {point.time:.2f} s{lost}: {', '.join(told) or UNKNOWN}"
+
+
+def items_of(
+    session: SpectralSession, found: Estimate | None, reference: Reference | None
+) -> tuple[CrossValidation, ...]:
+    """The last estimate against the reference where there is one."""
+    return (
+        () if found is None else comparisons(found, derived_quantities(session, found), reference)
+    )
+
+
+def print_spectral_end(watch: Watch, session: SpectralSession) -> None:
+    """The last estimate in a table, what is not determined, and the reference."""
+    out, found = console(), last_estimate(session)
+    items = items_of(session, found, watch.reference)
+    out.print(
+        f"{watch.reason}; equation error in the frequency domain over {session.rows} rows:",
+        highlight=False,
+    )
+    out.print(vehicle_sentence(session.vehicle), highlight=False)
+    columns = [
+        TableColumn(
+            "quantity",
+            [
+                item.name.replace("_", " ") if item.name == item.name.lower() else item.name
+                for item in items
+            ],
+            left=True,
+        ),
+        TableColumn("unit", [item.unit for item in items], left=True),
+        TableColumn("estimate", [number_text(item.value, item.std) for item in items]),
+        TableColumn("+- sigma", [number_text(item.std, item.std) for item in items]),
+    ]
+    if any(item.reference is not None for item in items):
+        columns += [
+            TableColumn(
+                "reference",
+                [number_text(*item.reference) if item.reference else "" for item in items],
+            ),
+            TableColumn(
+                "off, sigmas", ["-" if item.z is None else f"{item.z:+.1f}" for item in items]
+            ),
+        ]
+    print_table(out, "", columns)
+    if unknown := undetermined(session):
+        out.print(f"{UNKNOWN} by this stream: {', '.join(unknown)}", highlight=False)
+    if watch.reference is not None:
+        outside = outside_of(items)
+        words = f"outside the bounds of {watch.reference.name}: {', '.join(outside)}"
+        out.print(
+            words if outside else f"inside the bounds of {watch.reference.name}", highlight=False
+        )
+
+
+def beside_lines(session: SpectralSession | None, bank: Estimate) -> list[str]:
+    """The estimate in the frequency domain against that of the bank, whose data it shares."""
+    found = None if session is None else last_estimate(session)
+    if found is None:
+        return []
+    parts = []
+    for name, value, std in zip(
+        found.names, found.values.tolist(), found.std.tolist(), strict=True
+    ):
+        if name in bank.names:
+            # Of two estimates from the same data the larger deviation is the measure.
+            off = (value - bank.value(name)) / max(std, bank.sigma(name), 1e-300)
+            parts.append(
+                f"{name} {number_text(value, std)} +- {number_text(std, std)} ({off:+.1f})"
+            )
+    return [
+        f"in the frequency domain (difference from these, in the larger sigma): {', '.join(parts)}"
+    ]
+
+
+def write_spectral(out: Path, watch: Watch, session: SpectralSession, name: str) -> None:
+    """Write the study of a stream in the frequency domain, whole or not at all."""
+    found = last_estimate(session)
+    items = items_of(session, found, watch.reference)
+    with study_folder(out, "comparison.json") as scratch:
+        record_file, _ = write_record(scratch, record_of(session))
+        history = history_csv(session)
+        write_text(scratch / NAME, history)
+        digest = hashlib.sha256(record_file.read_bytes()).hexdigest()
+        content = {
+            "schema": SCHEMA,
+            "scenario": "watch",
+            "model": session.vehicle.model,
+            "vehicle": session.vehicle.name,
+            **spectral_content(session),
+            **(
+                {}
+                if watch.reference is None
+                else {"reference": reference_content(watch.reference, items)}
+            ),
+            "stream": {
+                "rows": session.rows,
+                "left_out": watch.left_out,
+                "mended": watch.mended,
+                "ended": watch.reason,
+            },
+            "versions": versions(),
+        }
+        first = history_section(scratch, history, content, f"{content['vehicle']}: {name}")
+        write_page(scratch, spectral_page(content, name, digest, first, session.vehicle.identity))
+        write_json(
+            scratch / "comparison.json",
+            {**content, "inputs": {"records": [name], "sha256": [digest]}},
+        )
+
+
+def spectral_page(
+    content: Mapping[str, Any],
+    name: str,
+    digest: str,
+    first: tuple[Section, ...] = (),
+    vehicle: InputFile | None = None,
+) -> Page:
+    """The page of a stream that was identified in the frequency domain; ``first``: the sections
+    with which it begins, ``vehicle`` the vehicle file that was read.
+    """
+    stream = content["stream"]
+    told = (
+        f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} mended"
+    )
+    outside: Sequence[str] = content.get("reference", {}).get("outside", ())
+    verdict = (
+        "outside the reference" if outside else "identified" if content["parameters"] else UNKNOWN
+    )
+    fixed = {key: (each["value"], each["unit"]) for key, each in content.get("fixed", {}).items()}
+    return Page(
+        title=f"{capital(content['vehicle'])}: a stream identified while it arrived",
+        kind=f"Watch of {name}, {content['model']}, equation error in the frequency domain",
+        verdict=verdict,
+        tone="fair" if outside else "good" if content["parameters"] else "open",
+        sentence=as_sentence(told),
+        summary=(),
+        warnings=tuple(map(as_sentence, content.get("warnings", ()))),
+        sections=(
+            *first,
+            *section("What was found", *found_blocks(content)),
+            *section("How it was made", fixed_table("What was held", fixed)),
+        ),
+        reproduction=reproduction(
+            usual_command(name, content["model"], vehicle),
+            as_sentence(f"the watch ended: {stream['ended']}"),
+            rows_and_vehicle(name, digest, vehicle),
+        ),
+        created=now(),
+    )
+
+
+def found_blocks(content: Mapping[str, Any]) -> list[Block]:
+    """Tables of the parameters and of what follows from them."""
+    if not content["parameters"]:
+        return []
+    rows = [
+        Row(name, each["unit"], each["estimate"], each["std"])
+        for name, each in content["parameters"].items()
+    ]
+    derived = {
+        name: (each["estimate"], each["std"]) for name, each in content.get("derived", {}).items()
+    }
+    return [
+        estimates_table("Parameters", rows),
+        *([derived_table("What follows from them", derived)] if derived else []),
+    ]
+
 
 REFRESH = 0.25  # s between two drawings of the live table
 

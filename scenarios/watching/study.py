@@ -18,7 +18,7 @@ from ident.banks.relinearised import joint_estimate
 from ident.estimate import Estimate
 from ident.estimate import Outcome as EstimateOutcome
 from scenarios.files.sources import InputFile, resolved, versions
-from scenarios.files.writing import study_folder, write_json, write_record
+from scenarios.files.writing import study_folder, write_json, write_record, write_text
 from scenarios.identification.assessment import IdentificationResult
 from scenarios.identification.low_order import derived_of, mean_delay
 from scenarios.report.document import (
@@ -525,11 +525,9 @@ def write_watch(
     with study_folder(out, "comparison.json") as scratch:
         record_file, _ = write_record(scratch, end.record)
         told = history.finish()
-        (scratch / NAME).write_text(told, encoding="ascii", newline="\n")
+        write_text(scratch / NAME, told)
         if session.spectral is not None and session.spectral.points:
-            (scratch / FREQUENCY).write_text(
-                history_csv(session.spectral), encoding="ascii", newline="\n"
-            )
+            write_text(scratch / FREQUENCY, history_csv(session.spectral))
         digest = hashlib.sha256(record_file.read_bytes()).hexdigest()
         content = watch_content(session, reference, end)
         title = f"{content['vehicle']}: {name}"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -12,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.estimate import FilterHistory, Outcome
-from scenarios.files.writing import study_folder, write_json, write_record
+from scenarios.files.writing import csv_text, study_folder, write_json, write_record, write_text
+from scenarios.plots import drawn_in
 from scenarios.plots.display import SIMULATED_DATA
 from scenarios.report.document import (
     Bullets,
@@ -121,14 +120,7 @@ SHOWN = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "d
 def loop_figures(study: LoopStudy) -> Iterator[Named]:
     """A study's figures: the stem of each file, and what draws it."""
     from scenarios.plots.estimates import figure_correlation, figure_innovations
-    from scenarios.plots.low_order import (
-        LikelihoodCurve,
-        figure_delays,
-        figure_linear,
-        figure_peaks,
-        figure_side_by_side,
-        figure_states,
-    )
+    from scenarios.plots.low_order import figure_side_by_side, figure_states
     from scenarios.plots.signals import figure_fit, figure_record, units_of
 
     result, title = study.result, study.scenario.title
@@ -179,39 +171,36 @@ def loop_figures(study: LoopStudy) -> Iterator[Named]:
                 _printed(study),
             ),
         )
-    yield (
-        "innovations",
-        partial(
-            figure_innovations,
-            history,
-            estimate.output_names,
-            units_of(record, estimate.output_names),
-            title,
-        ),
-    )
+    names = estimate.output_names
+    units = units_of(record, names)
+    yield "innovations", partial(figure_innovations, history, names, units, title)
     system = result.setting.system
     items = [
         system.initial[n] if n in system.state_names else system.parameters[n]
         for n in history.names
     ]
     moving, constant = items[: len(system.state_names)], items[len(system.state_names) :]
-    names = [item.name for item in moving]
-    yield (
-        "states",
-        partial(
-            figure_states,
-            history,
-            names,
-            [item.unit for item in moving],
-            f"{title}\nstates of the filter",
-        ),
-    )
+    states, state_units = [item.name for item in moving], [item.unit for item in moving]
+    heading = f"{title}\nstates of the filter"
+    yield "states", partial(figure_states, history, states, state_units, heading)
     yield (
         "parameters",
         partial(_parameter_histories, history, constant, f"{title}\nparameters as states"),
     )
     yield "correlation", partial(figure_correlation, estimate.names, estimate.correlation, title)
-    bank = result.bank
+    yield from _further_figures(study)
+
+
+def _further_figures(study: LoopStudy) -> Iterator[Named]:
+    """Delays, linear check, margins and variants, where the study has them."""
+    from scenarios.plots.low_order import (
+        LikelihoodCurve,
+        figure_delays,
+        figure_linear,
+        figure_peaks,
+    )
+
+    title, bank = study.scenario.title, study.result.bank
     curve = LikelihoodCurve(
         bank.delays,
         bank.log_likelihood,
@@ -351,19 +340,10 @@ def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL
     with study_folder(folder, MAIN) as scratch:
         write_record(scratch, study.result.flown.record, simulated=True)
         write_json(scratch / "truth.json", truth_content(study))
-        (scratch / "study.txt").write_text(
-            as_text(lambda out: print_loop(study, out, HERE)),
-            encoding="utf-8",
-            errors="backslashreplace",
-            newline="\n",
-        )
+        write_text(scratch / "study.txt", as_text(lambda out: print_loop(study, out, HERE)))
         _write_history(scratch / "history.csv", study)
         _write_simulation(scratch / "simulation.csv", study.result.setting.record, study.simulated)
-        drawn: tuple[Drawn, ...] = ()
-        if figures:
-            from scenarios.plots.drawing import drawn_for_page
-
-            drawn = drawn_for_page(loop_figures(study), scratch, figures)
+        drawn = drawn_in(scratch, loop_figures(study), figures)
         write_page(scratch, loop_page(study, drawn))
         write_json(scratch / MAIN, loop_comparison(study))
     return Path(folder)
@@ -430,10 +410,5 @@ def _write_simulation(path: Path, record: Record, simulated: np.ndarray) -> None
 
 
 def _write_columns(path: Path, columns: dict[str, np.ndarray]) -> None:
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(
-        [f"{value:.9g}" for value in row] for row in np.array(list(columns.values())).T.tolist()
-    )
-    path.write_text(text.getvalue(), encoding="utf-8", newline="\n")
+    rows = np.array(list(columns.values())).T.tolist()
+    write_text(path, csv_text(columns, ([f"{value:.9g}" for value in row] for row in rows)))

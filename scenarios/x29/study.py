@@ -166,19 +166,8 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         set_up(scenario.estimation, flown, start, prior=_papers_rule(scenario)),
     )
     found = plain(paper)
-    first = result = _result(scenario, flown, setting)
-    passes = [result.estimate]
-    for _ in range(scenario.estimation.restarts):
-        again = _result(scenario, flown, started_again(scenario.estimation, flown, result.estimate))
-        moved = (
-            again.estimate.values[: len(result.estimate.names)]
-            - result.estimate.values[: len(again.estimate.names)]
-        )
-        settled = bool(np.max(np.abs(moved / again.estimate.std[: len(moved)])) < SETTLED)
-        result = again
-        passes.append(result.estimate)
-        if settled:
-            break
+    first = _result(scenario, flown, setting)
+    result, passes = _restarted(scenario, flown, first)
     held = [
         found.delay,
         first.bank.refined,
@@ -209,7 +198,7 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         run_methods(scenario.methods, ways),
         all_restarts(ways, sorted(held)) if scenario.estimation.restarts else {},
         first.bank,
-        tuple(passes),
+        passes,
         simulated,
         misfit(
             setting.record,
@@ -241,6 +230,25 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         else None,
         run_over_seeds(scenario, start, _papers_rule(scenario)),
     )
+
+
+def _restarted(
+    scenario: LoopScenario, flown: FlownLoop, result: LoopResult
+) -> tuple[LoopResult, tuple[Estimate, ...]]:
+    """The filter started again from its own result until that settles; estimates of all passes."""
+    passes = [result.estimate]
+    for _ in range(scenario.estimation.restarts):
+        again = _result(scenario, flown, started_again(scenario.estimation, flown, result.estimate))
+        moved = (
+            again.estimate.values[: len(result.estimate.names)]
+            - result.estimate.values[: len(again.estimate.names)]
+        )
+        settled = bool(np.max(np.abs(moved / again.estimate.std[: len(moved)])) < SETTLED)
+        result = again
+        passes.append(result.estimate)
+        if settled:
+            break
+    return result, tuple(passes)
 
 
 def response_check(result: LoopResult) -> ResponseCheck:

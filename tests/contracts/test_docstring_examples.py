@@ -28,7 +28,7 @@ FUNCTIONS = [name for name in flightid.__all__ if inspect.isfunction(getattr(fli
 MODULES = [
     "scenarios.api.estimators",
     "scenarios.api.identification",
-    "scenarios.api.keywords",
+    "scenarios.api.requests",
     "scenarios.api.record",
     "scenarios.api.study",
     "scenarios.api.tables",

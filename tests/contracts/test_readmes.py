@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("sim", "ident", "scenarios", "flightid")
-SMALL = 5  # files of a package that needs no README, but a docstring
+SMALL = 5  # files and packages of a package that needs no README, but a docstring
 PACKAGES = sorted(
     {
         path.parent
@@ -23,7 +23,7 @@ PACKAGES = sorted(
 )
 # Packages that were not yet brought to the rule: they keep a README though they are small, or name
 # their files otherwise.
-NOT_YET = ("ident/tracing", "scenarios/diagnosis", "flightid/labs")
+NOT_YET = ("ident/tracing", "flightid/labs")
 
 
 def relative(package: Path) -> str:
@@ -35,7 +35,14 @@ def files_of(package: Path) -> set[str]:
 
 
 RULED = [package for package in PACKAGES if not relative(package).startswith(NOT_YET)]
-LARGE = [package for package in RULED if package.parent == ROOT or len(files_of(package)) > SMALL]
+
+
+def content_of(package: Path) -> set[str]:
+    """Files of a package, and packages in it."""
+    return files_of(package) | {f"{path.name}/" for path in package.iterdir() if path in PACKAGES}
+
+
+LARGE = [package for package in RULED if package.parent == ROOT or len(content_of(package)) > SMALL]
 
 
 @pytest.mark.parametrize("package", LARGE, ids=relative)
@@ -46,8 +53,7 @@ def test_a_readme_names_every_file_and_package(package: Path) -> None:
         for name in re.findall(r"^\| \[`([^`]+)`\]\(\1\) \| \S", text, re.MULTILINE)
         if name != "data/"
     }
-    packages = {f"{path.name}/" for path in package.iterdir() if path in PACKAGES}
-    assert sorted(named) == sorted(files_of(package) | packages)
+    assert sorted(named) == sorted(content_of(package))
 
 
 def test_a_small_package_has_a_docstring_and_no_readme() -> None:

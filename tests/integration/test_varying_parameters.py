@@ -15,8 +15,8 @@ from scenarios.diagnosis.candidates import can_act, candidates_for
 from sim.declaration import own_model
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
+from sim.effects.disturbance.unmeasured_input import discrepancy_for
 from sim.effects.library import catch_all_terms_for, effects_for
-from sim.effects.model_discrepancy import discrepancy_for
 from sim.record import Record
 from sim.vehicles.factory import model_from_constants
 from tests.bases import RIGID_VALUES, rigid_model

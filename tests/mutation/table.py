@@ -84,7 +84,7 @@ ONCE_UNNOTICED = (
         ),
     ),
     *changes(
-        "scenarios/trials/sweeps/flight.py",
+        "scenarios/trials/sweeps.py",
         ("tests/unit/scenarios/trials/sweeps/test_sweeps.py",),
         (
             "decay * p + now * late[n + 1] + before * late[n]",
@@ -217,7 +217,7 @@ SIM = (
         ("0.5 * (low + high) if self.total", "0.5 * (high - low) if self.total"),
     ),
     *changes(
-        "sim/effects/airflow.py",
+        "sim/effects/loads.py",
         ("tests/unit/sim/effects/sensor_path/test_instrument_faults.py",),
         ('s.V if hasattr(s, "V") else getattr(vehicle, speed)', "getattr(vehicle, speed)"),
     ),
@@ -397,7 +397,7 @@ IDENT = (
         ("0.5 * (1.0 - LEVEL) / len(known)", "0.5 * (1.0 - LEVEL)"),
     ),
     *changes(
-        "ident/frequency_response/segments.py",
+        "ident/frequency_response/multitaper.py",
         ("tests/unit/ident/frequency_response/test_multitaper.py",),
         ("np.abs(between) ** 2", "np.abs(between)"),
     ),
@@ -566,7 +566,7 @@ SCENARIOS = (
         ('-p["gravity"].value / flow.speed', 'p["gravity"].value / flow.speed'),
     ),
     *changes(
-        "scenarios/preparation/reading.py",
+        "scenarios/preparation/filtering.py",
         ("tests/unit/scenarios/preparation/test_filtering.py",),
         ("0.5 * BELOW_HALF * plan.rate", "BELOW_HALF * plan.rate"),
     ),
@@ -649,7 +649,7 @@ SCENARIOS = (
         ("self.signed and self.value >= 0", "self.signed and self.value > 0"),
     ),
     *changes(
-        "scenarios/diagnosis/deciding.py",
+        "scenarios/diagnosis/diagnose.py",
         ("tests/unit/scenarios/diagnosis/test_deciding.py",),
         ("record[name].values - record[name].values[0]", "record[name].values"),
     ),
@@ -707,7 +707,7 @@ SCENARIOS = (
 # Records from the files of recorders.
 RECORDS = (
     *changes(
-        "scenarios/preparation/reading.py",
+        "scenarios/preparation/filtering.py",
         ("tests/unit/scenarios/preparation/test_gaps.py",),
         ('side="right") - 1, 0, None)', 'side="left") - 1, 0, None)'),
         (

@@ -13,7 +13,7 @@ from flightid.labs.workings.trying import KEPT
 
 if TYPE_CHECKING:
     from scenarios.responses.analysis import ResponseEstimates
-    from scenarios.trials.sweeps.study import SweepStudy
+    from scenarios.trials.sweeps import SweepStudy
 
 SCENARIO = "uav-sweep"
 GAINS = (0.11, 0.16, 0.22, 0.3, 0.44)  # command per rad/s
@@ -39,8 +39,7 @@ def changes(
 def study(asked: tuple[str, ...], seed: int = 1) -> SweepStudy:
     """The flights and their estimates. Errors as ``run_sweep``."""
     from scenarios.studies.catalogue import load_document
-    from scenarios.trials.sweeps.flight import sweep_scenario_of
-    from scenarios.trials.sweeps.study import run_sweep
+    from scenarios.trials.sweeps import run_sweep, sweep_scenario_of
 
     return run_sweep(sweep_scenario_of(*load_document(SCENARIO, asked)), seed)
 
@@ -95,7 +94,7 @@ def numbers(
 def longest_delay() -> float:
     """The longest delay of the slider, ms, with which the true phase margin is enough."""
     from scenarios.studies.catalogue import load_document
-    from scenarios.trials.sweeps.flight import sweep_scenario_of, true_margins
+    from scenarios.trials.sweeps import sweep_scenario_of, true_margins
 
     def margin(delay: float) -> float:
         scenario = sweep_scenario_of(*load_document(SCENARIO, changes(delay=delay)))

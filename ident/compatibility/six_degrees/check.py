@@ -57,7 +57,7 @@ from ident.compatibility.trials import (
     SensorFinding,
     p_value,
 )
-from ident.statistics.information import bounded_inverse
+from ident.statistics.intervals import bounded_inverse
 from sim.record import Record
 
 # ---- Biases of each record by both methods

@@ -29,7 +29,7 @@ from ident.compatibility.signals import (
     whitener,
 )
 from ident.compatibility.six_degrees.kinematics import evaluate, linearised, start_of, unknowns_of
-from ident.statistics.information import bounded_inverse
+from ident.statistics.intervals import bounded_inverse
 from ident.statistics.residual_spectrum import autocovariance
 
 # ---- Variances of white noise and walk

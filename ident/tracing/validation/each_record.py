@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ident.statistics.information import add_normal_equations, inverse_information
+from ident.statistics.intervals import add_normal_equations, inverse_information
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Quantity
 from sim.declaration.effect import NoiseEffect, full_name

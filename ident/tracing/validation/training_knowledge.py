@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.statistics.information import add_normal_equations, inverse_information
+from ident.statistics.intervals import add_normal_equations, inverse_information
 from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, Start, Values, fit_set
 from ident.whole_record.layout import Prior
 

@@ -16,16 +16,17 @@ from ident.tracing.diagnosis import (
     Requirement,
     Step,
 )
-from scenarios.diagnosis.noise_words import residual_levels
-from scenarios.diagnosis.report.data_words import record_labels
 from scenarios.diagnosis.report.evidence import warnings_of
 from scenarios.diagnosis.report.figures import LARGEST
-from scenarios.diagnosis.report.kinematics_text import kinematics_content
-from scenarios.diagnosis.report.mode_levels import levels_both
-from scenarios.diagnosis.report.probabilities import shown_probability
-from scenarios.diagnosis.report.tables import derived_of
+from scenarios.diagnosis.report.tables import derived_of, kinematics_content, levels_both
 from scenarios.diagnosis.report.text import headline, verdict_advice, wording_of
-from scenarios.diagnosis.report.wording import Wording, sentence
+from scenarios.diagnosis.report.wording import (
+    Wording,
+    record_labels,
+    residual_levels,
+    sentence,
+    shown_probability,
+)
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.sources import versions
 from scenarios.files.user_models import channel_units

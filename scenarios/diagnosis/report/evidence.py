@@ -1,23 +1,257 @@
-"""What speaks for an effect where what remains is not noise, in words; and what remains,
-condensed.
+"""Residuals of a diagnosis in words: colour, frequencies, times and correlates by channel; evidence
+for an effect where they are not noise.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.statistics.residual_spectrum import autocovariance
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Quantity
-from scenarios.diagnosis.overflows import overflow_sentence
-from scenarios.diagnosis.report.declared_only import nothing_stands
-from scenarios.diagnosis.report.leftover import Leftover, left_over
-from scenarios.diagnosis.tracing import Tracing
+from ident.tracing.residual_noise import LARGEST, ResidualPart, residual_part
+from ident.tracing.thresholds import FEWEST_SAMPLES
+from scenarios.diagnosis.report.wording import nothing_stands
+from scenarios.diagnosis.tracing import Tracing, overflow_sentence
 from scenarios.files.user_models import is_of_aircraft
 from scenarios.report.quantities import CHANNELS, displayed, shown_in, spaced
+
+WINDOW = 2.0  # s, in which a residual is called large: about one short period
+SHIFT = 0.5  # s, by which a residual may follow or precede what it goes with
+WORTH_A_WORD = 0.25  # a smaller correlation explains less than a sixteenth of the power
+SURE = 4.0  # standard deviations of chance (Bartlett), the best of a few dozen signals being told
+
+
+@dataclass(frozen=True)
+class Company:
+    """What a residual goes with: a signal's ``name``, its ``form``, the correlation.
+
+    ``form``: ``"itself"``, ``"rate"``, ``"square"``, or ``"product"`` with the record's first
+    input.
+
+    ``later``: by how many s the residual is behind it.
+    """
+
+    name: str
+    form: str
+    correlation: float
+    later: float
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """What is left in one channel over all fitted records.
+
+    ``rms`` in the channel's unit; ``correlation`` of neighbouring samples. ``peak`` (Hz): largest
+    power per frequency; ``below`` (Hz): four fifths of the power lie below it. ``record`` (from 0),
+    ``begin``, ``end`` (s): the ``WINDOW`` with the largest mean square, ``times`` its root over
+    ``rms``. ``company``: None where it goes with nothing that was looked at.
+    """
+
+    channel: str
+    unit: str
+    rms: float
+    correlation: float
+    peak: float
+    below: float
+    record: int
+    begin: float
+    end: float
+    times: float
+    company: Company | None
+
+
+def left_over(fitted: Sequence[FittedRecord], channel: str) -> Leftover | None:
+    """Describe the residuals of one channel after the fit; None where fewer than 20 samples of it
+    were used.
+
+    It is compared with inputs and simulated outputs (which hold no noise), their rates, squares and
+    products with the first input, shifted by up to half a second either way. What chance does to a
+    correlation of two coloured series is Bartlett's sum of the products of their autocorrelations.
+    """
+    parts = [
+        residual_part(item, channel)
+        for item in fitted
+        if channel in item.channels and channel in item.record.output_names
+    ]
+    parts = [part for part in parts if np.count_nonzero(part.used) >= FEWEST_SAMPLES]
+    if not parts:
+        return None
+    count = sum(int(np.count_nonzero(part.used)) for part in parts)
+    power = sum(float(part.residual @ part.residual) for part in parts)
+    if power <= 0.0:
+        return None
+    rms = float(np.sqrt(power / count))
+    neighbours = sum(float(part.residual[1:] @ part.residual[:-1]) for part in parts) / power
+    peak, below = _frequencies(parts)
+    where, begin, end, times = _when(parts, rms)
+    number = next(n for n, item in enumerate(fitted) if item is where)
+    return Leftover(
+        channel,
+        where.record[channel].unit,
+        rms,
+        neighbours,
+        peak,
+        below,
+        number,
+        begin,
+        end,
+        times,
+        _company(parts),
+    )
+
+
+def _frequencies(parts: Sequence[ResidualPart]) -> tuple[float, float]:
+    """Frequency of the largest power and that below which four fifths lie, Hz; Hann window, mean
+    over records, three neighbours smoothed.
+    """
+    highest = min(0.5 / part.interval for part in parts)
+    lowest = max(1.0 / (part.interval * len(part.residual)) for part in parts)
+    hertz = np.arange(lowest, highest, lowest)
+    if len(hertz) < 5:
+        return lowest, highest
+    total = np.zeros(len(hertz))
+    for part in parts:
+        found = np.abs(np.fft.rfft(part.residual * np.hanning(len(part.residual)))) ** 2
+        total += (
+            np.interp(hertz, np.fft.rfftfreq(len(part.residual), part.interval), found)
+            * part.interval
+        )
+    smooth = np.convolve(np.pad(total, 1, mode="edge"), np.ones(3) / 3.0, mode="valid")
+    share = np.cumsum(total) / total.sum()
+    return float(hertz[np.argmax(smooth)]), float(
+        hertz[min(int(np.searchsorted(share, 0.8)), len(hertz) - 1)]
+    )
+
+
+def _when(parts: Sequence[ResidualPart], rms: float) -> tuple[FittedRecord, float, float, float]:
+    """Record, begin, end and size of the window with the largest mean square; half of it at least
+    must be measured.
+    """
+    best = (parts[0].item, 0.0, 0.0, -1.0)
+    for part in parts:
+        time = part.item.record.time
+        size = min(max(3, round(WINDOW / part.interval)), len(time))
+        squares, counts = (
+            np.convolve(x, np.ones(size), mode="valid")
+            for x in (part.residual**2, part.used.astype(float))
+        )
+        mean = np.where(counts >= 0.5 * size, squares / np.maximum(counts, 1.0), -1.0)
+        at = int(np.argmax(mean))
+        if mean[at] > best[3]:
+            best = (part.item, float(time[at]), float(time[at + size - 1]), float(mean[at]))
+    return (*best[:3], float(np.sqrt(max(best[3], 0.0))) / rms)
+
+
+def _company(parts: Sequence[ResidualPart]) -> Company | None:
+    """The most certain correlation with a signal, where one is worth a word."""
+    found: list[tuple[float, Company]] = []
+    for name, form in _signals(parts):
+        series = [_signal(part, name, form) for part in parts]
+        sizes = [float(s @ s) for s in series]
+        if min(sizes) <= 0.0:
+            continue
+        interval = max(part.interval for part in parts)
+        shifts = np.arange(-int(SHIFT / interval), int(SHIFT / interval) + 1)
+        scale = np.sqrt(sum(sizes) * sum(float(part.residual @ part.residual) for part in parts))
+        r = (
+            sum(
+                _correlations(part, s, shifts * interval)
+                for part, s in zip(parts, series, strict=True)
+            )
+            / scale
+        )
+        chance = (
+            np.sqrt(sum(_chance(part.residual, s) for part, s in zip(parts, series, strict=True)))
+            / scale
+        )
+        at = int(np.argmax(np.abs(r)))
+        if abs(r[at]) > WORTH_A_WORD and abs(r[at]) > SURE * chance:
+            found.append(
+                (
+                    abs(r[at]) / chance,
+                    Company(name, form, float(r[at]), float(shifts[at] * interval)),
+                )
+            )
+    # Of what is about as certain, the plainer: a signal before its rate, that before a square.
+    best = max((sure for sure, _ in found), default=0.0)
+    return next((company for sure, company in found if sure >= 0.9 * best), None)
+
+
+def _signals(parts: Sequence[ResidualPart]) -> list[tuple[str, str]]:
+    shared = [
+        set(part.item.record.input_names)
+        | set(part.item.channels) & set(part.item.record.output_names)
+        for part in parts
+    ]
+    first = parts[0].item
+    names = [
+        name
+        for name in (*first.record.input_names, *first.channels)
+        if all(name in each for each in shared)
+    ]
+    products = [
+        (name, "product") for name in names if first.record.input_names[:1] not in ((), (name,))
+    ]
+    return [*((name, form) for form in ("itself", "rate", "square") for name in names), *products]
+
+
+def _signal(part: ResidualPart, name: str, form: str) -> np.ndarray:
+    """An input, or an output as the fit has it, away from its mean; its rate, square, or product
+    with the first input; mean taken off.
+    """
+    item = part.item
+    if name in item.record.input_names:
+        values = item.record[name].values
+    else:
+        row = item.channels.index(name)
+        known = item.record[name].valid & np.isfinite(item.after[row])
+        if np.count_nonzero(known) < FEWEST_SAMPLES:
+            return np.zeros(len(part.residual))
+        time = item.record.time
+        values = np.clip(
+            np.interp(time, time[known], (item.record[name].values - item.after[row])[known]),
+            -LARGEST,
+            LARGEST,
+        )
+    values = values - values.mean()
+    if form == "rate":
+        values = np.gradient(values, item.record.time)
+    elif form == "square":
+        values = values**2
+    elif form == "product":
+        control = item.record[item.record.input_names[0]].values
+        values = values * (control - control.mean())
+    return np.where(part.used, values - values[part.used].mean(), 0.0)
+
+
+def _correlations(part: ResidualPart, signal: np.ndarray, later: np.ndarray) -> np.ndarray:
+    """Sum of products of the residual with the signal ``later`` seconds before it."""
+    n = len(signal)
+    size = 1 << int(np.ceil(np.log2(2 * n)))
+    every = np.fft.irfft(
+        np.fft.rfft(part.residual, size) * np.conj(np.fft.rfft(signal, size)), size
+    )
+    return np.asarray(every[np.round(later / part.interval).astype(int) % size])
+
+
+def _chance(a: np.ndarray, b: np.ndarray) -> float:
+    """Variance of the sum of products of two series that have nothing to do with each other
+    (Bartlett, 1946).
+    """
+    lags = max(10, len(a) // 5)
+    return len(a) * max(
+        float(
+            2.0 * np.sum(autocovariance(a, lags) * autocovariance(b, lags))
+            - autocovariance(a, 0)[0] * autocovariance(b, 0)[0]
+        ),
+        1e-300,
+    )
+
 
 FEW = 2  # parameters whose values are worth comparing between records
 FORMS = {
@@ -28,7 +262,7 @@ FORMS = {
 }
 # of both spreads together, from which a joint value and the mean of the records do not agree
 APART = 2.0
-LARGEST = 1e30
+LARGEST_SHOWN = 1e30
 EVEN = 1.6  # times the rms, up to which no moment stands out
 
 
@@ -56,7 +290,7 @@ def apart_text(claim: Claim) -> str:
         each = [found[name] for found in claim.by_record]
         values, sigmas = (
             np.array([q.value for q in each]),
-            np.minimum([q.std for q in each], LARGEST),
+            np.minimum([q.std for q in each], LARGEST_SHOWN),
         )
         weight = sigmas**-2
         mean = float(values @ weight / weight.sum())

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ident.tracing.diagnosis import Prediction, Verdict
-from scenarios.diagnosis.report.data_words import kind_of_predicted, record_labels
-from scenarios.diagnosis.report.declared_only import as_declared
+from scenarios.diagnosis.report.wording import as_declared, kind_of_predicted, record_labels
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.plots.display import (
     MEASURED_DATA,

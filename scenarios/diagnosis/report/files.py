@@ -1,28 +1,274 @@
-"""The study folder of a diagnosis: JSON, predictions, residuals, evidence, figures and a report to
-read.
-"""
+"""The study folder of a diagnosis: JSON, predictions, residuals, evidence, figures and the page."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
-from scenarios.diagnosis.keeping import kept_diagnosis
+from ident.statistics.residuals import ResidualTest
+from ident.tracing.diagnosis import (
+    Candidate,
+    Claim,
+    Diagnosis,
+    FittedRecord,
+    Prediction,
+    Quantity,
+    Verdict,
+)
+from scenarios.diagnosis.opening import effort_sentence
+from scenarios.diagnosis.report import tables, text
 from scenarios.diagnosis.report.content import DECIDES, bounded, diagnosis_content
-from scenarios.diagnosis.report.declared_only import nothing_stands
+from scenarios.diagnosis.report.evidence import evidence_sentences
 from scenarios.diagnosis.report.figures import bounded_series, draw_diagnosis, numbered, pictured
-from scenarios.diagnosis.tracing import Tracing
-from scenarios.files.writing import study_folder, write_json
+from scenarios.diagnosis.report.tables import kinematics_lines, levels_table, levels_title
+from scenarios.diagnosis.report.wording import (
+    DECLARED,
+    kind_of_predicted,
+    nothing_stands,
+    parameter_text,
+    probability_sentence,
+)
+from scenarios.diagnosis.tracing import Tracing, kept_diagnosis
+from scenarios.files.user_models import channel_units
+from scenarios.files.writing import csv_text, study_folder, write_json, write_text
 from scenarios.kept import write_kept
-from scenarios.report.document import Page, now
+from scenarios.preparation.recording import record_table
+from scenarios.report.document import (
+    PURE,
+    Block,
+    Bullets,
+    Column,
+    Figure,
+    Fold,
+    Page,
+    Prose,
+    Section,
+    Table,
+    now,
+    reproduction,
+    section,
+)
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
-from scenarios.report.folder import write_page
+from scenarios.report.folder import figures, write_page
 from scenarios.report.quantities import UNDETERMINED, determined
+from scenarios.report.shared_tables import p_value
+from sim.declaration.proposal import GUARD
+
+TONES = {
+    Verdict.CONSISTENT: "good",
+    Verdict.TRACED: "good",
+    Verdict.PARTIAL: "fair",
+    Verdict.AMBIGUOUS: "fair",
+    Verdict.UNEXPLAINED: "open",
+}
+PRINTED = 10  # candidates that stand on paper
+CANDIDATES_NOTE = (
+    "Gain of the log evidence, and the same with the prior odds: above zero it is more probable "
+    "that the candidate acts than that it does not. "
+    "Where it is linearised, both are those of its signature, and it was not fitted."
+)
+REPLICATION_NOTE = (
+    "What remains is not noise. So the evidence for an effect has to be spread over the records: "
+    "its sum over its scatter between blocks of a "
+    "second is z of Vuong's test. Values from each record have the derivatives in common."
+)
+GUARD_NOTE = (
+    "A name that begins with guard: is a term that no effect of the library has; it competes, and "
+    "where it wins nothing is claimed."
+)
+
+
+def diagnosis_page(
+    tracing: Tracing, warnings: Sequence[str], drawn: Sequence[Drawn] = (), created: str = ""
+) -> Page:
+    """The page of a diagnosis with the figures ``drawn``; that of the replication stands in its
+    section.
+    """
+    d = tracing.diagnosis
+    pictures = {each.name: each for each in figures(drawn)}
+    replication = pictures.pop("figure-replication", None)
+    further = Bullets(tuple(warning for warning in warnings if warning not in tracing.doubts))
+    return Page(
+        title=f"{tracing.vehicle.name}: what the {tracing.vehicle.model} model lacks",
+        kind=text.subject(tracing),
+        verdict=d.verdict.value,
+        tone=TONES[d.verdict],
+        sentence=d.verdict.sentence,
+        summary=(f"{_capital(text.headline(tracing))}.",),
+        warnings=tuple(f"{doubt}." for doubt in tracing.doubts),
+        sections=(
+            *section("Figures", *pictures.values()),
+            *_effects(tracing),
+            *section("Warnings", further),
+            *_replication(d, replication),
+            *_kinematics(tracing),
+            *_errors(tracing),
+            *_derivatives(tracing),
+            *section("The record as it was recorded", record_table(tracing.look)),
+            *section("How the records were prepared", Bullets(tuple(tracing.notes))),
+            *_search(tracing),
+        ),
+        reproduction=reproduction(_command(tracing), "", _inputs(tracing)),
+        created=created,
+    )
+
+
+def _effects(tracing: Tracing) -> tuple[Section, ...]:
+    advice = [
+        Prose(f"Not claimed: {reason}.") for reason in text.unclaimed_reasons(tracing.diagnosis)
+    ]
+    advice += [Prose(f"{line}.") for line in text.verdict_advice(tracing)]
+    cards = tuple(_effect(claim, tracing) for claim in tracing.diagnosis.effects)
+    return section("Effects", *advice, parts=cards) if cards or advice else ()
+
+
+def _effect(claim: Claim, tracing: Tracing) -> Section:
+    wording = text.wording_of(tracing)
+    blocks: list[Block] = [Prose(f"{_capital(text.effect_heading(claim, wording))}.")]
+    probability, parameters = probability_sentence(claim), parameter_text(claim, wording)
+    blocks += [Prose(f"{probability}.")] if probability else []
+    blocks += [Prose(parameters, "value")] if parameters else []
+    blocks += [Prose(f"Not claimed: {reason}.") for reason in claim.reasons]
+    blocks += (
+        [Prose(f"These data fit as well: {', '.join(claim.alternatives)}.")]
+        if claim.alternatives
+        else []
+    )
+    explanation = claim.explanation or tracing.explanations.get(claim.name, "")
+    blocks += [Fold("What this effect is", (explanation,))] if explanation else []
+    return Section(claim.name, tuple(blocks), card="claim" if claim.claimed else "hint")
+
+
+def _replication(d: Diagnosis, figure: Figure | None) -> tuple[Section, ...]:
+    told = [
+        Prose(f"{_capital('; '.join(evidence_sentences(claim)))}.", term=f"{claim.name}:")
+        for claim in d.effects
+        if evidence_sentences(claim)
+    ]
+    return section("Replication", *told, figure, Prose(REPLICATION_NOTE, "note")) if told else ()
+
+
+def _kinematics(tracing: Tracing) -> tuple[Section, ...]:
+    some = tracing.kinematics
+    if some is None:
+        return ()
+    lines = kinematics_lines(some, tracing.diagnosis.effects, text.wording_of(tracing))
+    limits = tuple(some.result.cannot_tell) if some.result is not None else ()
+    records = (
+        Prose(f"Without any aerodynamics, from {', '.join(some.records)}.", "note")
+        if some.records
+        else None
+    )
+    fold = Fold("What these channels cannot tell", limits) if limits else None
+    return section(
+        "Kinematics alone", *(Prose(f"{_capital(line)}.") for line in lines), records, fold
+    )
+
+
+def _errors(tracing: Tracing) -> tuple[Section, ...]:
+    d = tracing.diagnosis
+    after = "No effect stands as the cause, so there is nothing to hold against the declared model."
+    note = after if nothing_stands(d) else "Before: the declared model; after: with the effects."
+    told = (
+        f"Root mean square of measured minus simulated on {text.where_predicted(tracing)}; only "
+        f"initial states and biases were fitted there. {note}"
+    )
+    table = tables.errors_table(d, "Simulation error", channel_units(tracing.model))
+    return section("Simulation error", table, Prose(told, "note"))
+
+
+def _derivatives(tracing: Tracing) -> tuple[Section, ...]:
+    d = tracing.diagnosis
+    note, title = tables.sigma_note(d), tables.moved_title(d)
+    brief, _, told = title.partition(" (" if title.endswith(")") else ": ")
+    scatter = " Run-to-run: standard deviation between fits of single records." if d.scatter else ""
+    levels = levels_table(tracing, "Levels of flying qualities")
+    parts = section(_capital(levels_title(tracing)), levels)
+    alike = Prose(
+        "These data cannot tell them apart. * more than two of both sigmas from the first.", "note"
+    )
+    for each in tables.member_tables(d, "Derivatives by member"):
+        parts += section("Under each member of the group", alike, each)
+    return section(
+        _capital(brief),
+        Prose(f"{_capital(told.removesuffix(')'))}.", "note") if told else None,
+        tables.derivatives_table(d, "Derivatives"),
+        tables.derived_table(d, "What follows from them"),
+        Prose(f"{note}; those of the frequency, the damping and the like follow.{scatter}", "note")
+        if note
+        else None,
+        parts=parts,
+    )
+
+
+def _search(tracing: Tracing) -> tuple[Section, ...]:
+    d = tracing.diagnosis
+    effort = Prose(f"{_capital(effort_sentence(tracing.effort, d))}.", "note")
+    steps = Bullets(tuple(step.sentence for step in d.steps), numbered=True)
+    guarded = any(candidate.name.startswith(GUARD) for candidate in d.candidates)
+    caption = "Every candidate, the best of each round first"
+    table = tables.candidates_table(d, caption, len(d.candidates), PRINTED)
+    note = Prose(f"{CANDIDATES_NOTE} {GUARD_NOTE}" if guarded else CANDIDATES_NOTE, "note")
+    columns = (
+        Column("model"),
+        Column("test"),
+        Column("channel"),
+        Column("p", PURE),
+        Column("result"),
+    )
+    rows = tuple(
+        (when, test.name, test.channel, p_value(test.p_value), test.sentence)
+        for when, tests in _tests(d)
+        for test in tests
+    )
+    parts = section("Every candidate", table, note) if d.candidates else ()
+    return section(
+        "How it was found",
+        steps,
+        effort,
+        parts=parts + section("Residual tests", Table("Residual tests", columns, rows)),
+    )
+
+
+def _tests(d: Diagnosis) -> list[tuple[str, tuple[ResidualTest, ...]]]:
+    if nothing_stands(d):
+        return [(DECLARED, tuple(d.tests_before))]
+    return [("before", tuple(d.tests_before)), ("after", tuple(d.tests_after))]
+
+
+def _inputs(tracing: Tracing) -> list[tuple[str, str, str]]:
+    kind = kind_of_predicted(tracing.diagnosis)
+    files = [("fitted", file) for file in tracing.inputs.records] + [
+        (kind, file) for file in tracing.inputs.validation
+    ]
+    files += [("vehicle", tracing.inputs.vehicle)] + [
+        ("effects", file) for file in tracing.inputs.effects
+    ]
+    return [(use, file.name, file.sha256) for use, file in files]
+
+
+def _command(tracing: Tracing) -> list[str]:
+    """What would be typed for this, as far as the result tells."""
+    inputs = tracing.inputs
+    own = tracing.vehicle.own_file
+    command = [
+        "flightid",
+        "diagnose",
+        *(file.name for file in inputs.records),
+        "--model",
+        own.name if own is not None else tracing.vehicle.model,
+    ]
+    command += ["--vehicle", inputs.vehicle.name]
+    return command + (
+        ["--validate", *(file.name for file in inputs.validation)] if inputs.validation else []
+    )
+
+
+def _capital(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]
+
 
 MAIN = "diagnosis.json"
 
@@ -45,7 +291,6 @@ def write_diagnosis(
     the formats ``figures``, ``report.html`` and ``report.json``, ``diagnosis.json`` last.
     ``dressed`` adds to the page what else is known.
     """
-    from scenarios.diagnosis.report.page import diagnosis_page
 
     d, created = tracing.diagnosis, now()
     with study_folder(folder, MAIN) as scratch:
@@ -137,8 +382,4 @@ def _cell(name: str, q: Quantity) -> str:
 
 
 def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    path.write_text(text.getvalue(), encoding="utf-8", newline="\n")
+    write_text(path, csv_text(header, rows))

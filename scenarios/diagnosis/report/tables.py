@@ -1,14 +1,37 @@
-"""Tables of a diagnosis: errors and derivatives before and after; candidates."""
+"""Tables of a diagnosis: errors, derivatives and levels of flying qualities before and after,
+candidates, and kinematic findings.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
-from ident.tracing.diagnosis import Candidate, Diagnosis, Quantity
-from scenarios.diagnosis.noise_words import is_coloured, noise_headings, residual_levels
-from scenarios.diagnosis.report.declared_only import nothing_stands, shown_table
+from ident.compatibility.kinematics import ARMS
+from ident.compatibility.six_degrees.kinematics import LEVEL
+from ident.compatibility.trials import SensorFinding
+from ident.flying_qualities.levels import ModeLevel, mode_levels
+from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, Quantity
+from scenarios.diagnosis.kinematics import (
+    BIAS,
+    PARAMETERS,
+    Kinematics,
+    _finite,
+    agreements,
+    unnamed,
+)
+from scenarios.diagnosis.report.wording import (
+    Wording,
+    group_sentence,
+    is_coloured,
+    noise_headings,
+    nothing_stands,
+    residual_levels,
+    shown_table,
+)
+from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.channels import CHANNEL_UNITS
 from scenarios.report.document import (
     BY_ROW,
@@ -24,6 +47,7 @@ from scenarios.report.document import (
     table,
 )
 from scenarios.report.quantities import is_frequency, shown_in, with_sigma
+from scenarios.report.summary import changes, level_text, levels_content, levels_heading, limit_text
 
 MOVED = 2.0  # sigmas
 SIGMA_NOTE = "+- sigma, widened by the scatter between records"
@@ -248,3 +272,154 @@ def short(value: float) -> str:
 def level_cell(value: float) -> Cell:
     """A root mean square with three digits; a dash where there is no number."""
     return Number(value, shown=short(value)) if math.isfinite(value) else MISSING
+
+
+Levels = tuple[ModeLevel, ...]
+
+
+def levels_of(tracing: Tracing) -> tuple[Levels, Levels]:
+    """Levels under the declared model and under the one with the effects; empty where a model has
+    no mode that the standard speaks of.
+    """
+    d = tracing.diagnosis
+    before, after = (
+        mode_levels(some, tracing.flown) if some is not None else ()
+        for some in (d.modes_before, d.modes_after)
+    )
+    return before, after
+
+
+def levels_title(tracing: Tracing) -> str:
+    """Standard, class and category."""
+    return levels_heading(tracing.flown)
+
+
+def levels_table(tracing: Tracing, caption: str) -> Table:
+    """Mode, level before and after, and the limit that the last of these models misses."""
+    before, after = levels_of(tracing)
+    old, new = ({level.mode: level for level in levels} for levels in (before, after))
+    last = old if nothing_stands(tracing.diagnosis) else new
+    modes = list({**old, **new})
+
+    def levels(some: Mapping[str, ModeLevel]) -> list[Cell]:
+        return [level_text(some[mode]) if mode in some else MISSING for mode in modes]
+
+    whole = table(
+        caption,
+        (Column("mode"), modes),
+        (Column("before"), levels(old)),
+        (Column("after"), levels(new)),
+        (Column("remarks"), [_missed(last.get(mode)) for mode in modes]),
+    )
+    return shown_table(tracing.diagnosis, whole)
+
+
+def level_changes(tracing: Tracing) -> list[str]:
+    """A sentence for each mode whose level the effects change, where these data tell both."""
+    return changes(*levels_of(tracing))
+
+
+def levels_both(tracing: Tracing) -> dict[str, Any]:
+    """For ``diagnosis.json``; empty where the model has no mode that the standard speaks of."""
+    before, after = levels_of(tracing)
+    if not before and not after:
+        return {}
+    return {
+        "flying_qualities": {
+            "before": levels_content(before, tracing.flown),
+            "after": levels_content(after, tracing.flown),
+        }
+    }
+
+
+def _missed(level: ModeLevel | None) -> str:
+    return limit_text(level) if level is not None else ""
+
+
+FREE = "the fits of a diagnosis leave a bias of each channel free"
+
+
+def kinematics_lines(
+    kinematics: Kinematics, claims: Sequence[Claim], wording: Wording
+) -> list[str]:
+    """All of it in sentences, one a line."""
+    if kinematics.result is None:
+        return [kinematics.why]
+    lines = [each.sentence for each in agreements(kinematics, claims)]
+    lines += [
+        f"kinematics alone say: {finding_sentence(finding, wording)}; "
+        f"{FREE if finding.kind == BIAS else 'the diagnosis does not name it'}"
+        for finding in unnamed(kinematics, claims)
+    ]
+    lines = lines or ["kinematics alone find no fault of a sensor, and the diagnosis names none"]
+    # The declared equations say as much themselves.
+    return [*lines, *(f"kinematics: {note}" for note in kinematics.result.notes if note != LEVEL)]
+
+
+def finding_sentence(finding: SensorFinding, wording: Wording) -> str:
+    """One finding: name, value and sigma, and what that is in the words of its effect and group."""
+    quantity = Quantity(finding.value, finding.std, finding.unit)
+    if wording.traits(finding.name).sentences:
+        words = group_sentence(
+            Claim(finding.name, {_parameter(finding): quantity}, finding.group), wording
+        )
+        return f"{finding.name} {with_sigma(quantity)}, {words}"
+    # What is no effect of the library, a bias or the place of all accelerometers together, has the
+    # words of a check.
+    from scenarios.compatibility.report import fault_text
+
+    group = f" ({' or '.join(finding.group)} would do as well)" if finding.group else ""
+    return f"{finding.name}, {fault_text(finding)}{group}"
+
+
+def _parameter(finding: SensorFinding) -> str:
+    """The effect's parameter that is the size of a finding."""
+    return "arm" if finding.kind in ARMS else PARAMETERS.get(finding.kind, finding.kind)
+
+
+def kinematics_content(
+    kinematics: Kinematics, claims: Sequence[Claim], wording: Wording
+) -> dict[str, Any]:
+    """The entry ``compatibility`` of a study; numbers that are not finite are left out."""
+    lines = kinematics_lines(kinematics, claims, wording)
+    if kinematics.result is None:
+        return {"records": list(kinematics.records), "checked": False, "sentences": lines}
+    findings = [
+        finding
+        for finding in kinematics.result.findings
+        if finding.stands and _finite(finding.value, finding.std, finding.gain)
+    ]
+    return {
+        "records": list(kinematics.records),
+        "checked": True,
+        "findings": [
+            {
+                "name": finding.name,
+                "channel": finding.channel,
+                "parameters": {
+                    _parameter(finding): _number(Quantity(finding.value, finding.std, finding.unit))
+                },
+                "alternatives": list(finding.group),
+                "gain": finding.gain,
+                "replicates": finding.replicates,
+                "sentence": finding_sentence(finding, wording),
+            }
+            for finding in findings
+        ],
+        "agreement": [
+            {
+                "effect": each.effect,
+                "says": each.says,
+                "sentence": each.sentence,
+                **({"found": _number(each.found)} if each.found else {}),
+            }
+            for each in agreements(kinematics, claims)
+        ],
+        "cannot_tell": list(kinematics.result.cannot_tell),
+        "notes": list(kinematics.result.notes),
+        "sentences": lines,
+    }
+
+
+def _number(quantity: Quantity) -> dict[str, Any]:
+    return {"value": quantity.value, "std": max(quantity.std, 1e-300), "unit": quantity.unit}

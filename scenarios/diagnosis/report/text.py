@@ -3,27 +3,34 @@
 from __future__ import annotations
 
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
-from scenarios.diagnosis.effort import effort_sentence
-from scenarios.diagnosis.noise_words import noise_word
-from scenarios.diagnosis.report.declared_only import nothing_stands
+from scenarios.diagnosis.opening import effort_sentence
 from scenarios.diagnosis.report.evidence import evidence_sentences, scatter_text, warnings_of
-from scenarios.diagnosis.report.kinematics_text import kinematics_lines
-from scenarios.diagnosis.report.mode_levels import level_changes, levels_table, levels_title
-from scenarios.diagnosis.report.probabilities import probability_sentence
-from scenarios.diagnosis.report.separating_maneuvers import separating_maneuvers
 from scenarios.diagnosis.report.tables import (
     MOVED,
     candidates_table,
     derivatives_table,
     derived_table,
     errors_table,
+    kinematics_lines,
+    level_changes,
+    levels_table,
+    levels_title,
     member_tables,
     moved,
     moved_title,
     short,
     sigma_note,
 )
-from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
+from scenarios.diagnosis.report.wording import (
+    Wording,
+    group_sentence,
+    noise_word,
+    nothing_stands,
+    parameter_text,
+    probability_sentence,
+    sentence,
+    separating_maneuvers,
+)
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.user_models import channel_units, is_of_aircraft
 from scenarios.preparation.recording import record_lines

@@ -1,13 +1,19 @@
-"""Each effect as a sentence that a flight-test engineer understands at once, with its numbers."""
+"""Sentences of a diagnosis: effects with their numbers, data, noise, probabilities of a name, and
+what is shown where no cause can be named.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
-from ident.tracing.diagnosis import Claim
+import numpy as np
+
+from ident.tracing.diagnosis import Claim, Diagnosis, ErrorFigures, Verdict
+from scenarios.diagnosis.tracing import Tracing
+from scenarios.report.document import Table
 from scenarios.report.quantities import (
     CHANNELS,
     UNDETERMINED,
@@ -18,6 +24,112 @@ from scenarios.report.quantities import (
     with_sigma,
 )
 from sim.declaration.proposal import Traits
+
+
+def kind_of_predicted(d: Diagnosis) -> str:
+    """What the predicted data are called where there is room for two words."""
+    return "held out" if d.held_out else "fitted"
+
+
+def record_labels(tracing: Tracing) -> list[str]:
+    """The fitted records by name."""
+    return [record.name for record in tracing.records]
+
+
+FLOOR, ESTIMATED, RESIDUAL = "noise floor", "sensor noise (estimated)", "residual"
+EQUAL = 1e-9  # relative, to which a residual is its noise
+
+
+def noise_headings(d: Diagnosis) -> tuple[str, ...]:
+    """Headings of what stands beside an error: the noise, and the residual of the fit where that is
+    another number in any channel.
+    """
+    return (RESIDUAL, ESTIMATED) if is_coloured(d) else (FLOOR,)
+
+
+def noise_word(d: Diagnosis, channel: str) -> str:
+    """What the noise of a channel is called."""
+    return ESTIMATED if _apart(d, channel, residual_levels(d)) else FLOOR
+
+
+def is_coloured(d: Diagnosis) -> bool:
+    """Whether the residual of any channel is more than its noise."""
+    left = residual_levels(d)
+    return any(_apart(d, channel, left) for channel in d.noise_floor)
+
+
+def residual_levels(d: Diagnosis) -> dict[str, float]:
+    """Root mean square of what the fit leaves, by channel; of the declared model where no effect
+    stands.
+    """
+    if d.verdict is Verdict.UNEXPLAINED:
+        return {name: rms for name in d.noise_floor if (rms := _declared(d, name)) > 0.0}
+    return {name: d.residual_std.get(name, floor) for name, floor in d.noise_floor.items()}
+
+
+def _apart(d: Diagnosis, channel: str, left: Mapping[str, float]) -> bool:
+    noise = d.noise_floor.get(channel)
+    return noise is not None and channel in left and abs(left[channel] - noise) > EQUAL * noise
+
+
+def _declared(d: Diagnosis, channel: str) -> float:
+    parts = [
+        item
+        for item in d.fitted
+        if channel in item.channels and channel in item.record.output_names
+    ]
+    rows = [
+        (
+            item.before[item.channels.index(channel)],
+            item.used[item.channels.index(channel)] & item.record[channel].valid,
+        )
+        for item in parts
+    ]
+    values = np.concatenate([residual[used] for residual, used in rows]) if rows else np.zeros(0)
+    return float(np.sqrt(np.mean(np.clip(values, -1e30, 1e30) ** 2))) if values.size else 0.0
+
+
+# heading of the one column that stands where before and after do otherwise
+DECLARED = "declared model"
+AFTER, MOVED = "after", "moved by"
+NO_AFTER = (AFTER, MOVED, "run-to-run")
+
+
+def nothing_stands(d: Diagnosis) -> bool:
+    """Whether no effect stands as the cause, so that there is no model after the declared one."""
+    return d.verdict is Verdict.UNEXPLAINED
+
+
+def shown_table(d: Diagnosis, whole: Table) -> Table:
+    """A table of the diagnosis; under ``unexplained`` without the columns that a further model
+    would fill.
+    """
+    if not nothing_stands(d):
+        return whole
+    kept = [at for at, each in enumerate(whole.columns) if each.heading not in NO_AFTER]
+    columns = [
+        replace(column, heading=DECLARED) if column.heading == "before" else column
+        for column in (whole.columns[at] for at in kept)
+    ]
+    rows = tuple(tuple(row[at] for at in kept) for row in whole.rows)
+    return replace(whole, columns=tuple(columns), rows=rows)
+
+
+def as_declared(d: Diagnosis) -> Diagnosis:
+    """The diagnosis as its figures show it: under ``unexplained`` residuals and predictions of the
+    declared model alone, no derivatives after it.
+    """
+    if not nothing_stands(d):
+        return d
+    return replace(
+        d,
+        after={},
+        error_after=ErrorFigures({}, {}, {}, {}),
+        fitted=tuple(replace(item, after=item.before) for item in d.fitted),
+        predictions=tuple(replace(item, after=item.before) for item in d.predictions),
+        tests_after=(),
+    )
+
 
 _NAMED = 2  # parameters that are not determined, up to which each is told
 _TIMES = ("time", "start", "begin", "duration")
@@ -172,3 +284,65 @@ def _stick_units(claim: Claim, wording: Wording) -> dict[str, str]:
         for name, q in claim.parameters.items()
         if name in counted and q.unit in shown
     }
+
+
+_ANY = "a record with inputs of other sizes and other frequencies"
+
+
+def separating_maneuver(name: str, other: str, wording: Wording | None = None) -> str:
+    """What to fly so that two effects can be told apart: as either of them says, else what may help
+    with any.
+    """
+    wording = wording or Wording()
+    for one, two in ((name, other), (other, name)):
+        base = two.partition(":")[0].partition("#")[0]
+        maneuvers = wording.traits(one).separating
+        if base in maneuvers:
+            return maneuvers[base]
+    return _ANY
+
+
+def separating_maneuvers(
+    name: str, others: Sequence[str], wording: Wording | None = None
+) -> list[tuple[tuple[str, ...], str]]:
+    """The same for several alternatives, those that need the same maneuver together."""
+    grouped: dict[str, list[str]] = {}
+    for other in others:
+        grouped.setdefault(separating_maneuver(name, other, wording), []).append(other)
+    return [(tuple(names), maneuver) for maneuver, names in grouped.items()]
+
+
+LEAST = 0.005  # half a per cent rounds to nothing
+
+
+def shown_probability(claim: Claim) -> dict[str, float]:
+    """The claimed name first, then what could take its place, the likeliest first; three digits,
+    without what is below ``LEAST``.
+
+    Empty of hints.
+    """
+    found = {name: p for name, p in claim.probability.items() if math.isfinite(p) and p >= LEAST}
+    return {
+        name: round(found[name], 3)
+        for name in sorted(found, key=lambda name: (name != claim.name, -found[name], name))
+    }
+
+
+def probability_sentence(claim: Claim) -> str:
+    """``"Probability that this is its name: 93 %; sensor-lag:q 5 %"``; empty of hints."""
+    mine = claim.probability.get(claim.name, math.nan)
+    if not math.isfinite(mine):
+        return ""
+    rest = ", ".join(
+        f"{name} {_percent(p)}"
+        for name, p in shown_probability(claim).items()
+        if name != claim.name
+    )
+    return f"Probability that this is its name: {_percent(mine)}{f'; {rest}' if rest else ''}"
+
+
+def _percent(p: float) -> str:
+    """Whole per cents; neither none nor all of it, which is never known."""
+    if p < LEAST:
+        return "below 1 %"
+    return f"{max(1.0, 100.0 * p):.0f} %" if p < 1.0 - LEAST else "above 99 %"

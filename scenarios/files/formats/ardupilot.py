@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.formats.topic import (
+from scenarios.files.formats.cells import (
     Topic,
     begins_with,
     damaged,

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.formats.topic import Topic, damaged, missing_library
+from scenarios.files.formats.cells import Topic, damaged, missing_library
 from scenarios.files.formats.variables import topics_of_variables
 
 FORMAT = "HDF5"
@@ -50,11 +50,6 @@ def read_matlab(path: Path, raw: bytes) -> tuple[Topic, ...]:
     except Exception as error:  # a damaged file fails in many ways inside the library
         raise damaged(error, path, "MAT") from None
     return topics_of_variables(path, variables)
-
-
-def is_matlab(raw: bytes) -> bool:
-    """Whether an HDF5 file holds the marks that MATLAB leaves."""
-    return raw.startswith(b"MATLAB 7.3") or b"MATLAB_class" in raw
 
 
 def _variables(group: Any, file: Any, *, matlab: bool) -> dict[str, Any]:

@@ -8,8 +8,8 @@ import io
 from pathlib import Path
 from typing import Literal
 
+from scenarios.files.formats.cells import Topic, damaged
 from scenarios.files.formats.hdf5 import read_matlab
-from scenarios.files.formats.topic import Topic, damaged
 from scenarios.files.formats.variables import topics_of_variables
 
 FORMAT = "MAT"

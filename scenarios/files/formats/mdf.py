@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.formats.topic import (
+from scenarios.files.formats.cells import (
     Topic,
     damaged,
     missing_library,

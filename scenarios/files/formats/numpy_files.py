@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scenarios.files.formats.topic import Topic, damaged
+from scenarios.files.formats.cells import Topic, damaged
 from scenarios.files.formats.variables import topics_of_variables
 
 FORMAT = "NumPy"

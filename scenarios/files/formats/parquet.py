@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.formats.cells import CellTable, header_cell
-from scenarios.files.formats.topic import Topic, damaged, missing_library
+from scenarios.files.formats.cells import CellTable, Topic, damaged, header_cell, missing_library
 from scenarios.files.units import is_unit
 
 FORMAT = "Parquet"

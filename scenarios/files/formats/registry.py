@@ -24,8 +24,16 @@ from typing import Any
 import numpy as np
 
 from scenarios.files import formats
-from scenarios.files.formats.cells import MISSING, CellTable, first_line, is_number
-from scenarios.files.formats.topic import Reader, Topic, as_module, begins_with
+from scenarios.files.formats.cells import (
+    MISSING,
+    CellTable,
+    Reader,
+    Topic,
+    as_module,
+    begins_with,
+    first_line,
+    is_number,
+)
 from scenarios.files.sources import MOST_RECORD, Source, refuse_oversized, too_large
 from sim.errors import RecordError
 

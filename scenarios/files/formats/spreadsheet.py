@@ -11,8 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.formats.cells import CellTable, header_cell, header_row, unit_row
-from scenarios.files.formats.topic import Topic, damaged, missing_library, no_table
+from scenarios.files.formats.cells import (
+    CellTable,
+    Topic,
+    damaged,
+    header_cell,
+    header_row,
+    missing_library,
+    no_table,
+    unit_row,
+)
 
 FORMAT = "spreadsheet"
 SUFFIXES = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")

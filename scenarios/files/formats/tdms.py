@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scenarios.files.formats.topic import (
+from scenarios.files.formats.cells import (
     Topic,
     damaged,
     missing_library,

@@ -26,6 +26,7 @@ from scenarios.files.formats.cells import (
     MISSING,
     MOST_HEADS,
     CellTable,
+    Topic,
     has_decimal_comma,
     has_number,
     header_cell,
@@ -36,7 +37,6 @@ from scenarios.files.formats.cells import (
     unit_row,
     without_brackets,
 )
-from scenarios.files.formats.topic import Topic
 from sim.errors import RecordError
 
 FORMAT = "text"

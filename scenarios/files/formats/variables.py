@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.formats.topic import Topic, no_table, table_of_columns
+from scenarios.files.formats.cells import Topic, no_table, table_of_columns
 
 DATA = ("data", "Data", "values", "Values", "signal", "value")
 UNITS = ("units", "unit", "Units", "Unit")

@@ -12,9 +12,8 @@ import numpy as np
 
 from scenarios.files.channels import CHANNEL_UNITS, STICK, ColumnChoice, split_header
 from scenarios.files.declarations import closest
-from scenarios.files.formats.cells import CellTable
+from scenarios.files.formats.cells import CellTable, Topic
 from scenarios.files.formats.registry import topics_of
-from scenarios.files.formats.topic import Topic
 from scenarios.files.sources import (
     MOST_RECORD,
     DocumentError,

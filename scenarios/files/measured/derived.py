@@ -1,67 +1,29 @@
-"""Channels that are computed from columns, and topics of a log put on one clock: a table with one
-column a channel comes out.
-
-Rules of the merge, each said in a note: the grid is the clock of the fastest topic that an output
-comes from, over the time that all topics share; a faster column passes a zero-phase low-pass first;
-an output that is slower has samples only at the grid times nearest to its own, so that the fit
-knows its rate; an input is continued between its own samples, held or linear.
-"""
+"""Channels that are computed from columns: a table with one column a channel comes out."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from scenarios.files.channels import CHANNEL_UNITS, TIME, ColumnChoice, is_clock, split_header
+from scenarios.files.channels import CHANNEL_UNITS, TIME, ColumnChoice, split_header
 from scenarios.files.declarations import closest
-from scenarios.files.formats.cells import CellTable, numbers
-from scenarios.files.formats.topic import Topic
-from scenarios.files.measured.clock import (
-    SECONDS,
-    Clock,
-    counter_unit,
-    seconds_of_counter,
-    times_of_dates,
-    times_of_texts,
+from scenarios.files.formats.cells import CellTable, Topic, numbers
+from scenarios.files.measured.columns import RecordFile, inside_unit
+from scenarios.files.measured.expressions import evaluate, is_plain_name, parse
+from scenarios.files.measured.grid import (
+    Place,
+    Wanted,
+    calibrated,
+    clock_of,
+    clock_place,
+    delayed,
+    merged,
+    topic_numbers,
+    unit_of,
 )
-from scenarios.files.measured.columns import RecordFile, inside_unit, split_at, suffix_unit
-from scenarios.files.measured.expressions import Expression, evaluate, is_plain_name, parse
-from scenarios.files.units import QUANTITIES, to_si
 from sim.errors import RecordError
-
-SAME_RATE = 1.5  # ratio of rates below which two topics count as equally fast
-BELOW_HALF = 0.8  # corner of the low-pass, as a share of half the new rate
-ORDER = 4
-SI_TRIED = ("rad", "rad/s", "m/s", "m", "s", "N", "Pa", "m/s2", "kg", "kg/m3", "m2", "rad/s2")
-NO_NAMES = ("", "index", "unnamed: 0")  # headers of an index that has no name
-FIRST_CELLS = 5  # cells that say whether a column holds dates
-JITTER = 0.1  # of the step, from which an uneven clock is said
-Place = tuple[int, int]  # topic and column
-
-
-@dataclass(frozen=True, eq=False)
-class Wanted:
-    """A channel to compute: from which columns, by which expression, and as an input or an
-    output.
-    """
-
-    channel: str
-    choice: ColumnChoice
-    expression: Expression
-    places: Mapping[str, Place]
-    is_input: bool
-
-    @property
-    def computed(self) -> bool:
-        """Whether it is anything but one column's own numbers."""
-        return (
-            self.choice.computed
-            or len(self.places) != 1
-            or not self.expression.text.startswith("`")
-        )
 
 
 def with_derived(
@@ -120,7 +82,7 @@ def with_derived(
                     f"make a channel map with flightid map {file.path}, and name it with --channels"
                 ),
             )
-        single, found = _merged(file, topics, wanted, rate, hold, known)
+        single, found = merged(file, topics, wanted, rate, hold, known)
         return single, {**found, **absent}
     needed = {name: choice for name, choice in chosen.items() if _is_computed(choice, file.table)}
     if not needed:
@@ -147,95 +109,6 @@ def source_columns(
         for name, choice in asked.items()
     ]
     return tuple(sorted({index for each in wanted for _, index in each.places.values()}))
-
-
-def clock_place(table: CellTable) -> int | None:
-    """The column that is the clock of a table: ``time`` before other names of clocks, before a
-    first column without a name that holds dates, as pandas writes an index; None where there is
-    none."""
-    named = [index for index, cell in enumerate(table.header) if is_clock(split_header(cell)[0])]
-    first = [
-        index for index in named if split_header(table.header[index])[0].strip().lower() == TIME
-    ]
-    chosen = first or named
-    if (
-        not chosen
-        and table.header
-        and table.header[0].lower() in NO_NAMES
-        and holds_dates(table.columns[0])
-    ):
-        return 0
-    return chosen[0] if chosen else None
-
-
-def holds_dates(column: Sequence[object] | np.ndarray) -> bool:
-    """Whether a column holds dates, times of day or durations, by its type or its first cells."""
-    if isinstance(column, np.ndarray) and column.dtype.kind in "mM":
-        return True
-    if isinstance(column, np.ndarray) and column.dtype.kind in "fiub":
-        return False
-    filled = [
-        cell
-        for cell in itertools.islice(column, FIRST_CELLS)
-        if cell is not None and str(cell).strip()
-    ]
-    return bool(filled) and times_of_texts(filled) is not None
-
-
-def clock_of(table: CellTable, index: int, unit: str | None = None) -> Clock:
-    """The stamps of a table's clock in seconds.
-
-    Parameters
-    ----------
-    table, index : the column. unit : its unit where that is known; None: as the header says, else
-    as the numbers do.
-
-    Raises
-    ------
-    RecordError : a unit that measures no time.
-    """
-    column = table.columns[index]
-    if isinstance(column, np.ndarray) and column.dtype.kind in "mM":
-        return times_of_dates(column)
-    if not (isinstance(column, np.ndarray) and column.dtype.kind in "fiu"):
-        first = next(
-            (str(cell).strip() for cell in column if cell is not None and str(cell).strip()), ""
-        )
-        if ":" in first or first[4:5] == "-" or first.count(".") == 2 or first.count("/") == 2:
-            clock = times_of_texts(list(column))
-            if clock is not None:
-                return clock
-    said = unit if unit is not None else stated_unit(table, index)
-    values = numbers(table, index).values
-    if said in SECONDS or said is None:
-        return seconds_of_counter(values, said, f"{table.file}, column {table.header[index]!r}")
-    return Clock(
-        np.asarray(to_si(values, said, "s", f"{table.file}, column {table.header[index]!r}"))
-    )
-
-
-def stated_unit(table: CellTable, index: int) -> str | None:
-    """The unit that a header, the row under it or a clock's name states; None where nothing
-    does.
-    """
-    name, unit = split_at(table.header, index)
-    under = table.units[index] if table.units else ""
-    if unit or under:
-        chosen = unit or under
-        if table.stated_apart and is_clock(name) and not _measures(chosen, "s"):
-            return None
-        return {
-            "µs": "us",
-            "usec": "us",
-            "msec": "ms",
-            "sec": "s",
-            "seconds": "s",
-            "nsec": "ns",
-        }.get(chosen, chosen)
-    if not is_clock(name):
-        return None
-    suffix = suffix_unit(name.lower(), TIME) or suffix_unit(name.lower(), "timestamp")
-    return counter_unit(name) or (suffix if suffix in SECONDS else None)
 
 
 def _is_computed(choice: ColumnChoice, table: CellTable) -> bool:
@@ -369,7 +242,7 @@ def _computed(
                     where=f"{file.path}, channel {channel}",
                     remedy="name the column of time",
                 )
-            values = _delayed(clock_of(table, place_of_clock).time, values, choice.delay)
+            values = delayed(clock_of(table, place_of_clock).time, values, choice.delay)
         label = f"{channel} (computed)"
         header.append(label)
         columns.append(np.asarray(values, dtype=float))
@@ -401,47 +274,12 @@ def _in_unit(
     file: RecordFile, wanted: Wanted, topics: Sequence[Topic], known: Mapping[str, str]
 ) -> tuple[np.ndarray, str, str]:
     """A channel's values as computed, their unit, and a sentence on a unit that is not used."""
-    unit, note = _unit_of(wanted, topics, known)
+    unit, note = unit_of(wanted, topics, known)
     return (
         _values(file, wanted, topics, unit),
         inside_unit(wanted.channel, known) if unit is None else unit,
         note,
     )
-
-
-def _unit_of(
-    wanted: Wanted, topics: Sequence[Topic], known: Mapping[str, str]
-) -> tuple[str | None, str]:
-    """The unit of a channel's numbers, and a sentence on a stated one that is not used; None:
-    columns of stated units are computed with in SI.
-
-    The unit of the choice goes first, then the one that the file states for a column that is taken
-    as it stands.
-
-    Raises
-    ------
-    RecordError : somebody wrote a unit to the column that is none of the channel.
-    """
-    if wanted.choice.unit is not None or wanted.computed:
-        return wanted.choice.unit, ""
-    topic, index = next(iter(wanted.places.values()))
-    table, inside = topics[topic].table, inside_unit(wanted.channel, known)
-    said = stated_unit(table, index)
-    if not said or not inside or _measures(said, inside):
-        return said or inside, ""
-    if not table.stated_apart:
-        to_si(1.0, said, inside, f"{table.file}, column {table.header[index]!r}")
-    return inside, f"the unit {said} that the file states is no unit of it and is not used"
-
-
-def _measures(unit: str, inside: str) -> bool:
-    if not inside:
-        return False
-    try:
-        to_si(1.0, unit, inside, "")
-    except RecordError:
-        return False
-    return True
 
 
 def _values(
@@ -451,7 +289,7 @@ def _values(
     stated units are in SI.
     """
     columns = {
-        name: _numbers(file, topics, place, wanted, si=unit is None)
+        name: topic_numbers(file, topics, place, wanted, si=unit is None)
         for name, place in wanted.places.items()
     }
     where = f"{file.path}, channel {wanted.channel}"
@@ -460,293 +298,4 @@ def _values(
         raise RecordError(
             "its columns have different lengths", where=where, remedy="use columns of one table"
         )
-    return _calibrated(evaluate(wanted.expression, columns, where), wanted.choice)
-
-
-def _calibrated(values: np.ndarray, choice: ColumnChoice) -> np.ndarray:
-    if choice.table is not None:
-        values = np.where(np.isnan(values), np.nan, np.interp(values, *choice.table))
-    return (
-        choice.scale * values + choice.offset
-        if (choice.scale, choice.offset) != (1.0, 0.0)
-        else values
-    )
-
-
-def _numbers(
-    file: RecordFile, topics: Sequence[Topic], place: Place, wanted: Wanted, *, si: bool
-) -> np.ndarray:
-    """A column as numbers; in SI where ``si`` and its unit is stated and known."""
-    table = topics[place[0]].table
-    found = numbers(table, place[1])
-    where = f"{table.file}, column {table.header[place[1]]!r}"
-    if found.texts:
-        row, text = next(iter(found.texts.items()))
-        raise RecordError(
-            f"{text[:40]!r} in row {table.rows[row]} is not a number",
-            where=where,
-            remedy=f"{wanted.channel} is computed from it",
-        )
-    unit = stated_unit(table, place[1])
-    if not si or not unit or unit in QUANTITIES:
-        return found.values
-    for target in SI_TRIED:
-        try:
-            return np.asarray(to_si(found.values, unit, target, where))
-        except RecordError:
-            continue
-    return found.values
-
-
-def _delayed(time: np.ndarray, values: np.ndarray, delay: float) -> np.ndarray:
-    """The values of a column that was recorded late by ``delay``, s, at the times of its rows;
-    constant beyond its ends.
-    """
-    known = np.isfinite(values) & np.isfinite(time)
-    return np.interp(time + delay, time[known], values[known]) if np.any(known) else values
-
-
-def _merged(
-    file: RecordFile,
-    topics: Sequence[Topic],
-    wanted: Sequence[Wanted],
-    rate: float | None,
-    hold: str | None,
-    known: Mapping[str, str],
-) -> tuple[RecordFile, Mapping[str, ColumnChoice]]:
-    """The wanted channels of several topics on one grid."""
-    used = sorted({place[0] for each in wanted for place in each.places.values()})
-    clocks = _clocks(file, topics, used)
-    notes: list[str] = []
-    leading = [
-        topic
-        for each in wanted
-        if not each.is_input
-        for topic in {place[0] for place in each.places.values()}
-    ] or used
-    grid, grid_note = _grid(file, topics, clocks, used, leading, rate)
-    notes += [grid_note, *_unread(topics, used)]
-    step = float(np.median(np.diff(grid)))
-    header, columns, choices = [f"{TIME}"], [grid], {}
-    for each in wanted:
-        values, unit, note = _on_grid(file, topics, clocks, each, grid, step, hold, known)
-        header.append(each.channel)
-        columns.append(values)
-        choices[each.channel] = ColumnChoice(each.channel, unit)
-        if note:
-            notes.append(f"{each.channel}: {note}")
-    table = CellTable(str(file.path), tuple(header), tuple(columns), np.arange(1, grid.size + 1))
-    single = replace(file, table=table, topics=(), notes=(*file.notes, *notes))
-    return single, choices
-
-
-def _clocks(
-    file: RecordFile, topics: Sequence[Topic], used: Sequence[int]
-) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Topic -> times in order, s, from one origin, and the rows that they belong to."""
-    found: dict[int, Clock] = {}
-    for number in used:
-        table = topics[number].table
-        index = clock_place(table)
-        if index is None:
-            remedy = (
-                f"it has the columns {', '.join(table.header[:8])}; a clock is called time or "
-                "timestamp"
-            )
-            raise RecordError(
-                f"topic {topics[number].name} has no clock", where=str(file.path), remedy=remedy
-            )
-        found[number] = clock_of(table, index)
-    origin = min(clock.origin for clock in found.values())
-    clocks = {}
-    for number, clock in found.items():
-        time = clock.time + (clock.origin - origin)
-        rows = np.flatnonzero(np.isfinite(time))
-        rows = rows[np.argsort(time[rows], kind="stable")]
-        rows = rows[np.concatenate([[True], np.diff(time[rows]) > 0.0])] if rows.size else rows
-        if rows.size < 2:
-            raise RecordError(
-                f"topic {topics[number].name} has no two times",
-                where=str(file.path),
-                remedy="leave its columns out",
-            )
-        clocks[number] = (time[rows], rows)
-    return clocks
-
-
-def _grid(
-    file: RecordFile,
-    topics: Sequence[Topic],
-    clocks: Mapping[int, tuple[np.ndarray, np.ndarray]],
-    used: Sequence[int],
-    leading: Sequence[int],
-    rate: float | None,
-) -> tuple[np.ndarray, str]:
-    begin, end = max(clocks[n][0][0] for n in used), min(clocks[n][0][-1] for n in used)
-    spans = ", ".join(
-        f"{topics[n].name} {clocks[n][0][0]:g} to {clocks[n][0][-1]:g} s" for n in used
-    )
-    if not end > begin:
-        raise RecordError(
-            "the topics share no time", where=str(file.path), remedy=f"they cover {spans}"
-        )
-    if rate is not None:
-        grid = begin + np.arange(int((end - begin) * rate * (1.0 + 1e-9)) + 1) / rate
-        said = f"an even grid of {rate:g} Hz"
-    else:
-        fastest = min(dict.fromkeys(leading), key=lambda n: float(np.median(np.diff(clocks[n][0]))))
-        time = clocks[fastest][0]
-        grid = time[(time >= begin) & (time <= end)]
-        steps = np.diff(time)
-        step = float(np.median(steps))
-        jitter = float(np.median(np.abs(steps - step)))
-        said = f"the clock of {topics[fastest].name}, {1.0 / step:.4g} Hz"
-        said += f" with a jitter of {1e3 * jitter:.2g} ms" if jitter > JITTER * step else ""
-    if grid.size < 2:
-        raise RecordError(
-            "the topics share fewer than two samples",
-            where=str(file.path),
-            remedy=f"they cover {spans}",
-        )
-    if len(used) == 1:
-        return grid, f"the rows are those of {said}"
-    return (
-        grid,
-        f"{len(used)} topics are put on one grid, {said}: "
-        f"{', '.join(topics[n].name for n in used)}",
-    )
-
-
-def _unread(topics: Sequence[Topic], used: Sequence[int]) -> list[str]:
-    """A sentence on topics that have the same columns as those that are read, as the sheets of
-    several runs have.
-    """
-    read = {topics[n].table.header for n in used}
-    others = [
-        topic.name for n, topic in enumerate(topics) if n not in used and topic.table.header in read
-    ]
-    shown = ", ".join(others[:6]) + (", ..." if len(others) > 6 else "")
-    have = "has" if len(others) == 1 else "have"
-    return (
-        [
-            f"{shown} {have} the same columns as {topics[used[0]].name} and "
-            f"{'is' if len(others) == 1 else 'are'} not read"
-        ]
-        if others
-        else []
-    )
-
-
-def _on_grid(
-    file: RecordFile,
-    topics: Sequence[Topic],
-    clocks: Mapping[int, tuple[np.ndarray, np.ndarray]],
-    wanted: Wanted,
-    grid: np.ndarray,
-    step: float,
-    hold: str | None,
-    known: Mapping[str, str],
-) -> tuple[np.ndarray, str, str]:
-    """A channel's values on the grid, NaN where an output has no sample, their unit, and how it got
-    there.
-    """
-    unit, unused = _unit_of(wanted, topics, known)
-    laid: dict[str, np.ndarray] = {}
-    slowest = 0.0
-    notes: list[str] = [unused] if unused else []
-    for name, place in wanted.places.items():
-        time, rows = clocks[place[0]]
-        values = _numbers(file, topics, place, wanted, si=unit is None)[rows]
-        laid[name], own, said = _laid(time, values, grid + wanted.choice.delay, step, wanted, hold)
-        slowest = max(slowest, own)
-        notes += [said] if said else []
-    where = f"{file.path}, channel {wanted.channel}"
-    values = _calibrated(evaluate(wanted.expression, laid, where), wanted.choice)
-    if not wanted.is_input and slowest > SAME_RATE * step:
-        values = np.where(_nearest(clocks, wanted, grid), values, np.nan)
-        notes.append(
-            f"its own samples come every {slowest:.3g} s, the grid's every {step:.3g} s: it has "
-            "samples only where it was measured"
-        )
-    return (
-        values,
-        unit if unit is not None else inside_unit(wanted.channel, known),
-        "; ".join(dict.fromkeys(notes)),
-    )
-
-
-def _laid(
-    time: np.ndarray,
-    values: np.ndarray,
-    at: np.ndarray,
-    step: float,
-    wanted: Wanted,
-    hold: str | None,
-) -> tuple[np.ndarray, float, str]:
-    """One column at the times of the grid, its own sampling interval, and a sentence where it was
-    filtered or continued.
-    """
-    sound = np.isfinite(values)
-    if np.count_nonzero(sound) < 2:
-        return np.full(at.size, np.nan), 0.0, ""
-    time, values = time[sound], values[sound]
-    own = float(np.median(np.diff(time)))
-    if np.array_equal(time, at):
-        return values, own, ""
-    if own * SAME_RATE < step:
-        return (
-            np.interp(at, time, _smoothed(time, values, own, step)),
-            own,
-            f"passes a zero-phase low-pass of {0.5 * BELOW_HALF / step:.3g} Hz",
-        )
-    if wanted.is_input and own > SAME_RATE * step:
-        way = wanted.choice.hold or hold or ("previous" if leaps(values) else "linear")
-        said = (
-            f"its own samples come every {own:.3g} s and are "
-            f"{'held' if way == 'previous' else 'joined by lines'} between them"
-        )
-        if way == "previous":
-            return (
-                values[np.clip(np.searchsorted(time, at, side="right") - 1, 0, time.size - 1)],
-                own,
-                said,
-            )
-        return np.interp(at, time, values), own, said
-    return np.interp(at, time, values), own, ""
-
-
-def leaps(values: np.ndarray) -> bool:
-    """Whether a signal rests most of the time, to the last digit, and moves in single steps, as a
-    command that a computer holds.
-    """
-    moves = np.diff(values) != 0.0
-    return bool(np.mean(moves) < 0.3) if moves.size else True
-
-
-def _smoothed(time: np.ndarray, values: np.ndarray, own: float, step: float) -> np.ndarray:
-    from scipy.signal import butter, sosfiltfilt
-
-    even = time[0] + own * np.arange(int((time[-1] - time[0]) / own * (1.0 + 1e-9)) + 1)
-    if even.size < 20:
-        return values
-    sections = butter(ORDER, 0.5 * BELOW_HALF / step, fs=1.0 / own, output="sos")
-    smooth = sosfiltfilt(
-        sections, np.interp(even, time, values), padlen=min(even.size - 1, round(6.0 * step / own))
-    )
-    return np.interp(time, even, smooth)
-
-
-def _nearest(
-    clocks: Mapping[int, tuple[np.ndarray, np.ndarray]], wanted: Wanted, grid: np.ndarray
-) -> np.ndarray:
-    """Grid times that are nearest to a sample of the slowest topic of a channel."""
-    slow = max(
-        {place[0] for place in wanted.places.values()},
-        key=lambda n: float(np.median(np.diff(clocks[n][0]))),
-    )
-    time = clocks[slow][0]
-    right = np.clip(np.searchsorted(grid, time), 1, grid.size - 1)
-    nearest = np.where(time - grid[right - 1] < grid[right] - time, right - 1, right)
-    found = np.zeros(grid.size, dtype=bool)
-    found[nearest[(time >= grid[0]) & (time <= grid[-1])]] = True
-    return found
+    return calibrated(evaluate(wanted.expression, columns, where), wanted.choice)

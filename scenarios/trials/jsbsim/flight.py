@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from scenarios.files.sources import versions
-from scenarios.files.writing import write_json, write_record
+from scenarios.files.writing import write_json, write_record, write_text
 from scenarios.trials.jsbsim.declaration import (
     CONTROLS,
     INPUTS,
@@ -242,7 +242,7 @@ def write_jsbsim(
     for model, constants in truth.constants.items():
         vehicles[model] = folder / f"{stem}_{model}.toml"
         text = vehicle_text(flight, constants, truth.about_trim[model], rng)
-        vehicles[model].write_text(text, encoding="utf-8", newline="\n")
+        write_text(vehicles[model], text)
     path = folder / f"{stem}_truth.json"
     write_json(path, truth_content(flight, seed, truth))
     return vehicles, path

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from scenarios.files.aircraft_files import written
+from scenarios.files.writing import write_text
 from scenarios.studies.declaration import ManeuverPlan
 from scenarios.studies.estimating import held_alike, maneuvers_by_input, resting
 from scenarios.trials.planted.declaration import (
@@ -347,5 +348,5 @@ def write_flown(flown: FlownTrace, folder: Path) -> tuple[Path, Path, Path]:
     train, _ = write_record(folder, flown.train, "train", simulated=True)
     validate, _ = write_record(folder, flown.validate, "validate", simulated=True)
     vehicle = folder / "vehicle.toml"
-    vehicle.write_text(flown.vehicle_file, encoding="utf-8", newline="\n")
+    write_text(vehicle, flown.vehicle_file)
     return train, validate, vehicle

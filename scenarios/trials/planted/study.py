@@ -35,8 +35,7 @@ from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, FitSettings, Prior, lay_out
 from ident.whole_record.output_error import estimate_of
 from scenarios.diagnosis.diagnose import diagnose_files
-from scenarios.diagnosis.keeping import SPIKES
-from scenarios.diagnosis.tracing import Tracing
+from scenarios.diagnosis.tracing import SPIKES, Tracing
 from scenarios.files.declarations import read_toml_source
 from scenarios.preparation.plan import Request
 from scenarios.trials.planted.declaration import (

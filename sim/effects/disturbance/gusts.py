@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.effects.airflow import PLAUSIBLE, calm_air, gust_parameters, gust_probes, gust_speed
+from sim.effects.loads import PLAUSIBLE, calm_air, gust_parameters, gust_probes, gust_speed
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class GustHorizontal:
 
     Attributes
     ----------
-    lasting, fine : as of a gust from below, see ``sim.effects.airflow``: one that stays at its
+    lasting, fine : as of a gust from below, see ``sim.effects.loads``: one that stays at its
     peak; a freer course.
     """
 

@@ -14,7 +14,6 @@ from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.declaration.user_equations import OwnEquations
-from sim.effects.airflow import at_arm
 from sim.effects.instances import (
     all_labelled,
     controls,
@@ -23,7 +22,7 @@ from sim.effects.instances import (
     per_unit,
     ports_without,
 )
-from sim.effects.loads import LOADS, SizedOnPorts, load_parameters
+from sim.effects.loads import LOADS, SizedOnPorts, at_arm, load_parameters
 from sim.maths import cos, once_for_alike
 
 LAGS = (0.05, 0.15, 0.5, 1.5)  # s, that a search tries: about the short period's time

@@ -76,7 +76,7 @@ class SensorDelay:
         )
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
-        """Values at the earlier times, see ``sim.effects.timing``: continuous in the delay."""
+        """Values at the earlier times, see ``sim.effects.loads``: continuous in the delay."""
         return each_run_earlier(steps, begin, end, _late, p.delay)
 
     def memory(self, p: Any) -> tuple[Any, float]:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.effects.airflow import at_arm
+from sim.effects.loads import at_arm
 from sim.maths import G0
 
 MEASURE_IT = (

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.statistics.information import determination
+from ident.statistics.intervals import determination
 from ident.whole_record.layout import weighted_sensitivities
 from scenarios.side_by_side.comparison import read_responses
 from scenarios.studies.catalogue import load_scenario

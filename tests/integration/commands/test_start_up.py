@@ -107,11 +107,3 @@ def test_linear_algebra_gets_one_thread_unless_the_user_says_otherwise(
         main(["--help"])
     assert "Usage" in capsys.readouterr().out
     assert (os.environ["OPENBLAS_NUM_THREADS"], os.environ["OMP_NUM_THREADS"]) == ("1", "3")
-
-
-def test_the_process_for_figures_is_started_before_numpy_is_loaded() -> None:
-    done = process(
-        "import sys, scenarios.commands.diagnose; print([name for name in ('numpy', 'pydantic') if "
-        "name in sys.modules])"
-    )
-    assert done.stdout == "[]\n", done.stderr

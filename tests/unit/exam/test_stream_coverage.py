@@ -26,7 +26,7 @@ from exam.coverage.streams import (
 )
 from ident.frequency_domain.online import frequencies
 from scenarios.files.vehicles import VehicleFile
-from scenarios.trials.sweeps.flight import true_loop
+from scenarios.trials.sweeps import true_loop
 from scenarios.watching.spectral import regress, spectral_session, take
 
 

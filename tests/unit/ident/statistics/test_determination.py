@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.statistics.information import determination
+from ident.statistics.intervals import determination
 
 RNG = np.random.default_rng(7)
 PRIOR = np.array([0.5, 2.0, 1e-3, 4.0])

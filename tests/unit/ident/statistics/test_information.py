@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.statistics.information import UNDETERMINED, inverse_information
+from ident.statistics.intervals import UNDETERMINED, inverse_information
 
 
 def test_of_determined_unknowns_it_is_the_inverse() -> None:

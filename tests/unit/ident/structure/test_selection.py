@@ -17,10 +17,10 @@ from ident.structure.coefficients import (
     histories_of,
     noise_of,
 )
-from ident.structure.collinearity import collinearity_of
 from ident.structure.selection import (
     ORTHOGONAL,
     STEPWISE,
+    collinearity_of,
     columns_of,
     orthogonal,
     products_of,

@@ -16,8 +16,8 @@ from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.evidence.steady_search import SPREAD
 from ident.tracing.loop import diagnose
 from sim.declaration.proposal import Traceable
+from sim.effects.disturbance.unmeasured_input import discrepancy_for
 from sim.effects.library import catch_all_terms_for, effects_for
-from sim.effects.model_discrepancy import discrepancy_for
 from sim.effects.sensor_path.sensor_delay import SensorLag
 from sim.effects.sensor_path.sensor_position import VaneOffset
 from sim.effects.sensor_path.sensor_scale import SensorScale

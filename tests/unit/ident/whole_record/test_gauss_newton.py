@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ident.estimate import Outcome
-from ident.statistics.information import LocalModel, local_model
+from ident.statistics.intervals import LocalModel, local_model
 from ident.whole_record.gauss_newton import (
     Fit,
     arrived,

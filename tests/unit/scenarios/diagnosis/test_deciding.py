@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenarios.diagnosis.deciding import _peaks, _text, by_hand
+from scenarios.diagnosis.diagnose import _peaks, _text, by_hand
 from sim.record import Channel, Record
 from tests.bases import lateral_model
 

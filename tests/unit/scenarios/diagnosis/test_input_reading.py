@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
-from scenarios.diagnosis.input_reading import (
+from scenarios.diagnosis.opening import (
     Refit,
     left_open,
     read_again,

@@ -12,9 +12,18 @@ import pytest
 
 from ident.compatibility.trials import CompatibilitySettings, SensorFinding
 from ident.tracing.diagnosis import Claim, Quantity
-from scenarios.diagnosis.kinematic_records import LATERAL, LONGITUDINAL, OF_MODEL, kinematics_of
-from scenarios.diagnosis.kinematics import AGREES, CONTRADICTS, Kinematics, agreements, unnamed
-from scenarios.diagnosis.report.kinematics_text import kinematics_content, kinematics_lines
+from scenarios.diagnosis.kinematics import (
+    AGREES,
+    CONTRADICTS,
+    LATERAL,
+    LONGITUDINAL,
+    OF_MODEL,
+    Kinematics,
+    agreements,
+    kinematics_of,
+    unnamed,
+)
+from scenarios.diagnosis.report.tables import kinematics_content, kinematics_lines
 from scenarios.diagnosis.report.wording import Wording
 from sim.effects.library import effects_for
 from sim.maths import G0

@@ -22,25 +22,23 @@ from ident.compatibility.trials import (
 from ident.compatibility.trials import FaultQuantity as Value
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
 from scenarios.compatibility.check import check_files
-from scenarios.diagnosis.kinematic_records import (
-    ENOUGH,
-    kinematics_of,
-    kinematics_of_files,
-    shortened,
-    spread,
-)
 from scenarios.diagnosis.kinematics import (
     AGREES,
     CONTRADICTS,
     DIFFERS,
+    ENOUGH,
     IN_KIND,
     NOTHING,
     Kinematics,
     agreements,
+    kinematics_of,
+    kinematics_of_files,
+    shortened,
+    spread,
     unnamed,
 )
 from scenarios.diagnosis.report.content import diagnosis_content
-from scenarios.diagnosis.report.kinematics_text import kinematics_lines
+from scenarios.diagnosis.report.tables import kinematics_lines
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.report.wording import Wording
 from scenarios.files.measured.columns import read_record_files

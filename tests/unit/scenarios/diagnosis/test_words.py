@@ -11,8 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
-from scenarios.diagnosis.report.data_words import kind_of_predicted, record_labels
-from scenarios.diagnosis.report.separating_maneuvers import separating_maneuver
 from scenarios.diagnosis.report.tables import candidates_table, move_cell, moved
 from scenarios.diagnosis.report.text import (
     diagnosis_text,
@@ -21,7 +19,15 @@ from scenarios.diagnosis.report.text import (
     where_predicted,
     wording_of,
 )
-from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
+from scenarios.diagnosis.report.wording import (
+    Wording,
+    group_sentence,
+    kind_of_predicted,
+    parameter_text,
+    record_labels,
+    sentence,
+    separating_maneuver,
+)
 from scenarios.report.quantities import value_text
 from scenarios.report.terminal import cell_text
 from sim.declaration.proposal import Traceable, Traits

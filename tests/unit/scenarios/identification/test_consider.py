@@ -13,13 +13,13 @@ import pytest
 from ident.estimate import Estimate, Outcome
 from ident.regression.equation_error import run_equation_error
 from scenarios.files.vehicles import VehicleFile, read_vehicle
-from scenarios.identification.consider import (
+from scenarios.identification.identify import identify
+from scenarios.identification.model_checks import (
     consider,
     considered_content,
     considered_sentences,
     considered_table,
 )
-from scenarios.identification.identify import identify
 from scenarios.preparation.declared_model import model_of_file
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model

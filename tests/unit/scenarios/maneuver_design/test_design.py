@@ -17,7 +17,7 @@ import pytest
 
 import flightid as fid
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
-from scenarios.diagnosis.deciding import deciding_maneuver
+from scenarios.diagnosis.diagnose import deciding_maneuver
 from scenarios.files.records import read_record
 from scenarios.maneuver_design.design import DesignResult, design
 from scenarios.maneuver_design.limits import ACTUATOR_RATE, PILOT, no_faster, offset_of

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ident.whole_record.output_error import fit_output_error
+from scenarios.preparation.filtering import ORDER, filtered
 from scenarios.preparation.plan import Plan
-from scenarios.preparation.reading import ORDER, filtered
 from sim.declaration.compile import compile_model
 from sim.errors import RecordError
 from sim.record import Channel, Hold, Record

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenarios.preparation.reading import FEWEST, Parted, parts_of, put_together, split_at_gaps
+from scenarios.preparation.filtering import FEWEST, Parted, parts_of, put_together, split_at_gaps
 from sim.record import Channel, Record
 
 

@@ -12,7 +12,6 @@ from scipy import signal
 
 from scenarios.responses.loops import margin_lines
 from scenarios.watching.loop_margins import (
-    FollowLoop,
     LoopNames,
     MarginSession,
     finish_second,
@@ -22,6 +21,7 @@ from scenarios.watching.loop_margins import (
     margins_of,
     take,
 )
+from scenarios.watching.loop_page import FollowLoop
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import loop_test, margins
 from sim.errors import DeclarationError

@@ -25,8 +25,8 @@ from ident.tracing.evidence.steady_search import quiet_vuong, vuong
 from ident.tracing.loop import diagnose
 from ident.tracing.whiteness import is_noise
 from sim.declaration.proposal import Traceable
+from sim.effects.disturbance.unmeasured_input import discrepancy_for
 from sim.effects.library import effects_for
-from sim.effects.model_discrepancy import discrepancy_for
 from sim.record import Record
 from sim.truth.measurement import coloured_noise
 from tests.diagnoses import NOISE

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.statistics.information import inverse_information
+from ident.statistics.intervals import inverse_information
 from ident.tracing.candidate_model.fitted_model import FittedModel, fit_set, start_from
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Quantity

@@ -29,7 +29,7 @@ from scenarios.diagnosis.report.evidence import (
     evidence_sentences,
     warnings_of,
 )
-from scenarios.diagnosis.report.page import REPLICATION_NOTE, diagnosis_page
+from scenarios.diagnosis.report.files import REPLICATION_NOTE, diagnosis_page
 from scenarios.diagnosis.report.tables import SIGMA_NOTE, candidates_table, member_tables
 from scenarios.diagnosis.report.text import diagnosis_text, headline
 from scenarios.diagnosis.report.wording import Wording, group_sentence

@@ -15,15 +15,17 @@ import flightid as fid
 from scenarios.cli import main
 from scenarios.report.quantities import as_text
 from scenarios.studies.catalogue import load_document, scenario_names
-from scenarios.trials.sweeps.flight import (
+from scenarios.trials.sweeps import (
     SweepScenario,
     fly_sweep,
+    print_sweep,
+    run_sweep,
+    sweep_comparison,
     sweep_scenario_of,
     true_loop,
     true_margins,
     true_parameters,
 )
-from scenarios.trials.sweeps.study import print_sweep, run_sweep, sweep_comparison
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import margins
 from sim.errors import DeclarationError

@@ -13,8 +13,8 @@ import pytest
 from scenarios.diagnosis.candidates import candidates_for
 from scenarios.files.user_models import read_user_model
 from sim.declaration.proposal import SearchContext
+from sim.effects.dynamics.derivative_jump import LARGEST, USUAL, ParameterJump
 from sim.effects.library import effects_for
-from sim.effects.parameter_jump import LARGEST, USUAL, ParameterJump
 from sim.vehicles.aircraft import aircraft_model
 from sim.vehicles.short_period import ShortPeriod
 from tests.airliner import AIRLINER, COEFFICIENTS

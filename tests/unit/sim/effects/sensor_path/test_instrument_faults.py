@@ -12,10 +12,10 @@ import pytest
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.declaration.proposal import SearchContext
-from sim.effects.airflow import at_arm
 from sim.effects.disturbance.gusts import GustDiscrete
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.library import find_effect
+from sim.effects.loads import at_arm
 from sim.effects.sensor_path.sensor_coupling import SensorCoupling
 from sim.effects.sensor_path.sensor_drift import SensorStep
 from sim.effects.sensor_path.sensor_position import AccelerometerOffset, VaneOffset

@@ -1,0 +1,357 @@
+"""Gaps in the time of a record, and one zero-phase filter for all channels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from scenarios.files.sources import LARGEST
+from scenarios.preparation.plan import Plan, Segment
+from sim.errors import RecordError
+from sim.propagation import MOST_STEPS
+from sim.record import Channel, Hold, Record
+
+# Of 767 simulated records at 10 to 400 Hz, even or with jitter of a quarter of a step, none is
+# split; of 379 that lost up to a tenth of their rows at random one is.
+MANY = 5.0  # usual steps, from which a longer one is a gap
+LONG = 0.25  # s, which a gap lasts at least: shorter ones are bridged by the input before them
+FEWEST = 30  # samples that a part needs to be used
+
+
+def gaps_of(record: Record) -> np.ndarray:
+    """Positions of the samples before a gap, shape ``(G,)``: steps longer than five usual ones and
+    than a quarter of a second.
+    """
+    steps = np.diff(record.time)
+    return np.flatnonzero(steps > max(MANY * float(np.median(steps)), LONG))
+
+
+@dataclass(frozen=True, eq=False)
+class Parted:
+    """A record that is predicted in parts.
+
+    Attributes
+    ----------
+    name : of the record. time : shape ``(N,)``, s, of all its rows; None where its parts are
+        resampled.
+    count : number of its parts.
+    """
+
+    name: str
+    time: np.ndarray | None
+    count: int
+
+
+def parts_of(parted: Sequence[Parted], each: Sequence[Record]) -> list[tuple[Parted, slice]]:
+    """Each record with the places of its parts in a list of the parts of all of them, which
+    ``each`` is."""
+    ends = np.cumsum([0, *(one.count for one in parted)]).tolist()
+    assert ends[-1] == len(each)
+    return [(one, slice(*span)) for one, span in zip(parted, pairwise(ends), strict=True)]
+
+
+def put_together(
+    parted: Parted, parts: Sequence[Record], rows: Sequence[Sequence[np.ndarray]]
+) -> tuple[Record, list[np.ndarray]]:
+    """A record of its parts, and each of several predictions ``(m, N)`` of those of the parts.
+
+    Rows outside the parts have no measurement, the inputs before them and, as where a simulation
+    fails, the mean of the prediction.
+
+    Parameters
+    ----------
+    parted : the record. parts : in the order of their times. rows : predictions, each ``(m, n)``
+        for each part.
+    """
+    if len(parts) == 1 and (parted.time is None or len(parts[0]) == parted.time.size):
+        return replace(parts[0], name=parted.name), [of_parts[0] for of_parts in rows]
+    times = np.concatenate([part.time for part in parts])
+    time = times if parted.time is None else parted.time
+    places = np.searchsorted(time, times)
+    before = np.clip(np.searchsorted(times, time, side="right") - 1, 0, None)
+    known = np.zeros(time.size, dtype=bool)
+    known[places] = True
+
+    def inputs(channel: Channel) -> Channel:
+        return Channel.of(
+            channel.name,
+            channel.unit,
+            np.concatenate([part[channel.name].values for part in parts])[before],
+        )
+
+    def outputs(channel: Channel) -> Channel:
+        values = [
+            part[channel.name].with_gaps()
+            if channel.name in part.output_names
+            else np.full(len(part), np.nan)
+            for part in parts
+        ]
+        return Channel.of(
+            channel.name, channel.unit, np.where(known, np.concatenate(values)[before], np.nan)
+        )
+
+    every = {channel.name: channel for part in reversed(parts) for channel in part.outputs}
+    record = Record(
+        time,
+        tuple(map(inputs, parts[0].inputs)),
+        tuple(map(outputs, every.values())),
+        parts[0].hold,
+        parted.name,
+    )
+    out = []
+    for of_parts in rows:
+        all_parts = np.concatenate(of_parts, axis=1)
+        out.append(np.where(known, all_parts[:, before], all_parts.mean(axis=1, keepdims=True)))
+    return record, out
+
+
+def split_at_gaps(
+    record: Record, use: str = "used as {count} record{s}"
+) -> tuple[tuple[Record, ...], str]:
+    """The parts of a record between its gaps and a sentence on them; the record itself and nothing
+    where it has none.
+
+    ``use`` : what the sentence says is done with the parts.
+
+    Raises RecordError for a time beyond all measure.
+
+    A part of fewer than 30 samples, or without a sample of any output, is left out, unless no part
+    has more; a part lacks the outputs of which
+    it has no sample; every part is named ``NAME[from-to s]``.
+    """
+    wrong = np.flatnonzero(np.abs(record.time) > LARGEST)
+    if wrong.size:
+        what = f"{record.time[wrong[0]]:g} s is no time of a measurement"
+        raise RecordError(
+            what,
+            where=record.name,
+            remedy="correct the time stamps, or cut them off with --from and --to",
+        )
+    after = gaps_of(record)
+    if not after.size:
+        return (record,), ""
+    ends = [0, *(int(position) + 1 for position in after), len(record)]
+    seen = [
+        any(np.any(channel.valid[begin:end]) for channel in record.outputs)
+        for begin, end in pairwise(ends)
+    ]
+    spans = [
+        (begin, end)
+        for (begin, end), some in zip(pairwise(ends), seen, strict=True)
+        if end - begin >= 2 and some
+    ]
+    kept = [span for span in spans if span[1] - span[0] >= FEWEST] or spans
+    parts = tuple(_rows(record, begin, end) for begin, end in kept)
+    t = record.time
+    shown = [f"{t[position]:.4g} to {t[position + 1]:.4g} s" for position in after[:3]]
+    more = f" and {after.size - 3} more" if after.size > 3 else ""
+    dropped = len(ends) - 1 - len(kept)
+    left = (
+        f"; {dropped} part{'s' * (dropped > 1)} of fewer than {FEWEST} samples left out"
+        if dropped
+        else ""
+    )
+    some = (
+        f"the record has {'a gap' if after.size == 1 else f'{after.size} gaps'} "
+        f"({', '.join(shown)}{more})"
+    )
+    return parts, f"{some} and is {use.format(count=len(parts), s='s' * (len(parts) > 1))}{left}"
+
+
+def _rows(record: Record, begin: int, end: int) -> Record:
+    # A part of a record lacks the outputs of which it has no sample, as a record would.
+    measured = tuple(channel for channel in record.outputs if np.any(channel.valid[begin:end]))
+    part = replace(record, outputs=measured).window(
+        float(record.time[begin]), float(record.time[end - 1])
+    )
+    return replace(part, name=f"{record.name}[{part.time[0]:.4g}-{part.time[-1]:.4g} s]")
+
+
+ORDER = 4
+BELOW_HALF = 0.8  # of half the new rate: corner of the filter ahead of resampling
+EVEN = 0.01  # of the interval, by which even samples may be off
+SAME = 1e-6  # of the rate, within which a record has the rate that is asked for already
+FILTERING_FEWEST = 40  # samples that a filter needs to be of use
+# periods of the corner, about a gap, in which a filtered sample rests on what was filled in
+REACH = 0.5
+
+
+def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
+    """The record behind the plan's filter and at its rate, and a sentence on it; the same object
+    where the plan asks for neither.
+
+    Uneven samples are laid on an even grid first. A held input is taken at the middle of each
+    interval, where its samples stand for the signal; afterwards inputs are linear. A sample near a
+    gap rests on interpolation and counts as missing.
+
+    Raises
+    ------
+    RecordError : a rate above the record's, a corner above half its rate or below one period a
+    record, or too few samples.
+    """
+    step = float(np.median(np.diff(record.time)))
+    if plan.lowpass is None and (
+        plan.rate is None or (abs(plan.rate * step - 1.0) < SAME and _is_even(record.time, step))
+    ):
+        return record, ""
+    corner, said = _corner(record, plan, 1.0 / step)
+    time = _even(record.time, step)
+    rows = {channel.name: _on(time, record, channel) for channel in record.channels}
+    if len(time) < FILTERING_FEWEST:
+        raise RecordError(
+            f"{len(time)} samples are too few for a filter",
+            where=record.name,
+            remedy="leave out --rate and --lowpass",
+        )
+    from scipy.signal import butter, sosfiltfilt
+
+    sections = butter(ORDER, corner, fs=1.0 / step, output="sos")
+    pad = min(len(time) - 1, round(3.0 / (corner * step)))
+    smooth = {name: sosfiltfilt(sections, values, padlen=pad) for name, (values, _) in rows.items()}
+    near = {
+        name: _near_gaps(known, int(np.ceil(REACH / (corner * step))))
+        for name, (_, known) in rows.items()
+    }
+    new = (
+        time
+        if plan.rate is None
+        else time[0]
+        + np.arange(int((time[-1] - time[0]) * plan.rate * (1.0 + 1e-9)) + 1) / plan.rate
+    )
+    if plan.rate is not None:
+        from scipy.interpolate import CubicSpline
+
+        smooth_inputs = smooth
+        smooth = {name: CubicSpline(time, values)(new) for name, values in smooth.items()}
+        smooth |= {
+            channel.name: _for_lines(time, smooth_inputs[channel.name], new)
+            for channel in record.inputs
+        }
+        near = {name: np.interp(new, time, bad.astype(float)) > 0.0 for name, bad in near.items()}
+    inputs = tuple(
+        Channel.of(channel.name, channel.unit, smooth[channel.name]) for channel in record.inputs
+    )
+    outputs = tuple(
+        Channel.of(c.name, c.unit, np.where(near[c.name], np.nan, smooth[c.name]))
+        for c in record.outputs
+    )
+    return replace(record, time=new, inputs=inputs, outputs=outputs, hold=Hold.LINEAR), said
+
+
+def _corner(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
+    corners, said = [], ""
+    if plan.rate is not None:
+        if plan.rate > rate * (1.0 + EVEN):
+            remedy = "give a lower rate: more samples than were taken tell nothing"
+            raise RecordError(
+                f"--rate {plan.rate:g} Hz is above the record's {rate:.4g} Hz",
+                where=record.name,
+                remedy=remedy,
+            )
+        corners.append(0.5 * BELOW_HALF * plan.rate)
+        if corners[0] * (record.time[-1] - record.time[0]) < 1.0:
+            what = (
+                f"--rate {plan.rate:g} Hz leaves nothing of a record of "
+                f"{record.time[-1] - record.time[0]:.4g} s"
+            )
+            raise RecordError(
+                what,
+                where=record.name,
+                remedy="give a higher rate, several samples for each of the motion's own periods",
+            )
+        said = f"resampled from {rate:.4g} to {plan.rate:g} Hz, "
+    if plan.lowpass is not None:
+        if plan.lowpass > 0.5 * rate * (1.0 - EVEN):
+            remedy = "give a lower corner, or leave the option out"
+            raise RecordError(
+                f"--lowpass {plan.lowpass:g} Hz is not below half the record's {rate:.4g} Hz",
+                where=record.name,
+                remedy=remedy,
+            )
+        if plan.lowpass * (record.time[-1] - record.time[0]) < 1.0:
+            what = (
+                f"--lowpass {plan.lowpass:g} Hz leaves nothing of a record of "
+                f"{record.time[-1] - record.time[0]:.4g} s"
+            )
+            raise RecordError(
+                what,
+                where=record.name,
+                remedy="give a higher corner, above the motion's own frequencies",
+            )
+        corners.append(plan.lowpass)
+    corner = min(corners)
+    held = (
+        "; its inputs were held: loads that follow them at once are then read half a sample late"
+        if record.hold is Hold.PREVIOUS
+        else ""
+    )
+    inputs = f", inputs linear since then{held}" if record.inputs else ""
+    return (
+        corner,
+        f"{record.name}: {said}all channels behind one zero-phase low-pass of {corner:.3g} "
+        f"Hz{inputs}",
+    )
+
+
+def _even(time: np.ndarray, step: float) -> np.ndarray:
+    if _is_even(time, step):
+        return time
+    count = (time[-1] - time[0]) / step * (1.0 + 1e-9) + 1
+    if count > MOST_STEPS:
+        what = f"a grid of {step:.3g} s over {time[-1] - time[0]:.3g} s has {count:.2g} samples"
+        raise RecordError(
+            what,
+            where="column time",
+            remedy="check the unit of the times, or read a part of them with --from and --to",
+        )
+    return time[0] + step * np.arange(int(count))
+
+
+def _is_even(time: np.ndarray, step: float) -> bool:
+    return bool(np.all(np.abs(np.diff(time) - step) <= EVEN * step))
+
+
+def _on(time: np.ndarray, record: Record, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
+    """A channel at ``time``, gaps bridged, and where its samples on both sides are there."""
+    t, known = record.time, channel.valid
+    if channel.name in record.input_names and record.hold is Hold.PREVIOUS:
+        from scipy.interpolate import CubicSpline
+
+        middles = 0.5 * (t + np.append(t[1:], 2.0 * t[-1] - t[-2]))
+        return CubicSpline(middles, channel.values)(np.maximum(time, middles[0])), np.ones(
+            len(time), dtype=bool
+        )
+    return np.interp(time, t[known], channel.values[known]), np.interp(
+        time, t, known.astype(float)
+    ) > 1.0 - 1e-9
+
+
+def _for_lines(time: np.ndarray, values: np.ndarray, new: np.ndarray) -> np.ndarray:
+    """Values at ``new`` whose straight lines come nearest to the signal by least squares: its own
+    samples would cut its peaks.
+    """
+    from scipy.linalg import solveh_banded
+
+    at = np.clip(np.searchsorted(new, time, side="right") - 1, 0, len(new) - 2)
+    right = np.clip((time - new[at]) / (new[at + 1] - new[at]), 0.0, 1.0)
+    left, n = 1.0 - right, len(new)
+    diagonal = np.bincount(at, left**2, n) + np.bincount(at + 1, right**2, n)
+    beside = np.concatenate([[0.0], np.bincount(at, left * right, n)[:-1]])
+    goal = np.bincount(at, left * values, n) + np.bincount(at + 1, right * values, n)
+    return np.asarray(solveh_banded(np.vstack([beside, diagonal]), goal))
+
+
+def _near_gaps(known: np.ndarray, reach: int) -> np.ndarray:
+    return (
+        np.asarray(np.convolve(~known, np.ones(2 * reach + 1), mode="same") > 0.5)
+        if not np.all(known)
+        else ~known
+    )
+
+
+def named(name: str, segment: Segment, *, several: bool) -> str:
+    """``record.csv``, or ``record.csv[10-25 s]`` where a record gives several parts."""
+    return f"{name}[{segment.start:g}-{segment.stop:g} s]" if several else name
