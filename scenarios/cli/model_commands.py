@@ -72,6 +72,12 @@ def structure(
         bool,
         typer.Option("--baseline", help="Find increments to the terms of the vehicle file."),
     ] = False,
+    hierarchical: Annotated[
+        bool,
+        typer.Option(
+            "--hierarchical", help="Offer a product after the linear terms of its symmetry."
+        ),
+    ] = False,
     bandwidth: Annotated[
         float, typer.Option("--bandwidth", metavar="HZ", help="Of the angular accelerations.")
     ] = 3.0,
@@ -93,7 +99,7 @@ def structure(
         channels=preparation.channels,
         plan=plan,
     )
-    options = StructureOptions(method, bandwidth, degree, splines, terms, baseline)
+    options = StructureOptions(method, bandwidth, degree, splines, terms, baseline, hierarchical)
     with output.of("structure.json") as told:
         find_structure(request, options, told.out, told.figures)
 

@@ -370,7 +370,7 @@ def written(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> st
         "center_of_gravity": {axis: c[f"cg_{axis}"] for axis in "xyz"},
         "sensors": {
             name: _written_place(name, place, aircraft.estimated)
-            for name, place in aircraft.sensors.items()
+            for name, place in aircraft.with_values({}).sensors.items()
         },
     }
     document = tomlkit.document()

@@ -37,7 +37,7 @@ from sim.declaration.user_model import own_model
 from sim.errors import DeclarationError, ModelError
 from sim.maths import G0, add_product, arctan, cos, interpolate, plus, sin, sqrt
 from sim.vehicles.aircraft_numbers import refuse_numbers
-from sim.vehicles.attitude import ATTITUDES, EULER
+from sim.vehicles.attitude import ATTITUDES, EULER, angular_accelerations
 
 NAME = "aircraft"
 BODY_AXES, WIND_AXES = ("CX", "CY", "CZ"), ("CD", "CY", "CL")
@@ -210,22 +210,13 @@ class Aircraft:
 
     def with_values(self, values: Mapping[str, float]) -> Aircraft:
         """The same with other values of some parameters."""
-        placed = {name: values.get(name, old) for name, (old, _) in self.positions.items()}
-        sensors = {
-            name: self.sensors.get(name, _HERE)
-            for name in SENSORS
-            if name in self.sensors or any(f"{name}_{axis}" in placed for axis in "xyz")
-        }
+        sensors = {name: list(place) for name, place in self.sensors.items()}
+        for each, (old, _) in self.positions.items():
+            name, axis = each.rsplit("_", 1)
+            sensors.setdefault(name, [*_HERE])["xyz".index(axis)] = values.get(each, old)
         return replace(
             self,
-            sensors={
-                name: (
-                    placed.get(f"{name}_x", x),
-                    placed.get(f"{name}_y", y),
-                    placed.get(f"{name}_z", z),
-                )
-                for name, (x, y, z) in sensors.items()
-            },
+            sensors={name: (x, y, z) for name, (x, y, z) in sensors.items()},
             coefficients={
                 axis: {term: values.get(f"{axis}_{term.label}", old) for term, old in terms.items()}
                 for axis, terms in self.coefficients.items()
@@ -487,7 +478,7 @@ class _Motion:
             "airspeed": V_dot,
             "alpha": (u * w_dot - w * u_dot) / plane,
             "beta": (V * v_dot - v * V_dot) / (V * sqrt(plane)),
-            **_angular_accelerations(s, c, L, M, N),
+            **angular_accelerations(s, c, L, M, N),
             **self.turned.rates(s),
             "altitude": -(u * x + v * y + w * z),
         }
@@ -513,7 +504,7 @@ class _Motion:
         found |= {"ax": X / c["mass"], "ay": Y / c["mass"], "az": Z / c["mass"]}
         if "accelerometer" in self.away:
             x, y, z = self._place("accelerometer", p)
-            turn = _angular_accelerations(s, c, L, M, N)
+            turn = angular_accelerations(s, c, L, M, N)
             P, Q, R = s.p, s.q, s.r
             found["ax"] += -x * (Q * Q + R * R) + y * (P * Q - turn["r"]) + z * (P * R + turn["q"])
             found["ay"] += x * (P * Q + turn["r"]) - y * (P * P + R * R) + z * (Q * R - turn["p"])
@@ -596,20 +587,6 @@ class _Motion:
         T = s.thrust_force
         M = M + T * c["thrust_arm"]
         return (X + T * cos(c["thrust_angle"]), Y, Z - T * sin(c["thrust_angle"])), (L, M, N)
-
-
-def _angular_accelerations(s: Any, c: Mapping[str, Any], L: Any, M: Any, N: Any) -> dict[str, Any]:
-    """p_dot, q_dot, r_dot by Euler's equations, rad/s2."""
-    Ix, Iy, Iz, Ixz = (
-        c[name] for name in ("roll_inertia", "pitch_inertia", "yaw_inertia", "cross_inertia")
-    )
-    P, Q, R = s.p, s.q, s.r
-    bound = Ix * Iz - Ixz * Ixz
-    sum_ = Ix - Iy + Iz
-    roll = Ixz * sum_ * P * Q - (Iz * (Iz - Iy) + Ixz * Ixz) * Q * R + Iz * L + Ixz * N
-    yaw = (Ix * (Ix - Iy) + Ixz * Ixz) * P * Q - Ixz * sum_ * Q * R + Ixz * L + Ix * N
-    pitch = (Iz - Ix) * P * R - Ixz * (P * P - R * R) + M
-    return {"p": roll / bound, "q": pitch / Iy, "r": yaw / bound}
 
 
 def _angle(y: Any, x: Any) -> Any:
