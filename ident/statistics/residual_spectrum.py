@@ -246,7 +246,9 @@ class _Record:
                 + following[ahead].reshape(m, -1) @ J_now.T
             )
             taken[k] = both - J_ahead @ half[now].reshape(m, -1).T
-        self._fit(self.measured + taken / (self.share * n))
+        moved = self.measured + taken / (self.share * n)
+        # Nearly collinear unknowns may leave less than no noise: then the residuals' own stands.
+        self._fit(moved if np.all(moved[0].diagonal() > 0.0) else self.measured)
 
     def spread(self, inverse: np.ndarray) -> np.ndarray:
         """Variance of the diagonal of ``inverse middle inverse^T`` ``(n,)`` through what the
@@ -316,9 +318,10 @@ def autoregression(autocovariance: np.ndarray, count: float) -> tuple[np.ndarray
     a: np.ndarray = np.zeros(0)
     best, least = (a, variance), count * np.log(variance)
     for p in range(1, len(autocovariance)):
-        reflected = -(autocovariance[p] + a @ autocovariance[p - 1 : 0 : -1]) / variance
-        if not abs(reflected) < 1.0:
+        left = autocovariance[p] + a @ autocovariance[p - 1 : 0 : -1]
+        if not abs(left) < variance:  # the autocovariance of no process
             break
+        reflected = -left / variance
         a = np.append(a + reflected * a[::-1], reflected)
         variance *= 1.0 - reflected * reflected
         score = count * np.log(variance) + 2.0 * p
