@@ -246,7 +246,9 @@ class _Record:
                 + following[ahead].reshape(m, -1) @ J_now.T
             )
             taken[k] = both - J_ahead @ half[now].reshape(m, -1).T
-        self._fit(self.measured + taken / (self.share * n))
+        moved = self.measured + taken / (self.share * n)
+        # Nearly collinear unknowns may leave less than no noise: then the residuals' own stands.
+        self._fit(moved if np.all(moved[0].diagonal() > 0.0) else self.measured)
 
     def spread(self, inverse: np.ndarray) -> np.ndarray:
         """Variance of the diagonal of ``inverse middle inverse^T`` ``(n,)`` through what the
@@ -316,9 +318,10 @@ def autoregression(autocovariance: np.ndarray, count: float) -> tuple[np.ndarray
     a: np.ndarray = np.zeros(0)
     best, least = (a, variance), count * np.log(variance)
     for p in range(1, len(autocovariance)):
-        reflected = -(autocovariance[p] + a @ autocovariance[p - 1 : 0 : -1]) / variance
-        if not abs(reflected) < 1.0:
+        left = autocovariance[p] + a @ autocovariance[p - 1 : 0 : -1]
+        if not abs(left) < variance:  # the autocovariance of no process
             break
+        reflected = -left / variance
         a = np.append(a + reflected * a[::-1], reflected)
         variance *= 1.0 - reflected * reflected
         score = count * np.log(variance) + 2.0 * p
@@ -329,38 +332,47 @@ def autoregression(autocovariance: np.ndarray, count: float) -> tuple[np.ndarray
 
 def joint_autoregressions(autocovariance: np.ndarray, count: float) -> Iterator[Autoregression]:
     """Autoregressions of all outputs together, of rising order, from autocovariances ``(P + 1, m,
-    m)``: Yule and Walker's equations.
+    m)``: Yule and Walker's equations by Whittle's recursion.
 
     Up to ten samples a coefficient, and as long as the noise's covariance is one.
+
+    References
+    ----------
+    P. Whittle, On the fitting of multivariate autoregressions, and the approximate canonical
+    factorization of a spectral density matrix, Biometrika 50(1-2), 1963.
     """
-    m = autocovariance.shape[1]
+    R, m = autocovariance, autocovariance.shape[1]
     if m < 2:
         return
-    for p in range(1, min(len(autocovariance) - 1, int(count / (10.0 * m))) + 1):
-        lag = np.subtract.outer(np.arange(p), np.arange(p))
-        # Block (h, k): R[h - k], of a negative lag the transpose.
-        blocks = np.where(
-            (lag >= 0)[:, :, None, None],
-            autocovariance[np.abs(lag)],
-            autocovariance[np.abs(lag)].transpose(0, 1, 3, 2),
+    # Predictions of e[t] from e[t - j], and backwards of e[t] from e[t + j]; their errors.
+    ahead = back = np.zeros((0, m, m))
+    error_ahead = error_back = R[0]
+    for p in range(1, min(len(R) - 1, int(count / (10.0 * m))) + 1):
+        if not (_positive(error_ahead) and _positive(error_back)):
+            return  # autocovariances of no process give no stable autoregression
+        # R[p] less what the earlier ones predict of it.
+        left = R[p] - (ahead.transpose(1, 0, 2).reshape(m, -1) @ R[p - 1 : 0 : -1].reshape(-1, m))
+        last_ahead = np.linalg.solve(error_back, left.T).T
+        last_back = np.linalg.solve(error_ahead, left).T
+        ahead, back = (
+            np.concatenate([ahead - last_ahead @ back[::-1], last_ahead[None]]),
+            np.concatenate([back - last_back @ ahead[::-1], last_back[None]]),
         )
-        whole = blocks.transpose(1, 2, 0, 3).reshape(p * m, p * m)
-        right = autocovariance[1 : p + 1].transpose(1, 0, 2).reshape(m, p * m)
-        try:
-            np.linalg.cholesky(whole)  # autocovariances of no process give no stable autoregression
-        except np.linalg.LinAlgError:
+        error_ahead, error_back = error_ahead - last_ahead @ left.T, error_back - last_back @ left
+        error_ahead = 0.5 * (error_ahead + error_ahead.T)
+        error_back = 0.5 * (error_back + error_back.T)
+        if not _positive(error_ahead):
             return
-        flat = -np.linalg.solve(whole.T, right.T).T
-        coefficients = flat.reshape(m, p, m).transpose(1, 0, 2)
-        covariance = autocovariance[0] + np.einsum(
-            "kab,kcb->ac", coefficients, autocovariance[1 : p + 1]
-        )
-        covariance = 0.5 * (covariance + covariance.T)
-        if np.linalg.eigvalsh(covariance)[0] <= 0.0:
-            return
-        yield Autoregression(
-            coefficients, np.ones_like(coefficients, dtype=bool), covariance, count
-        )
+        yield Autoregression(-ahead, np.ones_like(ahead, dtype=bool), error_ahead, count)
+
+
+def _positive(matrix: np.ndarray) -> bool:
+    """Whether a symmetric matrix is a covariance."""
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def paired_autocovariance(residual: np.ndarray, valid: np.ndarray, lags: int) -> np.ndarray:

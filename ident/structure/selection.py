@@ -25,12 +25,13 @@ References
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ident.structure.coefficients import Histories
+from sim.aerodynamics.symmetry import parents
 from sim.aerodynamics.terms import Term
 
 HIGH_INFLATION = 10.0  # variance inflation factor: the references' usual limit
@@ -254,7 +255,7 @@ def products_of(
 
 
 def stepwise(
-    products: Products, f_in: float = F_IN, least: float = LEAST
+    products: Products, f_in: float = F_IN, least: float = LEAST, *, hierarchical: bool = False
 ) -> tuple[list[int], list[SelectionStep]]:
     """Columns chosen by stepwise regression, and the steps.
 
@@ -263,13 +264,16 @@ def stepwise(
     products : the constant term's column, if offered, begins in the model.
     f_in : least partial F ratio of a term. least : share of the variance that it explains at least;
         while the residual is above ``LARGE`` times the noise, ``OF_RESIDUAL`` of it is enough.
+    hierarchical : a product enters after the linear terms of its symmetry, where they are offered.
     """
+    above = _parents(products.terms) if hierarchical else [frozenset()] * len(products.terms)
     chosen = [i for i, term in enumerate(products.terms) if not term.factors]
     steps: list[SelectionStep] = []
     seen: set[frozenset[int]] = set()
     while frozenset(chosen) not in seen:
         seen.add(frozenset(chosen))
         gains, sse = _gains(products, chosen)
+        gains = np.where([each.issubset(chosen) for each in above], gains, 0.0)
         best = _best(gains) if len(gains) else -1
         F = _ratio(products, gains[best], sse - gains[best], len(chosen) + 1)
         if best < 0 or f_in > F or gains[best] < products.least_gain(least, sse):
@@ -278,9 +282,9 @@ def stepwise(
         steps.append(_step(products, chosen, best, True, F))
         while len(chosen) > 2:
             losses, sse = _losses(products, chosen)
+            needed = _needed(products.terms, chosen, above)
             losses = [
-                math.inf if not products.terms[i].factors else loss
-                for i, loss in zip(chosen, losses, strict=True)
+                math.inf if i in needed else loss for i, loss in zip(chosen, losses, strict=True)
             ]
             worst = int(np.argmin(losses))
             F = _ratio(products, losses[worst], sse, len(chosen))
@@ -290,6 +294,47 @@ def stepwise(
             chosen = [i for i in chosen if i != gone]
             steps.append(_step(products, chosen, gone, False, F))
     return chosen, steps
+
+
+def _parents(terms: Sequence[Term]) -> list[frozenset[int]]:
+    """Columns of each term's parents among those offered."""
+    at = {term: i for i, term in enumerate(terms)}
+    return [frozenset(at[each] for each in parents(term) if each in at) for term in terms]
+
+
+def _needed(
+    terms: Sequence[Term], chosen: Sequence[int], above: Sequence[frozenset[int]]
+) -> set[int]:
+    """Columns that stay: the constant, and parents of others."""
+    return {i for i in chosen if not terms[i].factors}.union(*(above[i] for i in chosen))
+
+
+def _without_weak(
+    products: Products,
+    chosen: list[int],
+    steps: list[SelectionStep],
+    blocks: Sequence[np.ndarray],
+    rows: Sequence[np.ndarray],
+    hierarchical: bool,
+) -> tuple[list[int], list[SelectionStep]]:
+    """Without the terms whose F ratio is small by standard deviations for coloured residuals.
+
+    The partial F ratios of the search take residuals as white.
+    """
+    above = _parents(products.terms) if hierarchical else [frozenset()] * len(products.terms)
+    while True:
+        values = _solve(products, chosen)
+        parts = [block[:, chosen] for block in blocks]
+        residuals = [row - part @ values for row, part in zip(rows, parts, strict=True)]
+        variance = np.diag(_covariance(parts, residuals, len(chosen)))
+        ratios = values**2 / np.maximum(variance, 1e-300)
+        needed = _needed(products.terms, chosen, above)
+        weak = [(F, i) for F, i in zip(ratios, chosen, strict=True) if i not in needed and F < F_IN]
+        if not weak:
+            return chosen, steps
+        F, gone = min(weak)
+        chosen = [i for i in chosen if i != gone]
+        steps = [*steps, _step(products, chosen, gone, False, float(F))]
 
 
 def orthogonal(products: Products) -> tuple[list[int], list[SelectionStep]]:
@@ -320,12 +365,6 @@ def _best(gains: np.ndarray) -> int:
     return int(np.argmax(gains >= (1.0 - AS_GOOD) * np.max(gains)))
 
 
-_METHODS: Mapping[str, Callable[[Products], tuple[list[int], list[SelectionStep]]]] = {
-    STEPWISE: stepwise,
-    ORTHOGONAL: orthogonal,
-}
-
-
 def select(
     histories: Sequence[Histories],
     axis: str,
@@ -333,6 +372,8 @@ def select(
     method: str = STEPWISE,
     further: Sequence[Term] = (),
     blocks: Sequence[np.ndarray] | None = None,
+    *,
+    hierarchical: bool = False,
 ) -> Selection:
     """The terms of one coefficient.
 
@@ -341,7 +382,7 @@ def select(
     histories : of all maneuvers. axis : the coefficient. terms : offered; the constant first.
     method : ``stepwise`` or ``orthogonal``. further : terms that are not offered, by which a
         residual is explained that is larger than the noise.
-    blocks : values of ``terms`` by maneuver where they are known.
+    blocks : values of ``terms`` by maneuver where they are known. hierarchical : see ``stepwise``.
 
     Returns
     -------
@@ -358,7 +399,11 @@ def select(
     noise_squares = _noise_squares(histories, axis, {})
     for _ in range(2):  # the noise of the signals is known when terms have values
         products = replace(products, noise=noise_squares)
-        chosen, steps = _METHODS[method](products)
+        if method == STEPWISE:
+            chosen, steps = stepwise(products, hierarchical=hierarchical)
+            chosen, steps = _without_weak(products, chosen, steps, blocks, rows, hierarchical)
+        else:
+            chosen, steps = orthogonal(products)
         values, held = _solve(products, chosen), _held_out(products, chosen)
         table = dict(zip([terms[i] for i in chosen], values.tolist(), strict=True))
         noise_squares = _noise_squares(histories, axis, table)

@@ -103,6 +103,7 @@ def structure(
     bandwidth: float = BANDWIDTH,
     terms: str | PathLike[str] | None = None,
     baseline: bool = False,
+    hierarchical: bool = False,
     channels: Choices | None = None,
     columns: str | Sequence[str] | None = None,
     start: Times = None,
@@ -124,6 +125,7 @@ def structure(
     method : ``"stepwise"`` or ``"orthogonal"``. degree : of the products of signals offered.
     splines : knots in alpha. bandwidth : Hz, of the angular accelerations.
     terms : path of a file with the terms offered. baseline : increments to the file's terms.
+    hierarchical : a product enters after the linear terms of its symmetry.
     channels, columns, start, stop, maneuver, maneuvers, hold, rate, lowpass : as in ``identify``.
 
     Returns
@@ -145,7 +147,9 @@ def structure(
         maneuvers,
     )
     file = None if terms is None else Path(terms)
-    options = structures.StructureOptions(method, bandwidth, degree, splines, file, baseline)
+    options = structures.StructureOptions(
+        method, bandwidth, degree, splines, file, baseline, hierarchical
+    )
     return Structure(structures.structure_of_files(request, options))
 
 

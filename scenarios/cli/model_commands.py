@@ -60,6 +60,9 @@ def structure(
     baseline: Annotated[
         bool, flag("--baseline", "Find increments to the terms of the vehicle file.")
     ] = False,
+    hierarchical: Annotated[
+        bool, flag("--hierarchical", "Offer a product after the linear terms of its symmetry.")
+    ] = False,
     bandwidth: Annotated[float, valued("--bandwidth", "HZ", "Of the angular accelerations.")] = 3.0,
     output: Output,
 ) -> None:
@@ -79,7 +82,7 @@ def structure(
         channels=preparation.channels,
         plan=plan,
     )
-    options = StructureOptions(method, bandwidth, degree, splines, terms, baseline)
+    options = StructureOptions(method, bandwidth, degree, splines, terms, baseline, hierarchical)
     with output.of("structure.json") as told:
         find_structure(request, options, told.out, told.figures)
 

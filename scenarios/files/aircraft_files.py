@@ -4,7 +4,7 @@ coefficient; read and written.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import cache
 from importlib.resources import as_file, files
 from itertools import pairwise
@@ -64,7 +64,10 @@ def _schema() -> type[BaseModel]:
 
     texts: Any = list[str]
     place: Any = table_of("Place", **{axis: (number_of("m"), 0.0) for axis in "xyz"})
-    sensors: Any = table_of("Sensors", **{name: (place | None, None) for name in SENSORS})
+    mounted: Any = table_of(
+        "Mounted", **{axis: (number_of("m"), 0.0) for axis in "xyz"}, estimated=(texts, [])
+    )
+    sensors: Any = table_of("Sensors", **{name: (mounted | None, None) for name in SENSORS})
     thrust: Any = table_of(
         "Thrust",
         input=(str, "thrust"),
@@ -130,8 +133,9 @@ def read_aircraft(source: Source) -> tuple[Aircraft, Constraints]:
         for axis, table in coefficients.items()
     }
     aircraft = _declared(vehicle, terms, path.stem)
-    units = {name: unit for name, (_, unit) in aircraft.parameters.items()}
-    starts = {name: value for name, (value, _) in aircraft.parameters.items()}
+    parameters = {**aircraft.parameters, **aircraft.positions}
+    units = {name: unit for name, (_, unit) in parameters.items()}
+    starts = {name: value for name, (value, _) in parameters.items()}
     # A value that a constraint gives takes the place of that of the term.
     given = {
         name
@@ -221,6 +225,7 @@ def _refuse_names(vehicle: Mapping[str, Any], path: Path) -> None:
                 raise DeclarationError(
                     f"{name} cannot stand there", where=where, remedy=closest(name, known)
                 )
+    _refuse_places(vehicle, path)
     thrust = _thrust(vehicle["thrust"], str(path)).signal if "thrust" in vehicle else ""
     moved = [*surfaces, *([thrust] if thrust else [])]
     for name in vehicle["trim"]:
@@ -232,6 +237,22 @@ def _refuse_names(vehicle: Mapping[str, Any], path: Path) -> None:
     key = "recorded" if vehicle["attitude"] in ATTITUDES else "attitude"
     wind, attitude = _wind(vehicle["wind"]), vehicle["attitude"]
     refuse_recorded(vehicle["recorded"], wind, f"{path}, key {key}", attitude)
+
+
+def _refuse_places(vehicle: Mapping[str, Any], path: Path) -> None:
+    """Raise DeclarationError for an estimated coordinate that is none, or that no output shows."""
+    for name, place in vehicle.get("sensors", {}).items():
+        where = f"{path}, key sensors.{name}.estimated"
+        for axis in place["estimated"]:
+            if axis not in ("x", "y", "z"):
+                remedy = 'write some of "x", "y", "z"'
+                raise DeclarationError(f"{axis!r} is no axis", where=where, remedy=remedy)
+        if place["estimated"] and name in vehicle["recorded"]:
+            raise DeclarationError(
+                f"{name} is recorded, and the place of its sensor cannot be estimated",
+                where=where,
+                remedy=f"give the place as a number, or leave {name} out of recorded",
+            )
 
 
 def _wind(value: bool | str) -> str:
@@ -271,6 +292,12 @@ def _declared(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str) -
         tuple(vehicle["states"]),
         tuple(vehicle["recorded"]),
         vehicle["attitude"],
+        tuple(
+            f"{name}_{axis}"
+            for name, place in vehicle.get("sensors", {}).items()
+            for axis in "xyz"
+            if axis in place["estimated"]
+        ),
     )
 
 
@@ -342,8 +369,8 @@ def written(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> st
         "thrust": thrust,
         "center_of_gravity": {axis: c[f"cg_{axis}"] for axis in "xyz"},
         "sensors": {
-            name: _numbers(dict(zip("xyz", place, strict=True)))
-            for name, place in aircraft.sensors.items()
+            name: _written_place(name, place, aircraft.estimated)
+            for name, place in aircraft.with_values({}).sensors.items()
         },
     }
     document = tomlkit.document()
@@ -364,3 +391,9 @@ def written(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> st
 
 def _numbers(table: Mapping[str, Any]) -> dict[str, float]:
     return {name: float(value) for name, value in table.items()}
+
+
+def _written_place(name: str, place: Point, estimated: Collection[str]) -> dict[str, Any]:
+    free = [axis for axis in "xyz" if f"{name}_{axis}" in estimated]
+    numbers: dict[str, Any] = _numbers(dict(zip("xyz", place, strict=True)))
+    return {**numbers, "estimated": free} if free else numbers

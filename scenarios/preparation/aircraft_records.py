@@ -12,6 +12,8 @@ from math import pi
 
 import numpy as np
 
+from ident.recording.kinematic_relations import LENGTHS
+from scenarios.preparation.drafting import BEYOND
 from sim.aerodynamics.terms import Term
 from sim.declaration.model import Model
 from sim.errors import RecordError
@@ -22,15 +24,14 @@ from sim.vehicles.aircraft import Aircraft, declaration_of
 # rad and rad/s that the motion of an aircraft does not exceed; most samples of a record in degrees
 # do. A heading may count turns.
 LARGEST = {
-    **dict.fromkeys(("alpha", "beta", "theta"), pi / 2.0),
+    **dict.fromkeys(("alpha", "beta", "theta"), BEYOND["rad"]),
     "phi": 1.01 * pi,
     **dict.fromkeys(("p", "q", "r"), 20.0),
 }
-DEFLECTED = pi / 2.0  # rad, of any surface
+DEFLECTED = BEYOND["rad"]  # of any surface
 COMMON = 97.0  # percentile that has to exceed a limit: single wrong samples say nothing of the unit
-FOOT = 0.3048
 # Median specific force of a flight, m/s2: one g unless most of the record is a turn or a dive.
-IN_G, IN_FEET = (0.7, 1.6), (0.9 * G0 / FOOT, 1.1 * G0 / FOOT)
+IN_G, IN_FEET = (0.7, 1.6), (0.9 * G0 / LENGTHS["ft"], 1.1 * G0 / LENGTHS["ft"])
 TOGETHER = 1e-6  # of a surface's motion, that another does not share: recorded surfaces have noise
 
 

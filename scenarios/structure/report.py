@@ -277,6 +277,7 @@ def structure_content(found: FoundStructure) -> dict[str, Any]:
         "vehicle": found.aircraft.name,
         "method": found.options.method,
         "baseline": found.options.baseline,
+        "hierarchical": found.options.hierarchical,
         "bandwidth": found.histories[0].bandwidth,
         "maneuvers": [{"name": each.name, "windows": len(each.time)} for each in found.histories],
         "coefficients": {

@@ -67,6 +67,7 @@ class StructureOptions:
     degree : of the products of signals that are offered. splines : knots in alpha.
     terms : a TOML file with the terms offered, ``Cm = ["alpha", "alpha*elevator"]``.
     baseline : the vehicle file's terms stay, and increments to them are found.
+    hierarchical : stepwise regression offers a product after the linear terms of its symmetry.
     """
 
     method: str = STEPWISE
@@ -75,11 +76,16 @@ class StructureOptions:
     splines: int = 0
     terms: Path | None = None
     baseline: bool = False
+    hierarchical: bool = False
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
             what = f"there is no method {self.method!r}"
             raise DeclarationError(what, where="--method", remedy=f"use {' or '.join(METHODS)}")
+        if self.hierarchical and self.method != STEPWISE:
+            what = f"{self.method} functions take all offered terms in their order"
+            remedy = f"use --method {STEPWISE}"
+            raise DeclarationError(what, where="--hierarchical", remedy=remedy)
         if not (math.isfinite(self.bandwidth) and self.bandwidth > 0.0):
             raise DeclarationError(
                 f"{self.bandwidth:g} Hz is no bandwidth", where="--bandwidth", remedy="above zero"
@@ -222,7 +228,15 @@ def structure_of(
         if key not in known:
             known[key] = [columns_of(h, terms, axis) for h in histories]
         rest = [term for term in further if term not in terms]
-        found = select(histories, axis, terms, options.method, rest, known[key])
+        found = select(
+            histories,
+            axis,
+            terms,
+            options.method,
+            rest,
+            known[key],
+            hierarchical=options.hierarchical,
+        )
         selections[axis] = found
         others[axis] = select(histories, axis, terms, other_method, (), known[key])
         at = [terms.index(term) for term in found.terms]

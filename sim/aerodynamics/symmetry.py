@@ -9,6 +9,7 @@ from sim.aerodynamics.terms import Factor, Term, parse_term
 
 IN_SYMMETRY = ("CX", "CZ", "CD", "CL", "Cm")  # coefficients that a mirrored motion leaves alone
 ALONG, ACROSS = ("alpha", "q"), ("beta", "p", "r")
+_ALONG = (*ALONG, "mach")
 ABOVE_SQUARES = ("alpha", "beta")  # signals with a cube
 
 
@@ -24,6 +25,54 @@ def sorted_surfaces(
     along = [name for name, side in sides.items() if side == {True}]
     across = [name for name, side in sides.items() if side == {False}]
     return along, across
+
+
+def parents(term: Term) -> frozenset[Term]:
+    """Linear terms without which a product has no place in a hierarchical model.
+
+    Parameters
+    ----------
+    term : a product, a power or a spline.
+
+    Returns
+    -------
+    Linear terms of its signals with its symmetry: what multiplies them is not changed by a mirrored
+    motion. Products of two surfaces have none, since their symmetry is not known.
+
+    References
+    ----------
+    J. A. Nelder, A reformulation of linear models, Journal of the Royal Statistical Society A
+    140(1), 1977 (marginality).
+
+    Examples
+    --------
+    >>> signals = ("alpha", "beta", "p", "aileron")
+    >>> [each.text for each in parents(parse_term("aileron*abs(aileron)", signals))]
+    ['aileron']
+    >>> [each.text for each in parents(parse_term("alpha*p", signals))]
+    ['p']
+    >>> parents(parse_term("beta^2", signals))
+    frozenset()
+    """
+    powers: dict[str, int] = {}
+    for factor in term.factors:
+        if not factor.absolute:
+            powers[factor.signal] = powers.get(factor.signal, 0) + max(factor.power, 1)
+    sideways = {name: power for name, power in powers.items() if name not in _ALONG}
+    if sum(powers.values()) + sum(factor.absolute for factor in term.factors) < 2:
+        return frozenset()
+    found = {name for name, power in sideways.items() if _others_even(sideways, name, power)}
+    found |= {name for name in powers if name in _ALONG and not _odd(sideways)}
+    return frozenset(Term((Factor(name),)) for name in found)
+
+
+def _others_even(powers: Mapping[str, int], name: str, power: int) -> bool:
+    """Whether what multiplies a signal is the same in a mirrored motion."""
+    return power % 2 == 1 and not _odd({n: other for n, other in powers.items() if n != name})
+
+
+def _odd(powers: Mapping[str, int]) -> bool:
+    return any(power % 2 for power in powers.values())
 
 
 def allowed_terms(along: Sequence[str], across: Sequence[str], *, symmetric: bool) -> list[Term]:

@@ -37,7 +37,7 @@ from sim.declaration.user_model import own_model
 from sim.errors import DeclarationError, ModelError
 from sim.maths import G0, add_product, arctan, cos, interpolate, plus, sin, sqrt
 from sim.vehicles.aircraft_numbers import refuse_numbers
-from sim.vehicles.attitude import ATTITUDES, EULER
+from sim.vehicles.attitude import ATTITUDES, EULER, angular_accelerations
 
 NAME = "aircraft"
 BODY_AXES, WIND_AXES = ("CX", "CY", "CZ"), ("CD", "CY", "CL")
@@ -104,6 +104,7 @@ WIND: Mapping[str, tuple[str, str, str]] = MappingProxyType(
 SENSORS = ("airspeed", "alpha", "beta", "accelerometer")
 BIASED = ("p", "q", "r")
 Point = tuple[float, float, float]
+_HERE: Point = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -136,6 +137,8 @@ class Aircraft:
         vanes read. varying : constants that are columns. start : states at the start.
     biases : outputs with a free constant bias. further : states beyond ``STATES``.
     attitude : ``euler`` or ``quaternion``, by which it is integrated.
+    estimated : coordinates of sensors that are parameters, ``accelerometer_y``; they begin at
+        ``sensors``.
     """
 
     name: str
@@ -152,6 +155,7 @@ class Aircraft:
     further: tuple[str, ...] = ()
     recorded: tuple[str, ...] = ()
     attitude: str = EULER
+    estimated: tuple[str, ...] = ()
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -186,6 +190,16 @@ class Aircraft:
         }
 
     @property
+    def positions(self) -> dict[str, tuple[float, str]]:
+        """Value and unit, m, of each estimated coordinate of a sensor."""
+        places = {
+            f"{name}_{axis}": value
+            for name in SENSORS
+            for axis, value in zip("xyz", self.sensors.get(name, _HERE), strict=True)
+        }
+        return {name: (places[name], "m") for name in self.estimated}
+
+    @property
     def terms(self) -> dict[str, tuple[str, Term]]:
         """Coefficient and term of each parameter."""
         return {
@@ -196,8 +210,13 @@ class Aircraft:
 
     def with_values(self, values: Mapping[str, float]) -> Aircraft:
         """The same with other values of some parameters."""
+        sensors = {name: list(place) for name, place in self.sensors.items()}
+        for each, (old, _) in self.positions.items():
+            name, axis = each.rsplit("_", 1)
+            sensors.setdefault(name, [*_HERE])["xyz".index(axis)] = values.get(each, old)
         return replace(
             self,
+            sensors={name: (x, y, z) for name, (x, y, z) in sensors.items()},
             coefficients={
                 axis: {term: values.get(f"{axis}_{term.label}", old) for term, old in terms.items()}
                 for axis, terms in self.coefficients.items()
@@ -293,7 +312,8 @@ def aircraft_model(aircraft: Aircraft) -> Model:
 
     Returns
     -------
-    Model with the states airspeed, alpha, beta, p, q, r, phi, theta and those of ``further``, less
+    Model whose parameters are the coefficients of terms and the estimated positions of sensors,
+    with the states airspeed, alpha, beta, p, q, r, phi, theta and those of ``further``, less
     those that are ``recorded``, which are inputs; the outputs are the states and ax, ay, az (m/s2,
     what accelerometers read, without gravity), each where its sensor is. Ports ``CX`` ... ``Cn``
     add to the coefficients.
@@ -336,7 +356,7 @@ def aircraft_model(aircraft: Aircraft) -> Model:
             {name: units[name] for name in motion.moving},
             driven,
             {**outputs, **further},
-            aircraft.parameters,
+            {**aircraft.parameters, **aircraft.positions},
             motion.rates,
             motion.readings,
             constants,
@@ -389,7 +409,13 @@ class _Motion:
         self.named = [(axis, name) for axis, name, _ in named]
         self.table = TermTable([term for _, _, term in named])
         self.needs_mach = any("mach" in term.signals for _, (_, term) in aircraft.terms.items())
-        self.places = {name: aircraft.sensors.get(name, (0.0, 0.0, 0.0)) for name in SENSORS}
+        self.places = {name: aircraft.sensors.get(name, _HERE) for name in SENSORS}
+        free = aircraft.positions
+        self.free = {
+            name: tuple(each if (each := f"{name}_{axis}") in free else "" for axis in "xyz")
+            for name in SENSORS
+        }
+        self.away = {n for n in SENSORS if self.places[n] != _HERE or any(self.free[n])}
         self.turned = ATTITUDES[aircraft.attitude]
         self.headed = "psi" in aircraft.further
         flown = [name for name in STATES if name not in ("phi", "theta")]
@@ -452,7 +478,7 @@ class _Motion:
             "airspeed": V_dot,
             "alpha": (u * w_dot - w * u_dot) / plane,
             "beta": (V * v_dot - v * V_dot) / (V * sqrt(plane)),
-            **_angular_accelerations(s, c, L, M, N),
+            **angular_accelerations(s, c, L, M, N),
             **self.turned.rates(s),
             "altitude": -(u * x + v * y + w * z),
         }
@@ -467,21 +493,31 @@ class _Motion:
         for name in ("airspeed", "alpha", "beta"):
             if name not in self.moving:
                 continue
-            u, v, w = self._velocity_at(s, self.places[name])
+            u, v, w = s.u_air, s.v_air, s.w_air
+            if name in self.away:
+                u, v, w = self._velocity_at(s, self._place(name, p))
             if name == "alpha":
                 found[name] = _angle(w, u)
             else:
                 V = sqrt(u * u + v * v + w * w)
                 found[name] = V if name == "airspeed" else _arcsine(v / V)
-        x, y, z = self.places["accelerometer"]
         found |= {"ax": X / c["mass"], "ay": Y / c["mass"], "az": Z / c["mass"]}
-        if (x, y, z) != (0.0, 0.0, 0.0):
-            turn = _angular_accelerations(s, c, L, M, N)
+        if "accelerometer" in self.away:
+            x, y, z = self._place("accelerometer", p)
+            turn = angular_accelerations(s, c, L, M, N)
             P, Q, R = s.p, s.q, s.r
             found["ax"] += -x * (Q * Q + R * R) + y * (P * Q - turn["r"]) + z * (P * R + turn["q"])
             found["ay"] += x * (P * Q + turn["r"]) - y * (P * P + R * R) + z * (Q * R - turn["p"])
             found["az"] += x * (P * R - turn["q"]) + y * (Q * R + turn["p"]) - z * (P * P + Q * Q)
         return found
+
+    def _place(self, name: str, p: Any) -> tuple[Any, Any, Any]:
+        """Of a sensor, from the centre of gravity, m; estimated coordinates are parameters."""
+        x, y, z = (
+            getattr(p, parameter) if parameter else value
+            for value, parameter in zip(self.places[name], self.free[name], strict=True)
+        )
+        return x, y, z
 
     def _constants(self, s: Any, p: Any) -> dict[str, Any]:
         varying = self.aircraft.varying
@@ -489,7 +525,7 @@ class _Motion:
 
     def _alpha(self, s: Any) -> Any:
         """Of the centre of gravity; a recorded one is brought there from its vane."""
-        if "alpha" in self.moving or self.places["alpha"] == (0.0, 0.0, 0.0):
+        if "alpha" in self.moving or "alpha" not in self.away:
             return s.alpha
         x, y, _ = self.places["alpha"]
         across = (s.p * y - s.q * x) / (s.airspeed * cos(s.alpha))
@@ -522,11 +558,9 @@ class _Motion:
         shares, forces = (np.array(each) for each in source.table)
         return interpolate(s.throttle, shares, forces)
 
-    def _velocity_at(self, s: Any, place: Point) -> tuple[Any, Any, Any]:
+    def _velocity_at(self, s: Any, place: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
         """Against the air, of a point of the aircraft."""
         x, y, z = place
-        if place == (0.0, 0.0, 0.0):
-            return s.u_air, s.v_air, s.w_air
         return (
             s.u_air + s.q * z - s.r * y,
             s.v_air + s.r * x - s.p * z,
@@ -553,20 +587,6 @@ class _Motion:
         T = s.thrust_force
         M = M + T * c["thrust_arm"]
         return (X + T * cos(c["thrust_angle"]), Y, Z - T * sin(c["thrust_angle"])), (L, M, N)
-
-
-def _angular_accelerations(s: Any, c: Mapping[str, Any], L: Any, M: Any, N: Any) -> dict[str, Any]:
-    """p_dot, q_dot, r_dot by Euler's equations, rad/s2."""
-    Ix, Iy, Iz, Ixz = (
-        c[name] for name in ("roll_inertia", "pitch_inertia", "yaw_inertia", "cross_inertia")
-    )
-    P, Q, R = s.p, s.q, s.r
-    bound = Ix * Iz - Ixz * Ixz
-    sum_ = Ix - Iy + Iz
-    roll = Ixz * sum_ * P * Q - (Iz * (Iz - Iy) + Ixz * Ixz) * Q * R + Iz * L + Ixz * N
-    yaw = (Ix * (Ix - Iy) + Ixz * Ixz) * P * Q - Ixz * sum_ * Q * R + Ixz * L + Ix * N
-    pitch = (Iz - Ix) * P * R - Ixz * (P * P - R * R) + M
-    return {"p": roll / bound, "q": pitch / Iy, "r": yaw / bound}
 
 
 def _angle(y: Any, x: Any) -> Any:

@@ -187,3 +187,27 @@ def _wrapped(angle: Any) -> Any:
 ATTITUDES: Mapping[str, Attitude] = MappingProxyType(
     {EULER: EulerAngles(), QUATERNION: Quaternion()}
 )
+
+
+def angular_accelerations(s: Any, c: Mapping[str, Any], L: Any, M: Any, N: Any) -> dict[str, Any]:
+    """Angular accelerations by Euler's equations of a body that is symmetric to its x-z plane.
+
+    Parameters
+    ----------
+    s : p, q, r, rad/s. c : roll_inertia, pitch_inertia, yaw_inertia, cross_inertia, kg m2.
+    L, M, N : moments about the centre of gravity, N m, body axes.
+
+    Returns
+    -------
+    ``p``, ``q``, ``r`` : their rates, rad/s2.
+    """
+    Ix, Iy, Iz, Ixz = (
+        c[name] for name in ("roll_inertia", "pitch_inertia", "yaw_inertia", "cross_inertia")
+    )
+    P, Q, R = s.p, s.q, s.r
+    bound = Ix * Iz - Ixz * Ixz
+    sum_ = Ix - Iy + Iz
+    roll = Ixz * sum_ * P * Q - (Iz * (Iz - Iy) + Ixz * Ixz) * Q * R + Iz * L + Ixz * N
+    yaw = (Ix * (Ix - Iy) + Ixz * Ixz) * P * Q - Ixz * sum_ * Q * R + Ixz * L + Ix * N
+    pitch = (Iz - Ix) * P * R - Ixz * (P * P - R * R) + M
+    return {"p": roll / bound, "q": pitch / Iy, "r": yaw / bound}

@@ -171,3 +171,22 @@ def test_a_cause_that_outputs_share_is_seen_and_noise_of_each_is_not() -> None:
         not_seen += not common_disturbance([own], [np.ones((3, 600), dtype=bool)])
     assert seen == 20 and not_seen >= 19
     assert not common_disturbance([np.zeros((2, 50))], [np.ones((2, 50), dtype=bool)])
+
+
+@pytest.mark.parametrize("lags", [[0.0, 1.0], [-1.0, 0.5], [1e-300, 1e10, 1.0]])
+def test_the_autocovariance_of_no_process_has_no_memory(lags: list[float]) -> None:
+    with np.errstate(all="raise"):
+        coefficients, variance = autoregression(np.array(lags), 100.0)
+    assert len(coefficients) == 0 and variance == max(lags[0], 1e-300)
+
+
+def test_unknowns_that_explain_more_than_all_noise_leave_the_residuals_spectrum() -> None:
+    rng = np.random.default_rng(4)
+    jacobian = np.ones((1, 200, 1)) + 1e-3 * rng.standard_normal((1, 200, 1))
+    residual = rng.standard_normal((1, 200))
+    known = np.ones((1, 200), dtype=bool)
+    scores = RecordScores(np.array([0]), jacobian, jacobian, residual, known)
+    with np.errstate(all="raise"):
+        # A covariance a thousand times too large takes more from the noise than there is.
+        found = score_covariance([scores], np.array([[-1.0]]))
+    assert np.all(np.isfinite(found.middle)) and found.middle[0, 0] > 0.0

@@ -185,6 +185,70 @@ def test_of_terms_that_are_multiples_the_one_offered_first_enters() -> None:
             assert 2 in chosen and 3 not in chosen
 
 
+@pytest.mark.parametrize("curved", ["p*abs(p)", "alpha*p", "p^3"])
+def test_a_product_enters_after_the_linear_terms_of_its_symmetry(curved: str) -> None:
+    # A rate of one size alone makes p*abs(p) as good as p, and noise decides between them.
+    rng = np.random.default_rng(5)
+    rate = np.repeat([0.1, -0.1, 0.1, 0.0], 50) + 0.002 * rng.standard_normal(200)
+    product = {"p*abs(p)": rate * abs(rate), "alpha*p": 0.1 * rate, "p^3": rate**3}[curved]
+    X = np.stack([np.ones(200), product, rate], axis=1)
+    terms = [term("1"), term(curved), term("p")]
+    z = product / np.std(product) + 0.1 * rng.standard_normal(200)
+    products = products_of([X], [z], terms)
+    free, _ = stepwise(products)
+    assert free[1] == 1
+    chosen, _ = stepwise(products, hierarchical=True)
+    assert chosen[1] == 2
+    # Where the product is the truth, it enters second, and its parent stays.
+    z = 5.0 * product / np.std(product) + 1e-3 * rng.standard_normal(200)
+    chosen, _ = stepwise(products_of([X], [z], terms), hierarchical=True)
+    if curved != "alpha*p":  # that one is a multiple of p here
+        assert chosen[1:] == [2, 1]
+
+
+def coloured(seed: int, memory: float) -> tuple[Histories, np.ndarray]:
+    """Side force that is linear in beta and p, with gusts that last; columns of ``OF_SIDES``."""
+    rng = np.random.default_rng(seed)
+    time = 0.16 * np.arange(190)
+    phases = rng.uniform(0.0, 2.0 * np.pi, 2)
+    beta = np.exp(-0.05 * time) * np.sin(1.2 * time + phases[0])
+    p = np.exp(-0.1 * time) * np.sin(1.9 * time + phases[1])
+    gust = np.zeros(len(time))
+    keep = np.exp(-0.16 / memory)
+    for k in range(1, len(time)):
+        gust[k] = keep * gust[k - 1] + np.sqrt(1.0 - keep**2) * rng.standard_normal()
+    columns = [np.ones(len(time)), beta, p, beta * abs(beta), p * abs(p), beta**3, p**3]
+    measured = {"CY": beta - 0.5 * p + 0.2 * gust}
+    sigma = {"CY": np.full(len(time), 0.2)}
+    rows = np.arange(len(time))
+    flight = Histories(f"{seed}", time, {}, {}, measured, sigma, np.ones(1), rows, 3.0)
+    return flight, np.stack(columns, axis=1)
+
+
+OF_SIDES = ("1", "beta", "p", "beta*abs(beta)", "p*abs(p)", "beta^3", "p^3")
+
+
+def test_gusts_bring_no_terms_in() -> None:
+    terms = [term(text) for text in OF_SIDES]
+    right = {terms[1], terms[2]}
+    hits = wrong = searched = count = 0
+    for seed in range(60):
+        histories, blocks = zip(*(coloured(60 * i + seed, 0.8) for i in range(2)), strict=True)
+        found = select(histories, "CY", terms, blocks=blocks, hierarchical=True)
+        wrong += not right.issuperset(found.terms[1:])
+        products = products_of(blocks, [h.coefficients["CY"] for h in histories], terms)
+        searched += not right.issuperset(terms[i] for i in stepwise(products)[0][1:])
+        if right == {*found.terms[1:]}:
+            sigma = dict(zip(found.terms, found.sigma, strict=True))
+            for each, value in ((terms[1], 1.0), (terms[2], -0.5)):
+                hits += abs(found.table[each] - value) < 2.0 * sigma[each]
+                count += 1
+    assert wrong <= 1 < 4 < searched
+    # 2-sigma intervals of the terms that were chosen: five sigmas below 95 % at the least.
+    assert count > 100
+    assert hits / count > 0.9545 - 5.0 * np.sqrt(0.9545 * 0.0455 / count)
+
+
 def test_collinear_surfaces_are_told_with_the_maneuver() -> None:
     rng = np.random.default_rng(1)
     one = rng.standard_normal(500)

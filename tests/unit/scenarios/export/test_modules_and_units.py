@@ -22,8 +22,8 @@ from sim.aerodynamics.terms import parse_term
 from sim.declaration.user_model import own_model
 from sim.errors import DeclarationError
 from sim.vehicles.aircraft import Thrust, aircraft_model
-from tests.airliner import AIRLINER
-from tests.bases import base_for, fly
+from tests.airliner import AIRLINER, ELEVATOR
+from tests.bases import Flight, base_for, fly
 
 BASES = ("ballistic", "rigid", "lateral", "longitudinal", "multirotor", "aircraft")
 
@@ -67,6 +67,39 @@ def test_a_quaternion_is_written_as_well() -> None:
     assert np.abs(found - expected).max() < 1e-9 * np.abs(expected).max()
 
 
+def loop() -> tuple[ExportedModel, Flight, np.ndarray]:
+    """Over the vertical, with roll; by a quaternion."""
+    start = {"airspeed": 260.0, "alpha": 0.02, "theta": 0.1, "phi": 0.2, "psi": 2.8}
+    turned = replace(AIRLINER, attitude="quaternion", further=("psi",), start=start)
+    written = exported("loop", aircraft_model(turned))
+    time = np.arange(0.0, 14.0 + 1e-9, 0.1)
+    elevator = np.where(time < 1.0, ELEVATOR, ELEVATOR - 0.13)
+    aileron = 0.01 * np.sign(np.sin(1.3 * time))
+    u = np.array([elevator, aileron, 0.0 * time, np.full(len(time), 80e3)])
+    flight = Flight(time, u, max_step=MAX_STEP)
+    rows = np.array(fly(written.system, flight))
+    angles = dict(zip(written.system.output_names, rows, strict=True))
+    assert np.max(np.abs(angles["phi"])) > 3.0 and np.max(angles["theta"]) > 1.2
+    return written, flight, rows
+
+
+def test_a_loop_flown_by_the_module_is_ours() -> None:
+    written, flight, expected = loop()
+    found, _ = module_of(written).simulate(
+        flight.time, flight.u, hold=flight.hold.value == "previous", max_step=flight.max_step
+    )
+    assert np.abs(found - expected).max() < 1e-9 * np.abs(expected).max()
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_a_loop_flown_by_the_unit_is_ours(tmp_path: Path) -> None:
+    written, flight, expected = loop()
+    content, _ = fmu(written)
+    tree, library = unpacked(content, tmp_path)
+    found = flown(library, tree, flight)
+    assert np.abs(found - expected).max() < 1e-9 * np.abs(expected).max()
+
+
 def test_a_parameter_of_the_module_may_be_changed() -> None:
     written, flight, expected = case("rigid")
     module = module_of(written)
@@ -92,14 +125,20 @@ def test_the_unit_flies_the_same(equations: str, tmp_path: Path) -> None:
     )
     content, told = fmu(written)
     assert "library" in told
+    tree, library = unpacked(content, tmp_path)
+    found = flown(library, tree, flight)
+    scale = np.abs(expected).max(axis=1, keepdims=True) + 1e-12
+    assert np.abs((found - expected) / scale).max() < 1e-9
+
+
+def unpacked(content: bytes, folder: Path) -> tuple[ET.Element, ctypes.CDLL]:
+    """Description and library of a unit."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         tree = ET.fromstring(archive.read("modelDescription.xml"))
         (name,) = [each for each in archive.namelist() if each.startswith("binaries/")]
-        path = tmp_path / "unit.so"
+        path = folder / "unit.so"
         path.write_bytes(archive.read(name))
-    found = flown(ctypes.CDLL(str(path)), tree, flight)
-    scale = np.abs(expected).max(axis=1, keepdims=True) + 1e-12
-    assert np.abs((found - expected) / scale).max() < 1e-9
+    return tree, ctypes.CDLL(str(path))
 
 
 def flown(unit: ctypes.CDLL, tree: ET.Element, flight: Any) -> np.ndarray:

@@ -41,8 +41,14 @@ QUOTED = replace(TRIMMED, name='the "new" wing\\ \x7f\n\u00fc')
 @pytest.mark.long
 @pytest.mark.parametrize(
     "aircraft",
-    [QUOTED, TRIMMED, MIXED, replace(TRIMMED, recorded=("alpha", "q"), attitude="quaternion")],
-    ids=["quotes in its name", "plain", "mixed", "recorded"],
+    [
+        QUOTED,
+        TRIMMED,
+        MIXED,
+        replace(TRIMMED, recorded=("alpha", "q"), attitude="quaternion"),
+        replace(TRIMMED, sensors={"beta": (8.0, 0.0, 0.0)}, estimated=("beta_x", "beta_z")),
+    ],
+    ids=["quotes in its name", "plain", "mixed", "recorded", "estimated places"],
 )
 def test_what_is_written_is_read_back(tmp_path: Path, aircraft: Aircraft) -> None:
     read, constraints = read_aircraft(read_toml_source(file_of(tmp_path, aircraft)))
@@ -99,6 +105,7 @@ def test_sigmas_stand_beside_the_values(tmp_path: Path) -> None:
         ("columns = []", f"recorded = {list(STATES)}", "nothing is left to simulate"),
         ("wind = false", "wind = true", "the heading is no state"),
         ("wind = false", 'wind = "bodies"', "no axes of a wind"),
+        ("[sensors.alpha]", '[sensors.alpha]\nestimated = ["u"]', "'u' is no axis"),
         ("thrust = 11140.63", "flap = 0.1", "flap is no input"),
     ],
 )
@@ -110,6 +117,14 @@ def test_bad_files_are_refused_in_one_line(tmp_path: Path, old: str, new: str, t
     with pytest.raises(DeclarationError, match=told) as caught:
         read_vehicle(path, "aircraft")
     assert "\n" not in str(caught.value)
+
+
+def test_the_place_of_a_recorded_vane_is_not_estimated(tmp_path: Path) -> None:
+    path = file_of(tmp_path)
+    text = path.read_text().replace("columns = []", 'recorded = ["alpha"]')
+    path.write_text(text.replace("[sensors.alpha]", '[sensors.alpha]\nestimated = ["x"]'))
+    with pytest.raises(DeclarationError, match="alpha is recorded"):
+        read_vehicle(path, "aircraft")
 
 
 @pytest.mark.parametrize(("text", "axes"), [("true", "earth"), ('"body"', "body")])

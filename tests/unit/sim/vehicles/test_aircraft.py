@@ -16,7 +16,7 @@ from sim.errors import DeclarationError
 from sim.maths import G0
 from sim.propagation import rk4_step
 from sim.record import Hold
-from sim.vehicles.aircraft import STATES, Aircraft, Thrust, aircraft_model
+from sim.vehicles.aircraft import STATES, Aircraft, Thrust, aircraft_model, declaration_of
 from sim.vehicles.attitude import ATTITUDES, QUATERNION
 from tests.airliner import AIRLINER, ALPHA, COEFFICIENTS, CONSTANTS, ELEVATOR, THRUST
 from tests.bases import airliner_flight, fly_model
@@ -129,6 +129,24 @@ def test_sensors_read_where_they_are() -> None:
     arm, omega = at["accelerometer"], true["omega"]
     felt = true["felt"] + np.cross(true["angular"], arm) + np.cross(omega, np.cross(omega, arm))
     assert [read[name] for name in ("ax", "ay", "az")] == pytest.approx(felt.tolist(), rel=1e-12)
+
+
+def test_a_place_that_is_estimated_reads_as_one_that_is_declared() -> None:
+    places = {"accelerometer": (1.0, -0.5, 0.3), "beta": (8.0, 0.0, -0.2)}
+    free = ("beta_x", "accelerometer_y", "accelerometer_z")
+    aircraft = replace(AIRLINER, sensors={"accelerometer": (1.0, 0.0, 0.0)}, estimated=free)
+    values = {"beta_x": 8.0, "accelerometer_y": -0.5, "accelerometer_z": 0.3}
+    declared = replace(AIRLINER, sensors={**places, "beta": (8.0, 0.0, 0.0)})
+    moved = aircraft.with_values(values)
+    assert moved.sensors == declared.sensors
+    assert moved.positions == {name: (values[name], "m") for name in free}
+    flights = []
+    for each in (aircraft_model(aircraft).with_values(values), aircraft_model(declared)):
+        flights.append(fly_model(each, airliner_flight(2.0)))
+    assert np.array_equal(*flights)
+    kept = declaration_of(aircraft_model(aircraft).with_values(values))
+    assert kept is not None
+    assert kept.sensors == declared.sensors
 
 
 def test_level_flight_stays_level() -> None:
