@@ -128,7 +128,7 @@ def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
         if finding.stands and finding.name not in said:
             said |= {finding.name, *finding.group}
             standing.append(" or ".join((finding.name, *finding.group)))
-    told = [line.removeprefix("stands: ") for line in lines if line.startswith("stands")]
+    told = [line.removeprefix("fault found: ") for line in lines if line.startswith("fault found")]
     named = f"{check.records[0].name}{f' and {len(check.records) - 1} more' if len(check.records) > 1 else ''}"  # noqa: E501
     checked = (
         f"kinematics of {', '.join(result.relations)}"
@@ -137,7 +137,7 @@ def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
     )
     return Summary(
         f"{named}, {samples} samples; {checked}",
-        f"stands: {', '.join(standing)}"
+        f"sensor fault found: {', '.join(standing)}"
         if standing
         else next((line for line in lines if line.startswith(("no sensor", "nothing"))), lines[0]),
         "; ".join(told),
@@ -160,23 +160,23 @@ def finding_lines(check: CompatibilityCheck) -> list[str]:
         if finding.stands and finding.name not in said:
             said |= {finding.name, *finding.group}
             other = equivalent_constant(check, finding)
-            lines.append(f"stands: {sentence(finding)}{f'; {other}' if other else ''}")
+            lines.append(f"fault found: {sentence(finding)}{f'; {other}' if other else ''}")
             lines += [said_of] if (said_of := odds(finding, result.findings)) else []
         elif not finding.replicates:
             lines.append(f"does not replicate: {finding.name}, the records by themselves disagree")
     if len(result.single) > 1:
         for single in result.single:
             drifts = [f for f in single.findings if f.stands and f.kind == "drift"]
-            lines += [f"stands in {single.records[0]} alone: {sentence(f)}" for f in drifts[:1]]
             lines += [
-                f"stands in {single.records[0]}: {sentence(f)}"
+                f"fault found in {single.records[0]} alone: {sentence(f)}" for f in drifts[:1]
+            ]
+            lines += [
+                f"fault found in {single.records[0]}: {sentence(f)}"
                 for f in single.findings
                 if f.stands and f.kind == "bias"
             ]
-    if result.joint.estimates and not any(line.startswith("stands") for line in lines):
-        lines.append(
-            "no sensor fault stands: the channels agree with each other within their noise"
-        )
+    if result.joint.estimates and not any(line.startswith("fault found") for line in lines):
+        lines.append("no sensor fault found: the channels agree with each other within their noise")
     if not result.relations:
         lines.append("nothing is checked: these channels close no relation of the kinematics")
     for item in result.joint.estimates:
