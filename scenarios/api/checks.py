@@ -183,6 +183,14 @@ def check(
     Raises
     ------
     InputError : anything in the records that keeps them from being used, in one line.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> flight = fid.simulate("trace-vane")
+    >>> found = fid.check(flight.record, flight.vehicle)
+    >>> found.sentences[0].partition(",")[0]
+    'fault found: vane-offset'
     """
     plan = plan_from(start, stop, hold, rate, lowpass, trust_record, columns)
     request = with_parts(
@@ -299,6 +307,12 @@ def find_maneuvers(
     Raises
     ------
     InputError : anything in the record that keeps it from being searched, in one line.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> fid.find_maneuvers(fid.simulate("trace-delay").record)
+    <Maneuvers of train: 2>
     """
     chosen = choices_of(channels)
     plan = plan_from(None, None, None, rate, None, False, columns)
@@ -556,6 +570,13 @@ def frequency_response(
     Raises
     ------
     InputError : anything in records or arguments that keeps them from being used, in one line.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> record = fid.simulate("uav-sweep").record
+    >>> fid.frequency_response(record, "command", "p", reference="sweep")
+    <FrequencyResponse p/command: 81 frequencies>
     """
     plan = plan_from(start, stop, hold, rate, lowpass, False, columns)
     request = with_parts(request_of(records, channels=channels, plan=plan), maneuver, maneuvers)

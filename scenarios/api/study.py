@@ -520,6 +520,12 @@ def campaign(
     ------
     InputError : there is no such scenario or method, or ``out`` holds another campaign.
     KeyboardInterrupt : by Ctrl-C; runs that had ended are kept in ``out`` where that is given.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> fid.campaign("rigid", runs=4, seed=1, jobs=1)
+    <Campaign: rigid, 4 runs by extended Kalman filter; 100.0 % within two sigmas (39.8 to 100.0 %)>
     """
     text = str(name)
     count = _count_of(runs)
@@ -695,6 +701,12 @@ def design(
     Raises
     ------
     InputError : anything wrong in what is asked, in one line.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> fid.design("rigid", "bomber_rigid", duration=20)
+    <Design: FLY: doublet (step 0.76 s), elevator 4.82 deg>
     """
     asked = model_of(model)
     given = Path(limits) if isinstance(limits, str | PathLike) else limits

@@ -202,11 +202,8 @@ def odds(finding: SensorFinding, findings: Sequence[SensorFinding]) -> str:
         f"{_share(share)} that {fault_text(item)}"
         for item, share in sorted(known, key=lambda pair: -pair[1])
     ]
-    prior = (
-        "a vane is metres ahead, an accelerometer within half a chord or a metre of the centre of "
-        "gravity"
-    )
-    return f"probabilities, as {prior}: {'; '.join(shown)}"
+    prior = "vanes usually sit metres from the centre of gravity, accelerometers within a metre"
+    return f"probability of each cause ({prior}): {'; '.join(shown)}"
 
 
 def _share(share: float) -> str:
