@@ -150,7 +150,7 @@ class Check:
 
     def __repr__(self) -> str:
         names = ", ".join(record.name for record in self.details.records)
-        return f"<Check of {names:.200}: {'; '.join(self.sentences) or 'nothing stands':.600}>"
+        return f"<Check of {names:.200}: {'; '.join(self.sentences) or 'no fault found':.600}>"
 
     def _repr_html_(self) -> str:
         names = ", ".join(record.name for record in self.details.records)

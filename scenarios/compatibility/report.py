@@ -106,12 +106,12 @@ def print_check(
         show_blocks(out, _estimates(check))
         print_paragraph(
             out,
-            f"noise (1 sigma; of what is integrated, as its integral shows it): {_noise(check)}",
+            f"noise (1 sigma; integrated channels: as in the integral): {_noise(check)}",
         )
     for line in finding_lines(check):
         print_paragraph(out, line, indent=0)
     if result.cannot_tell:
-        print_paragraph(out, "these channels cannot tell:", indent=0)
+        print_paragraph(out, "these channels cannot show:", indent=0)
         for line in result.cannot_tell:
             print_paragraph(out, line)
     for line in (*check.notes, *result.notes):
@@ -251,7 +251,7 @@ def estimates_table(caption: str, result: CheckResult) -> Table:
         (Column("smoother", BY_ROW), [_cell(row, row.smoother) for row in rows]),
         (Column("output error", BY_ROW), [_cell(row, row.output_error) for row in rows]),
         (
-            Column("apart", SIGMAS),
+            Column("difference", SIGMAS),
             [formatted(row.difference if row.told else None, "+.1f") for row in rows],
         ),
         (
@@ -264,7 +264,7 @@ def estimates_table(caption: str, result: CheckResult) -> Table:
         (
             Column("remark", printed=" "),
             [
-                "stands" if row.name in standing else "" if row.told else "cannot tell"
+                "found" if row.name in standing else "" if row.told else "not observable"
                 for row in rows
             ],
         ),
@@ -346,10 +346,10 @@ def check_page(check: CompatibilityCheck, drawn: Sequence[Drawn] = ()) -> Page:
         warnings=tuple(map(as_sentence, check.look.doubts)),
         sections=(
             *section("Figures", *figures(drawn)),
-            *section("What stands", Bullets(tuple(map(as_sentence, lines)))),
+            *section("Sensor faults", Bullets(tuple(map(as_sentence, lines)))),
             *section("Every fault by both methods", *_page_estimates(check)),
             *section(
-                "What these channels cannot tell", Bullets(tuple(map(_limit, result.cannot_tell)))
+                "What these channels cannot show", Bullets(tuple(map(_limit, result.cannot_tell)))
             ),
             *section("The record as it was recorded", record_table(check.look)),
             *section("How it was made", *_made(check)),
@@ -372,7 +372,7 @@ def _page_estimates(check: CompatibilityCheck) -> list[Block]:
         for name, std in noise_levels(check).items()
         if std is not None
     }
-    caption = "Noise, one sigma; of what is integrated as its integral shows it"
+    caption = "Noise, one sigma; integrated channels: as in the integral"
     blocks = _estimates(check)
     gain = Prose("Gain of the log likelihood by this fault alone.", "note")
     return [*blocks, gain, levels_of_noise(caption, noise)] if blocks else []
