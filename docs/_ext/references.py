@@ -61,6 +61,6 @@ def no_lines(parser: Parser) -> None:
 
 def setup(app: Any) -> dict[str, object]:
     """Sphinx's hook of an extension."""
-    Parser.parse_definition = no_lines  # type: ignore[method-assign]
+    Parser.parse_definition = no_lines  # type: ignore[method-assign, assignment]
     app.add_domain(IndexedPythonDomain, override=True)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

@@ -58,11 +58,8 @@ class Check:
     @property
     def findings(self) -> tuple[str, ...]:
         """Names of the sensor faults that stand, ``"delay:alpha"`` and the like."""
-        return tuple(
-            dict.fromkeys(
-                finding.name for finding in self.details.result.findings if finding.stands
-            )
-        )
+        accepted = (each.name for each in self.details.result.findings if each.stands)
+        return tuple(dict.fromkeys(accepted))
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -112,17 +109,8 @@ class Check:
             }
             for item in self.details.result.joint.estimates
         ]
-        columns = [
-            "fault",
-            "unit",
-            "value",
-            "sigma",
-            "smoother_value",
-            "smoother_sigma",
-            "gain",
-            "p_value",
-            "stands",
-        ]
+        columns = ["fault", "unit", "value", "sigma", "smoother_value", "smoother_sigma"]
+        columns += ["gain", "p_value", "stands"]
         return pandas.DataFrame(rows, columns=columns).set_index("fault")
 
     def to_dict(self) -> dict[str, Any]:
@@ -188,8 +176,7 @@ def check(
     --------
     >>> import flightid as fid
     >>> flight = fid.simulate("trace-vane")
-    >>> found = fid.check(flight.record, flight.vehicle)
-    >>> found.sentences[0].partition(",")[0]
+    >>> fid.check(flight.record, flight.vehicle).sentences[0].partition(",")[0]
     'fault found: vane-offset'
     """
     plan = plan_from(start, stop, hold, rate, lowpass, trust_record, columns)
@@ -279,12 +266,9 @@ class Maneuvers:
             [str(m.number), m.name, f"{m.found.start:.2f}", f"{m.found.end:.2f}"]
             for m in self.details.maneuvers
         ]
+        found = tables.table(("no.", "maneuver", "start, s", "end, s"), rows, left=2)
         title = f"maneuvers of {self.details.identity.name}"
-        return tables.page(
-            title,
-            tables.table(("no.", "maneuver", "start, s", "end, s"), rows, left=2),
-            tables.sentences(self.warnings),
-        )
+        return tables.page(title, found, tables.sentences(self.warnings))
 
 
 @told_in_python
@@ -574,8 +558,7 @@ def frequency_response(
     Examples
     --------
     >>> import flightid as fid
-    >>> record = fid.simulate("uav-sweep").record
-    >>> fid.frequency_response(record, "command", "p", reference="sweep")
+    >>> fid.frequency_response(fid.simulate("uav-sweep").record, "command", "p", reference="sweep")
     <FrequencyResponse p/command: 81 frequencies>
     """
     plan = plan_from(start, stop, hold, rate, lowpass, False, columns)
@@ -594,13 +577,8 @@ def frequency_response(
 
 
 def _margin(one: Margin) -> dict[str, float]:
-    return {
-        "value": one.size.value,
-        "std": one.size.std,
-        "low": one.low,
-        "high": one.high,
-        "frequency": one.frequency.value,
-    }
+    size = {"value": one.size.value, "std": one.size.std, "low": one.low, "high": one.high}
+    return size | {"frequency": one.frequency.value}
 
 
 def _place(name: str | None, names: Sequence[str], kind: str) -> int:
