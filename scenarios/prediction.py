@@ -391,7 +391,7 @@ def prediction_figures(found: PredictionResult) -> Iterator[Named]:
 
 # ---- A prediction in lines for the terminal
 
-TITLE = "free simulation: initial states and biases alone are of the record itself"
+TITLE = "simulation with fixed parameters; only initial states and biases are fitted to this record"
 
 
 def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:

@@ -158,10 +158,12 @@ def figure_scatter(errors: Mapping[str, np.ndarray]) -> Figure:
             np.exp(-0.5 * grid**2) / np.sqrt(2.0 * np.pi),
             color=GREEN,
             linewidth=1.2,
-            label="honest sigma",
+            label="standard normal density",
         )
         panel.set_yticks([])
         caption(panel, symbol(name))
+    for panel in sheet.panels[-columns:]:
+        panel.set_xlabel("error (reported sigmas)", fontsize=LABEL_SIZE)
     return finish(sheet, head=0.25)
 
 

@@ -152,12 +152,11 @@ def _(command, controls, lab, mo, page, seed, sigmas_off):
                 f"{lab.largest_alpha(study):.1f} deg from trim."
             ),
             mo.callout(
-                mo.md("The residual is not the noise alone. " + "; ".join(_failed)), kind="danger"
+                mo.md("The residual is more than sensor noise. " + "; ".join(_failed)),
+                kind="danger",
             )
             if _failed
-            else mo.callout(
-                mo.md("The residual is what the noise alone would give."), kind="neutral"
-            ),
+            else mo.callout(mo.md("The residual is consistent with sensor noise."), kind="neutral"),
             page.command_line(command("run", lab.SCENARIO, asked, "--seed", str(seed.value))),
         ]
     )

@@ -46,23 +46,23 @@ def _(mo):
 
     *3. Diagnosis* (lab 5) tries what the model may lack and judges by a record, or a part of one, that was not fitted.
 
-    **What you need.** A CSV file with `time`, an input (`elevator`; `stick`; `aileron` and `rudder`) that moves, and one output at least (`alpha`,
-    `q`, `nz`). Units in the header, `alpha [deg]`, or in a channel map. A vehicle file
-    with mass, geometry, flight condition and starts that may be 30 % wrong. Signs: nose up is positive, an elevator is positive trailing edge down.
+    **What you need.** A record: a table (CSV, Excel, MATLAB, HDF5, ...) or the log of a flight computer (ArduPilot, PX4). It has the time, an input
+    that moves (`elevator`; `stick`; `aileron` and `rudder`), and at least one output (`alpha`, `q`, `nz`). Units stand in the header, `alpha [deg]`, in
+    the log itself, or in a channel map. The map also says which column is which channel: a log holds servo pulses, for example, and the map makes the
+    elevator of them. A vehicle file has mass, geometry, flight condition and starting values that may be 30 % wrong. Signs: nose up is positive; the
+    elevator is positive trailing edge down.
     """)
     return
 
 
 @app.cell
 def _(lab, mo):
-    source = mo.ui.radio(
-        ["the example", "my own files"], value="the example", label="Which records?", inline=True
-    )
+    source = mo.ui.radio(list(lab.SOURCES), value=lab.TABLE, label="Which records?", inline=True)
     uploads = mo.ui.file(
-        filetypes=[".csv"],
+        filetypes=lab.SUFFIXES,
         multiple=True,
         kind="area",
-        label="CSV files, one a maneuver; drop them here",
+        label="Records, one file a maneuver; drop them here",
     )
     model = mo.ui.dropdown(list(lab.VEHICLES), value="rigid", label="model")
     return model, source, uploads
@@ -71,13 +71,13 @@ def _(lab, mo):
 @app.cell
 def _(lab, mo, model, source):
     vehicle = mo.ui.text_area(
-        value=lab.vehicle_text(model.value),
+        value=lab.vehicle_text(model.value, source.value),
         rows=16,
         full_width=True,
         label="vehicle file (TOML): put your numbers in",
     )
     channels = mo.ui.text_area(
-        value=lab.MAP if source.value == "the example" else "",
+        value=lab.map_of(source.value),
         rows=6,
         full_width=True,
         label="channel map (TOML), where your headers are not ours; may be empty",
@@ -87,19 +87,22 @@ def _(lab, mo, model, source):
 
 @app.cell
 def _(channels, lab, mo, model, source, uploads, vehicle):
-    _own = source.value == "my own files"
+    _told = {
+        lab.TABLE: "Two records, exported as flight-test systems do:",
+        lab.LOG: "Two flights of a small flying wing with a vane, as ArduPilot logs them (DataFlash):",
+    }
     mo.vstack(
         [
             mo.md("## 1. Your files"),
             source,
             uploads
-            if _own
+            if source.value == lab.OWN
             else mo.hstack(
                 [
-                    mo.md("Two records, exported as flight-test systems do:"),
+                    mo.md(_told[source.value]),
                     *(
                         mo.download(content, filename=name, label=name)
-                        for name, content in lab.example()
+                        for name, content in lab.files_of(source.value)
                     ),
                 ],
                 justify="start",
@@ -116,9 +119,9 @@ def _(channels, lab, mo, model, source, uploads, vehicle):
 @app.cell
 def _(channels, lab, mo, page, source, uploads, vehicle):
     _files = (
-        lab.example()
-        if source.value == "the example"
-        else tuple((each.name, each.contents) for each in uploads.value)
+        tuple((each.name, each.contents) for each in uploads.value)
+        if source.value == lab.OWN
+        else lab.files_of(source.value)
     )
     mo.stop(not _files, mo.callout(mo.md("No file yet."), kind="neutral"))
     given, _refused = lab.tried(lambda: lab.kept(_files, vehicle.value, channels.value))
@@ -132,8 +135,8 @@ def _(channels, lab, mo, page, source, uploads, vehicle):
                 lab.channel_rows(_records),
             ),
             mo.md(
-                "Columns that no channel needs are not looked at. A channel that you miss here has "
-                "another header: put it into the map."
+                "Columns that no channel needs are not read. If a channel is missing here, its column has "
+                "another name: put that into the map."
             ),
         ]
     )
@@ -276,11 +279,14 @@ def _(mo):
     mo.md(r"""
     ## Questions
 
-    1. The example: does the kinematic check alone already name the fault? In which sentence?
-    2. By how many of its sigmas does each derivative move when the fault is taken into account (the last figure)? Which sigma was honest before?
-    3. Set the unit of `alpha` in the map to `rad`. Who notices, and in which words? What would have happened without that check?
-    4. Your own record: is the residual white? If not, which of labs 3 to 6 does it remind you of?
-    5. Which maneuver would you fly next, and which sensor would you add, to decide what your record left open?
+    1. The table: does the kinematic check alone already name the fault? In which sentence?
+    2. The table: by how many of its sigmas does each derivative move when the fault is taken into account (the last figure)? Which sigma was honest
+       before?
+    3. The table: set the unit of `alpha` in the map to `rad`. Which step notices, and in which words? What would have happened without that check?
+    4. The log of ArduPilot: the kinematic check finds nothing, and yet the identification warns. Which derivatives have the wrong sign, and what does the
+       diagnosis find? Why can the kinematics not see it?
+    5. Your own record: is the residual white? If not, which of labs 3 to 6 does it remind you of?
+    6. Which maneuver would you fly next, and which sensor would you add, to decide what your record left open?
     """)
     return
 

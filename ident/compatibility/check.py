@@ -146,7 +146,7 @@ def _compatibility(
         notes.append(
             f"nz recorded {ahead:.0f} ms before it happens would explain more than any sensor "
             "fault: something acts that the kinematics "
-            "do not know, a gust on vane and load most likely, so that nothing more stands"
+            "do not know, a gust on vane and load most likely, so that no further fault is named"
         )
     if counted := reference_sentence(found.found.faults, clocks(signals)):
         notes.append(counted)

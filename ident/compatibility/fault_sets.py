@@ -265,7 +265,7 @@ def reference_sentence(faults: Sequence[SensorFault], timed: Sequence[str]) -> s
         first = f"times count from {on_time[0]}, the channel that is least late"
     else:
         first = f"times count from {', '.join(on_time[:-1])} and {on_time[-1]}, which agree"
-    return f"{first}: what all channels are late by against the inputs, kinematics cannot see"
+    return f"{first}: a delay common to all channels cannot be detected from kinematics"
 
 
 # ---- Faults that the records do not tell from one that stands

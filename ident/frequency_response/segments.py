@@ -25,6 +25,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -317,7 +318,17 @@ def unit_rows(step: float, hop: int, frequency: np.ndarray, derivatives: int) ->
 
 
 def overlap_of(spans: np.ndarray, owner: np.ndarray) -> csr_array:
-    """Inner products ``(R, R)`` of unit Hann windows from their starts and lengths, s."""
+    """Inner products ``(R, R)`` of unit Hann windows from their starts and lengths, s; not to be
+    changed, since windows at the same places are given the same array again.
+    """
+    spans, owner = np.ascontiguousarray(spans, float), np.ascontiguousarray(owner, np.int64)
+    return _overlap(spans.tobytes(), owner.tobytes())
+
+
+@lru_cache(4)
+def _overlap(places_in_time: bytes, owners: bytes) -> csr_array:
+    spans = np.frombuffer(places_in_time).reshape(-1, 2)
+    owner = np.frombuffer(owners, np.int64)
     start, length = spans[:, 0], spans[:, 1]
     grid = np.arange(OVERLAP * _POINTS) / (OVERLAP * _POINTS)
     shape = 0.5 - 0.5 * np.cos(2.0 * math.pi * grid)

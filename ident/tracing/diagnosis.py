@@ -33,7 +33,7 @@ TIMES = ("delay", "time_constant")  # parameters by which an output or an input 
 Data = tuple[Sequence[Record], Sequence[Record]]  # to be fitted, and to be predicted
 
 _SENTENCES = {
-    Verdict.CONSISTENT: "the residual is what the noise alone would give: nothing is missing",
+    Verdict.CONSISTENT: "the residual is consistent with noise: nothing is missing",
     Verdict.TRACED: (
         "the effects listed explain what was missing: what remains is noise, also on data that "
         "were not fitted"

@@ -57,11 +57,8 @@ class Check:
     @property
     def findings(self) -> tuple[str, ...]:
         """Names of the sensor faults that stand, ``"delay:alpha"`` and the like."""
-        return tuple(
-            dict.fromkeys(
-                finding.name for finding in self.details.result.findings if finding.stands
-            )
-        )
+        accepted = (each.name for each in self.details.result.findings if each.stands)
+        return tuple(dict.fromkeys(accepted))
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -111,17 +108,8 @@ class Check:
             }
             for item in self.details.result.joint.estimates
         ]
-        columns = [
-            "fault",
-            "unit",
-            "value",
-            "sigma",
-            "smoother_value",
-            "smoother_sigma",
-            "gain",
-            "p_value",
-            "stands",
-        ]
+        columns = ["fault", "unit", "value", "sigma", "smoother_value", "smoother_sigma"]
+        columns += ["gain", "p_value", "stands"]
         return pandas.DataFrame(rows, columns=columns).set_index("fault")
 
     def to_dict(self) -> dict[str, Any]:
@@ -149,7 +137,7 @@ class Check:
 
     def __repr__(self) -> str:
         names = ", ".join(record.name for record in self.details.records)
-        return f"<Check of {names:.200}: {'; '.join(self.sentences) or 'nothing stands':.600}>"
+        return f"<Check of {names:.200}: {'; '.join(self.sentences) or 'no fault found':.600}>"
 
     def _repr_html_(self) -> str:
         names = ", ".join(record.name for record in self.details.records)
@@ -182,6 +170,13 @@ def check(
     Raises
     ------
     InputError : anything in the records that keeps them from being used, in one line.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> flight = fid.simulate("trace-vane")
+    >>> fid.check(flight.record, flight.vehicle).sentences[0].partition(",")[0]
+    'fault found: vane-offset'
     """
     plan = plan_from(start, stop, hold, rate, lowpass, trust_record, columns)
     request = with_parts(
@@ -270,12 +265,9 @@ class Maneuvers:
             [str(m.number), m.name, f"{m.found.start:.2f}", f"{m.found.end:.2f}"]
             for m in self.details.maneuvers
         ]
+        found = tables.table(("no.", "maneuver", "start, s", "end, s"), rows, left=2)
         title = f"maneuvers of {self.details.identity.name}"
-        return tables.page(
-            title,
-            tables.table(("no.", "maneuver", "start, s", "end, s"), rows, left=2),
-            tables.sentences(self.warnings),
-        )
+        return tables.page(title, found, tables.sentences(self.warnings))
 
 
 @told_in_python
@@ -298,6 +290,12 @@ def find_maneuvers(
     Raises
     ------
     InputError : anything in the record that keeps it from being searched, in one line.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> fid.find_maneuvers(fid.simulate("trace-delay").record)
+    <Maneuvers of train: 2>
     """
     chosen = choices_of(channels)
     plan = plan_from(None, None, None, rate, None, False, columns)
@@ -555,6 +553,12 @@ def frequency_response(
     Raises
     ------
     InputError : anything in records or arguments that keeps them from being used, in one line.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> fid.frequency_response(fid.simulate("uav-sweep").record, "command", "p", reference="sweep")
+    <FrequencyResponse p/command: 81 frequencies>
     """
     plan = plan_from(start, stop, hold, rate, lowpass, False, columns)
     request = with_parts(request_of(records, channels=channels, plan=plan), maneuver, maneuvers)
@@ -572,13 +576,8 @@ def frequency_response(
 
 
 def _margin(one: Margin) -> dict[str, float]:
-    return {
-        "value": one.size.value,
-        "std": one.size.std,
-        "low": one.low,
-        "high": one.high,
-        "frequency": one.frequency.value,
-    }
+    size = {"value": one.size.value, "std": one.size.std, "low": one.low, "high": one.high}
+    return size | {"frequency": one.frequency.value}
 
 
 def _place(name: str | None, names: Sequence[str], kind: str) -> int:

@@ -166,6 +166,12 @@ def design(
     Raises
     ------
     InputError : anything wrong in what is asked, in one line.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> fid.design("rigid", "bomber_rigid", duration=20)
+    <Design: FLY: doublet (step 0.76 s), elevator 4.82 deg>
     """
     asked = model_of(model)
     given = Path(limits) if isinstance(limits, str | PathLike) else limits

@@ -309,6 +309,16 @@ def diagnose(
     Raises
     ------
     InputError : anything asked or in the records that keeps them from being used, in one line.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> flight = fid.simulate("trace-delay")
+    >>> found = fid.diagnose(flight.record, "rigid", flight.vehicle, validate=flight.validate)
+    >>> found.verdict, [effect.name for effect in found.effects]
+    ('traced', ['input-delay'])
+    >>> print(f"{found.effects[0].parameters['delay'].value:.3f} s")
+    0.060 s
     """
     plan = plan_from(start, stop, hold, rate, lowpass, trust_record, columns)
     request = request_of(

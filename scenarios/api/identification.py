@@ -500,6 +500,14 @@ def predict(
     Raises
     ------
     InputError : the folder keeps no model, or the record cannot be used, in one line.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> flight = fid.simulate("trace-nothing")
+    >>> found = fid.identify(flight.record, "rigid", flight.vehicle)
+    >>> fid.predict(found, flight.validate[0]).record.name
+    'validate'
     """
     own = model_of(model) if model is not None else None
     plan = plan_from(start, stop, None, rate, None, trust_record, columns)

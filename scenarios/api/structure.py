@@ -170,6 +170,18 @@ def export(study: str | PathLike[str], to: str, path: str | PathLike[str] | None
     Raises
     ------
     InputError : no study, no such target, or a model that the target cannot hold.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import flightid as fid
+    >>> flight = fid.simulate("trace-nothing")
+    >>> found = fid.identify(flight.record, "rigid", flight.vehicle)
+    >>> with TemporaryDirectory() as folder:
+    ...     study = found.save(Path(folder, "study"), figures=False)
+    ...     fid.export(study, to="python", path=Path(folder, "bomber.py")).name
+    'bomber.py'
     """
     from scenarios.export.targets import written_model
 

@@ -513,6 +513,12 @@ def campaign(
     ------
     InputError : there is no such scenario or method, or ``out`` holds another campaign.
     KeyboardInterrupt : by Ctrl-C; runs that had ended are kept in ``out`` where that is given.
+
+    Examples
+    --------
+    >>> import flightid as fid
+    >>> fid.campaign("rigid", runs=4, seed=1, jobs=1)
+    <Campaign: rigid, 4 runs by extended Kalman filter; 100.0 % within two sigmas (39.8 to 100.0 %)>
     """
     text = str(name)
     count = _count_of(runs)

@@ -107,12 +107,12 @@ def print_check(
         show_blocks(out, _estimates(check))
         print_paragraph(
             out,
-            f"noise (1 sigma; of what is integrated, as its integral shows it): {_noise(check)}",
+            f"noise (1 sigma; integrated channels: as in the integral): {_noise(check)}",
         )
     for line in finding_lines(check):
         print_paragraph(out, line, indent=0)
     if result.cannot_tell:
-        print_paragraph(out, "these channels cannot tell:", indent=0)
+        print_paragraph(out, "these channels cannot show:", indent=0)
         for line in result.cannot_tell:
             print_paragraph(out, line)
     for line in (*check.notes, *result.notes):
@@ -129,7 +129,7 @@ def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
         if finding.stands and finding.name not in said:
             said |= {finding.name, *finding.group}
             standing.append(" or ".join((finding.name, *finding.group)))
-    told = [line.removeprefix("stands: ") for line in lines if line.startswith("stands")]
+    told = [line.removeprefix("fault found: ") for line in lines if line.startswith("fault found")]
     named = f"{check.records[0].name}{f' and {len(check.records) - 1} more' if len(check.records) > 1 else ''}"  # noqa: E501
     checked = (
         f"kinematics of {', '.join(result.relations)}"
@@ -138,7 +138,7 @@ def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
     )
     return Summary(
         f"{named}, {samples} samples; {checked}",
-        f"stands: {', '.join(standing)}"
+        f"sensor fault found: {', '.join(standing)}"
         if standing
         else next((line for line in lines if line.startswith(("no sensor", "nothing"))), lines[0]),
         "; ".join(told),
@@ -161,23 +161,23 @@ def finding_lines(check: CompatibilityCheck) -> list[str]:
         if finding.stands and finding.name not in said:
             said |= {finding.name, *finding.group}
             other = equivalent_constant(check, finding)
-            lines.append(f"stands: {sentence(finding)}{f'; {other}' if other else ''}")
+            lines.append(f"fault found: {sentence(finding)}{f'; {other}' if other else ''}")
             lines += [said_of] if (said_of := odds(finding, result.findings)) else []
         elif not finding.replicates:
             lines.append(f"does not replicate: {finding.name}, the records by themselves disagree")
     if len(result.single) > 1:
         for single in result.single:
             drifts = [f for f in single.findings if f.stands and f.kind == "drift"]
-            lines += [f"stands in {single.records[0]} alone: {sentence(f)}" for f in drifts[:1]]
             lines += [
-                f"stands in {single.records[0]}: {sentence(f)}"
+                f"fault found in {single.records[0]} alone: {sentence(f)}" for f in drifts[:1]
+            ]
+            lines += [
+                f"fault found in {single.records[0]}: {sentence(f)}"
                 for f in single.findings
                 if f.stands and f.kind == "bias"
             ]
-    if result.joint.estimates and not any(line.startswith("stands") for line in lines):
-        lines.append(
-            "no sensor fault stands: the channels agree with each other within their noise"
-        )
+    if result.joint.estimates and not any(line.startswith("fault found") for line in lines):
+        lines.append("no sensor fault found: the channels agree with each other within their noise")
     if not result.relations:
         lines.append("nothing is checked: these channels close no relation of the kinematics")
     for item in result.joint.estimates:
@@ -203,11 +203,8 @@ def odds(finding: SensorFinding, findings: Sequence[SensorFinding]) -> str:
         f"{_share(share)} that {fault_text(item)}"
         for item, share in sorted(known, key=lambda pair: -pair[1])
     ]
-    prior = (
-        "a vane is metres ahead, an accelerometer within half a chord or a metre of the centre of "
-        "gravity"
-    )
-    return f"probabilities, as {prior}: {'; '.join(shown)}"
+    prior = "vanes usually sit metres from the centre of gravity, accelerometers within a metre"
+    return f"probability of each cause ({prior}): {'; '.join(shown)}"
 
 
 def _share(share: float) -> str:
@@ -255,7 +252,7 @@ def estimates_table(caption: str, result: CheckResult) -> Table:
         (Column("smoother", BY_ROW), [_cell(row, row.smoother) for row in rows]),
         (Column("output error", BY_ROW), [_cell(row, row.output_error) for row in rows]),
         (
-            Column("apart", SIGMAS),
+            Column("difference", SIGMAS),
             [formatted(row.difference if row.told else None, "+.1f") for row in rows],
         ),
         (
@@ -268,7 +265,7 @@ def estimates_table(caption: str, result: CheckResult) -> Table:
         (
             Column("remark", printed=" "),
             [
-                "stands" if row.name in standing else "" if row.told else "cannot tell"
+                "found" if row.name in standing else "" if row.told else "not observable"
                 for row in rows
             ],
         ),
@@ -350,10 +347,10 @@ def check_page(check: CompatibilityCheck, drawn: Sequence[Drawn] = ()) -> Page:
         warnings=tuple(map(as_sentence, check.look.doubts)),
         sections=(
             *section("Figures", *figures(drawn)),
-            *section("What stands", Bullets(tuple(map(as_sentence, lines)))),
+            *section("Sensor faults", Bullets(tuple(map(as_sentence, lines)))),
             *section("Every fault by both methods", *_page_estimates(check)),
             *section(
-                "What these channels cannot tell", Bullets(tuple(map(_limit, result.cannot_tell)))
+                "What these channels cannot show", Bullets(tuple(map(_limit, result.cannot_tell)))
             ),
             *section("The record as it was recorded", record_table(check.look)),
             *section("How it was made", *_made(check)),
@@ -376,7 +373,7 @@ def _page_estimates(check: CompatibilityCheck) -> list[Block]:
         for name, std in noise_levels(check).items()
         if std is not None
     }
-    caption = "Noise, one sigma; of what is integrated as its integral shows it"
+    caption = "Noise, one sigma; integrated channels: as in the integral"
     blocks = _estimates(check)
     gain = Prose("Gain of the log likelihood by this fault alone.", "note")
     return [*blocks, gain, levels_of_noise(caption, noise)] if blocks else []

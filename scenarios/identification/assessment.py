@@ -523,7 +523,7 @@ class OtherReading:
         how = "as well" if abs(self.gain) < 0.05 else "better" if self.gain > 0.0 else "worse"
         fits = f"fits {how} (twice the log likelihood {self.gain:+.1f})"
         return (
-            f"{names}: by more than a sigma another value with inputs {WORDS[self.other]} between "
+            f"{names}: changes by more than one sigma if inputs are {WORDS[self.other]} between "
             f"samples, which {fits}; "
             f"inputs were read as {WORDS[self.used]}; --hold {self.other.value} reads them the "
             "other way"

@@ -279,7 +279,7 @@ def contradicted(rows: Sequence[Row], declared: Mapping[str, float]) -> str:
                 f"{number_text(row.std, row.std)} {why} (vehicle file {start:.4g})"
             )
     return (
-        f"not to be believed: {'; '.join(found)}; {CAUSES}; flightid diagnose looks for the cause"
+        f"implausible: {'; '.join(found)}; {CAUSES}; flightid diagnose looks for the cause"
         if found
         else ""
     )

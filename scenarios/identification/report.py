@@ -165,7 +165,9 @@ def _fit(each: RecordFit) -> dict[str, Any]:
 # ---- What stands beside an estimate, in lines for the terminal
 
 PROFILED = f"profile likelihood, {100.0 * LEVEL:.0f} % intervals"
-SIMULATED = "free simulation: initial states and biases alone are of the record itself"
+SIMULATED = (
+    "simulation with fixed parameters; only initial states and biases are fitted to this record"
+)
 LIKELIER = 0.1  # of log likelihood, by which a refit must beat the estimate to be worth a word
 
 

@@ -98,6 +98,7 @@ TOLERANCE = 0.25  # points by which a simplified line may be off, a quarter of i
 ARCS = 8  # curves of matplotlib's disc
 DOT = 2  # cells in the diameter of a dot: of several dots in one cell a single one is drawn
 
+TALLEST = 1.15  # height over width of a drawing that is printed
 # Letters stay text, in the font of the page.
 _PAGE: dict[Any, Any] = _VECTOR | {
     "svg.fonttype": "none",
@@ -107,6 +108,7 @@ _OF_FILE = re.compile(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", 
 _STYLE = re.compile(r' style="([^"]*)"')
 _PATH = re.compile(r' d="([^"]*)"')
 _FRACTION = re.compile(r"-?\d+\.\d+")
+_TAG = re.compile(r"<[^>]*>")  # places are shortened, numbers that are read are not
 _IDENTIFIER = re.compile(r'( id="|url\(#|xlink:href="#)')
 _FONT = re.compile(
     r"(?P<font_style>italic|oblique)? ?(?P<font_weight>bold|[1-9]00)? ?(?P<font_size>[\d.]+)px"
@@ -121,8 +123,25 @@ def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> 
         figure = make()
         save_figure(figure, folder, stem, formats)
         svg = page_svg(figure, stem)  # drawn first: it places what is shared between panels
-        out.append(Drawn(stem, svg, caption_of(stem), plot_data(figure)))
+        data = plot_data(figure)
+        if data is not None:
+            svg = _for_a_sheet(figure, stem) or svg
+        out.append(Drawn(stem, svg, caption_of(stem), data))
     return tuple(out)
+
+
+def _for_a_sheet(figure: Figure, stem: str) -> str:
+    """The drawing of a figure that is live on the screen, for paper: one that is tall has lower
+    panels, so that it fits a sheet at its full width. Empty of one that is not tall.
+    """
+    width, height = figure.get_size_inches()
+    if height <= TALLEST * width:
+        return ""
+    figure.set_size_inches(width, TALLEST * width)
+    try:
+        return page_svg(figure, stem)
+    finally:
+        figure.set_size_inches(width, height)
 
 
 def figure_document(figure: Figure, words: str) -> str:
@@ -182,7 +201,7 @@ def page_svg(figure: Figure, stem: str) -> str:
     body = re.sub(r"<g id=\"[^\"]*\"", "<g", body)
     body = _PATH.sub(_path_data, _STYLE.sub(_attributes, body))
     body = re.sub(r' transform="rotate\(-0 [^"]*\)"|<defs>\s*</defs>', "", body)
-    body = _FRACTION.sub(lambda found: _decimal(float(found[0])), body)
+    body = _TAG.sub(_short_numbers, body)
     body = _IDENTIFIER.sub(rf"\g<1>figure-{stem}-", body).replace("xlink:href", "href")
     body = re.sub(r">\s+<", "><", body).strip()
     mapped = bool(figure.findobj(QuadMesh))  # colours that stand for numbers stay as they are
@@ -193,6 +212,10 @@ def page_svg(figure: Figure, stem: str) -> str:
         f'height="{SCALE * height:.0f}"{wide} role="img" '
         f'aria-label="{escape(description(figure), quote=True)}">{body}'
     )
+
+
+def _short_numbers(tag: re.Match[str]) -> str:
+    return _FRACTION.sub(lambda found: _decimal(float(found[0])), tag[0])
 
 
 def _decimal(value: float) -> str:

@@ -418,7 +418,7 @@ def figure_shared(rows: Sequence[Shared], condition: str, unit: str, title: str 
         panel.axhline(shown.factor * row.common, color=BLUE, linewidth=1.2)
         for chosen, colour, label in (
             (row.has, BLACK, "has it, ±2σ"),
-            (~row.has, GREY, "has it not, or not told"),
+            (~row.has, GREY, "has it not, or undecided"),
         ):
             if np.any(chosen):
                 values, sigmas = (
@@ -459,7 +459,7 @@ def figure_effects(
         x = 1 + np.arange(len(flights))
         for chosen, face, label in (
             (p > 0.95, BLUE, "has it"),
-            ((p >= 0.05) & (p <= 0.95), LIGHT, "not told"),
+            ((p >= 0.05) & (p <= 0.95), LIGHT, "undecided"),
             (p < 0.05, "white", "has it not"),
         ):
             if np.any(chosen):

@@ -82,10 +82,9 @@ class Drawn:
 CAPTIONS: Mapping[str, str] = MappingProxyType(
     {
         "record": "The record: inputs and outputs",
-        "fit": "Recorded against estimated outputs, and what the estimate leaves",
+        "fit": "Recorded and estimated outputs, with the residuals",
         "held_out": (
-            "Recorded against predicted on data that were not fitted, and what the prediction "
-            "leaves"
+            "Recorded and predicted outputs of data that were not fitted, with the residuals"
         ),
         "spectra": "Spectra of recorded and simulated outputs and of what is left",
         "parameters": "Parameters over time with two sigmas",
@@ -110,10 +109,13 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "linear": "Flown against the linear loop",
         "margins": "Phase margins that the printed numbers leave open",
         "variants": "The same study with one change at a time",
-        "reconstruction": "Recorded against what the kinematics reconstruct",
+        "reconstruction": "Recorded outputs and their reconstruction from kinematics",
         "compared_estimates": "Estimates of all studies with two sigmas",
         "compared_errors": "Errors of all studies",
         "compared_responses": "Outputs of all studies over time",
+        "normality": "Errors of all parameters against the normal distribution",
+        "consistency": "Squared errors and innovations of all runs against chi-square",
+        "coverage": "Share of the runs whose interval holds the reference",
         "campaign": (
             "Errors of all runs in their own sigmas, and the share of intervals that hold the "
             "reference"
@@ -138,7 +140,7 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
             "Inputs and expected responses of every maneuver, the best first, with the limits"
         ),
         "effects": (
-            "Which flight has which effect: filled, has it; grey, not told; open, has it not"
+            "Which flight has which effect: filled, has it; grey, undecided; open, has it not"
         ),
         "shared": "What each flight says of a shared value by itself, and the common value",
         "over": (

@@ -264,7 +264,7 @@ def test_line(tests: Sequence[ResidualTest]) -> str:
     failed = [test for test in tests if not test.passed]
     if not failed:
         return (
-            "residual: what the noise alone would give ("
+            "residual: consistent with noise ("
             + "; ".join(f"{t.channel} p = {t.p_value:.2g}" for t in tests)
             + ")"
             if tests
@@ -272,7 +272,7 @@ def test_line(tests: Sequence[ResidualTest]) -> str:
         )
     axes = dict.fromkeys(AXES[test.channel] for test in tests if test.channel in AXES)
     if len(axes) < 2:
-        return "residual is not the noise alone: " + "; ".join(
+        return "residual is more than noise: " + "; ".join(
             f"{test.channel}: {test.sentence}" for test in failed
         )
     wrong = {axis: [test for test in failed if AXES.get(test.channel) == axis] for axis in axes}
@@ -284,8 +284,8 @@ def test_line(tests: Sequence[ResidualTest]) -> str:
     told += [f"{test.channel}: {test.sentence}" for test in failed if test.channel not in AXES]
     sound = [axis for axis, some in wrong.items() if not some]
     return (
-        "residual is not the noise alone: "
-        f"{'; '.join(told)}{f'; noise alone in {_listed(sound)}' if sound else ''}"
+        "residual is more than noise: "
+        f"{'; '.join(told)}{f'; consistent with noise in {_listed(sound)}' if sound else ''}"
     )
 
 

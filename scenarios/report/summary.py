@@ -233,7 +233,7 @@ def result_phrase(
 
 
 def residual_phrase(tests: Sequence[ResidualTest]) -> str:
-    """``"the noise alone in alpha and nz; not in q"``; empty where nothing was tested."""
+    """``"consistent with noise in alpha and nz; not in q"``; empty where nothing was tested."""
     channels = list(dict.fromkeys(test.channel.partition(",")[0] for test in tests))
     failed = [
         name
@@ -242,12 +242,10 @@ def residual_phrase(tests: Sequence[ResidualTest]) -> str:
     ]
     sound = [name for name in channels if name not in failed and name != "all"]
     if not failed:
-        return f"the noise alone in {_listed(sound)}" if sound else ""
+        return f"consistent with noise in {_listed(sound)}" if sound else ""
     named = [name for name in failed if name != "all"]
-    told = (
-        f"more than noise in {_listed(named)}" if named else "not what the noise alone would give"
-    )
-    return f"{told}; the noise alone in {_listed(sound)}" if sound and named else told
+    told = f"more than noise in {_listed(named)}" if named else "not consistent with noise"
+    return f"{told}; consistent with noise in {_listed(sound)}" if sound and named else told
 
 
 def _listed(words: Sequence[str]) -> str:

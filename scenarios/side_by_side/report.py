@@ -28,7 +28,6 @@ from scenarios.report.document import (
     Page,
     Table,
     as_sentence,
-    capital,
     estimate,
     known,
     now,
@@ -409,8 +408,8 @@ def _farthest(compared: SideBySide) -> tuple[float | None, str]:
     apart, name, one, other = best
     return (
         apart,
-        f"{capital('farthest apart')} is {name} of {one} and {other}: {apart:.1f} of their "
-        "combined sigmas, were their records independent",
+        f"The largest difference is {name} of {one} and {other}: {apart:.1f} combined sigmas, "
+        "if their records are independent",
     )
 
 

@@ -41,7 +41,7 @@ from scenarios.survey.survey import SurveyResult
 AT_THE_INPUT = ("actuator-lag", "actuator-second-order", "input-delay", "input-recorded-late")
 FORCES = ("CL_", "CD_", "CX_", "CY_", "CZ_")
 FAR = 1e-99  # a chance below it is told as one
-HAS, HAS_NOT, UNTOLD = "has it", "has it not", "not told"
+HAS, HAS_NOT, UNTOLD = "has it", "has it not", "undecided"
 
 
 def verdict_of(survey: SurveyResult) -> tuple[str, str]:
@@ -97,9 +97,7 @@ def values_of(each: Recurring) -> list[str]:
 
 def belongs_phrase(each: Recurring, survey: SurveyResult) -> str:
     """Whose it is, and whether its value is one, or changes with a condition."""
-    told = (
-        f"{len(each.has)} have it, {len(each.has_not)} have it not, {len(each.untold)} do not tell"
-    )
+    told = f"{len(each.has)} have it, {len(each.has_not)} do not, {len(each.untold)} are undecided"
     whose = (
         f"it belongs to the aircraft: no flight excludes it ({told})"
         if each.found.belongs == "aircraft"
@@ -294,7 +292,7 @@ def effects_table(survey: SurveyResult) -> Table:
         ),
         (Column("have it", PURE), counts(lambda each: each.has)),
         (Column("have it not", PURE), counts(lambda each: each.has_not)),
-        (Column("not told", PURE), counts(lambda each: each.untold)),
+        (Column("undecided", PURE), counts(lambda each: each.untold)),
         (Column("named alone", PURE), counts(lambda each: each.named)),
         (Column("one value", right=True), ["yes" if e.found.agrees else "no" for e in some]),
         (Column("chance", PURE), chances),
@@ -374,7 +372,7 @@ def kinematics(kept: Mapping[str, Any]) -> str:
     """
     if not kept["check"]["done"]:
         return "not possible"
-    first, *others = kept["check"]["findings"] or ["nothing stands"]
+    first, *others = kept["check"]["findings"] or ["no fault found"]
     return f"{first}, {len(others)} more" if others else str(first)
 
 

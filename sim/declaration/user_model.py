@@ -273,6 +273,25 @@ def own_model(
     ------
     ModelError : one line on whatever is declared wrongly, functions included: they are evaluated
     once, at the starts.
+
+    Examples
+    --------
+    >>> from sim.declaration.user_model import own_model
+    >>> model = own_model(
+    ...     name="antenna",
+    ...     states={"angle": "rad", "rate": "rad/s"},
+    ...     inputs={"current": "A"},
+    ...     outputs={"angle": "rad"},
+    ...     parameters={"gain": (1.5, "N m/A"), "friction": (3.0, "N m s/rad")},
+    ...     constants={"inertia": (4.0, "kg m2")},
+    ...     rates=lambda s, p: {
+    ...         "angle": s.rate,
+    ...         "rate": (p.gain * s.current - p.friction * s.rate) / p.inertia,
+    ...     },
+    ...     readings=lambda s, p: {"angle": s.angle},
+    ... )
+    >>> model.name
+    'antenna'
     """
     _refuse_title(name)
     _refuse_uncallable(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
+import io
 from collections.abc import Mapping
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from scenarios.cli import main
+
 FLIGHTS = """model = "rigid"
 vehicle = "flight_vehicle.toml"
 
@@ -47,7 +48,7 @@ FEW = ("run", "identify", "diagnose", "predict", "check", "design", "compare", "
 def make_pages(folder: Path, kinds: tuple[str, ...] = tuple(COMMANDS)) -> dict[str, Path]:
     """Write the pages of these kinds below a folder, with what they need; page by kind.
 
-    Raises CalledProcessError, with what the command said, where one fails.
+    Raises RuntimeError, with what the command printed, where one fails.
     """
     needed = set(kinds)
     needed |= {"identify"} if needed & {"predict", "watch"} else set()
@@ -65,10 +66,16 @@ def make_pages(folder: Path, kinds: tuple[str, ...] = tuple(COMMANDS)) -> dict[s
 
 
 def _typed(folder: Path, *words: str) -> None:
-    """A command as it is typed in the folder; one that finds a doubt ends with 1."""
-    done = subprocess.run(
-        [sys.executable, "-m", "flightid", *words], cwd=folder, capture_output=True, text=True
-    )
-    if done.returncode not in (0, 1):
-        print(done.stdout, done.stderr, sep="\n", file=sys.stderr)
-        done.check_returncode()
+    """A command as it is typed in the folder; one that finds a doubt ends with 1.
+
+    It runs in this process: a process of its own would spend most of its time on imports.
+    """
+    printed = io.StringIO()
+    code: object = 0
+    with chdir(folder), redirect_stdout(printed), redirect_stderr(printed):
+        try:
+            main([*words])
+        except SystemExit as ended:
+            code = ended.code
+    if code not in (0, 1, None):
+        raise RuntimeError(f"flightid {' '.join(words)} ended with {code}:\n{printed.getvalue()}")

@@ -9,6 +9,7 @@ from docs._ext.made.api import modules_of, overview, package_page, packages, pag
 from docs._ext.made.commands import commands_page
 from docs._ext.made.effects import effects_page
 from docs._ext.made.gallery import gallery_page
+from docs._ext.made.labs import lab_pages
 from docs._ext.made.models import models_page, names_page
 from docs._ext.made.python import python_pages
 from docs._ext.made.scenarios import scenario_pages, scenarios_page
@@ -72,6 +73,7 @@ def made_pages(root: Path, turn: Callable[[str, str, str], str]) -> dict[str, st
     pages = {f"made/{name}": write() for name, write in FROM_CODE.items()}
     pages |= {f"made/{name}": text for name, text in scenario_pages().items()}
     pages |= {f"made/{name}": text for name, text in python_pages()}
+    pages |= {f"made/{name}": text for name, text in lab_pages()}
     pages["made/api/README"] = overview(root)
     for path, page in copied(root):
         pages[f"made/{page}"] = turn(

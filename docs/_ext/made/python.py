@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterator
+from pathlib import Path
 
+PICTURES = Path(__file__).parents[2] / "gallery"
 KINDS = {"functions": "Functions", "results": "Results and inputs", "modules": "Modules"}
 
 
@@ -57,4 +59,8 @@ def _page(name: str, kind: str) -> str:
     members = "" if kind == "functions" else "   :members:\n"
     # A module is indexed where its package is described.
     members += "   :no-index:\n" if kind == "modules" else ""
-    return f"# flightid.{name}\n\n```{{eval-rst}}\n.. {directive}:: flightid.{name}\n{members}```\n"
+    text = f"# flightid.{name}\n\n```{{eval-rst}}\n.. {directive}:: flightid.{name}\n{members}```\n"
+    if not (PICTURES / f"python-{name}.png").is_file():
+        return text
+    told = f"A figure of what `{name}` returns"
+    return f"{text}\n![{told}](../../gallery/python-{name}.png)\n\n*{told}.*\n"

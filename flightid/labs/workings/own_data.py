@@ -1,5 +1,5 @@
-"""Lab 7: a user's own files, read, checked, identified and diagnosed; and an example of such files,
-as a flight-test system might export them.
+"""Lab 7: a user's own files, read, checked, identified and diagnosed; and two examples of such
+files, a table as a flight-test system exports it and the log of a flight computer.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from flightid.labs.workings import recorder_log
 from flightid.labs.workings.trying import PREFIX, Scratch
 
 if TYPE_CHECKING:
@@ -34,6 +35,22 @@ VEHICLES = {
     "ballistic": "ballistic_target",
     "multirotor": "",
 }
+TABLE, LOG, OWN = "a table (CSV)", "a log of ArduPilot", "my own files"
+SOURCES = (TABLE, LOG, OWN)
+# what may be dropped into the lab
+SUFFIXES = [
+    ".csv",
+    ".txt",
+    ".bin",
+    ".log",
+    ".ulg",
+    ".xlsx",
+    ".mat",
+    ".h5",
+    ".mf4",
+    ".tdms",
+    ".parquet",
+]
 SHORT = ("flight.rate=20 Hz", "flight.train.duration=18 s", "flight.validate.duration=14 s")
 EXAMPLE = "trace-vane"  # of two records of a flight whose vane sits far ahead
 HEADERS = {
@@ -91,16 +108,26 @@ class Kept:
     channels: Path | None
 
 
-def vehicle_text(model: str) -> str:
+def vehicle_text(model: str, source: str = TABLE) -> str:
     """A vehicle file to begin with: of ``rigid`` the example's, whose starts are 30 % off, else of
     the library.
     """
     import flightid
 
     if model == "rigid":
-        return _flown().vehicle_file
+        return recorder_log.vehicle_text() if source == LOG else _flown().vehicle_file
     texts = {"loes": LOES, "multirotor": MULTIROTOR}
     return texts[model] if model in texts else flightid.vehicle(VEHICLES[model]).to_toml()
+
+
+def files_of(source: str) -> tuple[tuple[str, bytes], ...]:
+    """Name and content of the records of an example; none of ``OWN``."""
+    return {TABLE: example, LOG: recorder_log.example}.get(source, tuple)()
+
+
+def map_of(source: str) -> str:
+    """The channel map of an example; empty of ``OWN``."""
+    return {TABLE: MAP, LOG: recorder_log.MAP}.get(source, "")
 
 
 def kept(records: Sequence[tuple[str, bytes]], vehicle: str, channels: str = "") -> Kept:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from scenarios.trials.sweeps import SweepStudy
 
 SCENARIO = "uav-sweep"
+SEED = 1
 GAINS = (0.11, 0.16, 0.22, 0.3, 0.44)  # command per rad/s
 DELAYS = (12.0, 22.0, 32.0, 42.0, 52.0)  # ms
 ENOUGH = 45.0  # deg, of MIL-F-9490D
@@ -36,16 +37,16 @@ def changes(
 
 
 @lru_cache(KEPT)
-def study(asked: tuple[str, ...], seed: int = 1) -> SweepStudy:
+def study(asked: tuple[str, ...]) -> SweepStudy:
     """The flights and their estimates. Errors as ``run_sweep``."""
     from scenarios.studies.catalogue import load_document
     from scenarios.trials.sweeps import run_sweep, sweep_scenario_of
 
-    return run_sweep(sweep_scenario_of(*load_document(SCENARIO, asked)), seed)
+    return run_sweep(sweep_scenario_of(*load_document(SCENARIO, asked)), SEED)
 
 
 @lru_cache(KEPT)
-def without_excitation(asked: tuple[str, ...], seed: int = 1) -> ResponseEstimates:
+def without_excitation(asked: tuple[str, ...]) -> ResponseEstimates:
     """The broken-loop response of the same flights by the direct estimate, which does not know the
     sweep.
     """
@@ -54,7 +55,7 @@ def without_excitation(asked: tuple[str, ...], seed: int = 1) -> ResponseEstimat
     from scenarios.responses.analysis import ResponseOptions, responses_of
     from scenarios.responses.reading import Names
 
-    found = study(asked, seed)
+    found = study(asked)
     with TemporaryDirectory(prefix="flightid-") as folder:
         paths = tuple(
             write_record(Path(folder), record, f"flight{n}", simulated=True)[0]

@@ -510,15 +510,15 @@ def _notes(found: SixDegreeSearch, signals: Sequence[KinematicSignals]) -> list[
         out.append(
             f"{channel} recorded {-1000.0 * ahead:.0f} ms before it happens would explain more "
             "than any sensor fault: something acts that the "
-            "kinematics do not know, a gust on vane and load most likely, so that nothing more "
-            "stands"
+            "kinematics do not know, a gust on vane and load most likely, so that no further "
+            "fault is named"
         )
     behind = late([found.lines.faults[i] for i in found.standing])
     on_time = [name for name in clocks(tuple(signals[0].channels)) if name not in behind]
     if behind & set(clocks(tuple(signals[0].channels))) and on_time:
         out.append(
-            f"times count from {', '.join(on_time)}, which agree: what all channels are late by "
-            "against the inputs, kinematics cannot see"
+            f"times count from {', '.join(on_time)}, which agree: a delay common to "
+            "all channels cannot be detected from kinematics"
         )
     return out
 

@@ -329,7 +329,7 @@ def shown_probability(claim: Claim) -> dict[str, float]:
 
 
 def probability_sentence(claim: Claim) -> str:
-    """``"Probability that this is its name: 93 %; sensor-lag:q 5 %"``; empty of hints."""
+    """``"Probability of this cause: 93 %; sensor-lag:q 5 %"``; empty of hints."""
     mine = claim.probability.get(claim.name, math.nan)
     if not math.isfinite(mine):
         return ""
@@ -338,7 +338,7 @@ def probability_sentence(claim: Claim) -> str:
         for name, p in shown_probability(claim).items()
         if name != claim.name
     )
-    return f"Probability that this is its name: {_percent(mine)}{f'; {rest}' if rest else ''}"
+    return f"Probability of this cause: {_percent(mine)}{f'; {rest}' if rest else ''}"
 
 
 def _percent(p: float) -> str:

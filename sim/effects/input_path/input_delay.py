@@ -63,7 +63,7 @@ class InputDelay:
     @property
     def traits(self) -> Traits:
         return Traits(
-            sentences=("what the {control} does reaches the aircraft {delay} late",),
+            sentences=("the aircraft responds {delay} after the recorded {control}",),
             short_name="delay",
             plausible={"delay": (0.0, 0.4)},
             twins=all_labelled(("input-recorded-late", "actuator-second-order"), self.label),

@@ -188,3 +188,24 @@ def test_the_example_of_lab_7_is_what_its_key_says() -> None:
     )
     _, refused = tried(lambda: identified(wrong, "rigid"))
     assert "414 deg" in refused and refused.startswith("point_1.csv")
+
+
+def test_the_log_of_lab_7_is_what_its_key_says() -> None:
+    from flightid.labs.workings.own_data import (
+        LOG,
+        checked,
+        diagnosed,
+        files_of,
+        identified,
+        kept,
+        map_of,
+        vehicle_text,
+    )
+
+    given = kept(files_of(LOG), vehicle_text("rigid", LOG), map_of(LOG))
+    assert not any("fault found" in line for line in checked(given).sentences)
+    wrong = identified(given, "rigid")
+    assert wrong["CL_q"].value < 0.0 and wrong["CL_de"].value < 0.0
+    found = diagnosed(given, "rigid")
+    assert [effect.name for effect in found.effects] == ["input-delay"]
+    assert found.effects[0].parameters["delay"].value == pytest.approx(0.06, abs=0.003)

@@ -49,3 +49,12 @@ def test_from_an_uploaded_file_to_the_report(page: Page, servers: Servers, tmp_p
     report = download.value.path().read_text(encoding="utf-8")
     assert "vane-offset" in report and "<html" in report
     assert_no_failure(page)
+
+
+def test_the_log_of_a_flight_computer_is_read(page: Page, servers: Servers, tmp_path: Path) -> None:
+    open_lab(page, lab_address(7, servers, tmp_path / "server"), "What does the model lack?")
+    page.get_by_text("a log of ArduPilot", exact=True).click()
+    page.get_by_text("00000041.BIN", exact=True).first.wait_for()
+    page.get_by_text("do not use these sigmas").first.wait_for()
+    keep_picture(page, "lab7_log")
+    assert_no_failure(page)

@@ -15,11 +15,24 @@ ROOT = Path(__file__).parents[3]
 LABS = sorted((ROOT / "flightid" / "labs").glob("lab*.py"))
 
 
-@pytest.mark.parametrize("path", LABS, ids=lambda path: path.stem)
-def test_a_lab_runs_as_a_script(path: Path, tmp_path: Path) -> None:
+ALL = """
+import runpy, sys, traceback
+failed = []
+for path in sys.argv[1:]:
+    try:
+        runpy.run_path(path, run_name="__main__")
+    except Exception:
+        traceback.print_exc()
+        failed.append(path)
+sys.exit(len(failed))
+"""
+
+
+def test_each_lab_runs_as_a_script(tmp_path: Path) -> None:
+    """In one process for all: to import takes longer than what most labs compute."""
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     run = subprocess.run(
-        [sys.executable, str(path)],
+        [sys.executable, "-c", ALL, *map(str, LABS)],
         cwd=tmp_path,
         env=environment,
         capture_output=True,
@@ -27,6 +40,15 @@ def test_a_lab_runs_as_a_script(path: Path, tmp_path: Path) -> None:
         timeout=600,
     )
     assert (run.returncode, run.stderr) == (0, "")
+
+
+def test_a_lab_that_fails_is_seen(tmp_path: Path) -> None:
+    wrong = tmp_path / "wrong.py"
+    wrong.write_text("raise ValueError('no flight')\n", encoding="utf-8")
+    run = subprocess.run(
+        [sys.executable, "-c", ALL, str(wrong)], capture_output=True, text=True, timeout=60
+    )
+    assert run.returncode == 1 and "no flight" in run.stderr
 
 
 def test_marimo_finds_nothing_wrong_with_them() -> None:

@@ -51,7 +51,7 @@ def numbers(content: Any) -> Iterator[float]:
 @pytest.mark.long
 def test_one_record(flightid: CommandLine, place: Path) -> None:
     out = flightid.done("check", "flight1.csv", "--out", "out")
-    assert "stands: sensor-delay:alpha, alpha is late by 0.0" in out
+    assert "fault found: sensor-delay:alpha, alpha is late by 0.0" in out
     assert "a delay common to alpha, q and nz leaves no trace" in out and "written to out" in out
     content = json.loads((place / "out" / "compatibility.json").read_text())
     assert (
@@ -121,8 +121,8 @@ def test_degrees_odd_headers_az_and_a_window(flightid: CommandLine, place: Path)
 def test_a_known_vane_arm_is_no_finding(flightid: CommandLine, place: Path) -> None:
     write_record(place, record(sensors=Sensors(arm=4.0), seed=3), "vane")
     (place / "loes.toml").write_text(LOES)
-    assert "no sensor fault stands" in flightid.done("check", "vane.csv", "--vehicle", "loes.toml")
-    assert "stands: vane-offset" in flightid.done("check", "vane.csv")
+    assert "no sensor fault found" in flightid.done("check", "vane.csv", "--vehicle", "loes.toml")
+    assert "fault found: vane-offset" in flightid.done("check", "vane.csv")
 
 
 @pytest.mark.long
@@ -133,7 +133,7 @@ def test_no_vehicle_file_is_needed_where_the_airspeed_is_recorded(
     write_record(place, record((*FOUR, "airspeed"), seed=3), "whole")
     assert "relation of alpha" in flightid.done("check", "whole.csv")
     told = flightid.done("check", "flight1.csv")
-    assert "neither a recorded nor a given airspeed" in told and "cannot tell" in told
+    assert "neither a recorded nor a given airspeed" in told and "cannot show" in told
 
 
 @pytest.mark.long
@@ -145,7 +145,7 @@ def test_a_dynamic_pressure_makes_the_airspeed(flightid: CommandLine, place: Pat
     (place / "vehicle.toml").write_text(VEHICLE.replace("200.64984", "65.0"))
     out = " ".join(flightid.done("check", "pressure.csv").split())
     assert (
-        "stands: sensor-delay:alpha, alpha is late by 0.0" in out
+        "fault found: sensor-delay:alpha, alpha is late by 0.0" in out
         and "airspeed from the dynamic pressure, in air of 1.05" in out
     )
 
@@ -178,7 +178,7 @@ def test_bank_heading_and_height_in_their_units(flightid: CommandLine, place: Pa
         and "warning" not in out
     )
     assert (
-        "stands: bias:p, p reads 1." in out
+        "fault found: bias:p, p reads 1." in out
         and "deg/s too much" in out
         and "phi is late by 0.0" in out
     )
@@ -196,7 +196,7 @@ def test_alpha_and_q_alone_say_so(flightid: CommandLine, place: Path) -> None:
     out = flightid.done("check", "two.csv", "--out", "out")
     assert (
         "nothing is checked: these channels close no relation" in out
-        and "no sensor fault stands" not in out
+        and "no sensor fault found" not in out
     )
     assert (
         "alpha: nothing can be told" in out

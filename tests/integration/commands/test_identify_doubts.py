@@ -70,7 +70,7 @@ def test_both_readings_of_the_inputs_are_shown_where_they_differ(
                 hold
             ]["std"] == pytest.approx(shown["std"], rel=1e-9)
     # The data decide: one sentence, no table of what the wrong reading gives, no warning.
-    assert "moved by" not in told and "another value" not in " ".join(told.split())
+    assert "moved by" not in told and "changes by more" not in " ".join(told.split())
     assert (
         content["warnings"] == []
         and sum("inputs linear between samples" in note for note in content["notes"]) == 1
@@ -94,9 +94,9 @@ def test_readings_that_the_data_do_not_distinguish_are_shown_in_a_table(
     assert (
         "derivative" in told
         and "moved by" in told
-        and "another value with inputs" in " ".join(told.split())
+        and "changes by more than one sigma" in " ".join(told.split())
     )
-    assert any("another value" in warning for warning in content["warnings"])
+    assert any("changes by more" in warning for warning in content["warnings"])
     assert abs(2.0 * content["input_reading"]["log_likelihood_gain"]) < 10.0
 
 
@@ -191,7 +191,7 @@ def test_a_derivative_of_impossible_sign_is_named_in_one_line(
     told, content = identified(
         flightid, tmp_path, tmp_path / "turned.csv", "--hold", "linear", "--trust-record"
     )
-    said = [warning for warning in content["warnings"] if "not to be believed" in warning]
+    said = [warning for warning in content["warnings"] if "implausible" in warning]
     assert (
         len(said) == 1
         and "CL_de" in said[0]
@@ -199,9 +199,9 @@ def test_a_derivative_of_impossible_sign_is_named_in_one_line(
         and "has the other sign" in said[0]
         and "CL_alpha" not in said[0]
     )
-    assert " ".join(told.split()).count("not to be believed") == 1
+    assert " ".join(told.split()).count("implausible") == 1
     right = identified(flightid, tmp_path, tmp_path / "flight.csv", "--hold", "linear")[1]
-    assert not any("not to be believed" in warning for warning in right["warnings"])
+    assert not any("implausible" in warning for warning in right["warnings"])
 
 
 @pytest.mark.long

@@ -159,8 +159,8 @@ def test_a_sentence_names_the_input_that_is_late(
     assert effect["name"] == "input-delay:rudder" and effect["parameters"]["delay"][
         "value"
     ] == pytest.approx(0.12, abs=0.005)
-    assert effect["sentence"] == "what the rudder does reaches the aircraft 0.120 s late"
-    assert "CY_beta" in printed and "reaches the aircraft" in content["headline"]
+    assert effect["sentence"] == "the aircraft responds 0.120 s after the recorded rudder"
+    assert "CY_beta" in printed and "the aircraft responds" in content["headline"]
 
 
 REFUSED = [

@@ -56,7 +56,7 @@ def test_a_wrong_length_is_cautioned_both_ways(
             "--no-figures",
         )
         warnings = json.loads((tmp_path / word / "comparison.json").read_text())["warnings"]
-        said[word] = " ".join(warning for warning in warnings if "not to be believed" in warning)
+        said[word] = " ".join(warning for warning in warnings if "implausible" in warning)
     assert said["right"] == ""
     assert "times smaller" in said["large"] and "times as large" not in said["large"]
     assert "times as large" in said["small"] and "times smaller" not in said["small"]

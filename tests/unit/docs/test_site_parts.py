@@ -224,3 +224,49 @@ def test_the_sketch_of_axes_is_one_in_documents_and_labs() -> None:
     shown = (ROOT / "docs" / "axes.svg").read_bytes()
     assert shown == (ROOT / "flightid" / "labs" / "axes.svg").read_bytes()
     assert all(sign in shown.decode() for sign in ("nose up", "right wing down", "trailing edge"))
+
+
+def test_the_page_of_a_lab_has_what_its_notebook_says() -> None:
+    from docs._ext.made.labs import figures_of, lab_page, notebooks
+
+    source = notebooks()[4]
+    page = lab_page(4, source)
+    assert page.startswith("# Lab 4. An augmented aircraft and its equivalent system")
+    for part in (
+        "$M_\\alpha > 0$",
+        "![Axes, angles, rates and their signs](../../axes.svg)",
+        "stick amplitude, in",
+        "1. Airframe F. How long would it take",
+        "## To think about",
+    ):
+        assert part in page, part
+    assert page.index("## Theory") < page.index("## Try it") < page.index("## Questions")
+    assert page.count("## Try it") == page.count("## Questions") == 1
+    assert len(figures_of(source)) == 2
+
+
+def test_each_lab_has_a_page_with_a_figure_and_all_its_questions() -> None:
+    from docs._ext.made.labs import lab_pages, notebooks
+
+    pages = dict(lab_pages())
+    assert len(pages) == len(notebooks()) >= 9
+    for number, source in notebooks().items():
+        page = pages[f"labs/lab{number}"]
+        assert f"gallery/lab-{number}-1.png" in page, "docs/_ext/page_pictures.py makes it"
+        text = source.read_text(encoding="utf-8")
+        if "page.Question(" in text:
+            assert f"\n{text.count('page.Question(')}. " in page
+        for line in page.splitlines():
+            assert not line.startswith("## ") or page.count(f"{line}\n") == 1, (number, line)
+
+
+def test_functions_have_the_figure_that_was_made_for_them() -> None:
+    import flightid
+    from docs._ext.made.python import PICTURES, python_pages
+
+    pages = dict(python_pages())
+    made = [path.stem.removeprefix("python-") for path in PICTURES.glob("python-*.png")]
+    assert {"identify", "check", "diagnose", "frequency_response"} <= set(made)
+    for name in made:
+        assert name in flightid.__all__ and f"python-{name}.png" in pages[f"python/{name}"]
+    assert "gallery" not in pages["python/vehicles"]

@@ -130,12 +130,14 @@ def test_effect_of_a_user_is_told_by_its_own_sentence_or_its_numbers() -> None:
 
 def test_of_several_inputs_the_one_that_the_effect_acts_on_is_named() -> None:
     known = {
-        "input-delay:rudder": Traits(("what the {control} does reaches the aircraft {delay} late",))
+        "input-delay:rudder": Traits(
+            ("the aircraft responds {delay} after the recorded {control}",)
+        )
     }
     wording = Wording("aileron", candidates=known, controls=("aileron", "rudder"))
     assert (
         sentence(Claim("input-delay:rudder", {"delay": Quantity(0.12, 0.002, "s")}), wording)
-        == "what the rudder does reaches the aircraft 0.120 s late"
+        == "the aircraft responds 0.120 s after the recorded rudder"
     )
     assert (
         wording.control_of("input-delay:rudder#2") == "rudder"

@@ -13,7 +13,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from scenarios.plots.drawing import DOT, TOLERANCE, description, drawn_for_page, page_svg
+from scenarios.plots.drawing import DOT, TALLEST, TOLERANCE, description, drawn_for_page, page_svg
 from scenarios.plots.style import MEASURED, finish, make_sheet, method_style, time_axis, y_label
 from scenarios.report.figure_formats import CAPTIONS, caption_of
 
@@ -160,3 +160,26 @@ def test_figures_of_a_page_are_drawn_once_and_in_every_format(tmp_path: FilePath
     assert calls == stems == [each.stem for each in drawn]
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(f"{s}.png" for s in stems)
     assert [each.svg for each in drawn] == [page_svg(one(), stem) for stem in stems]
+
+
+def test_numbers_that_are_read_keep_their_digits() -> None:
+    """Places may be rounded to two decimals, ticks and values may not."""
+    figure = Figure(figsize=(4.0, 3.0))
+    panel = figure.add_subplot()
+    panel.plot([0.0, 1.0], [0.0, 0.004])
+    panel.set_yticks([0.0015, 0.0035], ["0.0015", "0.0035"])
+    panel.text(0.5, 0.002, "2.925 ± 0.004")
+    svg = page_svg(figure, "digits")
+    assert all(f">{text}<" in svg for text in ("2.925 ± 0.004", "0.0015", "0.0035"))
+    assert not re.search(r'(x|y|d)="[^"]*\d\.\d{3}', svg)
+
+
+def test_a_tall_live_figure_is_printed_lower_and_kept_as_it_was(tmp_path: FilePath) -> None:
+    figure = one()
+    width, height = 7.0, 12.0
+    figure.set_size_inches(width, height)
+    (drawn,) = drawn_for_page([("fit", lambda: figure)], tmp_path, ())
+    found = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', drawn.svg)
+    assert found is not None and drawn.plot is not None
+    assert float(found[2]) / float(found[1]) == pytest.approx(TALLEST, rel=1e-3)
+    assert tuple(figure.get_size_inches()) == (width, height)

@@ -24,9 +24,15 @@ LATERAL = ("beta", "p", "r", "phi", "ny")
 @pytest.mark.parametrize(
     ("wrong", "expected"),
     [
-        (("r",), "in yaw (r not white); noise alone in side force and roll"),
-        (("p", "phi"), "in roll (p not white, phi not white); noise alone in side force and yaw"),
-        (("ny", "r"), "in side force (ny not white); in yaw (r not white); noise alone in roll"),
+        (("r",), "in yaw (r not white); consistent with noise in side force and roll"),
+        (
+            ("p", "phi"),
+            "in roll (p not white, phi not white); consistent with noise in side force and yaw",
+        ),
+        (
+            ("ny", "r"),
+            "in side force (ny not white); in yaw (r not white); consistent with noise in roll",
+        ),
         (
             LATERAL,
             "in side force (beta not white, ny not white); in roll (p not white, phi not white); "
@@ -36,26 +42,25 @@ LATERAL = ("beta", "p", "r", "phi", "ny")
 )
 def test_the_axis_that_fails_is_named(wrong: tuple[str, ...], expected: str) -> None:
     told = line_of([whiteness(name, 1e-9 if name in wrong else 0.4) for name in LATERAL])
-    assert told == f"residual is not the noise alone: {expected}"
+    assert told == f"residual is more than noise: {expected}"
 
 
 def test_one_axis_needs_no_name_and_a_test_of_all_outputs_has_none() -> None:
     assert (
-        line_of([whiteness("altitude", 1e-9)])
-        == "residual is not the noise alone: altitude: not white"
+        line_of([whiteness("altitude", 1e-9)]) == "residual is more than noise: altitude: not white"
     )
     assert (
         line_of([whiteness("q", 1e-9), whiteness("theta", 0.5)])
-        == "residual is not the noise alone: q: not white"
+        == "residual is more than noise: q: not white"
     )
     size = ResidualTest("nis", "all", 9.0, 1e-9, "innovations are 2 times the size")
     told = line_of([whiteness("airspeed", 0.3), whiteness("q", 0.3), size])
     assert told == (
-        "residual is not the noise alone: all: innovations are 2 times the size; noise alone "
+        "residual is more than noise: all: innovations are 2 times the size; consistent with noise "
         "in speed and pitch"
     )
     assert (
-        line_of([whiteness("q", 0.3)]) == "residual: what the noise alone would give (q p = 0.3)"
+        line_of([whiteness("q", 0.3)]) == "residual: consistent with noise (q p = 0.3)"
         and line_of([]) == ""
     )
 

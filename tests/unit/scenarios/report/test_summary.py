@@ -84,10 +84,12 @@ def test_the_residuals_state_names_the_channels() -> None:
         for name, p in (("alpha", 0.5), ("q", 1e-9), ("nz", 0.2), ("q, record 2", 0.5))
     ]
     assert [test.passed for test in tests] == [True, False, True, True]
-    assert residual_phrase(tests) == "more than noise in q; the noise alone in alpha and nz"
-    assert residual_phrase(tests[:1]) == "the noise alone in alpha" and residual_phrase([]) == ""
+    assert residual_phrase(tests) == "more than noise in q; consistent with noise in alpha and nz"
+    assert (
+        residual_phrase(tests[:1]) == "consistent with noise in alpha" and residual_phrase([]) == ""
+    )
     assert residual_phrase([tests[0], ResidualTest("nis", "all", 9.0, 1e-9, "")]).startswith(
-        "not what the noise alone would give"
+        "not consistent with noise"
     )
 
 

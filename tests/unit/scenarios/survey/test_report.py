@@ -122,7 +122,7 @@ def test_columns_in_which_nothing_stands_are_left_out(
     shown = flights_table(grown)
     names = ["flight", "since", "date", "tail", "verdict", "sensor-delay:q", "kinematics"]
     assert [column.heading for column in shown.columns] == names
-    told = ("G", "new", "2026-03-04", "T-1", "traced", "has it", "nothing stands")
+    told = ("G", "new", "2026-03-04", "T-1", "traced", "has it", "no fault found")
     assert shown.rows[0] == told
     assert fresh(grown) == ["traced, G: made up; of what recurs it has sensor-delay:q"]
 

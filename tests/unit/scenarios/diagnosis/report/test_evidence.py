@@ -146,7 +146,7 @@ def test_turbulence_is_told_by_what_judged_it_and_not_by_a_free_simulation() -> 
         (
             "input-delay",
             ("actuator-lag",),
-            "what the elevator does reaches the aircraft 0.061 s late (delay or actuator lag: "
+            "the aircraft responds 0.061 s after the recorded elevator (delay or actuator lag: "
             "these records cannot tell)",
         ),
         (

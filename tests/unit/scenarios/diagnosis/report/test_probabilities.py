@@ -39,19 +39,19 @@ def test_the_name_comes_first_then_the_likeliest_without_what_rounds_to_nothing(
 @pytest.mark.parametrize(
     ("probability", "words"),
     [
-        (FOUND, "Probability that this is its name: 93 %; sensor-delay:q 5 %, vane-offset 2 %"),
-        ({LAG: 1.0}, "Probability that this is its name: above 99 %"),
+        (FOUND, "Probability of this cause: 93 %; sensor-delay:q 5 %, vane-offset 2 %"),
+        ({LAG: 1.0}, "Probability of this cause: above 99 %"),
         (
             {LAG: 0.9931, DELAY: 0.0069},
-            "Probability that this is its name: 99 %; sensor-delay:q 1 %",
+            "Probability of this cause: 99 %; sensor-delay:q 1 %",
         ),
         (
             {LAG: 0.9946, DELAY: 0.0054},
-            "Probability that this is its name: 99 %; sensor-delay:q 1 %",
+            "Probability of this cause: 99 %; sensor-delay:q 1 %",
         ),
         (
             {LAG: 0.001, DELAY: 0.989, "a": 0.01},
-            "Probability that this is its name: below 1 %; sensor-delay:q 99 %, a 1 %",
+            "Probability of this cause: below 1 %; sensor-delay:q 99 %, a 1 %",
         ),
         ({}, ""),
         ({LAG: math.nan, DELAY: math.nan}, ""),
@@ -84,7 +84,7 @@ def test_the_file_has_the_numbers_and_nothing_where_nothing_was_weighed() -> Non
 
 
 def test_text_and_page_say_it_below_the_claim() -> None:
-    words = "Probability that this is its name: 93 %; sensor-delay:q 5 %, vane-offset 2 %"
+    words = "Probability of this cause: 93 %; sensor-delay:q 5 %, vane-offset 2 %"
     tracing, plain = told(FOUND), told({})
     lines = diagnosis_text(tracing).splitlines()
     name = tracing.diagnosis.effects[0].name
