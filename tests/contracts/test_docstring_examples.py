@@ -15,6 +15,7 @@ ON_THE_PAGE = {"structure", "survey"}
 FUNCTIONS = [name for name in flightid.__all__ if inspect.isfunction(getattr(flightid, name))]
 MODULES = [
     "scenarios.api.checks",
+    "scenarios.api.design",
     "scenarios.api.diagnosis",
     "scenarios.api.estimators",
     "scenarios.api.identification",
