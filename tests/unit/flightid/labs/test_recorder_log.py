@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,7 +45,7 @@ def test_pymavlink_reads_each_message(given: own_data.Kept) -> None:
 
     log = DFReader_binary(str(given.records[0]))
     counts: dict[str, int] = {}
-    first = {}
+    first: dict[str, dict[str, Any]] = {}
     while (message := log.recv_msg()) is not None:
         kind = message.get_type()
         counts[kind] = counts.get(kind, 0) + 1

@@ -143,7 +143,7 @@ def test_a_place_that_is_estimated_reads_as_one_that_is_declared() -> None:
     flights = []
     for each in (aircraft_model(aircraft).with_values(values), aircraft_model(declared)):
         flights.append(fly_model(each, airliner_flight(2.0)))
-    assert np.array_equal(*flights)
+    assert np.array_equal(flights[0], flights[1])
     kept = declaration_of(aircraft_model(aircraft).with_values(values))
     assert kept is not None
     assert kept.sensors == declared.sensors
