@@ -81,7 +81,9 @@ def words(label: str) -> str:
     for name, letter in _GREEK.items():
         label = re.sub(rf"\\{name}(?![a-z])", letter, label)
     label = re.sub(r"\\(?:dot|mathrm|mathit)(?![a-z])", "", label)
-    return " ".join(re.sub(r"[${}_\\]", "", label).split())
+    # Outside of mathtext an underscore is one, as in the name of a file.
+    bare = re.sub(r"\$([^$]*)\$", lambda found: re.sub(r"[{}_\\]", "", found[1]), label)
+    return " ".join(bare.replace("$", "").split())
 
 
 def _plain_panel(panel: Axes) -> bool:

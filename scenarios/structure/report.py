@@ -54,7 +54,7 @@ def structure_text(found: FoundStructure, width: int = WIDTH) -> str:
     count = sum(len(each.time) for each in found.histories)
     lines = wrapped(
         f"{names}: {count} windows, angular accelerations to {first.bandwidth:.2g} Hz, "
-        f"{found.options.method}",
+        f"{found.options.method}{', hierarchical' if found.options.hierarchical else ''}",
         width,
     )
     lines += table_as_lines(summary_table(found), width, keys=1)
@@ -201,7 +201,15 @@ def coefficient_figure(found: FoundStructure, axes: Sequence[str], most: int = 4
     ----------
     axes : coefficients, a row each. most : maneuvers shown at most.
     """
-    from scenarios.plots.style import BLUE, MEASURED, finish, make_sheet, time_axis, y_label
+    from scenarios.plots.style import (
+        BLUE,
+        MEASURED,
+        caption,
+        finish,
+        make_sheet,
+        time_axis,
+        y_label,
+    )
 
     shown = found.histories[:most]
     sheet = make_sheet([1.5] * len(axes), [1.0] * len(shown))
@@ -214,9 +222,14 @@ def coefficient_figure(found: FoundStructure, axes: Sequence[str], most: int = 4
             )
             if number == 0:
                 y_label(panel, axis)
+            if row == 0 and len(shown) > 1:
+                caption(panel, history.name)
             if row == len(axes) - 1:
                 time_axis(panel)
-    return finish(sheet, "Coefficients, measured and modelled")
+    title = "Coefficients, measured and modelled"
+    if len(shown) < len(found.histories):
+        title += f"\nthe first {len(shown)} of {len(found.histories)} records"
+    return finish(sheet, title, head=0.3 if len(shown) > 1 else 0.08)
 
 
 # ---- Page and folder

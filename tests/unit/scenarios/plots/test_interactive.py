@@ -216,3 +216,4 @@ def test_a_page_made_again_has_the_same_bytes_and_scripts_only_where_a_figure_zo
 def test_labels_have_letters_in_the_place_of_mathtext() -> None:
     assert words(r"elevator $\delta_e$ (deg)") == "elevator δe (deg)"
     assert words(r"$C_{m\alpha}$") == "Cmα"
+    assert words(r"left_aileron $\delta_{a}$, flight_2.csv") == "left_aileron δa, flight_2.csv"

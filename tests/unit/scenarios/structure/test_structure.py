@@ -15,7 +15,12 @@ from scenarios.files.aircraft_files import read_aircraft, written
 from scenarios.files.declarations import read_toml_source
 from scenarios.files.writing import write_record
 from scenarios.preparation.plan import Request
-from scenarios.structure.report import findings, structure_text, write_structure
+from scenarios.structure.report import (
+    coefficient_figure,
+    findings,
+    structure_text,
+    write_structure,
+)
 from scenarios.structure.study import (
     StructureOptions,
     coefficients_of,
@@ -23,6 +28,7 @@ from scenarios.structure.study import (
     structure_of_files,
     with_plain_terms,
 )
+from sim.aerodynamics.symmetry import parents
 from sim.aerodynamics.terms import Term
 from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Hold, Record
@@ -215,3 +221,25 @@ def test_in_python_as_by_the_command(files: list[Path], tmp_path: Path) -> None:
         fid.structure(files, files[0].parent / "vehicle.toml", method="guess")
     with pytest.raises(fid.InputError, match="there is no target"):
         fid.export(folder / "vehicle.toml", "paper", tmp_path / "plane.txt")
+
+
+def test_panels_name_their_records_and_the_title_how_many_are_shown() -> None:
+    found = structure_of([record_of(1), record_of(2)], CURVED, OPTIONS)
+    shown = coefficient_figure(found, ("Cl", "Cm"))
+    heads = [panel.get_title(loc="left") for panel in shown.axes]
+    assert heads == ["m1.csv", "m2.csv", "", ""]
+    fewer = coefficient_figure(found, ("Cl",), most=1)
+    told = " ".join(text.get_text() for text in fewer.texts)
+    assert "the first 1 of 2 records" in told
+
+
+def test_products_come_after_their_linear_terms_where_it_is_asked_for() -> None:
+    options = StructureOptions(hierarchical=True)
+    found = structure_of([record_of(1), record_of(2)], CURVED, options)
+    assert "stepwise, hierarchical" in structure_text(found)
+    assert term("alpha*elevator") in found.aircraft.coefficients["Cm"]
+    for axis, terms in found.aircraft.coefficients.items():
+        offered = {t for t in terms if len(t.factors) == 1}
+        assert all(parents(each) <= offered for each in terms), axis
+    with pytest.raises(DeclarationError, match="--hierarchical"):
+        StructureOptions(method="orthogonal", hierarchical=True)
