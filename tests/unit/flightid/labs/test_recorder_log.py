@@ -44,7 +44,7 @@ def test_pymavlink_reads_each_message(given: own_data.Kept) -> None:
 
     log = DFReader_binary(str(given.records[0]))
     counts: dict[str, int] = {}
-    first = {}
+    first: dict[str, dict[str, object]] = {}
     while (message := log.recv_msg()) is not None:
         kind = message.get_type()
         counts[kind] = counts.get(kind, 0) + 1
