@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import Any
 
 CODE = re.compile(r"``(.+?)``|`([^`]+)`")
 MARKS = re.compile(r"([\\*_|`<>])")
 STARTS_LIKE_MARKUP = re.compile(r"[-+•] |\(?\w{1,3}[.)] |\.\.|:|>>>|[=\-~^#+.]{3,}|@")
+# an entry begins a line or follows the last sentence of the one before
+HEAD = re.compile(r"(?:^|(?<=[.;)`] ))[A-Za-z_*][\w.*]*(?:, [A-Za-z_*][\w.*]*)* : ")
 ENTRY = re.compile(r"([\w.*]+(?:, [\w.*]+)*) : (.*)")
 UNDERLINE = re.compile(r"-{3,}")
 
@@ -34,21 +36,15 @@ def escaped(text: str) -> str:
 
 
 def entries(lines: Sequence[str]) -> Iterator[str]:
-    """Lines of a part such as Parameters: ``name : text`` with its continuation as an item of a
-    list, anything else as a paragraph.
+    """Lines of a part such as Parameters: each ``name : text`` as an item of a list, also where
+    several stand in one line; anything else as a paragraph.
     """
-    found: list[list[str]] = []
-    for line in lines:
-        if found and line.startswith(" "):
-            found[-1].append(line.strip())
-        else:
-            found.append([line.strip()])
-    for each in found:
-        head = ENTRY.fullmatch(each[0])
-        if head:
-            yield f"* ``{head[1]}``: {escaped(' '.join([head[2], *each[1:]]))}"
-        else:
-            yield f"{escaped(' '.join(each))}"
+    whole = " ".join(line.strip() for line in lines)
+    starts = [found.start() for found in HEAD.finditer(whole)]
+    for begin, end in pairwise(dict.fromkeys([0, *starts, len(whole)])):
+        each = whole[begin:end].strip()
+        head = ENTRY.fullmatch(each)
+        yield f"* ``{head[1]}``: {escaped(head[2])}" if head else escaped(each)
         yield ""
 
 
@@ -67,7 +63,9 @@ def plain(lines: Sequence[str]) -> list[str]:
         if len(paragraph) > 1 and UNDERLINE.fullmatch(paragraph[1].strip()):
             out += [f"**{paragraph[0].strip()}**", ""]
             listed, paragraph = True, paragraph[2:]
-        if paragraph and all(line.startswith("  ") for line in paragraph):
+        if paragraph and paragraph[0].startswith(">>> "):
+            out += [*paragraph, ""]
+        elif paragraph and all(line.startswith("  ") for line in paragraph):
             out += ["::", "", *(f"    {line}" for line in paragraph), ""]
         elif listed and any(ENTRY.fullmatch(line) for line in paragraph):
             out += entries(paragraph)

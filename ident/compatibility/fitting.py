@@ -516,13 +516,13 @@ def _combination_sentence(row: np.ndarray, named: Sequence[SensorFault]) -> str:
     )
     same = all(part * members[0][1] > 0 for _, part in members)
     if lateness and same and len(channels) > 1:
-        return f"a delay common to {_listed(channels)} leaves no trace: only relative timing shows"
+        return f"a delay common to {_listed(channels)} is not observable, only relative delays are"
     if kinds == {SCALE} and same:
-        return f"a scale common to {_listed(channels)} leaves no trace: only ratios show"
+        return f"a scale common to {_listed(channels)} is not observable, only ratios are"
     names = sorted(fault.name for fault, _ in members)
     if len(names) == 1:
         return f"{names[0]} is not determined beside the others"
-    return f"{_listed(names)}: only combinations of them show"
+    return f"{_listed(names)}: only combinations are observable"
 
 
 def _listed(words: Sequence[str]) -> str:

@@ -35,10 +35,12 @@ Data = tuple[Sequence[Record], Sequence[Record]]  # to be fitted, and to be pred
 _SENTENCES = {
     Verdict.CONSISTENT: "the residual is consistent with noise: nothing is missing",
     Verdict.TRACED: (
-        "the effects listed explain what was missing: what remains is noise, also on data that "
-        "were not fitted"
+        "the effects listed explain the misfit: the residual is noise, also on data that were not "
+        "fitted"
     ),
-    Verdict.PARTIAL: "the records need the effects listed, but what remains is not noise",
+    Verdict.PARTIAL: (
+        "the records need the effects listed, but the residual is still more than noise"
+    ),
     Verdict.AMBIGUOUS: "an effect is needed, but these data cannot tell it from its alternatives",
     Verdict.UNEXPLAINED: (
         "something is missing, and no effect of the library can be named as its cause"

@@ -164,7 +164,7 @@ def check(
     lowpass: float | None = None,
     trust_record: bool = False,
 ) -> Check:
-    """What the kinematics alone say of the sensors: ``flightid check`` in Python; parameters as in
+    """Check the sensors by kinematics alone: ``flightid check`` in Python; parameters as in
     ``identify``.
 
     Raises

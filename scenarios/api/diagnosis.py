@@ -294,7 +294,7 @@ def diagnose(
     category: str | None = None,
     progress: Progress | None = None,
 ) -> Diagnosis:
-    """What the model lacks: fit, find the residual's cause, add it, fit again, compare; ``flightid
+    """Find the physical effects that the model lacks, add them, fit again and compare: ``flightid
     diagnose`` in Python.
 
     Parameters
@@ -457,8 +457,8 @@ def survey(
     progress: Progress | None = None,
     cluster: str | None = None,
 ) -> Survey:
-    """Many flights of one aircraft, each diagnosed, then what recurs: ``flightid survey`` in
-    Python.
+    """Diagnose many flights of one aircraft, and find the effects that recur: ``flightid survey``
+    in Python.
 
     Parameters
     ----------

@@ -299,7 +299,7 @@ def identify(
     aircraft_class: str | None = None,
     category: str | None = None,
 ) -> Identification:
-    """Parameters of a model from records: ``flightid identify`` in Python.
+    """Estimate the parameters of a model from records: ``flightid identify`` in Python.
 
     Parameters
     ----------
@@ -485,7 +485,7 @@ def predict(
     rate: float | None = None,
     trust_record: bool = False,
 ) -> Prediction:
-    """The model that a study keeps on another record: ``flightid predict`` in Python.
+    """Predict another record by the model of a study: ``flightid predict`` in Python.
 
     Parameters
     ----------

@@ -308,7 +308,7 @@ def run(
 
 @told_in_python
 def simulate(name: str | PathLike[str], *, seed: int | None = None, set: Settings = None) -> Flight:
-    """The records of a scenario without its truth, and the vehicle that goes with them: ``flightid
+    """Simulate the records of a scenario, without its truth, with their vehicle: ``flightid
     simulate`` in Python; parameters as in ``run``.
 
     Examples
@@ -501,8 +501,8 @@ def campaign(
     cluster: str | None = None,
     time_limit: float | None = None,
 ) -> Campaign:
-    """The same scenario with ``runs`` seeds that spring from ``seed``: bias, scatter against
-    reported sigma, coverage; as ``flightid campaign``.
+    """Repeat a scenario with ``runs`` seeds, which follow from ``seed``, for bias, scatter against
+    reported sigma, and coverage: ``flightid campaign`` in Python.
 
     ``noise_levels`` : find them by likelihood also where no sigma is wrong.
     ``jobs`` : processes, else one a core. ``out`` : a folder in which runs are kept as they come;

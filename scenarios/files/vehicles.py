@@ -142,10 +142,7 @@ def files_read_unnamed(records: Sequence[RecordFile], vehicle: Path | None) -> t
         if record.sidecar.file and not record.in_memory
     ]
     return (
-        (
-            "read without being named, because found beside the records: "
-            f"{', '.join(dict.fromkeys(names))}",
-        )
+        (f"also read, because found beside the records: {', '.join(dict.fromkeys(names))}",)
         if names
         else ()
     )

@@ -459,12 +459,12 @@ def _refuse_band(asked: DesignRequest) -> None:
     flown = asked.flown
     if high > flown.fastest:
         what = f"{flown.name} does not follow a sweep to {high:g} Hz by hand"
-        remedy = f"give {flown.fastest:g} Hz at most, or --computer if no pilot flies it"
+        remedy = f"give {flown.fastest:g} Hz at most, or --computer for a flight computer"
         raise DeclarationError(what, where="--band", remedy=remedy)
     if CYCLES / low > flown.longest_sweep:
         what = f"five periods of {low:g} Hz are longer than a sweep by hand"
         least = math.ceil(1e3 * CYCLES / flown.longest_sweep) / 1e3
-        remedy = f"give {least:g} Hz or more, or --computer if no pilot flies it"
+        remedy = f"give {least:g} Hz or more, or --computer for a flight computer"
         raise DeclarationError(what, where="--band", remedy=remedy)
     if asked.tell:
         what = "maneuvers for a band are compared by responses, not by effects"

@@ -101,12 +101,12 @@ def flown_text(design: DesignResult) -> str:
     """Who moves the controls, and what the margins are."""
     flown = design.setting.flown
     text = (
-        f"flown by {flown.name} (--computer if no pilot flies it): {flown.text}"
+        f"flown by {flown.name} (--computer for a flight computer): {flown.text}"
         if flown.text
         else f"flown by {flown.name}"
     )
     return (
-        f"{text}; the motion is that of inputs with limited rates; margin: by how much the motion "
+        f"{text}; motions are computed with rate-limited inputs; margin: by how much the motion "
         "may be larger than the model's until it reaches a limit"
     )
 

@@ -275,9 +275,9 @@ def estimated(
     low, high = options.band or input_band(read.signals, lowest)
     notes = []
     if not options.band:
-        begins = "the tapers resolve" if options.tapers else "the longest window resolves"
+        begins = "the tapers" if options.tapers else "the longest window"
         band = f"band {low:.3g} to {high:.3g} Hz"
-        notes.append(f"{band}: from what {begins} to 99 % of the inputs' power")
+        notes.append(f"{band}: lower end by {begins}, upper end by 99 % of the inputs' power")
     if high > 0.45 * rate:
         what, remedy = f"{high:g} Hz is above 0.45 of the rate of {rate:.4g} Hz", "give a lower one"
         raise DeclarationError(what, where="--band", remedy=remedy)
@@ -286,7 +286,7 @@ def estimated(
         raise DeclarationError(what, where="--band", remedy="give a higher one, or a longer record")
     signals, factor = decimated(read.signals, high)
     step = factor * read.step
-    notes += ["straight lines are taken off all signals of each part"]
+    notes += ["linear trends are removed from all signals of each part"]
     if factor > 1:
         notes += [f"decimated from {rate:.4g} to {1.0 / step:.4g} Hz behind one zero-phase filter"]
     spectra = Spectra(windows, options.tapers, least_coherence=options.least_coherence)

@@ -75,9 +75,7 @@ class SurveyResult:
             if flight.vehicle_beside is not None
         )
         return (
-            (f"read without being named, because found beside the records: {', '.join(found)}",)
-            if found
-            else ()
+            (f"also read, because found beside the records: {', '.join(found)}",) if found else ()
         )
 
     def __repr__(self) -> str:

@@ -387,7 +387,7 @@ def late(faults: Sequence[SensorFault]) -> set[str]:
 # ---- Data compatibility in six degrees of freedom of records of one set of sensors
 
 STEADY_WIND = (
-    "a steady wind along the ground leaves no trace: no channel is measured against the ground"
+    "a steady wind along the ground is not observable: no channel is measured against the ground"
 )
 
 

@@ -80,9 +80,7 @@ CAPTIONS = {
     "replication": (
         "Parameters of the effects from each record by itself and from the fitted records together"
     ),
-    "held_out": (
-        "Record against prediction on data that were not fitted, and what each prediction leaves"
-    ),
+    "held_out": ("Recorded and predicted outputs of data that were not fitted, with the residuals"),
     "residuals": "Residuals of the fitted data with the declared model and with the effects",
     "evidence": (
         "Gain of each candidate as a bar, its log posterior odds, and why it was not chosen; "
@@ -96,8 +94,8 @@ CAPTIONS = {
 DECLARED_CAPTIONS = {
     **CAPTIONS,
     "held_out": (
-        "Record against what the declared model predicts of data that were not fitted, and what it "
-        "leaves"
+        "Outputs of data that were not fitted, recorded and predicted by the declared model, with "
+        "the residuals"
     ),
     "residuals": "Residuals of the fitted data with the declared model",
 }  # where no effect stands beside it

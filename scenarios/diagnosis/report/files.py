@@ -161,7 +161,7 @@ def _kinematics(tracing: Tracing) -> tuple[Section, ...]:
         if some.records
         else None
     )
-    fold = Fold("What these channels cannot tell", limits) if limits else None
+    fold = Fold("What these channels cannot show", limits) if limits else None
     return section(
         "Kinematics alone", *(Prose(f"{_capital(line)}.") for line in lines), records, fold
     )

@@ -181,7 +181,7 @@ def headline(tracing: Tracing) -> str:
         # judged.
         parts.append("; ".join(one_step_phrase(claim, tracing) for claim in rough))
     elif error:
-        parts.append(f"with that, {error}")
+        parts.append(f"with this effect, {error}")
     name = _most_moved(d)
     if name:
         old, new = d.before[name], d.after[name]
@@ -287,7 +287,7 @@ def one_step_phrase(claim: Claim, tracing: Tracing) -> str:
     """What a claim is worth that was judged by predictions of one step."""
     gains = ", ".join(f"{gain:.0f}" for gain in claim.one_step_gains)
     return (
-        f"with that, the log likelihood of one-step predictions rises by {gains} on "
+        f"with this effect, the log likelihood of one-step predictions rises by {gains} on "
         f"{where_predicted(tracing)}"
     )
 

@@ -14,7 +14,7 @@ import pytest
 
 from tests.integration.command_line import CommandLine
 
-SAID = "read without being named, because found beside the records: "
+SAID = "also read, because found beside the records: "
 
 
 @pytest.fixture
@@ -79,7 +79,7 @@ def test_what_is_named_or_is_not_there_is_not_spoken_of(
         ("identify", "flight.csv", "--model", "rigid", "--no-figures"),
         ("check", "flight.csv"),
     ):
-        assert "without being named" not in flat(flightid.done(*call, "--vehicle", "other.toml"))
+        assert "also read" not in flat(flightid.done(*call, "--vehicle", "other.toml"))
 
 
 @pytest.mark.long

@@ -270,3 +270,27 @@ def test_functions_have_the_figure_that_was_made_for_them() -> None:
     for name in made:
         assert name in flightid.__all__ and f"python-{name}.png" in pages[f"python/{name}"]
     assert "gallery" not in pages["python/vehicles"]
+
+
+def test_entries_that_share_a_line_are_items_of_their_own() -> None:
+    text = """First line.
+
+Parameters
+----------
+model : the path of
+its file. vehicle : a name: or numbers, ``a : b``. start, stop : s.
+
+Examples
+--------
+>>> 1 + 1
+2
+"""
+    told = plain(text.splitlines())
+    items = [line for line in told if line.startswith("* ")]
+    assert [item.partition(":")[0] for item in items] == [
+        "* ``model``",
+        "* ``vehicle``",
+        "* ``start, stop``",
+    ]
+    assert items[0].endswith("the path of its file.") and "``a : b``" in items[1]
+    assert told[told.index(">>> 1 + 1") + 1] == "2"

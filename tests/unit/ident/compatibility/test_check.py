@@ -108,11 +108,11 @@ def test_a_delay_of_all_channels_alike_is_invisible_and_said_to_be() -> None:
     )
     assert standing(found) == []
     assert (
-        "a delay common to alpha, q and nz leaves no trace: only relative timing shows"
+        "a delay common to alpha, q and nz is not observable, only relative delays are"
         in found.cannot_tell
     )
     assert (
-        "a scale common to alpha, q and nz leaves no trace: only ratios show" in found.cannot_tell
+        "a scale common to alpha, q and nz is not observable, only ratios are" in found.cannot_tell
     )
 
 

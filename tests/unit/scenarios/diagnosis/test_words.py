@@ -218,8 +218,8 @@ def test_headline_names_effect_error_and_derivative() -> None:
         diagnosis=replace(d, error_before=figures, error_after=after, before=before, after=moved),
     )
     assert headline(told) == (
-        "the elevator sticks within +-0.400 deg of zero (break-out); with that, pitch-rate error "
-        "0.35 -> 0.0859 deg/s "
+        "the elevator sticks within +-0.400 deg of zero (break-out); with this effect, pitch-rate "
+        "error 0.35 -> 0.0859 deg/s "
         "on the held-out record validate.csv, noise floor 0.0859; Cm_q was -24.1 +- 0.9, is -17.2 "
         "+- 0.4"
     )

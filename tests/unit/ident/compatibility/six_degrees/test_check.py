@@ -161,7 +161,7 @@ def test_which_of_two_is_late_takes_a_third() -> None:
         "sensor-scale:p",
         "sensor-scale:phi",
     }
-    assert "a scale common to p and phi leaves no trace: only ratios show" in two.cannot_tell
+    assert "a scale common to p and phi is not observable, only ratios are" in two.cannot_tell
     five = compatibility([shown(fly(), LATERAL, Faults(scale={"phi": 1.1}), 1)], SETTINGS)
     assert leaders(five) == {"sensor-scale:phi": ()}
 
@@ -181,7 +181,7 @@ def test_biases_that_make_up_for_each_other_are_not_seen_and_said_to_be() -> Non
     )
     assert (
         leaders(leaning) == {}
-        and "bias:ny and bias:phi: only combinations of them show" in leaning.cannot_tell
+        and "bias:ny and bias:phi: only combinations are observable" in leaning.cannot_tell
     )
 
 
@@ -191,7 +191,7 @@ def test_a_delay_of_all_channels_alike_is_invisible_and_said_to_be() -> None:
     )
     assert leaders(found) == {}
     assert (
-        "a delay common to beta, p, r, ny and phi leaves no trace: only relative timing shows"
+        "a delay common to beta, p, r, ny and phi is not observable, only relative delays are"
         in found.cannot_tell
     )
 

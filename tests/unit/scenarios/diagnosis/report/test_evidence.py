@@ -123,8 +123,8 @@ def test_turbulence_is_told_by_what_judged_it_and_not_by_a_free_simulation() -> 
     tracing = replace(tracing, diagnosis=replace(tracing.diagnosis, effects=(gust,)))
     told = headline(tracing)
     assert (
-        "with that, the log likelihood of one-step predictions rises by 1140 on the held-out record"
-        in told
+        "with this effect, the log likelihood of one-step predictions rises by 1140 on the "
+        "held-out record" in told
     )
     assert " error " not in told and "->" not in told
     assert diagnosis_content(tracing, "")["effects"][0]["one_step_gains"] == [1139.6]
