@@ -53,8 +53,8 @@ COMMANDS = {
     "effects": "effects",
     "list": "list",
 }
+_SCRATCH = re.compile(r"flightid-[a-z0-9_]{8}(?=/)")  # folders made for one run
 # Times, versions and paths of a machine.
-_SCRATCH = re.compile(r"flightid-[a-z0-9_]{8}(?=/)")
 PASSED_OVER = ("seconds", "version", "created", "runtime", "elapsed", "python", "machine", "folder")
 
 
@@ -128,7 +128,7 @@ def main() -> int:
             for path in (base / name).rglob("*")
             if path.suffix in (".json", ".csv", ".stdout", ".toml")
         }
-        found = []
+        found: list[str] = []
         for file in sorted(files):
             pair = [base / name / file for name in folders]
             if all(path.is_file() for path in pair):

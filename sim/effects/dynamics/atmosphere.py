@@ -66,9 +66,6 @@ class DensityScaleHeight:
         return (Probe(self.absent, ("change",)),)
 
 
-DENSITY_VARIANTS: tuple[Traceable, ...] = (DensityScaleHeight(),)
-
-
 SONIC, TRANSONIC = 1.1, 0.25  # middle and half width of the Mach numbers at which drag changes most
 # K, K/m, K: standard atmosphere, held at its tropopause value above 11 km
 SEA_LEVEL, LAPSE, COLDEST = 288.15, 0.0065, 216.65
@@ -181,7 +178,4 @@ def _stretched(mach: Any) -> Any:
     return asinh((mach - SONIC) / TRANSONIC)
 
 
-MACH_VARIANTS: tuple[Traceable, ...] = (DragMach(),)
-
-
-VARIANTS: tuple[Traceable, ...] = (*DENSITY_VARIANTS, *MACH_VARIANTS)
+VARIANTS: tuple[Traceable, ...] = (DensityScaleHeight(), DragMach())

@@ -199,10 +199,7 @@ class PeriodicLoads:
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ("elastic-mode",)
     states: ClassVar[tuple[Signal, ...]] = ()
-    traits: ClassVar[Traits] = Traits(
-        per_record=True,
-        guard=True,
-    )
+    traits: ClassVar[Traits] = Traits(per_record=True, guard=True)
 
     @property
     def name(self) -> str:
@@ -327,9 +324,7 @@ class ProductLoads(SizedOnPorts):
 
     @property
     def traits(self) -> Traits:
-        return Traits(
-            guard=True,
-        )
+        return Traits(guard=True)
 
     @property
     def explanation(self) -> str:
