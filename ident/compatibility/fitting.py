@@ -101,7 +101,7 @@ def fit(
     for turn in range(passes):
         whiteners = [weigher(s, noise) for s in signals]
         for _ in range(_ITERATIONS):
-            information, gradient = _normal(signals, priors, own, lines, whiteners)
+            information, gradient = normal_equations(signals, priors, own, lines, whiteners)
             step = bounded_inverse(information) @ gradient
             if float(gradient @ step) < _SMALL:
                 break
@@ -186,15 +186,22 @@ def whitened(found: KinematicFit) -> list[tuple[np.ndarray, np.ndarray]]:
     return out
 
 
-def least_misfit(found: KinematicFit, whiteners: Sequence[Weigher]) -> float:
+def least_misfit(
+    found: KinematicFit,
+    whiteners: Sequence[Weigher],
+    priors: Sequence[np.ndarray] | None = None,
+) -> float:
     """Half the sum of squares that the unknowns of a fit leave under another noise, priors
     included; to first order.
 
     ``whiteners`` of that noise, one a record (``ident.compatibility.signals.weigher``).
+    ``priors`` : one over the variances of each record's own unknowns; None: of the longitudinal
+    kinematics.
     """
+    if priors is None:
+        priors = [np.array([1.0 / item.prior**2 for item in unknowns_of(s)]) for s in found.signals]
     lines = list(zip(found.outputs, found.jacobians, strict=True))
-    priors = [np.array([1.0 / item.prior**2 for item in unknowns_of(s)]) for s in found.signals]
-    information, gradient = _normal(found.signals, priors, found.own, lines, whiteners)
+    information, gradient = normal_equations(found.signals, priors, found.own, lines, whiteners)
     here = misfit(found.signals, priors, found.own, found.outputs, whiteners)
     return here - 0.5 * float(gradient @ bounded_inverse(information) @ gradient)
 
@@ -218,7 +225,7 @@ def prior_information(found: KinematicFit) -> np.ndarray:
     return np.concatenate([*map(np.array, own), np.zeros(len(found.faults))])
 
 
-def _normal(
+def normal_equations(
     signals: Sequence[KinematicSignals],
     priors: Sequence[np.ndarray],
     own: Sequence[np.ndarray],
