@@ -45,6 +45,8 @@ COMMANDS = {
     "maneuvers": "maneuvers flight.csv --json",
     "map": "map flight.csv",
     "check": "check flight.csv --vehicle flight_vehicle.toml --no-figures --out checked",
+    "aircraft": "simulate aircraft-airliner --seed 3 --out airliner.csv",
+    "check-aircraft": "check airliner.csv --no-figures --out checked-airliner",
     "watch": f"watch {FIRST} --out watched",
     "diagnose": f"diagnose {FIRST} --validate flight_validate.csv --no-figures --out diagnosed",
     "export": "export identified --to python --out exported.py",
