@@ -467,12 +467,8 @@ def _history(
     """The history of a pass of one run, and the outputs ``(m, N)`` that the filter expected, also
     of channels without a sample.
     """
-    system, N, n, n_x = (
-        problem.system,
-        len(problem.time),
-        len(problem.names),
-        len(problem.system.states),
-    )
+    system, N, n = problem.system, len(problem.time), len(problem.names)
+    n_x = len(problem.system.states)
     mean, covariance = trace.mean[:, :, 0], trace.covariance[:, 0]
     HP, S, y = trace.HP[:, 0], trace.S[:, 0], trace.y[:, 0]
     # What the update took from the prediction, put back.

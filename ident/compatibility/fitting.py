@@ -108,10 +108,8 @@ def fit(
             here = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
             for share in (1.0, 0.5, 0.2, 0.05, 0.01):
                 moved = np.split(share * step, np.cumsum([len(o) for o in own]))
-                trial, size = (
-                    [o + d for o, d in zip(own, moved, strict=False)],
-                    np.clip(sizes + moved[-1], -largest, largest),
-                )
+                trial = [o + d for o, d in zip(own, moved, strict=False)]
+                size = np.clip(sizes + moved[-1], -largest, largest)
                 shown = [
                     evaluate(s, u, faults, o[None], size[None])[:, 0]
                     for s, u, o in zip(signals, unknowns, trial, strict=True)
@@ -237,11 +235,8 @@ def normal_equations(
     """
     total = sum(len(o) for o in own)
     faults = lines[0][1].shape[2] - len(own[0])
-    information, gradient, at = (
-        np.zeros((total + faults, total + faults)),
-        np.zeros(total + faults),
-        0,
-    )
+    information = np.zeros((total + faults, total + faults))
+    gradient, at = np.zeros(total + faults), 0
     for s, prior, o, (y, slope), white in zip(signals, priors, own, lines, whiteners, strict=True):
         columns = np.concatenate(
             [residual_of(s, y)[:, :, None], np.where(s.valid[:, :, None], slope, 0.0)], axis=2
@@ -306,12 +301,8 @@ def output_error(found: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
     Residuals are weighed by their own mean square, as if they were white; the covariance is that
     which such weights give under the noise of outputs and inputs of the smoother fit.
     """
-    own, sizes, at, prior = (
-        [o.copy() for o in found.own],
-        found.sizes.copy(),
-        positions(found),
-        prior_information(found),
-    )
+    own, sizes, at = [o.copy() for o in found.own], found.sizes.copy(), positions(found)
+    prior = prior_information(found)
     unknowns = [unknowns_of(s) for s in found.signals]
     largest = np.array([fault.largest for fault in found.faults])
     total = len(prior) - len(sizes)

@@ -278,10 +278,8 @@ def _descended(
     noise: RelationNoise,
 ) -> tuple[list[np.ndarray], np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
     """Unknowns and sizes of least squares under a given noise, and the lines there."""
-    unknowns, largest = (
-        [unknowns_of(s) for s in signals],
-        np.array([fault.largest for fault in faults]),
-    )
+    unknowns = [unknowns_of(s) for s in signals]
+    largest = np.array([fault.largest for fault in faults])
     whiteners = [shortened(s, noise) for s in signals]
     here = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
     for _ in range(_STEPS):
@@ -291,10 +289,8 @@ def _descended(
             break
         for share in (1.0, 0.5, 0.2, 0.05):
             moved = np.split(share * step, np.cumsum([len(o) for o in own]))
-            trial, size = (
-                [o + d for o, d in zip(own, moved, strict=False)],
-                np.clip(sizes + moved[-1], -largest, largest),
-            )
+            trial = [o + d for o, d in zip(own, moved, strict=False)]
+            size = np.clip(sizes + moved[-1], -largest, largest)
             shown = [
                 evaluate(s, u, faults, o[None], size[None])[:, 0]
                 for s, u, o in zip(signals, unknowns, trial, strict=True)

@@ -155,10 +155,8 @@ class DragMach:
         if flown is None:
             return self
         slowest = 0.0 if flown[0] < 0.0 < flown[1] else min(abs(flown[0]), abs(flown[1]))
-        low, high = (
-            slowest / _speed_of_sound(heights[0]),
-            max(abs(flown[0]), abs(flown[1])) / _speed_of_sound(heights[1]),
-        )
+        low = slowest / _speed_of_sound(heights[0])
+        high = max(abs(flown[0]), abs(flown[1])) / _speed_of_sound(heights[1])
         return replace(self, low=low, high=max(high, low + 0.1))
 
     def finer(self) -> DragMach:

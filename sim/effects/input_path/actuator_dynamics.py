@@ -231,10 +231,8 @@ def _followed(h: np.ndarray, u: np.ndarray, frequency: Any, damping: Any) -> np.
     n, complex_ = len(u), np.iscomplexobj(a) or np.iscomplexobj(u)
     # The unknowns d and d_dot at one edge after the other; each pair rests on the one before it: a
     # triangular band of width three.
-    band, right = (
-        np.zeros((4, 2 * n + 2), dtype=complex if complex_ else float),
-        np.zeros(2 * n + 2, dtype=complex if complex_ else float),
-    )
+    band = np.zeros((4, 2 * n + 2), dtype=complex if complex_ else float)
+    right = np.zeros(2 * n + 2, dtype=complex if complex_ else float)
     band[0] = 1.0
     band[2, 0 : 2 * n : 2], band[1, 1 : 2 * n : 2] = -a, -b
     band[3, 0 : 2 * n : 2], band[2, 1 : 2 * n : 2] = -c, -e
