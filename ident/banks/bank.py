@@ -430,13 +430,8 @@ def filter_batched(
     by_table = filter_by_table(problem, settings, start, about)
     if by_table is not None:
         return by_table
-    first = problem.start if start is None else start
-    runs = BankRuns(
-        list(problem.p),
-        problem.drive,
-        problem.z[:, :, None],
-        np.asarray(first, dtype=float).reshape(-1, 1).copy(),
-    )
+    first = np.array(problem.start if start is None else start, dtype=float).reshape(-1, 1)
+    runs = BankRuns(list(problem.p), problem.drive, problem.z[:, :, None], first)
     system, trace = problem.system, empty_trace(problem, 1)
     result = run_pass(
         problem, settings, runs, False, None if about is None else about[:, :, None], trace
