@@ -13,6 +13,7 @@ import csv
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -44,6 +45,8 @@ COMMANDS = {
     "maneuvers": "maneuvers flight.csv --json",
     "map": "map flight.csv",
     "check": "check flight.csv --vehicle flight_vehicle.toml --no-figures --out checked",
+    "aircraft": "simulate aircraft-airliner --seed 3 --out airliner.csv",
+    "check-aircraft": "check airliner.csv --no-figures --out checked-airliner",
     "watch": f"watch {FIRST} --out watched",
     "diagnose": f"diagnose {FIRST} --validate flight_validate.csv --no-figures --out diagnosed",
     "export": "export identified --to python --out exported.py",
@@ -52,6 +55,7 @@ COMMANDS = {
     "effects": "effects",
     "list": "list",
 }
+_SCRATCH = re.compile(r"flightid-[a-z0-9_]{8}(?=/)")  # folders made for one run
 # Times, versions and paths of a machine.
 PASSED_OVER = ("seconds", "version", "created", "runtime", "elapsed", "python", "machine", "folder")
 
@@ -81,7 +85,8 @@ def differences(old: Any, new: Any, where: str) -> Iterator[str]:
         for at, (one, other) in enumerate(zip(old, new, strict=True)):
             yield from differences(one, other, f"{where}/{at}")
     elif isinstance(old, float) and isinstance(new, float | int):
-        if not math.isclose(old, new, rel_tol=TOLERANCE, abs_tol=TOLERANCE) and old == old:
+        same = math.isclose(old, new, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
+        if not same and not (math.isnan(old) and math.isnan(new)):
             yield f"{where}: {old!r}, now {new!r}"
     elif old != new:
         yield f"{where}: {str(old)[:120]!r}, now {str(new)[:120]!r}"
@@ -89,7 +94,7 @@ def differences(old: Any, new: Any, where: str) -> Iterator[str]:
 
 def content(path: Path) -> Any:
     """A file as numbers and words: a JSON document, or lines split into fields."""
-    text = path.read_text(encoding="utf-8", errors="replace")
+    text = _SCRATCH.sub("flightid-", path.read_text(encoding="utf-8", errors="replace"))
     try:
         return json.loads(text)
     except ValueError:
@@ -125,11 +130,11 @@ def main() -> int:
             for path in (base / name).rglob("*")
             if path.suffix in (".json", ".csv", ".stdout", ".toml")
         }
-        found = []
+        found: list[str] = []
         for file in sorted(files):
             pair = [base / name / file for name in folders]
             if all(path.is_file() for path in pair):
-                found += list(differences(*map(content, pair), str(file)))
+                found += differences(content(pair[0]), content(pair[1]), str(file))
             else:
                 found.append(f"{file}: only one checkout wrote it")
         print(*found[:50], f"{len(files)} files, {len(found)} differences", sep="\n")

@@ -91,11 +91,8 @@ def system_tables(system: System, p: Sequence[Any]) -> tuple[Bilinear, Bilinear]
     A held parameter of several values ``(B,)`` may act on the input path only: elsewhere there is
     no table.
     """
-    free, n_x, n_u = (
-        [system.parameters.index(name) for name in system.parameters.free_names],
-        len(system.states),
-        len(system.inputs),
-    )
+    free = [system.parameters.index(name) for name in system.parameters.free_names]
+    n_x, n_u = len(system.states), len(system.inputs)
     n = n_x + len(free)
     # Several values of a held parameter do not go with the points' axes, unless they are not used.
     held = [_apart(value) for value in p]

@@ -241,10 +241,8 @@ def _part(each: Maneuver, found: Sequence[Maneuver], record: Record) -> tuple[fl
             start = max(start, 0.5 * (other.end + each.start))
         elif other.start >= each.end:
             stop = min(stop, 0.5 * (each.end + other.start))
-    first, last = (
-        int(np.searchsorted(record.time, start)),
-        int(np.searchsorted(record.time, stop, side="right")) - 1,
-    )
+    first = int(np.searchsorted(record.time, start))
+    last = int(np.searchsorted(record.time, stop, side="right")) - 1
     pauses = np.flatnonzero(np.diff(record.time[first : last + 1]) > PAUSE) + first
     middle = 0.5 * (each.start + each.end)
     first = max([first, *(int(k) + 1 for k in pauses if record.time[k] < middle)])

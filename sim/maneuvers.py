@@ -101,10 +101,8 @@ class MultiStep:
         begin, end = np.broadcast_arrays(
             np.asarray(begin, dtype=float), np.asarray(end, dtype=float)
         )
-        first, last = (
-            np.searchsorted(self._switches, begin, side="right"),
-            np.searchsorted(self._switches, end, side="left"),
-        )
+        first = np.searchsorted(self._switches, begin, side="right")
+        last = np.searchsorted(self._switches, end, side="left")
         # Only intervals with a switch inside need noise_model; elsewhere the level itself is exact.
         out = self._padded[first]
         mixed = last > first

@@ -464,10 +464,8 @@ def _cubics(ordinates: np.ndarray) -> np.ndarray:
     inner = np.array([y0, y1 - y0 - m0 / 3.0 - m1 / 6.0, 0.5 * m0, (m1 - m0) / 6.0])
     first, last = inner[1, 0], inner[1, -1] + 2.0 * inner[2, -1] + 3.0 * inner[3, -1]
     none = np.zeros_like(first)
-    below, above = (
-        np.array([ordinates[0] - first, first, none, none]),
-        np.array([ordinates[-1], last, none, none]),
-    )
+    below = np.array([ordinates[0] - first, first, none, none])
+    above = np.array([ordinates[-1], last, none, none])
     return np.concatenate([below[:, None], inner, above[:, None]], axis=1).transpose(0, 2, 1)
 
 

@@ -169,10 +169,8 @@ class Record:
         A name that the record lacks gives a row that is nowhere valid.
         """
         chosen = self.output_names if names is None else tuple(names)
-        values, valid = (
-            np.zeros((len(chosen), len(self))),
-            np.zeros((len(chosen), len(self)), dtype=bool),
-        )
+        values = np.zeros((len(chosen), len(self)))
+        valid = np.zeros((len(chosen), len(self)), dtype=bool)
         for row, name in enumerate(chosen):
             if name in self.output_names:
                 values[row], valid[row] = self[name].values, self[name].valid

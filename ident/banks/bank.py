@@ -430,13 +430,8 @@ def filter_batched(
     by_table = filter_by_table(problem, settings, start, about)
     if by_table is not None:
         return by_table
-    first = problem.start if start is None else start
-    runs = BankRuns(
-        list(problem.p),
-        problem.drive,
-        problem.z[:, :, None],
-        np.asarray(first, dtype=float).reshape(-1, 1).copy(),
-    )
+    first = np.array(problem.start if start is None else start, dtype=float).reshape(-1, 1)
+    runs = BankRuns(list(problem.p), problem.drive, problem.z[:, :, None], first)
     system, trace = problem.system, empty_trace(problem, 1)
     result = run_pass(
         problem, settings, runs, False, None if about is None else about[:, :, None], trace
@@ -467,12 +462,8 @@ def _history(
     """The history of a pass of one run, and the outputs ``(m, N)`` that the filter expected, also
     of channels without a sample.
     """
-    system, N, n, n_x = (
-        problem.system,
-        len(problem.time),
-        len(problem.names),
-        len(problem.system.states),
-    )
+    system, N, n = problem.system, len(problem.time), len(problem.names)
+    n_x = len(problem.system.states)
     mean, covariance = trace.mean[:, :, 0], trace.covariance[:, 0]
     HP, S, y = trace.HP[:, 0], trace.S[:, 0], trace.y[:, 0]
     # What the update took from the prediction, put back.

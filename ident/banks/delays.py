@@ -115,10 +115,8 @@ def run_iterated_one_by_one(
             else np.repeat(problem.start[:, None], N, axis=1)
             for problem, each, good in zip(problems, found, sound, strict=True)
         ]
-        values, std = (
-            np.stack([each.values for each in found], axis=1),
-            np.stack([each.std for each in found], axis=1),
-        )
+        values = np.stack([each.values for each in found], axis=1)
+        std = np.stack([each.std for each in found], axis=1)
         if before is not None:
             settled = (
                 np.max(

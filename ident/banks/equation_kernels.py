@@ -475,13 +475,8 @@ def along(
     # w = (1, states, parameters, inputs) at the point of linearisation, which is the mean x unless
     # there is one to go about.
     w = np.ones((B, len(tables.f.table)))
-    w_dt, point, w_states, w_inputs, w_column = (
-        np.empty_like(w),
-        w[:, 1 : 1 + n],
-        w[:, 1 : 1 + n_x],
-        w[:, 1 + n :],
-        w[:, :, None],
-    )
+    w_dt, point, w_states = np.empty_like(w), w[:, 1 : 1 + n], w[:, 1 : 1 + n_x]
+    w_inputs, w_column = w[:, 1 + n :], w[:, :, None]
     x = point if about is None else np.array(mean.T)
     x_states = x[:, :n_x]
     point[:] = mean.T
@@ -495,36 +490,16 @@ def along(
     width, terms = n + len(w[0]), _SERIES.terms * len(tables.driven)
     first_flat, second = np.empty((B, n_x * width)), np.empty((B, n_x, n + 1))
     first = first_flat.reshape(B, n_x, width)
-    first_halves, first_value, first_used, F_states = (
-        first[:, :, n:],
-        first[:, :, n : n + 1],
-        first[:, :, : n + 1],
-        first[:, :, :n_x],
-    )
-    second_value, value, third, fourth = (
-        second[:, :, n:],
-        np.empty((B, n_x, 1)),
-        np.empty((B, n_x, 1)),
-        np.empty((B, n_x, 1)),
-    )
-    L, moved, own = (
-        np.zeros((B, n_x, n + 1 + terms)),
-        np.zeros((B, n_x, n + 1 + terms)),
-        np.empty((B, n_x, n_x)),
-    )
-    L_used, D, L_value, C, L_turned = (
-        L[:, :, : n + 1],
-        L[:, :, :n],
-        L[:, :, n],
-        L[:, :, n + 1 :],
-        L.transpose(0, 2, 1),
-    )
-    moved_P, moved_C, moved_own, moved_mirror = (
-        moved[:, :, :n],
-        moved[:, :, n + 1 :],
-        moved[:, :, :n_x],
-        moved[:, :, n_x:n].transpose(0, 2, 1),
-    )
+    first_halves, first_value = first[:, :, n:], first[:, :, n : n + 1]
+    first_used, F_states = first[:, :, : n + 1], first[:, :, :n_x]
+    second_value, value = second[:, :, n:], np.empty((B, n_x, 1))
+    third, fourth = np.empty((B, n_x, 1)), np.empty((B, n_x, 1))
+    L, moved = np.zeros((B, n_x, n + 1 + terms)), np.zeros((B, n_x, n + 1 + terms))
+    own = np.empty((B, n_x, n_x))
+    L_used, D, L_value = L[:, :, : n + 1], L[:, :, :n], L[:, :, n]
+    C, L_turned = L[:, :, n + 1 :], L.transpose(0, 2, 1)
+    moved_P, moved_C = moved[:, :, :n], moved[:, :, n + 1 :]
+    moved_own, moved_mirror = moved[:, :, :n_x], moved[:, :, n_x:n].transpose(0, 2, 1)
     C[:, :, : len(tables.driven)] = np.eye(n_x)[:, list(tables.driven)]
     by_noise = [
         (C[:, :, j + len(tables.driven)], first[:, :, i]) for j, i in enumerate(tables.driven)
@@ -535,26 +510,13 @@ def along(
     W = np.empty_like(tables.share)
 
     # Of the update: rows = [H P, y, S], freed of each other in place.
-    h_flat, rows, gain, change = (
-        np.empty((B, m * width)),
-        np.empty((B, m, n + 1 + m)),
-        np.empty((B, m, n + 1)),
-        np.empty((B, n, n + 1)),
-    )
+    h_flat, rows = np.empty((B, m * width)), np.empty((B, m, n + 1 + m))
+    gain, change = np.empty((B, m, n + 1)), np.empty((B, n, n + 1))
     h_all = h_flat.reshape(B, m, width)
-    H, H_turned, h_halves, expected = (
-        h_all[:, :, :n],
-        h_all[:, :, :n].transpose(0, 2, 1),
-        h_all[:, :, n:],
-        np.empty((B, m, 1)),
-    )
-    HP, HP_turned, y, S, used = (
-        rows[:, :, :n],
-        rows[:, :, :n].transpose(0, 2, 1),
-        rows[:, :, n : n + 1],
-        rows[:, :, n + 1 :],
-        rows[:, :, : n + 1],
-    )
+    H, H_turned = h_all[:, :, :n], h_all[:, :, :n].transpose(0, 2, 1)
+    h_halves, expected = h_all[:, :, n:], np.empty((B, m, 1))
+    HP, HP_turned = rows[:, :, :n], rows[:, :, :n].transpose(0, 2, 1)
+    y, S, used = rows[:, :, n : n + 1], rows[:, :, n + 1 :], rows[:, :, : n + 1]
     y_S, variance = rows[:, :, n:], rows.reshape(B, -1)[:, n + 1 :: n + 2 + m][:, :, None]
     change_P, change_x = change[:, :, :n], change[:, :, n]
     eliminated = [

@@ -126,17 +126,13 @@ def predictor(tables: Tables, w: np.ndarray, P: np.ndarray) -> Callable[[float],
     slopes, values = summed(slope_terms(tables.f), w, F.reshape(-1, B)), summed(at_rest, w, rest)
     noise = _noise(tables, F, D) if tables.driven else None
     states, multiply, add = w[1 : 1 + n_x], np.multiply, np.add
-    columns, moving = (
-        [(F[:, k], change[k]) for k in range(n_x)],
-        [(F[:, k], states[k]) for k in range(n_x)],
-    )
+    columns = [(F[:, k], change[k]) for k in range(n_x)]
+    moving = [(F[:, k], states[k]) for k in range(n_x)]
     halves = [(F[:, k, None], F[k]) for k in range(n_x)]
     # An entry that the rates do not know leaves its column of Phi that of the identity.
     known = sorted({term.row % n for term in slope_terms(tables.f)}) or [0]
-    parts, blocks = (
-        [(D[:, k, None], P[k]) for k in known],
-        [(moved[:, None, k], D[None, :, k]) for k in known],
-    )
+    parts = [(D[:, k, None], P[k]) for k in known]
+    blocks = [(moved[:, None, k], D[None, :, k]) for k in known]
     P_states, P_mirror, mirror = P[:n_x], P[n_x:, :n_x], moved[:, n_x:].swapaxes(0, 1)
 
     def predict(dt: float) -> None:
@@ -213,16 +209,10 @@ def updater(
     missing, moves ``w`` and ``P``, and fills ``Seen``.
     """
     n, m, B = tables.n, len(tables.R), w.shape[1]
-    H, expected, rows, room = (
-        np.empty((m, n, B)),
-        np.empty((m, B)),
-        np.empty((m, n + 1 + m, B)),
-        np.empty((n + 1 + m, B)),
-    )
-    slopes, values = (
-        summed(slope_terms(tables.h), w, H.reshape(-1, B)),
-        summed(value_terms(tables.h), w, expected),
-    )
+    H, expected = np.empty((m, n, B)), np.empty((m, B))
+    rows, room = np.empty((m, n + 1 + m, B)), np.empty((n + 1 + m, B))
+    slopes = summed(slope_terms(tables.h), w, H.reshape(-1, B))
+    values = summed(value_terms(tables.h), w, expected)
     varying = bool(np.any(tables.h.table[1:]))
     slopes(1.0)
     present = [

@@ -463,10 +463,8 @@ def search(
     ``charge_of`` says, over the colour of what is left, beside all the others, and the records by
     themselves have to agree on it. ``bases`` are the base fits of each record alone.
     """
-    charge, chance = (
-        charge_of(settings.false_alarm, len(faults)),
-        chance_of(settings.false_alarm, len(faults)),
-    )
+    charge = charge_of(settings.false_alarm, len(faults))
+    chance = chance_of(settings.false_alarm, len(faults))
     singles = tried(base, faults)
     refused: dict[SensorFault, Trial] = {}
     while True:

@@ -101,17 +101,15 @@ def fit(
     for turn in range(passes):
         whiteners = [weigher(s, noise) for s in signals]
         for _ in range(_ITERATIONS):
-            information, gradient = _normal(signals, priors, own, lines, whiteners)
+            information, gradient = normal_equations(signals, priors, own, lines, whiteners)
             step = bounded_inverse(information) @ gradient
             if float(gradient @ step) < _SMALL:
                 break
             here = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
             for share in (1.0, 0.5, 0.2, 0.05, 0.01):
                 moved = np.split(share * step, np.cumsum([len(o) for o in own]))
-                trial, size = (
-                    [o + d for o, d in zip(own, moved, strict=False)],
-                    np.clip(sizes + moved[-1], -largest, largest),
-                )
+                trial = [o + d for o, d in zip(own, moved, strict=False)]
+                size = np.clip(sizes + moved[-1], -largest, largest)
                 shown = [
                     evaluate(s, u, faults, o[None], size[None])[:, 0]
                     for s, u, o in zip(signals, unknowns, trial, strict=True)
@@ -186,15 +184,22 @@ def whitened(found: KinematicFit) -> list[tuple[np.ndarray, np.ndarray]]:
     return out
 
 
-def least_misfit(found: KinematicFit, whiteners: Sequence[Weigher]) -> float:
+def least_misfit(
+    found: KinematicFit,
+    whiteners: Sequence[Weigher],
+    priors: Sequence[np.ndarray] | None = None,
+) -> float:
     """Half the sum of squares that the unknowns of a fit leave under another noise, priors
     included; to first order.
 
     ``whiteners`` of that noise, one a record (``ident.compatibility.signals.weigher``).
+    ``priors`` : one over the variances of each record's own unknowns; None: of the longitudinal
+    kinematics.
     """
+    if priors is None:
+        priors = [np.array([1.0 / item.prior**2 for item in unknowns_of(s)]) for s in found.signals]
     lines = list(zip(found.outputs, found.jacobians, strict=True))
-    priors = [np.array([1.0 / item.prior**2 for item in unknowns_of(s)]) for s in found.signals]
-    information, gradient = _normal(found.signals, priors, found.own, lines, whiteners)
+    information, gradient = normal_equations(found.signals, priors, found.own, lines, whiteners)
     here = misfit(found.signals, priors, found.own, found.outputs, whiteners)
     return here - 0.5 * float(gradient @ bounded_inverse(information) @ gradient)
 
@@ -218,7 +223,7 @@ def prior_information(found: KinematicFit) -> np.ndarray:
     return np.concatenate([*map(np.array, own), np.zeros(len(found.faults))])
 
 
-def _normal(
+def normal_equations(
     signals: Sequence[KinematicSignals],
     priors: Sequence[np.ndarray],
     own: Sequence[np.ndarray],
@@ -230,11 +235,8 @@ def _normal(
     """
     total = sum(len(o) for o in own)
     faults = lines[0][1].shape[2] - len(own[0])
-    information, gradient, at = (
-        np.zeros((total + faults, total + faults)),
-        np.zeros(total + faults),
-        0,
-    )
+    information = np.zeros((total + faults, total + faults))
+    gradient, at = np.zeros(total + faults), 0
     for s, prior, o, (y, slope), white in zip(signals, priors, own, lines, whiteners, strict=True):
         columns = np.concatenate(
             [residual_of(s, y)[:, :, None], np.where(s.valid[:, :, None], slope, 0.0)], axis=2
@@ -299,12 +301,8 @@ def output_error(found: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
     Residuals are weighed by their own mean square, as if they were white; the covariance is that
     which such weights give under the noise of outputs and inputs of the smoother fit.
     """
-    own, sizes, at, prior = (
-        [o.copy() for o in found.own],
-        found.sizes.copy(),
-        positions(found),
-        prior_information(found),
-    )
+    own, sizes, at = [o.copy() for o in found.own], found.sizes.copy(), positions(found)
+    prior = prior_information(found)
     unknowns = [unknowns_of(s) for s in found.signals]
     largest = np.array([fault.largest for fault in found.faults])
     total = len(prior) - len(sizes)

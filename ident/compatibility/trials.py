@@ -311,10 +311,8 @@ def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: Tria
         tried(with_more_faults(base, current.faults, current.sizes), [trial.fault])[0]
         for base in bases
     ]
-    v, w = (
-        np.array([t.size for t in alone if t.told]),
-        np.array([1.0 / t.variance for t in alone if t.told]),
-    )
+    v = np.array([t.size for t in alone if t.told])
+    w = np.array([1.0 / t.variance for t in alone if t.told])
     if len(v) < 2:
         return False
     mean = float(np.sum(w * v) / np.sum(w))
@@ -327,10 +325,8 @@ def one_step(base: KinematicFit, faults: Sequence[SensorFault]) -> list[Kinemati
     ``base``: one linear solve each.
     """
     white, at, slopes = whitened(base), positions(base), []
-    information, gradient = (
-        np.diag(prior_information(base)),
-        np.zeros(sum(len(own) for own in base.own) + len(base.faults)),
-    )
+    information = np.diag(prior_information(base))
+    gradient = np.zeros(sum(len(own) for own in base.own) + len(base.faults))
     for s, own, (e, jacobian), where in zip(base.signals, base.own, white, at, strict=True):
         J = jacobian.reshape(-1, jacobian.shape[2])
         information[np.ix_(where, where)] += J.T @ J

@@ -255,13 +255,8 @@ def _by_table(problem: FilterProblem, equations: Equations) -> _Linearised:
 
 
 def _by_complex_step(problem: FilterProblem, settings: FilterSettings) -> _Linearised:
-    system, p, free, n, n_x = (
-        problem.system,
-        problem.p,
-        problem.free,
-        len(problem.names),
-        len(problem.system.states),
-    )
+    system, p, free = problem.system, problem.p, problem.free
+    n, n_x = len(problem.names), len(problem.system.states)
     grid = problem.grid
     times, steps, samples = grid.edges.tolist(), grid.steps.tolist(), grid.sample.tolist()
     begin, middle, end = ([row.tolist() for row in stage] for stage in problem.drive.stages)

@@ -216,14 +216,8 @@ def filter_one(
     """
     from scipy.linalg.lapack import dposv
 
-    point, look, G, varying, dot, subtract = (
-        equations.point,
-        equations.look,
-        equations.G,
-        equations.varying,
-        np.dot,
-        np.subtract,
-    )
+    point, look, G = equations.point, equations.look, equations.G
+    varying, dot, subtract = equations.varying, np.dot, np.subtract
     m, n = len(G), len(point)
     predict = _prediction(problem, equations, about, kept.transition)
     point[:] = start
@@ -234,12 +228,8 @@ def filter_one(
     W_P, G_turned, H, y, GW = W[:n, :n], G.T, G[:, :n], G[:, -1], np.empty_like(G)
     # Whole matrices spare BLAS copies of parts: of the product that K G is part of, the rows below
     # the first n are not used.
-    GW_turned, product, BW, unit = (
-        GW.T,
-        np.empty_like(W),
-        np.empty((n, n + m + 1)),
-        np.eye(n, n + m + 1),
-    )
+    GW_turned, product, BW = GW.T, np.empty_like(W), np.empty((n, n + m + 1))
+    unit = np.eye(n, n + m + 1)
     B = product[:n]
     B_turned, B_last = B.T, B[:, -1]
     missing = {
@@ -248,10 +238,8 @@ def filter_one(
     }
     z = np.where(problem.valid, problem.z, 0.0).T.copy()
     P = problem.covariance
-    before, after = (
-        zip(kept.predicted_mean, kept.predicted_covariance, strict=True),
-        zip(kept.mean, kept.covariance, strict=True),
-    )
+    before = zip(kept.predicted_mean, kept.predicted_covariance, strict=True)
+    after = zip(kept.mean, kept.covariance, strict=True)
     samples = zip(before, after, kept.S, kept.outputs, z, strict=True)
     for k, ((x_before, P_before), (mean, P_after), S, expected, measured) in enumerate(samples):
         if k:
@@ -305,20 +293,11 @@ def _prediction(
     """Moves the mean in place and the covariance into its place over the sub-steps to sample k, and
     fills their fundamental matrix.
     """
-    move, point, n, n_x, dot = (
-        equations.move,
-        equations.point,
-        len(problem.names),
-        len(problem.system.states),
-        np.dot,
-    )
+    move, point, n = equations.move, equations.point, len(problem.names)
+    n_x, dot = len(problem.system.states), np.dot
     ends, half, further = problem.grid.sample.tolist(), np.empty((n, n)), np.eye(n)
-    moving, whole, turned, rest = (
-        list(transition[:, :n_x]),
-        list(transition),
-        list(transition.transpose(0, 2, 1)),
-        further[:n_x],
-    )
+    moving, whole = list(transition[:, :n_x]), list(transition)
+    turned, rest = list(transition.transpose(0, 2, 1)), further[:n_x]
 
     def predict(k: int, x: np.ndarray, P: np.ndarray, P_before: np.ndarray) -> None:
         if about is not None:
@@ -402,13 +381,9 @@ def _motion(
     values = np.zeros(n_x)
     way = [(stage, np.zeros(len(stage))) for stage in stages]
     change = way[-1][1] if way else values
-    feed, noise_of, prepared, dot, add = (
-        _feeding(w, f.n, problem.drive.stages[0]),
-        _noise(problem, blend[:, :n_x], F, terms),
-        0.0,
-        np.dot,
-        np.add,
-    )
+    feed = _feeding(w, f.n, problem.drive.stages[0])
+    noise_of, prepared, dot = _noise(problem, blend[:, :n_x], F, terms), 0.0, np.dot
+    add = np.add
 
     def move(s: int, rows: np.ndarray) -> np.ndarray | None:
         nonlocal prepared

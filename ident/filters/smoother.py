@@ -79,11 +79,8 @@ def _backwards(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
     weighted = np.linalg.solve(history.innovation_covariance[later], H).transpose(0, 2, 1)
     M = G - (history.predicted_covariance[later] @ weighted) @ (H @ G)
     brought = G.transpose(0, 2, 1) @ weighted
-    c, D, M_turned = (
-        (brought @ history.innovation.T[later, :, None])[:, :, 0],
-        brought @ (H @ G),
-        M.transpose(0, 2, 1),
-    )
+    c, D = (brought @ history.innovation.T[later, :, None])[:, :, 0], brought @ (H @ G)
+    M_turned = M.transpose(0, 2, 1)
     r, W = np.empty((N, n)), np.empty((N, n, n))
     if N:
         r[-1], W[-1] = c[-1], D[-1]
@@ -244,11 +241,8 @@ def _process_noise(history: FilterHistory) -> np.ndarray | None:
     """Q_k ``(N, n, n)`` of each step, what a prediction added to the covariance; None where that is
     rounding alone.
     """
-    Phi, after, before = (
-        history.transition[1:],
-        history.covariance[:-1],
-        history.predicted_covariance[1:],
-    )
+    Phi, after = history.transition[1:], history.covariance[:-1]
+    before = history.predicted_covariance[1:]
     added = before - Phi @ after @ Phi.transpose(0, 2, 1)
     scale = np.sqrt(np.maximum(np.diagonal(before, axis1=1, axis2=2), 0.0))
     added[np.abs(added) <= _ROUNDING * (scale[:, :, None] * scale[:, None])] = 0.0

@@ -332,10 +332,8 @@ def _stepped(
     A = model.A + step * (model.dA if q else np.zeros((1, n, n)))
     B = model.B + step * (model.dB if q else np.zeros((1, *model.B.shape)))
     Phi = _transition(A, np.zeros((width, n)), np.full(width, record.step, dtype=complex))[0]
-    forced, d_forced = (
-        np.zeros((len(record.omega), n), dtype=complex),
-        np.zeros((len(record.omega), n, q), dtype=complex),
-    )
+    forced = np.zeros((len(record.omega), n), dtype=complex)
+    d_forced = np.zeros((len(record.omega), n, q), dtype=complex)
     for i in range(model.B.shape[1]):
         late, part = _parted(delays.get(i, Delay()), record.step, width)
         for offset, G in zip(NEIGHBOURS, _gains(A, B[:, :, i], part, record), strict=True):
@@ -407,10 +405,8 @@ def _read(
     parameters ``(f, r, q)``.
     """
     q, count = len(model.dA), model.B.shape[1]
-    U, dU = (
-        np.zeros((len(record.omega), count), dtype=complex),
-        np.zeros((len(record.omega), count, q), dtype=complex),
-    )
+    U = np.zeros((len(record.omega), count), dtype=complex)
+    dU = np.zeros((len(record.omega), count, q), dtype=complex)
     for i in range(count):
         delay = delays.get(i, Delay())
         late, rest = _parted(Delay(delay.seconds), record.step, 1)

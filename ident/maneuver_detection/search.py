@@ -531,10 +531,8 @@ def _rolls_into(stretch: Stretch, each: ManeuverCandidate, turning: Sequence[Man
     """Whether an input of roll or yaw belongs to the beginning or the end of a turn."""
     if each.axis not in ("roll", "yaw") or each.shape.kind in (*OSCILLATIONS, "3-2-1-1"):
         return False
-    start, end = (
-        stretch.time[each.shape.first],
-        stretch.time[min(each.shape.last, stretch.time.size - 1)],
-    )
+    start = stretch.time[each.shape.first]
+    end = stretch.time[min(each.shape.last, stretch.time.size - 1)]
     return any(
         abs(edge - 0.5 * (start + end)) < ROLLING or start < edge < end
         for turn in turning
@@ -582,10 +580,8 @@ def _pulling(stretch: Stretch, activity: Activity, first: int, last: int) -> tup
     """The lobe of a control that leads to an excursion of the load factor: the first strong one
     that begins at most 2 s before it.
     """
-    before, after = (
-        max(0, first - stretch.samples(2.0)),
-        min(activity.deviation.size, last + stretch.samples(10.0)),
-    )
+    before = max(0, first - stretch.samples(2.0))
+    after = min(activity.deviation.size, last + stretch.samples(10.0))
     part = activity.deviation[before:after]
     amplitude = float(np.max(np.abs(part[: last - before])))
     lobes = [

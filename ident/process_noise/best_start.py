@@ -55,11 +55,8 @@ def fit_with_process_noise(
         first = fit_whole_records(FitProblem(replace(layout, settings=coarse)), guesses)
         if first is None:
             return None
-        start, guesses, noise = (
-            first.theta.copy(),
-            [line.states for line in first.lines],
-            noise_start(first),
-        )
+        start, guesses = first.theta.copy(), [line.states for line in first.lines]
+        noise = noise_start(first)
         factor = _size_of_motion(first, noise)
         for position, value in _amplitudes(layout).items():
             start[position] = np.clip(factor * value, layout.low[position], layout.high[position])
@@ -364,10 +361,8 @@ def _exactly(layout: FitLayout, least_damping: float) -> FitLayout:
     """The layout with exact derivatives, settled where its cost is: an initial state that grows by
     e^15 never stands still in its own sigmas.
     """
-    problems, settings = (
-        tuple(replace(problem, exact=True) for problem in layout.problems),
-        layout.settings,
-    )
+    problems = tuple(replace(problem, exact=True) for problem in layout.problems)
+    settings = layout.settings
     return replace(
         layout,
         problems=problems,

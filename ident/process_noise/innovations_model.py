@@ -227,13 +227,8 @@ def _slopes_of_some(
     T, m, n = len(filter.covariance), filter.valid.shape[1], filter.covariance.shape[-1]
     of_variance = by_variance[some]
     d = len(of_variance)
-    e, x, K, P, Phi = (
-        residual.standard,
-        residual.state[..., None],
-        filter.gain,
-        filter.covariance,
-        filter.motion.Phi,
-    )
+    e, x, K = residual.standard, residual.state[..., None], filter.gain
+    P, Phi = filter.covariance, filter.motion.Phi
     present = np.where(filter.valid[:1] if len(filter.seen) == 1 else filter.valid, 1.0, 0.0)
     by_Phi, by_Q, by_start = (
         _beside(M, some, d) for M in (slopes.motion.Phi, slopes.motion.Q, slopes.motion.start[None])

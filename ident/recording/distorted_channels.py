@@ -253,10 +253,8 @@ def _is_load(
     )
     matrix = np.stack([np.ones(len(t)), t, np.maximum(t, 0.0)])
     inverse = np.linalg.pinv(matrix @ matrix.T)
-    corner, std = (
-        float((inverse @ (matrix @ path))[2]),
-        known["alpha"].noise * float(np.sqrt(inverse[2, 2])),
-    )
+    corner = float((inverse @ (matrix @ path))[2])
+    std = known["alpha"].noise * float(np.sqrt(inverse[2, 2]))
     expected = abs(gravity_over_speed * size)
     return expected > CORNER * std and abs(corner) < 0.5 * expected
 

@@ -534,10 +534,8 @@ def _height_unit_slope(t: np.ndarray, y: np.ndarray) -> np.ndarray:
     running sums.
     """
     reach = max(2, len(t) // SMOOTH)
-    low, high = (
-        np.maximum(np.arange(len(t)) - reach, 0),
-        np.minimum(np.arange(len(t)) + reach + 1, len(t)),
-    )
+    low = np.maximum(np.arange(len(t)) - reach, 0)
+    high = np.minimum(np.arange(len(t)) + reach + 1, len(t))
     y = y - y[0]
     sums = [np.concatenate([[0.0], np.cumsum(each)]) for each in (t, y, t * t, t * y)]
     st, sy, stt, sty = (each[high] - each[low] for each in sums)

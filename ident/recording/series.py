@@ -428,10 +428,8 @@ def changing_noise(
 
 def _parts(series: Series, parts: int, inputs: Sequence[Series]) -> list[_NoisePart]:
     """The parts of a channel that have enough samples."""
-    second, fourth = (
-        scaled_differences(series.time, series.values)[1:-1],
-        fourth_differences(series.time, series.values),
-    )
+    second = scaled_differences(series.time, series.values)[1:-1]
+    fourth = fourth_differences(series.time, series.values)
     out = []
     for rows in np.array_split(np.arange(len(fourth)), parts):
         known = np.isfinite(fourth[rows])

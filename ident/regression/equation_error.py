@@ -142,10 +142,8 @@ def _bounds(layout: _Layout) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     items = [parameters[name] for name in layout.shared] + [
         parameters[name] for name in layout.local
     ] * count
-    low, high = (
-        np.array([item.bounds[0] for item in items]),
-        np.array([item.bounds[1] for item in items]),
-    )
+    low = np.array([item.bounds[0] for item in items])
+    high = np.array([item.bounds[1] for item in items])
     return np.array([item.value for item in items]), low, high
 
 

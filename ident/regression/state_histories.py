@@ -215,10 +215,8 @@ def rate_relations(system: System, times: np.ndarray) -> dict[str, str]:
         def rates(a: list, n_x: int = n_x, n_u: int = n_u) -> list:
             return system.f(float(times[0]), a[:n_x], a[n_x : n_x + n_u], a[n_x + n_u :])
 
-        values, jacobian = (
-            _at_all_times(system.f, point, n_x, n_u, times),
-            complex_step_jacobian(rates, point.tolist()),
-        )
+        values = _at_all_times(system.f, point, n_x, n_u, times)
+        jacobian = complex_step_jacobian(rates, point.tolist())
         here = {}
         for i, name in enumerate(names):
             for j in range(n_x):

@@ -379,10 +379,8 @@ def profile_intervals(
     out = []
     for name, j in names.items():
         sigma, sharp = (float(np.sqrt(max(each[j, j], 1e-300))) for each in (printed, white))
-        refit, limits = (
-            refit_along(j, white[:, j] / white[j, j]),
-            (float(bounds[0][j]), float(bounds[1][j])),
-        )
+        refit = refit_along(j, white[:, j] / white[j, j])
+        limits = (float(bounds[0][j]), float(bounds[1][j]))
         out.append(
             profile_interval(
                 name, float(theta[j]), sigma, cost, refit, limits, max((sigma / sharp) ** 2, 1.0)

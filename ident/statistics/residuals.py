@@ -70,10 +70,8 @@ def _ljung_box_tail(statistic: float, lags: int, n: int) -> float:
     """
     from scipy.special import chdtrc
 
-    variance, skewness = (
-        2.0 * lags * (1.0 + 1.8 * lags / n),
-        np.sqrt(8.0 / lags) * (1.0 + 5.5 * lags / n),
-    )
+    variance = 2.0 * lags * (1.0 + 1.8 * lags / n)
+    skewness = np.sqrt(8.0 / lags) * (1.0 + 5.5 * lags / n)
     degrees = 8.0 / skewness**2
     scale = np.sqrt(variance / (2.0 * degrees))
     return float(chdtrc(degrees, max(0.0, (statistic - lags) / scale + degrees)))
@@ -323,10 +321,8 @@ def compare_estimates(first: Estimate, second: Estimate, limit: float = BEYOND) 
             where="comparison of two estimates",
             remedy="compare estimates of one model",
         )
-    a, b = (
-        [first.names.index(name) for name in common],
-        [second.names.index(name) for name in common],
-    )
+    a = [first.names.index(name) for name in common]
+    b = [second.names.index(name) for name in common]
     for name, i, j in zip(common, a, b, strict=True):
         if first.units[i] != second.units[j]:
             what = f"one is in {first.units[i]}, the other in {second.units[j]}"
@@ -351,10 +347,8 @@ def compare_estimates(first: Estimate, second: Estimate, limit: float = BEYOND) 
     kept = scale > 0
     whole = P[np.ix_(kept, kept)] / np.outer(scale[kept], scale[kept])
     white = d[kept] / scale[kept]
-    statistic, degrees = (
-        float(white @ np.linalg.pinv(whole, hermitian=True) @ white),
-        int(np.linalg.matrix_rank(whole, hermitian=True)),
-    )
+    statistic = float(white @ np.linalg.pinv(whole, hermitian=True) @ white)
+    degrees = int(np.linalg.matrix_rank(whole, hermitian=True))
     ordered = tuple(sorted(rows, key=lambda item: -abs(item.z)))
     return Comparison(
         ordered, statistic, degrees, float(chdtrc(degrees, statistic)) if degrees else 1.0

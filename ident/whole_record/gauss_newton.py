@@ -207,10 +207,8 @@ def fit_whole_records(
             damping = max(damping / 10.0, floor if gain > _NEAR else _LEAST_DAMPING)
             if curved and gain < _NEAR:
                 moves = [*moves[-_REMEMBERED + 1 :], (fit.theta - before.theta, gradient - after)]
-            model, gradient = (
-                local_model(_with_curvature(information, moves), after, fit.theta, low, high),
-                after,
-            )
+            model = local_model(_with_curvature(information, moves), after, fit.theta, low, high)
+            gradient = after
             # A step that damping or a bound made small says nothing of the way that is left: the
             # undamped one does.
             if (np.all(small) or gain < settings.enough) and arrived(model, fit.theta, settings):

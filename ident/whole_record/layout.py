@@ -360,10 +360,8 @@ def lay_out(
     )
     mine = [parameters[name] for name in own] + [initial.items[i] for i in starts]
     items = [parameters[name] for name in shared] + mine * len(records)
-    low, high = (
-        np.array([item.bounds[0] for item in items]),
-        np.array([item.bounds[1] for item in items]),
-    )
+    low = np.array([item.bounds[0] for item in items])
+    high = np.array([item.bounds[1] for item in items])
     first = np.array([item.value for item in items], dtype=float)
     if start is None and not settings.use_priors:
         _seed_initial_states(first, records, system, starts, len(shared), len(own))

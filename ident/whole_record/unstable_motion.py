@@ -163,10 +163,8 @@ def _weighted(fit: Fit, r: int) -> tuple[np.ndarray, np.ndarray]:
     What is known beforehand of the record's own unknowns stands below, a row each.
     """
     weight = np.where(fit.layout.problems[r].valid, 1.0 / np.sqrt(fit.variance)[:, None], 0.0)
-    jacobian, residual = (
-        (fit.jacobians[r] * weight[:, :, None]).reshape(weight.size, -1),
-        (fit.residuals[r] * weight).ravel(),
-    )
+    jacobian = (fit.jacobians[r] * weight[:, :, None]).reshape(weight.size, -1)
+    residual = (fit.residuals[r] * weight).ravel()
     prior, columns = fit.layout.prior, fit.layout.columns(r)
     if prior is None:
         return jacobian, residual
@@ -214,10 +212,8 @@ def _parts(layout: FitLayout) -> Iterator[FitLayout]:
     length = max(
         float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems
     )
-    span, rough = (
-        _FIRST * length / max(growth(layout), _FIRST),
-        replace(layout.settings, tolerance=max(_ROUGH, layout.settings.tolerance)),
-    )
+    span = _FIRST * length / max(growth(layout), _FIRST)
+    rough = replace(layout.settings, tolerance=max(_ROUGH, layout.settings.tolerance))
     while 0.0 < span < length:  # a growth beyond all numbers leaves no part
         problems = tuple(
             replace(each, valid=each.valid & (each.record.time - each.record.time[0] <= span))

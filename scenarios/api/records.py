@@ -541,9 +541,9 @@ def to_control(record: Recorded) -> control.TimeResponseData:
 
 
 def _of_response(response: control.TimeResponseData) -> tuple[Mapping[str, Any], ContainerFacts]:
-    outputs, inputs = (
-        np.atleast_2d(response.y),
-        np.atleast_2d(response.u) if response.u is not None else np.zeros((0, len(response.time))),
+    outputs = np.atleast_2d(response.y)
+    inputs = (
+        np.atleast_2d(response.u) if response.u is not None else np.zeros((0, len(response.time)))
     )
     if outputs.ndim != 2 or inputs.ndim != 2:
         raise RecordError(

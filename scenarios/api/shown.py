@@ -212,23 +212,14 @@ def response_of(found: IdentificationResult, number: int) -> pandas.DataFrame:
 
     fitted = (found.record, *found.others)
     if found.estimate.history is not None and number < len(fitted):
-        record, outputs, rows = (
-            fitted[number],
-            found.estimate.output_names,
-            found.estimate.fitted[number],
-        )
+        record, outputs = fitted[number], found.estimate.output_names
+        rows = found.estimate.fitted[number]
     elif 0 <= number < len(found.fits):
-        record, outputs, rows = (
-            found.fits[number].record,
-            found.fits[number].outputs,
-            found.fits[number].simulated,
-        )
+        record, outputs = found.fits[number].record, found.fits[number].outputs
+        rows = found.fits[number].simulated
     elif 0 <= number < len(fitted):
-        record, outputs, rows = (
-            fitted[number],
-            found.estimate.output_names,
-            found.estimate.fitted[number],
-        )
+        record, outputs = fitted[number], found.estimate.output_names
+        rows = found.estimate.fitted[number]
     else:
         raise DeclarationError(
             f"there is no record {number}",

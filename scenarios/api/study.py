@@ -209,10 +209,8 @@ class Study:
         if self.diagnosis is not None:
             return self.diagnosis.to_state_space(pade)
         if self.kind == "sweep":
-            what, remedy = (
-                "a sweep has transfer functions, no matrices",
-                "use details.response.fits",
-            )
+            what = "a sweep has transfer functions, no matrices"
+            remedy = "use details.response.fits"
             raise DeclarationError(what, where=self.name, remedy=remedy)
 
         return matrices_of_study(self.details, self.kind, pade)

@@ -71,10 +71,8 @@ def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[st
         record, truth = fly_jsbsim(flight, chosen)
     with files_together(out) as scratch:
         made, truth_file = write_jsbsim(flight, chosen, record, truth, scratch, out.stem)
-    vehicles, kept = (
-        {model: out.parent / path.name for model, path in made.items()},
-        out.parent / truth_file.name,
-    )
+    vehicles = {model: out.parent / path.name for model, path in made.items()}
+    kept = out.parent / truth_file.name
     print(
         f"{flight.aircraft} flown by JSBSim: {len(record)} samples, {record.time[-1]:g} s, "
         f"{flight.maneuver}; the truth is in {kept.name}"

@@ -76,11 +76,8 @@ def can_act(effects: Sequence[Act], model: Model) -> tuple[Act, ...]:
 def _acts(effect: Effect, model: Model) -> bool:
     try:
         system = compile_model(model.with_effects(effect))
-        x, u, p = (
-            system.initial.values().tolist(),
-            inputs_at_rest(model),
-            system.parameters.values().tolist(),
-        )
+        x, u = system.initial.values().tolist(), inputs_at_rest(model)
+        p = system.parameters.values().tolist()
         with np.errstate(all="ignore"):
             system.f(0.0, x, u, p)
             system.h(0.0, x, u, p)

@@ -38,13 +38,8 @@ PARAMETERS = {
     "arm": "arm",
 }
 BIAS = "bias"  # no effect: the fits of a diagnosis leave one of each channel free
-AGREES, IN_KIND, DIFFERS, CONTRADICTS, NOTHING = (
-    "agrees",
-    "agrees in kind",
-    "differs in size",
-    "contradicts",
-    "says nothing",
-)
+AGREES, IN_KIND, DIFFERS = "agrees", "agrees in kind", "differs in size"
+CONTRADICTS, NOTHING = "contradicts", "says nothing"
 # The arm of a vane is to the kinematics that of an accelerometer on the other side: (d/V) q against
 # the integral of (g/V) (arm/g) q_dot.
 MIRRORED = {

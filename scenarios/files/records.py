@@ -369,10 +369,8 @@ def _time(
         )
     if column is None:
         assert rate is not None
-        time, notes = (
-            np.arange(table.rows.size) / rate,
-            [f"the file has no clock: its rows are taken at {rate:g} Hz"],
-        )
+        time = np.arange(table.rows.size) / rate
+        notes = [f"the file has no clock: its rows are taken at {rate:g} Hz"]
         stamps, column = Numbers(time, {}), SourceColumn(TIME, TIME, 0, "s", "s")
     else:
         if len(table.columns[column.index]) != table.rows.size:
@@ -544,10 +542,8 @@ def _check_cells(table: CellTable, column: SourceColumn, content: Numbers, rows:
     """Refuse, within the window, the first row that is ragged, holds text or an infinite number."""
     inside = range(rows.start, rows.stop)
     for position in sorted(set(table.ragged) & set(inside))[:1]:
-        what, where = (
-            f"{table.ragged[position]} cells under a header of {len(table.header)}",
-            f"{table.file}, row {table.rows[position]}",
-        )
+        what = f"{table.ragged[position]} cells under a header of {len(table.header)}"
+        where = f"{table.file}, row {table.rows[position]}"
         raise RecordError(what, where=where, remedy=_row_remedy(table, position))
     texts = [position for position in content.texts if position in inside]
     infinite = [

@@ -395,10 +395,8 @@ def record_fits(
         again = isolated_outliers(system.output_names, finite, held_out)
         if same_points(again, masks):
             break
-        masks, kept = (
-            again,
-            [without(record, some) for record, some in zip(held_out, again, strict=True)],
-        )
+        masks = again
+        kept = [without(record, some) for record, some in zip(held_out, again, strict=True)]
         predicted = run(kept)
     return (
         *out,

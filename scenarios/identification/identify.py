@@ -300,10 +300,8 @@ def _low_order(
     }
     fits = record_fits([record], held_out, system, values, settings, trusted=trusted)
     modes = characteristics(compile_model(model), found.estimate)
-    cautions, trained = (
-        cautions_of(vehicle, found.estimate, found.rows),
-        trained_by(system, values, settings),
-    )
+    cautions = cautions_of(vehicle, found.estimate, found.rows)
+    trained = trained_by(system, values, settings)
     return replace(
         found,
         cautions=cautions,

@@ -180,10 +180,8 @@ def identify_loes(
     }
     if "delay" in fixed:
         fixed["delay"] = (found.refined, "s")
-    derived, kept = (
-        derived_of(estimate, vehicle, weighted_delay(found)),
-        bank_content(chosen.name, second),
-    )
+    derived = derived_of(estimate, vehicle, weighted_delay(found))
+    kept = bank_content(chosen.name, second)
     return IdentificationResult(
         record, vehicle, "ekf", estimate, rows_of(estimate), (), derived, fixed, tests, engine=kept
     )

@@ -78,10 +78,8 @@ def refuse_still(records: Sequence[Record], model: Model) -> None:
     for record in records:
         for channel in record.outputs:
             if _still(channel):
-                what, remedy = (
-                    "all samples are the same",
-                    "leave the column out: a sensor at work shows noise at least",
-                )
+                what = "all samples are the same"
+                remedy = "leave the column out: a sensor at work shows noise at least"
                 raise RecordError(
                     what, where=f"{record.name}, channel {channel.name}", remedy=remedy
                 )
@@ -164,10 +162,8 @@ def why_unpredictable(record: Record, model: Model) -> str:
     samples, no motion; empty where it would.
     """
     biases = [channel for channel in record.outputs if channel.name in model.biases]
-    unknown, samples = (
-        len(model.initial) + len(biases),
-        sum(int(np.count_nonzero(channel.valid)) for channel in record.outputs),
-    )
+    unknown = len(model.initial) + len(biases)
+    samples = sum(int(np.count_nonzero(channel.valid)) for channel in record.outputs)
     if samples < PER_UNKNOWN * unknown:
         fitted = f"{len(model.initial)} initial states" + (
             f" and {len(biases)} biases" if biases else ""
@@ -306,10 +302,8 @@ def hold_out(record: Record) -> tuple[Record, Record]:
             f"{len(record)} rows are too few to hold a part out", where=record.name, remedy=_REMEDY
         )
     cut = min(max(_cut(record), FEWEST), len(record) - FEWEST)
-    first, held = (
-        _part(record, slice(0, cut), "fitted"),
-        _part(record, slice(cut, len(record)), "held-out"),
-    )
+    first = _part(record, slice(0, cut), "fitted")
+    held = _part(record, slice(cut, len(record)), "held-out")
     steered = [
         channel.name
         for channel in record.inputs

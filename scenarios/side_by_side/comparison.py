@@ -437,10 +437,8 @@ def _column(
     """One method of a study whose JSON is ``content``; ``table`` is its part of it."""
     folder = file.parent
     parameters, derived = table.get("parameters"), table.get("derived")
-    estimator, outcome = (
-        table.get("method", table.get("label", "")),
-        table.get("outcome", content.get("outcome", "")),
-    )
+    estimator = table.get("method", table.get("label", ""))
+    outcome = table.get("outcome", content.get("outcome", ""))
     if content["schema"] == STUDIES["diagnosis.json"]:
         when = method or "after"
         parameters, derived = (

@@ -203,11 +203,8 @@ class EstimatorRuns:
 
     def record_of(self, seed: int) -> Record:
         """What a run measured, by its seed."""
-        record, truth, noise = (
-            self.common.record,
-            self.common.truth,
-            self.estimation.flown_noise_std,
-        )
+        record, truth = self.common.record, self.common.truth
+        noise = self.estimation.flown_noise_std
         if self.seen.flight.process_noise or self.seen.flight.feedback:
             record, truth = fly_scenario(self.seen, seed)
             return measured_again(record, truth, noise, seed) if noise else record

@@ -541,10 +541,8 @@ def print_campaign(
     terminal = out or console()
     seeds = campaign.seeds
     title = campaign_title(campaign)
-    pooled, low_high = (
-        campaign.pooled,
-        " to ".join(f"{100 * end:.1f}" for end in campaign.pooled.interval),
-    )
+    pooled = campaign.pooled
+    low_high = " to ".join(f"{100 * end:.1f}" for end in campaign.pooled.interval)
     settled = f"{len(seeds) - campaign.broken} of {len(seeds)} runs settled"
     result = (
         f"within 2 sigma {100 * pooled.within_two:.1f} % (95 % interval {low_high} %), within 1 "

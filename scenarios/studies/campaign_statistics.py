@@ -178,10 +178,8 @@ def _with_priors(
         passes = estimation.passes if estimation.method in FILTERS else 1
         start = np.array([estimation.start[name].value for name in names])
         stated, gain, left = _passes(data, prior, passes, estimation.spread)
-        scatter, pull = (
-            np.sqrt(np.maximum(np.diag(gain @ data @ gain.T), 0.0)),
-            left @ (start - reference),
-        )
+        scatter = np.sqrt(np.maximum(np.diag(gain @ data @ gain.T), 0.0))
+        pull = left @ (start - reference)
     else:
         stated, scatter, pull, gain = alone_std, alone_std, np.zeros(len(names)), alone
     # What is known a thousand times worse than before the flight is open: its bound is the

@@ -517,10 +517,8 @@ class Trials:
         except FlightidError:
             return None
         order = [found.names.index(name) for name in self.names]
-        values, std = (
-            found.values[order],
-            np.sqrt(np.maximum(np.diagonal(found.covariance, axis1=1, axis2=2).T[order], 0.0)),
-        )
+        values = found.values[order]
+        std = np.sqrt(np.maximum(np.diagonal(found.covariance, axis1=1, axis2=2).T[order], 0.0))
         sound = np.array([outcome == SOUND for outcome in found.outcomes]) & np.all(
             np.isfinite(values) & (std > 0.0), axis=0
         )

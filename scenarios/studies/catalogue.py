@@ -106,13 +106,11 @@ def load_document(name: str, changes: Sequence[str] = ()) -> tuple[dict[str, Any
     if name.endswith(".toml"):
         document, short = _beside(read_toml(name), Path(name).parent), Path(name).stem
     else:
-        document, short = (
-            _beside(
-                tomllib.loads(scenario_text(name)),
-                Path(str(files("scenarios").joinpath("catalog"))),
-            ),
-            name,
+        document = _beside(
+            tomllib.loads(scenario_text(name)),
+            Path(str(files("scenarios").joinpath("catalog"))),
         )
+        short = name
     return with_changes(document, changes), short, where
 
 

@@ -653,12 +653,8 @@ def _narrowed_passes(
         ]
     )
     first = np.array(system.initial.values())
-    mean, covariance, sound, nis = (
-        bank.mean.copy(),
-        bank.covariance.copy(),
-        bank.sound.copy(),
-        bank.nis.sum(axis=0),
-    )
+    mean, covariance = bank.mean.copy(), bank.covariance.copy()
+    sound, nis = bank.sound.copy(), bank.nis.sum(axis=0)
     active = np.flatnonzero(sound)
     for _ in range(1, estimation.passes):
         if active.size == 0:

@@ -93,10 +93,8 @@ def draw_sweep(sweep: Sweep, title: str) -> Figure:
             for mark, values in sweep.marks
             if (start := values.get(name)) is not None
         ]
-        condensed, best = (
-            [point.figures.condensed[name] for point in points],
-            [point.figures.fitted[name] for point in points],
-        )
+        condensed = [point.figures.condensed[name] for point in points]
+        best = [point.figures.fitted[name] for point in points]
         courses.append(
             DerivativeCourse(name, sweep.units[name], rigid, condensed, best, estimates, printed)
         )

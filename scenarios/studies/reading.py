@@ -362,10 +362,8 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
         for table in ("start", "initial", "held"):
             if isinstance(change.get(table), dict) and isinstance(base.get(table), dict):
                 merged[table] = {**base[table], **change[table]}
-        method, place = (
-            checked(MethodTable, merged, where, f"methods[{number}]"),
-            f"{where}, key methods[{number}]",
-        )
+        method = checked(MethodTable, merged, where, f"methods[{number}]")
+        place = f"{where}, key methods[{number}]"
         if why := unportable(method.name):
             remedy = "its files have it in their names: give it another one"
             raise DeclarationError(

@@ -174,10 +174,8 @@ def _estimated(
         system = compiled(estimation, model)
         z = np.stack([record.output_array(system.output_names)[0] for record in records], axis=2)
         bank = run_bank(records[0], system, filter_settings(estimation), z=z)
-        first, outcomes = (
-            len(system.states),
-            [Outcome.CONVERGED if sound else Outcome.DIVERGED for sound in bank.sound],
-        )
+        first = len(system.states)
+        outcomes = [Outcome.CONVERGED if sound else Outcome.DIVERGED for sound in bank.sound]
         columns = zip(
             bank.mean[first:].T,
             bank.std[first:].T,

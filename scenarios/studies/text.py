@@ -362,10 +362,8 @@ def _print_method(study: StudyResult, method: MethodResult, out: Console) -> Non
     show_table(out, estimates_table(title, rows))
     flown = study.scenario.flown
     levels = levels_line(method.levels, flown, method.tests) if flown is not None else ""
-    seen, remark = (
-        other_flight_line(study.scenario, method.estimation),
-        published_remark(method.estimation.published),
-    )
+    seen = other_flight_line(study.scenario, method.estimation)
+    remark = published_remark(method.estimation.published)
     printed = f"published: {remark}" if remark else ""
     for line in (
         seen,

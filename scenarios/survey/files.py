@@ -152,11 +152,8 @@ def _drawn(each: Derivative, survey: SurveyResult, condition: str) -> OverCondit
         middle, sigma = drift[1].band(along)
         between = drift[1].scatter
     else:
-        middle, sigma, between = (
-            np.full_like(along, each.common.value),
-            np.full_like(along, each.common.sigma),
-            each.common.scatter,
-        )
+        middle = np.full_like(along, each.common.value)
+        sigma, between = np.full_like(along, each.common.sigma), each.common.scatter
     return OverCondition(
         each.name,
         each.unit,

@@ -277,10 +277,8 @@ def _flight(
     except FlightidError as error:
         raise DeclarationError(error.what, where=place, remedy=error.remedy) from None
     records = tuple(root / each for each in (entry.records or [str(entry.record)]))
-    asked, file = (
-        _either(entry.maneuver, shared.maneuver),
-        _either(entry.maneuvers, shared.maneuvers),
-    )
+    asked = _either(entry.maneuver, shared.maneuver)
+    file = _either(entry.maneuvers, shared.maneuvers)
     plan = _with_maneuvers(plan, records, asked, root / file if file is not None else None, place)
     if entry.vehicle and not vehicle:
         raise DeclarationError(

@@ -194,10 +194,8 @@ def sweep_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Swe
             r.integral,
             number(r.rate, "1/s", "loop.rate"),
         )
-    low, high = (
-        number(content.sweep.low, "1/s", "sweep.low"),
-        number(content.sweep.high, "1/s", "sweep.high"),
-    )
+    low = number(content.sweep.low, "1/s", "sweep.low")
+    high = number(content.sweep.high, "1/s", "sweep.high")
     duration = number(content.sweep.duration, "s", "sweep.duration")
     rate = loop.rate if loop is not None else 80.0
     if not low < high < 0.4 * rate:

@@ -93,10 +93,8 @@ def vehicle_to_watch(vehicle: Path | None, reference: Reference | None) -> Vehic
     if vehicle is not None:
         found = read_vehicle(vehicle, "loes")
         if found.constraints:
-            what, remedy = (
-                "a filter that runs along estimates every derivative",
-                "leave [fixed], [bounds] and [tied] out, or use identify",
-            )
+            what = "a filter that runs along estimates every derivative"
+            remedy = "leave [fixed], [bounds] and [tied] out, or use identify"
             raise DeclarationError(what, where=str(vehicle), remedy=remedy)
         return found
     x29 = load_x29("F")

@@ -342,11 +342,8 @@ def watch_page(
     that were taken, ``first`` the sections with which the page begins, ``vehicle`` the vehicle file
     that was read.
     """
-    stream, reference, methods = (
-        content["stream"],
-        content.get("reference"),
-        content.get("methods", {}),
-    )
+    stream, reference = content["stream"], content.get("reference")
+    methods = content.get("methods", {})
     outside = list(reference["outside"]) if reference else []
     told = (
         f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} "

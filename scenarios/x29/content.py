@@ -86,12 +86,8 @@ def procedure_and_printed(
     """
     system, bank = study.paper.system, study.plain.bank
     best = int(np.argmax(bank.log_likelihood))
-    start, final, noise, density = (
-        printed_start(column),
-        printed_column(column),
-        printed_noise(column),
-        printed_density(column),
-    )
+    start, final = printed_start(column), printed_column(column)
+    noise, density = printed_noise(column), printed_density(column)
     R = {
         _BY_OUTPUT[name]: (study.paper.noise_std[name] ** 2, std**2) for name, std in noise.items()
     }

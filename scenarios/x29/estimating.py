@@ -267,10 +267,8 @@ def misfit(
             at = within[int(np.argmax(np.abs(z[row, within])))]
             # Over five samples, so that the noise of one does not decide.
             near = slice(max(at - 2, 0), at + 3)
-            measured, simulated_peak = (
-                float(z[row, near].mean()),
-                float(simulated[row, near].mean()),
-            )
+            measured = float(z[row, near].mean())
+            simulated_peak = float(simulated[row, near].mean())
     history = estimate.history
     assert history is not None
     series = (history.innovation[row] / history.innovation_std[row])[history.valid[row]]

@@ -73,11 +73,8 @@ def prior_sentence() -> str:
 
 def noise_sentence(column: str) -> str:
     """Units of the printed R, and by how much the simulation's is smaller."""
-    flight, start, simulation = (
-        printed_noise("flight"),
-        printed_start("flight"),
-        printed_noise("simulation"),
-    )
+    flight, start = printed_noise("flight"), printed_start("flight")
+    simulation = printed_noise("simulation")
     P0 = {name: (start[name].std or 0.0) ** 2 for name in ("alpha", "q")}
     share = (simulation["q"] / flight["q"]) ** 2
     final = (printed_column("simulation")["q"].std or 0.0) ** 2
@@ -269,10 +266,8 @@ def _reason(found: dict[str, LoopMethodResult], study: LoopStudy) -> str:
         f"linearised anew alone: {at('relinearised')}",
     ]
     if "refined-printed" in found and study.scenario.estimation.prior == "quarter":
-        quarter, printed = (
-            study.result.setting.system.parameters["M_q"].prior_std,
-            printed_start("flight")["M_q"].std or 0.0,
-        )
+        quarter = study.result.setting.system.parameters["M_q"].prior_std
+        printed = printed_start("flight")["M_q"].std or 0.0
         word = "narrower" if quarter < printed else "wider"
         rule = f"P0 a quarter of the start, {word} on M_q (sigma {quarter:.2f} for {printed:.2f})"
         steps += [f"both: {at('refined-printed')}", f"and {rule}: {at('own')}"]

@@ -315,10 +315,8 @@ def margins_sentence(found: OpenMargins) -> str:
         )
         if turned and found.declared < 0.0:
             out += f"; by itself would turn the sign of the declared airframes: {turned}"
-    larger, plausible = (
-        sum(each.larger for each in found.designs),
-        sum(int(each.plausible.sum()) for each in found.designs),
-    )
+    larger = sum(each.larger for each in found.designs)
+    plausible = sum(int(each.plausible.sum()) for each in found.designs)
     if plausible:
         mixed = "the paper's numbers do not decide the sign"
         out += (

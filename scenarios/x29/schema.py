@@ -162,10 +162,8 @@ def _variant(variant: _Variant, document: Mapping[str, Any], where: str, inside:
     for change in variant.set:
         changed = with_change(changed, change)
     content = checked(_Scenario, changed, place)
-    flight, estimation = (
-        _flight(content.flight, f"{place}, key flight"),
-        _estimation(content.estimate, f"{place}, key estimate"),
-    )
+    flight = _flight(content.flight, f"{place}, key flight")
+    estimation = _estimation(content.estimate, f"{place}, key estimate")
     return Variant(variant.name, variant.label, flight, estimation)
 
 

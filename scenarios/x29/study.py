@@ -161,10 +161,8 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
     chosen = scenario.seed if seed is None else seed
     flown = fly_loop(scenario.flight, chosen)
     start = starting_values(scenario)
-    setting, paper = (
-        set_up(scenario.estimation, flown, start),
-        set_up(scenario.estimation, flown, start, prior=_papers_rule(scenario)),
-    )
+    setting = set_up(scenario.estimation, flown, start)
+    paper = set_up(scenario.estimation, flown, start, prior=_papers_rule(scenario))
     found = plain(paper)
     first = _result(scenario, flown, setting)
     result, passes = _restarted(scenario, flown, first)

@@ -267,10 +267,8 @@ def load_x29(name: str, path: Path = DATA_FILE) -> X29:
         _table(document, "computer", path.name), _COMPUTER, f"{path.name}, computer"
     )
     shaping = _numbers(_table(document, "stick", path.name), _SHAPING, f"{path.name}, stick")
-    surfaces, sensors = (
-        _table(document, "surfaces", path.name),
-        _table(document, "sensors", path.name),
-    )
+    surfaces = _table(document, "surfaces", path.name)
+    sensors = _table(document, "sensors", path.name)
     canard, flaperon, strake = (
         _actuator(surface, _table(surfaces, surface, path.name), path.name)
         for surface in SURFACE_NAMES

@@ -151,12 +151,8 @@ def shaping_matrices(shaping: StickShaping, frame: float) -> Matrices:
     """
     a, b0, b1 = _tustin(1.0, 0.0, 1.0, 1.0 / shaping.lag, frame)
     n = shaping.delay_frames
-    A, B, C, D = (
-        np.zeros((n + 1, n + 1)),
-        np.zeros((n + 1, 1)),
-        np.zeros((1, n + 1)),
-        np.zeros((1, 1)),
-    )
+    A, B, C = np.zeros((n + 1, n + 1)), np.zeros((n + 1, 1)), np.zeros((1, n + 1))
+    D = np.zeros((1, 1))
     A[1:n, : n - 1] = np.eye(n - 1) if n > 1 else 0.0
     A[n, n], C[0, n] = a, 1.0
     if n:

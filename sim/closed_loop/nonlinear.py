@@ -198,11 +198,8 @@ def stretch(A: np.ndarray, b: np.ndarray) -> Stretch:
 
 def filtered(block: Matrices, driven: np.ndarray) -> np.ndarray:
     """Output ``(N,)`` of a sampled block with one input and one output, from rest."""
-    prepared, out, state = (
-        stretch(block.A, block.B[:, 0]),
-        np.empty(driven.size),
-        np.zeros(block.A.shape[0]),
-    )
+    prepared, out = stretch(block.A, block.B[:, 0]), np.empty(driven.size)
+    state = np.zeros(block.A.shape[0])
     for k in range(0, driven.size, FRAMES):
         part = driven[k : k + FRAMES]
         states = prepared.states(state, part)
@@ -254,10 +251,8 @@ def free_frames(x29: X29, steppers: Sequence[Stepper], departure: float) -> Free
         offset.append(stepper.watch[:, -1])
         state = stepper.free[:n, :-1] @ extended
     for i, surface in enumerate(x29.surfaces):
-        half, middle = (
-            (surface.upper - surface.lower) / 2.0,
-            (surface.upper + surface.lower) / 2.0 - surface.trim,
-        )
+        half = (surface.upper - surface.lower) / 2.0
+        middle = (surface.upper + surface.lower) / 2.0 - surface.trim
         watch.append(mix[i] / half * command[None])
         offset.append(np.array([-middle / half]))
     watch.append(np.eye(1, d) / departure)

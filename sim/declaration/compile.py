@@ -136,10 +136,8 @@ def _following(model: Model, protocol: Any) -> list[Any]:
     """
     found = []
     for effect in model.effects:
-        known, asked = (
-            _FOLLOWED.setdefault(type(effect), {}),
-            (protocol, *getattr(effect, "__dict__", ())),
-        )
+        known = _FOLLOWED.setdefault(type(effect), {})
+        asked = (protocol, *getattr(effect, "__dict__", ()))
         if asked not in known:
             known[asked] = isinstance(effect, protocol)
         if known[asked]:
@@ -230,12 +228,8 @@ def signals_of(parts: Parts) -> Bus:
     """All signals by name at one time, with what the effects add, and the vehicle's own parameters
     as they are then.
     """
-    equations, own, slices, moved_in = (
-        parts.model.equations,
-        parts.own,
-        parts.slices,
-        parts.moved_in,
-    )
+    equations, own, slices = parts.model.equations, parts.own, parts.slices
+    moved_in = parts.moved_in
     vehicle_of, state_names, input_names = parts.vehicle_of, parts.state_names, parts.input_names
     zero_ports = {port.name: 0.0 for port in equations.ports}
     varying = [(effect.parameter, effect.change, own[effect.name]) for effect in parts.varying]
@@ -325,12 +319,8 @@ def dynamics_of(
     parts: Parts, signals: Bus, measured: Measured
 ) -> Callable[[Any, Rows, Rows, Rows], list[Any]]:
     """``f``: the rates of all states, those of effects behind those of the equations."""
-    equations, own, slices, input_names = (
-        parts.model.equations,
-        parts.own,
-        parts.slices,
-        parts.input_names,
-    )
+    equations, own, slices = parts.model.equations, parts.own, parts.slices
+    input_names = parts.input_names
     moved_in, moved_out = parts.moved_in, parts.moved_out
     with_states = [(effect, own[effect.name]) for effect in parts.dynamics if effect.states]
     rate_names = (
@@ -371,13 +361,8 @@ def outputs_of(
     parts: Parts, signals: Bus, measured: Measured
 ) -> Callable[[Any, Rows, Rows, Rows], list[Any]]:
     """``h``: the chosen outputs before sensors with memory, biases added."""
-    own, slices, moved_out, bias_index, outputs = (
-        parts.own,
-        parts.slices,
-        parts.moved_out,
-        parts.bias_index,
-        parts.outputs,
-    )
+    own, slices, moved_out = parts.own, parts.slices, parts.moved_out
+    bias_index, outputs = parts.bias_index, parts.outputs
 
     def h(t: Any, x: Rows, u: Rows, p: Rows) -> list[Any]:
         s, vehicle = signals(t, x, u, p)
@@ -441,13 +426,8 @@ def sensor_memory_of(parts: Parts) -> Callable[[Rows], list[SensorMemory]]:
 
 def noise_of(parts: Parts) -> Callable[[Rows], tuple[list[Any], list[Any]]]:
     """``noise``: spectral density of each state's forcing, measurement variance of each output."""
-    model, own, dynamics, vehicle_of, outputs = (
-        parts.model,
-        parts.own,
-        parts.dynamics,
-        parts.vehicle_of,
-        parts.outputs,
-    )
+    model, own, dynamics = parts.model, parts.own, parts.dynamics
+    vehicle_of, outputs = parts.vehicle_of, parts.outputs
     state_names, n_base = parts.state_names, len(model.equations.states)
 
     def noise(p: Rows) -> tuple[list[Any], list[Any]]:

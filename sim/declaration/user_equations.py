@@ -299,10 +299,8 @@ def fault(
         raise error
     if isinstance(error, FlightidError) and not isinstance(error, ChangedArgument):
         return error
-    where, text = (
-        place(model, what, function, error),
-        " ".join(f"{type(error).__name__}: {error}".split()),
-    )
+    where = place(model, what, function, error)
+    text = " ".join(f"{type(error).__name__}: {error}".split())
     if _changes_argument(error):
         return ModelError(
             "it changes what it was given, s or p, in place", where=where, remedy=NO_CHANGE
@@ -517,10 +515,8 @@ def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], 
         ("readings", equations.readings, equations.outputs),
     ):
         found, known = _asked(equations, what, function, s, p), [signal.name for signal in signals]
-        where, kind = (
-            written_in(equations.name, what, function),
-            "state" if what == "rates" else "output",
-        )
+        where = written_in(equations.name, what, function)
+        kind = "state" if what == "rates" else "output"
         for name in found:
             if name not in known:
                 raise ModelError(

@@ -310,10 +310,8 @@ def own_model(
             **_mapping(name, "constants", constants or {}),
         },
     )
-    held, free = (
-        _numbers(name, "constants", constants or {}, limits, free=False),
-        _numbers(name, "parameters", parameters, limits, free=True),
-    )
+    held = _numbers(name, "constants", constants or {}, limits, free=False)
+    free = _numbers(name, "parameters", parameters, limits, free=True)
     _refuse_collisions(
         name,
         {
@@ -431,10 +429,8 @@ def _refuse_other_arguments(model: str, what: str, function: Callable[..., objec
     try:
         taken.bind(None, None)
     except TypeError:
-        where, remedy = (
-            written_in(model, what, function),
-            f"give a function of s and p, {what}=lambda s, p: {{...}}",
-        )
+        where = written_in(model, what, function)
+        remedy = f"give a function of s and p, {what}=lambda s, p: {{...}}"
         raise ModelError(f"it takes {taken}, not (s, p)", where=where, remedy=remedy) from None
 
 

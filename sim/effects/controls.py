@@ -113,10 +113,8 @@ class PlainControl:
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         d = getattr(s, self.control)
         more = self.curve(d - self.middle if self.middle else d, p)
-        moment, lift = (
-            getattr(vehicle, self.moment_by) * more,
-            p.lift_share * getattr(vehicle, self.lift_by) * more,
-        )
+        moment = getattr(vehicle, self.moment_by) * more
+        lift = p.lift_share * getattr(vehicle, self.lift_by) * more
         others = {port: getattr(vehicle, derivative) * more for port, derivative in self.further}
         return {self.ports[0]: moment, self.ports[1]: lift, **others}
 
@@ -211,8 +209,6 @@ def played(u: np.ndarray, half_width: Any) -> np.ndarray:
         if pushed.real > y.real if up else pushed.real < y.real:
             y = pushed
     count = np.diff(last, prepend=-1)
-    from_last, upward = (
-        np.repeat(np.array(held), count),
-        np.repeat((np.arange(len(last)) % 2 == 0) == rising, count),
-    )
+    from_last = np.repeat(np.array(held), count)
+    upward = np.repeat((np.arange(len(last)) % 2 == 0) == rising, count)
     return np.where(upward, maximum(from_last, u - half_width), minimum(from_last, u + half_width))

@@ -4,7 +4,7 @@ separate them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from sim.declaration.effect import OnChannel, OnSignal, Signal, constants_needed, ports_needed
 from sim.declaration.model import Containing, DrivenByOthers, Equations
@@ -69,6 +69,31 @@ def further_outputs(equations: Equations) -> tuple[Signal, ...]:
     return tuple(
         signal for signal in equations.outputs if (signal.name, signal.unit) not in KNOWN_OUTPUTS
     )
+
+
+def for_inputs(
+    equations: Equations, *makers: Callable[[Signal, str], Traceable]
+) -> tuple[Traceable, ...]:
+    """What each maker gives for each input that has no instance yet: of a signal and a label."""
+    inputs = further_inputs(equations)
+    return tuple(make(signal, label) for make in makers for signal, label in inputs)
+
+
+def sized(
+    kind: Callable[[str, str, float, str, bool], Traceable], share: float
+) -> Callable[[Signal, str], Traceable]:
+    """Makes an effect of a size: a share of what is a large deflection in the unit of its input."""
+    return lambda signal, label: kind(
+        signal.name, signal.unit, share * large_input(signal.unit), label, has_size(signal.unit)
+    )
+
+
+def for_outputs(
+    equations: Equations, *makers: Callable[[Signal], Traceable]
+) -> tuple[Traceable, ...]:
+    """What each maker gives for each output that has no instance yet."""
+    outputs = further_outputs(equations)
+    return tuple(make(signal) for make in makers for signal in outputs)
 
 
 def large_input(unit: str) -> float:

@@ -139,14 +139,10 @@ def applies(effect: Effect, equations: Equations) -> bool:
     """Whether a vehicle has the input, the output, the ports, the constants and the states that an
     effect acts on.
     """
-    inputs, outputs = (
-        {signal.name for signal in equations.inputs},
-        {signal.name for signal in equations.outputs},
-    )
-    ports, states = (
-        {port.name for port in equations.ports},
-        {signal.name for signal in equations.states},
-    )
+    inputs = {signal.name for signal in equations.inputs}
+    outputs = {signal.name for signal in equations.outputs}
+    ports = {port.name for port in equations.ports}
+    states = {signal.name for signal in equations.states}
     # Of several inputs each has its own instance, which its label names.
     whose = (
         not isinstance(effect, OnSignal)

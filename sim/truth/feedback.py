@@ -67,11 +67,8 @@ def fly_with_feedback(
         float(time[0]), system.initial.values().tolist(), loop.command(float(time[0]))
     )
     x: list[Any] = system.initial.values().tolist()
-    states, u, clean = (
-        np.empty((len(x), N)),
-        np.empty((len(system.inputs), N)),
-        np.empty((len(std), N)),
-    )
+    states, u = np.empty((len(x), N)), np.empty((len(system.inputs), N))
+    clean = np.empty((len(std), N))
     for k, t in enumerate(time.tolist()):
         u[:, k], clean[:, k] = loop.closed(t, x, noise[:, k], start)
         states[:, k] = x

@@ -135,10 +135,8 @@ def drive_from_maneuvers(
         )
     a, b = grid.edges[:-1], grid.edges[1:]
     means = [maneuver.mean(a, b) for maneuver in by_input]
-    begin, end = (
-        [maneuver(grid.edges) for maneuver in by_input],
-        [maneuver.before(b) for maneuver in by_input],
-    )
+    begin = [maneuver(grid.edges) for maneuver in by_input]
+    end = [maneuver.before(b) for maneuver in by_input]
     drive = drive_from_means(means, begin, end)
     # Where the input is smooth within a sub-step its values at the stages keep the integrator's
     # order; elsewhere the mean serves.
@@ -403,10 +401,8 @@ def _propagated(
             system, p, drive, grid, method, densities, walking, rng
         )
     else:
-        states, walks = (
-            propagate(system, p, system.initial.values().tolist(), drive, grid, method),
-            {},
-        )
+        states = propagate(system, p, system.initial.values().tolist(), drive, grid, method)
+        walks = {}
     refuse_divergence(model, grid, states)
     clean = (
         outputs_with_walks(system, p, states, walks, drive, grid)

@@ -74,11 +74,8 @@ def dryden_gust(
     decay = np.exp(-d)
     # Covariance of the increments of (x, x'/lam) over d = lam dt; incomplete gammas keep it exact
     # for small d.
-    g1, g2, g3 = (
-        0.5 * gammainc(1, 2.0 * d),
-        0.25 * gammainc(2, 2.0 * d),
-        0.25 * gammainc(3, 2.0 * d),
-    )
+    g1, g2 = 0.5 * gammainc(1, 2.0 * d), 0.25 * gammainc(2, 2.0 * d)
+    g3 = 0.25 * gammainc(3, 2.0 * d)
     q11, q12, q22 = g3, 0.5 * (d * decay) ** 2, g1 - 2.0 * g2 + g3
     l22 = np.sqrt(q22)
     l12 = q12 / l22

@@ -337,10 +337,8 @@ def flexibility(
     values = dict(zip(names, condensed.parameters.values(names).tolist(), strict=True))
     target, at_condensed = response(flexible), response(condensed)
     fitted, misfit = _best_rigid(condensed, names, response, target)
-    short_period, rigid_short_period = (
-        _short_period(data, condensed),
-        _short_period(data, rigid_model(data)),
-    )
+    short_period = _short_period(data, condensed)
+    rigid_short_period = _short_period(data, rigid_model(data))
     elastic = sorted(abs(root) for root in _oscillations(flexible))[1:]
     return Flexibility(
         stiffness_loss=1.0 - (short_period / rigid_short_period) ** 2,

@@ -86,10 +86,8 @@ def bias_estimates(found: KinematicFit, r: int) -> tuple[SensorEstimate, ...]:
         if item.key[1] == BIAS:
             fault = SensorFault(item.key[0], BIAS)
             value, variance = float(own[i]), float(wide[i])
-            by_other, its_variance = (
-                float(own[i] + step[i]),
-                max(float(other_variance[i]), variance),
-            )
+            by_other = float(own[i] + step[i])
+            its_variance = max(float(other_variance[i]), variance)
             told = 0.0 < variance < fault.plausible**2
             apart = difference_in_sigmas(by_other, its_variance, value, variance) if told else 0.0
             gain = 0.5 * value**2 / variance if variance > 0 else 0.0
@@ -149,10 +147,8 @@ def instead_of(lines: Linear, r: int, channel: str, false_alarm: float) -> tuple
     """
     information, gradient = lines.whole[r]
     own, faults = lines.found.own[r], lines.faults
-    n, b = (
-        len(own),
-        [item.key for item in unknowns_of(lines.found.signals[r])].index((channel, BIAS)),
-    )
+    n = len(own)
+    b = [item.key for item in unknowns_of(lines.found.signals[r])].index((channel, BIAS))
     members = [n + faults.index(fault) for fault in lines.found.faults]
     best, _, _ = _least([*range(n), *members], information, gradient)
     # The bias held at zero: a step of minus its value.

@@ -11,12 +11,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.compatibility.fitting import KinematicFit, misfit, residual_of
+from ident.compatibility.fitting import (
+    KinematicFit,
+    least_misfit,
+    misfit,
+    normal_equations,
+    residual_of,
+)
 from ident.compatibility.kinematics import BIAS, DELAY, LAG, SensorFault
 from ident.compatibility.signals import (
     KinematicSignals,
     RelationNoise,
-    Weigher,
     differences,
     floors,
     inputs_of,
@@ -259,19 +264,8 @@ def likelihoods(fits: Sequence[KinematicFit]) -> np.ndarray:
     if not instrumented(fits[0].signals):
         return whole
     whiteners = [shortened(s, fits[int(np.argmin(whole))].noise) for s in fits[0].signals]
-    return np.array([_least_misfit(each, whiteners) for each in fits])
-
-
-def _least_misfit(found: KinematicFit, whiteners: Sequence[Weigher]) -> float:
-    """Half the sum of squares that the unknowns of a fit leave under another noise, priors
-    included; to first order.
-    """
-    priors = [np.array([item.prior**-2 for item in unknowns_of(s)]) for s in found.signals]
-    lines = list(zip(found.outputs, found.jacobians, strict=True))
-    information, gradient = _normal(found.signals, priors, found.own, lines, whiteners)
-    return misfit(found.signals, priors, found.own, found.outputs, whiteners) - 0.5 * float(
-        gradient @ bounded_inverse(information) @ gradient
-    )
+    priors = [np.array([item.prior**-2 for item in unknowns_of(s)]) for s in fits[0].signals]
+    return np.array([least_misfit(each, whiteners, priors) for each in fits])
 
 
 def _descended(
@@ -284,23 +278,19 @@ def _descended(
     noise: RelationNoise,
 ) -> tuple[list[np.ndarray], np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
     """Unknowns and sizes of least squares under a given noise, and the lines there."""
-    unknowns, largest = (
-        [unknowns_of(s) for s in signals],
-        np.array([fault.largest for fault in faults]),
-    )
+    unknowns = [unknowns_of(s) for s in signals]
+    largest = np.array([fault.largest for fault in faults])
     whiteners = [shortened(s, noise) for s in signals]
     here = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
     for _ in range(_STEPS):
-        information, gradient = _normal(signals, priors, own, lines, whiteners)
+        information, gradient = normal_equations(signals, priors, own, lines, whiteners)
         step = bounded_inverse(information) @ gradient
         if float(gradient @ step) < _SMALL:
             break
         for share in (1.0, 0.5, 0.2, 0.05):
             moved = np.split(share * step, np.cumsum([len(o) for o in own]))
-            trial, size = (
-                [o + d for o, d in zip(own, moved, strict=False)],
-                np.clip(sizes + moved[-1], -largest, largest),
-            )
+            trial = [o + d for o, d in zip(own, moved, strict=False)]
+            size = np.clip(sizes + moved[-1], -largest, largest)
             shown = [
                 evaluate(s, u, faults, o[None], size[None])[:, 0]
                 for s, u, o in zip(signals, unknowns, trial, strict=True)
@@ -318,37 +308,6 @@ def _descended(
         if gained < _SMALL:
             break
     return own, sizes, lines
-
-
-def _normal(
-    signals: Sequence[KinematicSignals],
-    priors: Sequence[np.ndarray],
-    own: Sequence[np.ndarray],
-    lines: Sequence[tuple[np.ndarray, np.ndarray]],
-    whiteners: Sequence[Weigher],
-) -> tuple[np.ndarray, np.ndarray]:
-    """Information ``(n, n)`` and gradient ``(n,)``, own unknowns of each record first."""
-    total = sum(len(o) for o in own)
-    faults = lines[0][1].shape[2] - len(own[0])
-    information, gradient, at = (
-        np.zeros((total + faults, total + faults)),
-        np.zeros(total + faults),
-        0,
-    )
-    for s, prior, o, (y, slope), white in zip(signals, priors, own, lines, whiteners, strict=True):
-        columns = np.concatenate(
-            [residual_of(s, y)[:, :, None], np.where(s.valid[:, :, None], slope, 0.0)], axis=2
-        )
-        flat = white(columns)
-        product = flat.T @ flat
-        where = np.concatenate([np.arange(at, at + len(o)), total + np.arange(faults)])
-        information[np.ix_(where, where)] += product[1:, 1:]
-        gradient[where] += product[1:, 0]
-        diagonal = np.arange(at, at + len(o))
-        gradient[diagonal] -= prior * o
-        information[diagonal, diagonal] += prior
-        at += len(o)
-    return information, gradient
 
 
 # ---- All faults of all sensors beside a fit

@@ -288,10 +288,8 @@ def apart_text(claim: Claim) -> str:
     told = []
     for name in claim.by_record[0] if len(claim.by_record) > 1 else ():
         each = [found[name] for found in claim.by_record]
-        values, sigmas = (
-            np.array([q.value for q in each]),
-            np.minimum([q.std for q in each], LARGEST_SHOWN),
-        )
+        values = np.array([q.value for q in each])
+        sigmas = np.minimum([q.std for q in each], LARGEST_SHOWN)
         weight = sigmas**-2
         mean = float(values @ weight / weight.sum())
         scatter = math.sqrt(float(np.sum(((values - mean) / sigmas) ** 2)) / (len(values) - 1))

@@ -380,11 +380,8 @@ def _sidecar_of(content: Mapping[str, Any], path: Path) -> Sidecar:
             raise RecordError(
                 "there is no such key", where=f"{path}, key {key!r}", remedy=closest(key, KEYS)
             )
-    name, hold, units = (
-        content.get("name"),
-        content.get("hold", Hold.PREVIOUS.value),
-        content.get("units", {}),
-    )
+    name, hold = content.get("name"), content.get("hold", Hold.PREVIOUS.value)
+    units = content.get("units", {})
     if name is not None and not isinstance(name, str):
         raise RecordError(f"{name!r} is no name", where=f"{path}, key name", remedy="write a text")
     if hold not in [kind.value for kind in Hold]:

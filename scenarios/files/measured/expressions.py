@@ -195,14 +195,8 @@ def _pressure_at(height: Values) -> Values:
 def _to_body(
     vn: Values, ve: Values, vd: Values, phi: Values, theta: Values, psi: Values
 ) -> tuple[Values, Values, Values]:
-    sp, cp, st, ct, ss, cs = (
-        np.sin(phi),
-        np.cos(phi),
-        np.sin(theta),
-        np.cos(theta),
-        np.sin(psi),
-        np.cos(psi),
-    )
+    sp, cp, st = np.sin(phi), np.cos(phi), np.sin(theta)
+    ct, ss, cs = np.cos(theta), np.sin(psi), np.cos(psi)
     u = ct * cs * vn + ct * ss * ve - st * vd
     v = (sp * st * cs - cp * ss) * vn + (sp * st * ss + cp * cs) * ve + sp * ct * vd
     w = (cp * st * cs + sp * ss) * vn + (cp * st * ss - sp * cs) * ve + cp * ct * vd

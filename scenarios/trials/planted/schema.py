@@ -121,10 +121,8 @@ def trace_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Tra
     own = own_vehicle_of(flight.vehicle, flight.values, flight.modes, place, files)
     refuse_other_equations(own, content.estimate.model, where)
     if own is None and files:
-        what, remedy = (
-            f"the built-in vehicle {flight.vehicle} flies",
-            "name a built-in model, or fly that of your file",
-        )
+        what = f"the built-in vehicle {flight.vehicle} flies"
+        remedy = "name a built-in model, or fly that of your file"
         raise DeclarationError(what, where=f"{where}, key estimate.model", remedy=remedy)
     model = own or content.estimate.model
     hidden = tuple(

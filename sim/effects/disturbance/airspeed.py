@@ -163,9 +163,6 @@ class Phugoid:
         return tuple(Probe({**start, "attitude": attitude}, ("attitude",)) for attitude in TRIED)
 
 
-PHUGOID_VARIANTS: tuple[Traceable, ...] = (Phugoid(),)
-
-
 @dataclass(frozen=True)
 class SpeedVariation:
     """V(t) = V + ``rate`` (t - begin), V the declared airspeed, ``rate`` in m/s2, ``begin`` the
@@ -241,7 +238,4 @@ class SpeedVariation:
         return (Probe(self.absent, ("rate",)),)
 
 
-SPEED_VARIANTS: tuple[Traceable, ...] = (SpeedVariation(), SpeedVariation(weight=False))
-
-
-VARIANTS: tuple[Traceable, ...] = (*PHUGOID_VARIANTS, *SPEED_VARIANTS)
+VARIANTS: tuple[Traceable, ...] = (Phugoid(), SpeedVariation(), SpeedVariation(weight=False))

@@ -165,9 +165,6 @@ class GustHorizontal:
         return gust_probes(context, self.fine)
 
 
-HORIZONTAL_VARIANTS: tuple[Traceable, ...] = (GustHorizontal(), GustHorizontal(lasting=True))
-
-
 ROOT3 = math.sqrt(3.0)
 
 
@@ -258,14 +255,10 @@ class GustTurbulence:
         ) or (Probe({"sigma": 1.0, "length": far}),)
 
 
-TURBULENCE_VARIANTS: tuple[Traceable, ...] = (
-    GustTurbulence(),
-    GustTurbulence("reference_airspeed"),
-)
-
-
 VARIANTS: tuple[Traceable, ...] = (
     *DISCRETE_VARIANTS,
-    *HORIZONTAL_VARIANTS,
-    *TURBULENCE_VARIANTS,
+    GustHorizontal(),
+    GustHorizontal(lasting=True),
+    GustTurbulence(),
+    GustTurbulence("reference_airspeed"),
 )

@@ -66,9 +66,6 @@ class DensityScaleHeight:
         return (Probe(self.absent, ("change",)),)
 
 
-DENSITY_VARIANTS: tuple[Traceable, ...] = (DensityScaleHeight(),)
-
-
 SONIC, TRANSONIC = 1.1, 0.25  # middle and half width of the Mach numbers at which drag changes most
 # K, K/m, K: standard atmosphere, held at its tropopause value above 11 km
 SEA_LEVEL, LAPSE, COLDEST = 288.15, 0.0065, 216.65
@@ -158,10 +155,8 @@ class DragMach:
         if flown is None:
             return self
         slowest = 0.0 if flown[0] < 0.0 < flown[1] else min(abs(flown[0]), abs(flown[1]))
-        low, high = (
-            slowest / _speed_of_sound(heights[0]),
-            max(abs(flown[0]), abs(flown[1])) / _speed_of_sound(heights[1]),
-        )
+        low = slowest / _speed_of_sound(heights[0])
+        high = max(abs(flown[0]), abs(flown[1])) / _speed_of_sound(heights[1])
         return replace(self, low=low, high=max(high, low + 0.1))
 
     def finer(self) -> DragMach:
@@ -181,7 +176,4 @@ def _stretched(mach: Any) -> Any:
     return asinh((mach - SONIC) / TRANSONIC)
 
 
-MACH_VARIANTS: tuple[Traceable, ...] = (DragMach(),)
-
-
-VARIANTS: tuple[Traceable, ...] = (*DENSITY_VARIANTS, *MACH_VARIANTS)
+VARIANTS: tuple[Traceable, ...] = (DensityScaleHeight(), DragMach())

@@ -307,8 +307,4 @@ class ControlWeakening(PlainControl):
 WEAKENING_VARIANTS: tuple[Traceable, ...] = of_all_controls(ControlWeakening, widest=1.0)
 
 
-VARIANTS: tuple[Traceable, ...] = (
-    *CURVE_VARIANTS,
-    *UNEVENNESS_VARIANTS,
-    *WEAKENING_VARIANTS,
-)
+VARIANTS: tuple[Traceable, ...] = (*CURVE_VARIANTS, *UNEVENNESS_VARIANTS, *WEAKENING_VARIANTS)

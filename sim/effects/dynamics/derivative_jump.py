@@ -383,10 +383,4 @@ class DragJump:
         return tuple(Probe({"time": time, "factor": 1.0}, ("factor",)) for time in context.onsets())
 
 
-DRAG_VARIANTS: tuple[Traceable, ...] = (DragJump(),)
-
-
-VARIANTS: tuple[Traceable, ...] = (
-    *DERIVATIVE_VARIANTS,
-    *DRAG_VARIANTS,
-)
+VARIANTS: tuple[Traceable, ...] = (*DERIVATIVE_VARIANTS, DragJump())

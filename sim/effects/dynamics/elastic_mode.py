@@ -224,10 +224,8 @@ class ElasticMode:
         """Slopes by the couplings at the peaks of the residual's spectrum, then over a grid up to
         four fifths of the sampling limit.
         """
-        slowest, fastest = (
-            max(2.0, 4.0 * math.pi / max(context.duration, 1.0)),
-            min(_resolved(context), FASTEST),
-        )
+        slowest = max(2.0, 4.0 * math.pi / max(context.duration, 1.0))
+        fastest = min(_resolved(context), FASTEST)
         count = max(2, math.ceil(math.log(max(fastest / slowest, 1.1)) / math.log(SPACING)))
         grid = [
             min(slowest * (fastest / slowest) ** (i / (count - 1)), fastest) for i in range(count)

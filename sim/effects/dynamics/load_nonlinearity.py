@@ -29,8 +29,6 @@ DRAG_NONLINEARITY = LoadCurve(
     total=True,
 )
 
-DRAG_VARIANTS: tuple[Traceable, ...] = (DRAG_NONLINEARITY,)
-
 
 LIFT_EXPLANATION = (
     "The lift bends away from the straight line CL = CL_alpha alpha: near separation it falls "
@@ -53,14 +51,6 @@ LIFT_NONLINEARITY = LoadCurve(
     needs_constants=("CL_alpha", "airspeed"),
 )
 
-LIFT_VARIANTS: tuple[Traceable, ...] = (
-    LIFT_NONLINEARITY,
-    replace(
-        LIFT_NONLINEARITY, low=-0.04, high=0.04, unit="1/s", size=0.02, needs_constants=("L_alpha",)
-    ),
-    replace(LIFT_NONLINEARITY, total=True, needs_constants=("CL_alpha", "reference_airspeed")),
-)
-
 
 MOMENT_EXPLANATION = (
     "The pitching moment bends away from the straight line Cm = Cm_alpha alpha: at larger angles "
@@ -80,19 +70,6 @@ MOMENT_NONLINEARITY = LoadCurve(
     unit="1",
     size=0.01,
     needs_constants=("Cm_alpha", "airspeed"),
-)
-
-MOMENT_VARIANTS: tuple[Traceable, ...] = (
-    MOMENT_NONLINEARITY,
-    replace(
-        MOMENT_NONLINEARITY,
-        low=-0.04,
-        high=0.04,
-        unit="1/s2",
-        size=0.1,
-        needs_constants=("M_alpha",),
-    ),
-    replace(MOMENT_NONLINEARITY, total=True, needs_constants=("Cm_alpha", "reference_airspeed")),
 )
 
 
@@ -118,8 +95,6 @@ ROLL_NONLINEARITY = LoadCurve(
     flown="beta",
 )
 
-ROLL_VARIANTS: tuple[Traceable, ...] = (ROLL_NONLINEARITY,)
-
 
 SIDE_FORCE_EXPLANATION = (
     "The side force bends away from the straight line CY = CY_beta beta: fin and fuselage at "
@@ -141,8 +116,6 @@ SIDE_FORCE_NONLINEARITY = LoadCurve(
     angle="beta_air",
     flown="beta",
 )
-
-SIDE_FORCE_VARIANTS: tuple[Traceable, ...] = (SIDE_FORCE_NONLINEARITY,)
 
 
 YAW_EXPLANATION = (
@@ -167,14 +140,25 @@ YAW_NONLINEARITY = LoadCurve(
     flown="beta",
 )
 
-YAW_VARIANTS: tuple[Traceable, ...] = (YAW_NONLINEARITY,)
-
 
 VARIANTS: tuple[Traceable, ...] = (
-    *DRAG_VARIANTS,
-    *LIFT_VARIANTS,
-    *MOMENT_VARIANTS,
-    *ROLL_VARIANTS,
-    *SIDE_FORCE_VARIANTS,
-    *YAW_VARIANTS,
+    DRAG_NONLINEARITY,
+    LIFT_NONLINEARITY,
+    replace(
+        LIFT_NONLINEARITY, low=-0.04, high=0.04, unit="1/s", size=0.02, needs_constants=("L_alpha",)
+    ),
+    replace(LIFT_NONLINEARITY, total=True, needs_constants=("CL_alpha", "reference_airspeed")),
+    MOMENT_NONLINEARITY,
+    replace(
+        MOMENT_NONLINEARITY,
+        low=-0.04,
+        high=0.04,
+        unit="1/s2",
+        size=0.1,
+        needs_constants=("M_alpha",),
+    ),
+    replace(MOMENT_NONLINEARITY, total=True, needs_constants=("Cm_alpha", "reference_airspeed")),
+    ROLL_NONLINEARITY,
+    SIDE_FORCE_NONLINEARITY,
+    YAW_NONLINEARITY,
 )

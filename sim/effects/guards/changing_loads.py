@@ -56,9 +56,7 @@ class DampingCurve(SizedOnPorts):
 
     @property
     def traits(self) -> Traits:
-        return Traits(
-            guard=True,
-        )
+        return Traits(guard=True)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -105,10 +103,7 @@ class DriftingDerivatives:
     )
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     states: ClassVar[tuple[Signal, ...]] = ()
-    traits: ClassVar[Traits] = Traits(
-        per_record=True,
-        guard=True,
-    )
+    traits: ClassVar[Traits] = Traits(per_record=True, guard=True)
     explanation: ClassVar[str] = (
         "A generic term: stability, control power and lift slope grow or shrink steadily with "
         "time, each at a rate of its own, as where fuel "

@@ -158,10 +158,8 @@ def lagged_made_for(equations: Equations) -> tuple[Traceable, ...]:
     for state in equations.states:
         loaded = [port for port in ports if (port.name, state.name) in multiplied]
         if loaded:
-            units, names = (
-                tuple(per_unit(port.unit, state.unit) for port in loaded),
-                tuple(port.name for port in loaded),
-            )
+            units = tuple(per_unit(port.unit, state.unit) for port in loaded)
+            names = tuple(port.name for port in loaded)
             late = LaggedLoads(
                 units, (1.0,) * len(loaded), (), names, state.name, looks, total=True
             )
@@ -199,10 +197,7 @@ class PeriodicLoads:
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ("elastic-mode",)
     states: ClassVar[tuple[Signal, ...]] = ()
-    traits: ClassVar[Traits] = Traits(
-        per_record=True,
-        guard=True,
-    )
+    traits: ClassVar[Traits] = Traits(per_record=True, guard=True)
 
     @property
     def name(self) -> str:
@@ -253,10 +248,8 @@ class PeriodicLoads:
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by all four sizes at the peaks of the residual's spectrum, then over a grid."""
-        slowest, fastest = (
-            max(1.0, 6.0 * math.pi / max(context.duration, 1.0)),
-            min(0.5 * math.pi / context.interval, FASTEST),
-        )
+        slowest = max(1.0, 6.0 * math.pi / max(context.duration, 1.0))
+        fastest = min(0.5 * math.pi / context.interval, FASTEST)
         count = max(2, math.ceil(math.log(max(fastest / slowest, 1.1)) / math.log(SPACING)))
         grid = [slowest * (fastest / slowest) ** (i / (count - 1)) for i in range(count)]
         peaks = [
@@ -327,9 +320,7 @@ class ProductLoads(SizedOnPorts):
 
     @property
     def traits(self) -> Traits:
-        return Traits(
-            guard=True,
-        )
+        return Traits(guard=True)
 
     @property
     def explanation(self) -> str:
@@ -422,11 +413,8 @@ def products_made_for(equations: Equations) -> tuple[Traceable, ...]:
     """
     if not isinstance(equations, OwnEquations) or equations.terms:
         return ()
-    ports, signals, found = (
-        ports_without(PRODUCT_LOADS, equations),
-        (*equations.states, *controls(equations)),
-        list[Traceable](),
-    )
+    ports = ports_without(PRODUCT_LOADS, equations)
+    signals, found = (*equations.states, *controls(equations)), list[Traceable]()
     multiplied = {(port, signal) for port, signal, _ in equations.products}
     for place, first in enumerate(signals):
         for second in signals[place:]:

@@ -12,7 +12,7 @@ import numpy as np
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, late_times
-from sim.effects.instances import all_labelled, further_inputs, has_size, labelled
+from sim.effects.instances import all_labelled, for_inputs, has_size, labelled
 from sim.maths import each_column, exp, linear_recurrence, real, sqrt, where
 
 SLOWEST = 5.0  # s, of what is no surface: an engine, a valve
@@ -110,16 +110,6 @@ def _lagged(h: np.ndarray, u: np.ndarray, lag: Any) -> np.ndarray:
     reached = -np.expm1(-h / lag) if lag.real > 0 else np.ones_like(h)
     y = linear_recurrence(1.0 - reached, reached * u, u[0])
     return u - (u - y[:-1]) * (lag / h * reached)
-
-
-LAG_VARIANTS: tuple[Traceable, ...] = (ActuatorLag(),)
-
-
-def lag_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each input that has none yet."""
-    return tuple(
-        ActuatorLag(signal.name, signal.unit, label) for signal, label in further_inputs(equations)
-    )
 
 
 UNLIMITED = 1e9
@@ -241,10 +231,8 @@ def _followed(h: np.ndarray, u: np.ndarray, frequency: Any, damping: Any) -> np.
     n, complex_ = len(u), np.iscomplexobj(a) or np.iscomplexobj(u)
     # The unknowns d and d_dot at one edge after the other; each pair rests on the one before it: a
     # triangular band of width three.
-    band, right = (
-        np.zeros((4, 2 * n + 2), dtype=complex if complex_ else float),
-        np.zeros(2 * n + 2, dtype=complex if complex_ else float),
-    )
+    band = np.zeros((4, 2 * n + 2), dtype=complex if complex_ else float)
+    right = np.zeros(2 * n + 2, dtype=complex if complex_ else float)
     band[0] = 1.0
     band[2, 0 : 2 * n : 2], band[1, 1 : 2 * n : 2] = -a, -b
     band[3, 0 : 2 * n : 2], band[2, 1 : 2 * n : 2] = -c, -e
@@ -286,26 +274,13 @@ def _transition(h: np.ndarray, frequency: Any, damping: Any) -> np.ndarray:
     return out if isinstance(frequency, complex) or isinstance(damping, complex) else out.real
 
 
-SECOND_ORDER_VARIANTS: tuple[Traceable, ...] = (ActuatorSecondOrder(),)
-
-
-def second_order_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each input that has none yet."""
-    return tuple(
-        ActuatorSecondOrder(signal.name, signal.unit, label)
-        for signal, label in further_inputs(equations)
-    )
-
-
-VARIANTS: tuple[Traceable, ...] = (
-    *LAG_VARIANTS,
-    *SECOND_ORDER_VARIANTS,
-)
+VARIANTS: tuple[Traceable, ...] = (ActuatorLag(), ActuatorSecondOrder())
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
-    return (
-        *lag_made_for(equations),
-        *second_order_made_for(equations),
+    """Both for each input that has none yet."""
+    return for_inputs(
+        equations,
+        lambda signal, label: ActuatorLag(signal.name, signal.unit, label),
+        lambda signal, label: ActuatorSecondOrder(signal.name, signal.unit, label),
     )

@@ -12,14 +12,7 @@ import numpy as np
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, shares_of_peak
-from sim.effects.instances import (
-    MANY_SIZES,
-    all_labelled,
-    further_inputs,
-    has_size,
-    labelled,
-    large_input,
-)
+from sim.effects.instances import MANY_SIZES, all_labelled, for_inputs, labelled, sized
 from sim.maths import absolute, clip, each_column, maximum
 
 UNLIMITED_RATE = 1e9
@@ -181,19 +174,6 @@ def _one_way(
         length *= 4
 
 
-RATE_VARIANTS: tuple[Traceable, ...] = (ActuatorRateLimit(), ActuatorRateLimit("stick", "1", 3.0))
-
-
-def rate_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each input that has none yet."""
-    return tuple(
-        ActuatorRateLimit(
-            signal.name, signal.unit, 3.0 * large_input(signal.unit), label, has_size(signal.unit)
-        )
-        for signal, label in further_inputs(equations)
-    )
-
-
 UNLIMITED_TRAVEL = 1e9
 
 
@@ -281,31 +261,14 @@ class ActuatorSaturation:
         return clip(v, -p.limit, p.limit)
 
 
-TRAVEL_VARIANTS: tuple[Traceable, ...] = (
+VARIANTS: tuple[Traceable, ...] = (
+    ActuatorRateLimit(),
+    ActuatorRateLimit("stick", "1", 3.0),
     ActuatorSaturation(),
     ActuatorSaturation("stick", "1", 0.5),
 )
 
 
-def travel_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each input that has none yet."""
-    return tuple(
-        ActuatorSaturation(
-            signal.name, signal.unit, 0.5 * large_input(signal.unit), label, has_size(signal.unit)
-        )
-        for signal, label in further_inputs(equations)
-    )
-
-
-VARIANTS: tuple[Traceable, ...] = (
-    *RATE_VARIANTS,
-    *TRAVEL_VARIANTS,
-)
-
-
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
-    return (
-        *rate_made_for(equations),
-        *travel_made_for(equations),
-    )
+    """Both for each input that has none yet."""
+    return for_inputs(equations, sized(ActuatorRateLimit, 3.0), sized(ActuatorSaturation, 0.5))

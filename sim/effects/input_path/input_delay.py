@@ -14,7 +14,7 @@ import numpy as np
 from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, late_times
-from sim.effects.instances import all_labelled, further_inputs, labelled
+from sim.effects.instances import all_labelled, for_inputs, labelled
 from sim.effects.timing import moved_ahead, moved_back
 from sim.maths import each_column
 
@@ -89,16 +89,6 @@ class InputDelay:
         return each_column(lambda row, delay: moved_back(edges, row, delay), u, p.delay)
 
 
-DELAY_VARIANTS: tuple[Traceable, ...] = (InputDelay("elevator"),)
-
-
-def delay_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each input that has none yet."""
-    return tuple(
-        InputDelay(signal.name, label=label) for signal, label in further_inputs(equations)
-    )
-
-
 @dataclass(frozen=True)
 class InputRecordedLate:
     """The vehicle felt the input ``delay`` seconds before the record shows it: it gets u(t +
@@ -164,25 +154,13 @@ class InputRecordedLate:
         return each_column(lambda row, delay: moved_ahead(edges, row, delay), u, p.delay)
 
 
-RECORDED_LATE_VARIANTS: tuple[Traceable, ...] = (InputRecordedLate(),)
-
-
-def recorded_late_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each input that has none yet."""
-    return tuple(
-        InputRecordedLate(signal.name, label) for signal, label in further_inputs(equations)
-    )
-
-
-VARIANTS: tuple[Traceable, ...] = (
-    *DELAY_VARIANTS,
-    *RECORDED_LATE_VARIANTS,
-)
+VARIANTS: tuple[Traceable, ...] = (InputDelay("elevator"), InputRecordedLate())
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
-    return (
-        *delay_made_for(equations),
-        *recorded_late_made_for(equations),
+    """Both for each input that has none yet."""
+    return for_inputs(
+        equations,
+        lambda signal, label: InputDelay(signal.name, label=label),
+        lambda signal, label: InputRecordedLate(signal.name, label),
     )

@@ -12,14 +12,7 @@ from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.controls import ABSENT, believed, half_width, played, tried
-from sim.effects.instances import (
-    MANY_SIZES,
-    all_labelled,
-    further_inputs,
-    has_size,
-    labelled,
-    large_input,
-)
+from sim.effects.instances import MANY_SIZES, all_labelled, for_inputs, labelled, sized
 from sim.maths import clip, each_column
 
 
@@ -102,19 +95,6 @@ class InputBacklash:
         return each_column(played, u, p.half_width)
 
 
-BACKLASH_VARIANTS: tuple[Traceable, ...] = (InputBacklash(), InputBacklash("stick", "1", 0.05))
-
-
-def backlash_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each input that has none yet."""
-    return tuple(
-        InputBacklash(
-            signal.name, signal.unit, 0.05 * large_input(signal.unit), label, has_size(signal.unit)
-        )
-        for signal, label in further_inputs(equations)
-    )
-
-
 @dataclass(frozen=True)
 class InputDeadband:
     """The vehicle feels sign(u) max(|u| - half_width, 0): nothing near zero, no step at the edge of
@@ -194,28 +174,14 @@ class InputDeadband:
         return v - clip(v, -p.half_width, p.half_width)
 
 
-DEADBAND_VARIANTS: tuple[Traceable, ...] = (InputDeadband(), InputDeadband("stick", "1", 0.1))
-
-
-def deadband_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each input that has none yet."""
-    return tuple(
-        InputDeadband(
-            signal.name, signal.unit, 0.1 * large_input(signal.unit), label, has_size(signal.unit)
-        )
-        for signal, label in further_inputs(equations)
-    )
-
-
 VARIANTS: tuple[Traceable, ...] = (
-    *BACKLASH_VARIANTS,
-    *DEADBAND_VARIANTS,
+    InputBacklash(),
+    InputBacklash("stick", "1", 0.05),
+    InputDeadband(),
+    InputDeadband("stick", "1", 0.1),
 )
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
-    return (
-        *backlash_made_for(equations),
-        *deadband_made_for(equations),
-    )
+    """Both for each input that has none yet."""
+    return for_inputs(equations, sized(InputBacklash, 0.05), sized(InputDeadband, 0.1))

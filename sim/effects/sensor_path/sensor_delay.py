@@ -12,7 +12,7 @@ import numpy as np
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, late_times
-from sim.effects.instances import FASTER_MOTION, further_outputs
+from sim.effects.instances import FASTER_MOTION, for_outputs
 from sim.effects.timing import each_run_earlier
 from sim.maths import linear_recurrence, real, trailing, where
 
@@ -87,16 +87,6 @@ class SensorDelay:
 def _late(edges: np.ndarray, delay: Any) -> Any:
     """The time that shows at each edge."""
     return edges - delay
-
-
-DELAY_VARIANTS: tuple[Traceable, ...] = tuple(
-    SensorDelay(channel) for channel in ("alpha", "q", "nz", "altitude")
-)
-
-
-def delay_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each output that has none yet."""
-    return tuple(SensorDelay(signal.name) for signal in further_outputs(equations))
 
 
 _LAG_LOOKS_LIKE: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -206,25 +196,13 @@ class SensorLag:
         return where(real(p.time_constant) > 0, x[0], v)
 
 
-LAG_VARIANTS: tuple[Traceable, ...] = tuple(
-    SensorLag(channel) for channel in ("alpha", "q", "nz", "altitude")
-)
-
-
-def lag_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each output that has none yet."""
-    return tuple(SensorLag(signal.name) for signal in further_outputs(equations))
-
-
-VARIANTS: tuple[Traceable, ...] = (
-    *DELAY_VARIANTS,
-    *LAG_VARIANTS,
+VARIANTS: tuple[Traceable, ...] = tuple(
+    kind(channel)
+    for kind in (SensorDelay, SensorLag)
+    for channel in ("alpha", "q", "nz", "altitude")
 )
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
-    return (
-        *delay_made_for(equations),
-        *lag_made_for(equations),
-    )
+    """Both for each output that has none yet."""
+    return for_outputs(equations, lambda s: SensorDelay(s.name), lambda s: SensorLag(s.name))

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.effects.instances import STEADY_FLIGHT, further_outputs, has_output_size, large_output
+from sim.effects.instances import STEADY_FLIGHT, for_outputs, has_output_size, large_output
 from sim.effects.timing import risen
 from sim.maths import absolute, exp, real, where
 
@@ -126,25 +126,6 @@ def settled(elapsed: Any, rate: Any) -> Any:
     return where(slow, series, elapsed * (1.0 - exp(-x)) / where(slow, 1.0, x))
 
 
-DRIFT_VARIANTS: tuple[Traceable, ...] = (
-    SensorDrift("alpha", "rad", 5e-4),
-    SensorDrift("q", "rad/s", 5e-4),
-    SensorDrift("nz", "g", 5e-3),
-    SensorDrift("altitude", "m", 5.0),
-)
-
-
-def drift_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each output that has none yet."""
-    outputs = further_outputs(equations)
-    return tuple(
-        SensorDrift(
-            each.name, each.unit, 0.0025 * large_output(each.unit), sized=has_output_size(each.unit)
-        )
-        for each in outputs
-    )
-
-
 @dataclass(frozen=True)
 class SensorStep:
     """From the time ``at`` on the recorded channel has ``size`` added to it.
@@ -221,7 +202,11 @@ class SensorStep:
         return {self.channel: y[self.channel] + p.size * risen(s.time, p.at, self.width)}
 
 
-STEP_VARIANTS: tuple[Traceable, ...] = (
+VARIANTS: tuple[Traceable, ...] = (
+    SensorDrift("alpha", "rad", 5e-4),
+    SensorDrift("q", "rad/s", 5e-4),
+    SensorDrift("nz", "g", 5e-3),
+    SensorDrift("altitude", "m", 5.0),
     SensorStep("alpha", "rad", 0.01),
     SensorStep("q", "rad/s", 0.01),
     SensorStep("nz", "g", 0.1),
@@ -229,26 +214,14 @@ STEP_VARIANTS: tuple[Traceable, ...] = (
 )
 
 
-def step_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each output that has none yet."""
-    outputs = further_outputs(equations)
-    return tuple(
-        SensorStep(
-            each.name, each.unit, 0.05 * large_output(each.unit), sized=has_output_size(each.unit)
-        )
-        for each in outputs
-    )
-
-
-VARIANTS: tuple[Traceable, ...] = (
-    *DRIFT_VARIANTS,
-    *STEP_VARIANTS,
-)
-
-
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
-    return (
-        *drift_made_for(equations),
-        *step_made_for(equations),
+    """Both for each output that has none yet."""
+    return for_outputs(
+        equations,
+        lambda s: SensorDrift(
+            s.name, s.unit, 0.0025 * large_output(s.unit), sized=has_output_size(s.unit)
+        ),
+        lambda s: SensorStep(
+            s.name, s.unit, 0.05 * large_output(s.unit), sized=has_output_size(s.unit)
+        ),
     )

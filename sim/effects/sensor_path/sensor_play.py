@@ -12,7 +12,7 @@ from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.controls import ABSENT, believed, half_width, played
-from sim.effects.instances import KNOWN_OUTPUTS, large_output
+from sim.effects.instances import further_outputs, large_output
 from sim.maths import clip, each_column, trailing
 
 SHARES_OF_HALF_RANGE = (0.04, 0.12, 0.3)  # of half the range of the readings, tried as widths
@@ -89,20 +89,6 @@ class SensorBacklash:
         return out[::2], out[1::2]
 
 
-BACKLASH_VARIANTS: tuple[Traceable, ...] = (SensorBacklash("alpha"),)
-
-
-def backlash_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each vane that has none yet."""
-    return tuple(
-        SensorBacklash(signal.name, signal.unit)
-        for signal in equations.outputs
-        if signal.name in VANES
-        and signal.unit == "rad"
-        and (signal.name, signal.unit) not in KNOWN_OUTPUTS
-    )
-
-
 SHARES_OF_LARGEST = (0.04, 0.12, 0.3)  # of the largest reading, tried as widths
 
 
@@ -167,27 +153,17 @@ class SensorDeadband:
         return {self.channel: true - clip(true, -p.half_width, p.half_width)}
 
 
-DEADBAND_VARIANTS: tuple[Traceable, ...] = (SensorDeadband("q"),)
-
-
-def deadband_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each rate that has none yet."""
-    return tuple(
-        SensorDeadband(signal.name, signal.unit, 0.05 * large_output(signal.unit))
-        for signal in equations.outputs
-        if signal.unit == "rad/s" and (signal.name, signal.unit) not in KNOWN_OUTPUTS
-    )
-
-
-VARIANTS: tuple[Traceable, ...] = (
-    *BACKLASH_VARIANTS,
-    *DEADBAND_VARIANTS,
-)
+VARIANTS: tuple[Traceable, ...] = (SensorBacklash("alpha"), SensorDeadband("q"))
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
+    """A play for each vane, a threshold for each rate, that has none yet."""
+    further = further_outputs(equations)
     return (
-        *backlash_made_for(equations),
-        *deadband_made_for(equations),
+        *(SensorBacklash(s.name, s.unit) for s in further if s.name in VANES and s.unit == "rad"),
+        *(
+            SensorDeadband(s.name, s.unit, 0.05 * large_output(s.unit))
+            for s in further
+            if s.unit == "rad/s"
+        ),
     )

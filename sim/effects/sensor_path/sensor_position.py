@@ -119,13 +119,6 @@ class AccelerometerOffset:
         return {self.channel: y[self.channel] + p.arm / G0 * getattr(s, f"{self.rate}_dot")}
 
 
-ACCELEROMETER_VARIANTS: tuple[Traceable, ...] = (
-    AccelerometerOffset(),
-    AccelerometerOffset("ny", "r"),
-    AccelerometerOffset("nx"),
-)
-
-
 TURNING = {"q": "pitch", "r": "yaw"}
 ANOTHER_SPEED = (
     "the same maneuver at another airspeed: the error of a vane goes with q/V, a lag or a delay "
@@ -227,14 +220,11 @@ class VaneOffset:
         }
 
 
-VANE_VARIANTS: tuple[Traceable, ...] = (
+VARIANTS: tuple[Traceable, ...] = (
+    AccelerometerOffset(),
+    AccelerometerOffset("ny", "r"),
+    AccelerometerOffset("nx"),
     VaneOffset(),
     VaneOffset("beta", "r", 1.0),
     VaneOffset(speed="reference_airspeed"),
-)
-
-
-VARIANTS: tuple[Traceable, ...] = (
-    *ACCELEROMETER_VARIANTS,
-    *VANE_VARIANTS,
 )

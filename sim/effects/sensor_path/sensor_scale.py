@@ -89,16 +89,6 @@ class SensorScale:
         return {self.channel: p.scale * y[self.channel]}
 
 
-SCALE_VARIANTS: tuple[Traceable, ...] = tuple(
-    SensorScale(channel) for channel in ("alpha", "q", "nz", "altitude")
-)
-
-
-def scale_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each output that has none yet."""
-    return tuple(SensorScale(signal.name) for signal in further_outputs(equations))
-
-
 _ALIASES_OF_CURVE = {
     **{
         "alpha": ("lift-nonlinearity",),
@@ -255,32 +245,19 @@ def _square_or_cube(plain: Sequence[SensorCurve]) -> tuple[Traceable, ...]:
     return tuple(replace(each, bends=(name,)) for each in plain for name in BOTH)
 
 
-CURVE_VARIANTS: tuple[Traceable, ...] = _square_or_cube(_PLAIN)
-
-
-def curve_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """A square and a cube for each output that has none yet."""
-    states = {signal.name for signal in equations.states}
-    sized = ((each, large_output(each.unit)) for each in further_outputs(equations))
-    return _square_or_cube(
-        [
-            SensorCurve(
-                each.name, each.unit, 0.2 / large, -large, large, is_state=each.name in states
-            )
-            for each, large in sized
-        ]
-    )
-
-
 VARIANTS: tuple[Traceable, ...] = (
-    *SCALE_VARIANTS,
-    *CURVE_VARIANTS,
+    *(SensorScale(channel) for channel in ("alpha", "q", "nz", "altitude")),
+    *_square_or_cube(_PLAIN),
 )
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
-    return (
-        *scale_made_for(equations),
-        *curve_made_for(equations),
-    )
+    """A scale, a square and a cube for each output that has none yet."""
+    states = {signal.name for signal in equations.states}
+    further = further_outputs(equations)
+    sized = ((each, large_output(each.unit)) for each in further)
+    curves = [
+        SensorCurve(each.name, each.unit, 0.2 / large, -large, large, is_state=each.name in states)
+        for each, large in sized
+    ]
+    return (*(SensorScale(each.name) for each in further), *_square_or_cube(curves))

@@ -46,10 +46,8 @@ class Bursts:
         times does not matter. The record lasts ``p.duration``.
         """
         rng = np.random.default_rng(self.seed)
-        places, signs = (
-            (np.arange(self.count) + rng.uniform(0.2, 0.8, self.count)) / self.count,
-            rng.choice((-1.0, 1.0), self.count),
-        )
+        places = (np.arange(self.count) + rng.uniform(0.2, 0.8, self.count)) / self.count
+        signs = rng.choice((-1.0, 1.0), self.count)
         depth = max(np.ndim(p.size), np.ndim(p.duration), np.ndim(p.width))
         begin, end = trailing(np.asarray(begin), depth), trailing(np.asarray(end), depth)
         long = end > begin
