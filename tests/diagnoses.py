@@ -268,7 +268,6 @@ def diagnosis_of(
         else (),
         tuple(_prediction(record, factor) for record in validation),
         tuple(_fitted(record, factor) for record in records),
-        {"screening": 0.1, "fitting": 0.4},
         residual_std={name: NOISE[name] for name in names},
     )
 
