@@ -23,12 +23,13 @@ from ident.tracing.evidence.steady_search import (
     spread_search,
     vuong,
 )
-from ident.tracing.whiteness import is_noise
+from ident.tracing.whiteness import is_noise, whiteness
 from sim.declaration.effect import NoiseEffect, Station, full_name
 from sim.declaration.proposal import Traceable
 
 CERTAIN = 0.95  # probability of what is claimed
 SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
+OVER_LEAST = 6.0  # times the least noise of a sensor: 1.8 times what high frequencies show
 SUPPORTED = 3.0  # z of an effect that brings little beside another
 TWO_EVENTS = "two loads or gusts in passing are likelier one cause that the library lacks"
 ROUGH_AIR = "its evidence comes from the maneuvers: rough air acts between them as well"
@@ -235,6 +236,12 @@ def _with_slight_rest(search: Search, best: WeighedSet, discrepancy: Traceable) 
     fitted = search.fit((*best.fitted.effects, discrepancy), best.fitted)
     if fitted is None or _error_over_noise(best.fitted, fitted) > SLIGHT:
         return None
+    # What is wrong with a sensor is no matter of loads: beside them it is as large as before.
+    tests, levels = whiteness(best.fitted.fit, "fitted"), noise_levels(best.fitted.fit)
+    left = {test.channel.partition(",")[0] for test in tests if not test.passed}
+    least = search.problem.least_noise
+    if any(levels[name] > OVER_LEAST * least.get(name, math.inf) for name in left):
+        return None
     found = _by_sets(search, best, clear=math.inf)
     return found if found.named else None
 
@@ -307,9 +314,17 @@ def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision
     if enough is not None and sets[certain] > 1.0 - CERTAIN:
         best = enough
     whole, (best, slight) = best, _less_slight(search, best, clear)
-    if slight:  # what is left out takes no part in what remains
-        others = {key: share for key, share in sets.items() if not key & slight.keys()}
+    out = set(slight)
+    while out:  # what is left out takes no part in what remains
+        others = {key: share for key, share in sets.items() if not key & out}
         sets = {key: share / sum(others.values()) for key, share in others.items()}
+        top = search.visited[max(sets, key=lambda key: sets[key])]
+        if top.weight <= best.weight:
+            break
+        best, more = _less_slight(search, top, clear)
+        if not more:
+            break
+        out |= more.keys()
     kept, best = best, _less_guards(search, best)
     named = [
         _named(search, kept, effect, sets)
