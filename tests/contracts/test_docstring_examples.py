@@ -19,7 +19,6 @@ MODULES = [
     "scenarios.api.diagnosis",
     "scenarios.api.estimators",
     "scenarios.api.identification",
-    "scenarios.api.requests",
     "scenarios.api.record",
     "scenarios.api.structure",
     "scenarios.api.study",
