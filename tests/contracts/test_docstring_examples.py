@@ -19,6 +19,8 @@ MODULES = [
     "scenarios.api.diagnosis",
     "scenarios.api.estimators",
     "scenarios.api.identification",
+    "scenarios.api.keywords",
+    "scenarios.api.plot",
     "scenarios.api.record",
     "scenarios.api.structure",
     "scenarios.api.study",
