@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -19,7 +18,7 @@ from ident.flying_qualities.modes import (
     modal_estimate,
 )
 from ident.process_noise.best_start import levels_at_limit
-from ident.process_noise.filter_error import filter_error_estimate, noise_levels
+from ident.process_noise.filter_error import noise_levels
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.candidate_model.fitted_model import FittedModel
@@ -42,7 +41,6 @@ from ident.tracing.validation.held_out import HeldOutData
 from ident.tracing.verdict import Judgement
 from ident.tracing.wrong_samples import measured_masks
 from ident.whole_record.gauss_newton import Fit
-from ident.whole_record.output_error import estimate_of
 from sim.declaration.effect import DynamicsEffect
 from sim.record import Record
 
@@ -243,7 +241,7 @@ def _derivatives(
 
     ``form`` is what the form of an effect leaves open, added in squares.
     """
-    estimate = _estimate(fitted)
+    estimate = fitted.estimate
     declared = set(problem.model.parameters.names)
 
     def sigma(name: str, std: float) -> float:
@@ -294,18 +292,9 @@ def _slow(fitted: FittedModel) -> set[str]:
 
 
 def _inflated_estimate(fitted: FittedModel, inflation: Mapping[str, float]) -> Estimate:
-    plain = _estimate(fitted)
+    plain = fitted.estimate
     inflated = np.array([inflation.get(name, 1.0) for name in plain.names])
     return replace(plain, covariance=plain.covariance * np.outer(inflated, inflated))
-
-
-@lru_cache(maxsize=8)
-def _estimate(fitted: FittedModel) -> Estimate:
-    return (
-        filter_error_estimate(fitted.fit)
-        if has_process_noise(fitted.system)
-        else estimate_of(fitted.fit)
-    )
 
 
 def _noise_levels(root: FittedModel, best: FittedModel) -> dict[str, float]:

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from ident.process_noise.filter_error import fit_with_process_noise, noise_levels
+from ident.estimate import Estimate
+from ident.process_noise.filter_error import (
+    filter_error_estimate,
+    fit_with_process_noise,
+    noise_levels,
+)
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing.diagnosis import Trained
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitLayout, FitProblem, FitSettings, Prior, lay_out
-from ident.whole_record.output_error import fit_from_best_start, quiet
+from ident.whole_record.output_error import estimate_of, fit_from_best_start, quiet
 from ident.whole_record.unstable_motion import fit_projected, projectable
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, full_name
@@ -92,6 +98,12 @@ class FittedModel:
     def background(self) -> tuple[Traceable, ...]:
         """Those of its effects that any record may have."""
         return tuple(effect for effect in self.effects if effect.traits.background)
+
+    @cached_property
+    def estimate(self) -> Estimate:
+        """Values with sigmas that allow for the colour of what is left."""
+        process_noise = has_process_noise(self.system)
+        return filter_error_estimate(self.fit) if process_noise else estimate_of(self.fit)
 
     @property
     def trained(self) -> Trained:

@@ -302,7 +302,7 @@ def _total(named: Named) -> float:
 
 def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision:
     """Under white noise: what is certain, unless more leaves noise; else the best, by groups."""
-    sets = probabilities(search)
+    sets: Mapping[Key, float] = probabilities(search)
     inclusion = inclusion_of(sets)
     certain = frozenset(
         effect.name
@@ -313,18 +313,8 @@ def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision
     # What is not certain is left out, unless something that is not known certainly acts.
     if enough is not None and sets[certain] > 1.0 - CERTAIN:
         best = enough
-    whole, (best, slight) = best, _less_slight(search, best, clear)
-    out = set(slight)
-    while out:  # what is left out takes no part in what remains
-        others = {key: share for key, share in sets.items() if not key & out}
-        sets = {key: share / sum(others.values()) for key, share in others.items()}
-        top = search.visited[max(sets, key=lambda key: sets[key])]
-        if top.weight <= best.weight:
-            break
-        best, more = _less_slight(search, top, clear)
-        if not more:
-            break
-        out |= more.keys()
+    whole = best
+    best, slight, sets = _without_slight(search, best, sets, clear)
     kept, best = best, _less_guards(search, best)
     named = [
         _named(search, kept, effect, sets)
@@ -351,6 +341,27 @@ def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision
             for name, reason in slight.items()
         )
     return Decision(verdict, best.fitted, search.root.fitted, claims, hints, (search,))
+
+
+def _without_slight(
+    search: Search, best: WeighedSet, sets: Mapping[Key, float], clear: float
+) -> tuple[WeighedSet, dict[str, str], Mapping[Key, float]]:
+    """The likeliest set without members that bring little (``_less_slight``), those of ``best``
+    with the reasons, and the probabilities of the sets without any: what is left out takes no part.
+    """
+    best, slight = _less_slight(search, best, clear)
+    out = set(slight)
+    while out:
+        others = {key: share for key, share in sets.items() if not key & out}
+        sets = {key: share / sum(others.values()) for key, share in others.items()}
+        top = search.visited[max(sets, key=lambda key: sets[key])]
+        if top.weight <= best.weight:
+            break
+        best, more = _less_slight(search, top, clear)
+        if not more:
+            break
+        out |= more.keys()
+    return best, slight, sets
 
 
 def _less_slight(
@@ -389,10 +400,9 @@ def _likeliest_less(
     """The set without a member, with or without the ``usual`` motion that any record may have,
     which an effect may stand for: whichever is likelier.
     """
-    plain = search.less(best, name)
+    search.less(best, name)  # fitted now where it was not before
     rest = best.names - {name} - frozenset(usual)
     found = [one for key, one in search.visited.items() if key - frozenset(usual) == rest]
-    found += [] if plain is None else [plain]
     return max(found, key=lambda one: one.weight, default=None)
 
 
@@ -431,9 +441,17 @@ def _named(search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Ke
     for name, each in _rivals(search, best, effect.name).items():
         if name not in formless:
             odds[name] = max(each, odds.get(name, 0.0))
-    # What is told is how the probability of the group is shared, not how large it is.
-    share = (mine + sum(alike.values())) / (1.0 + sum(odds.values()))
-    return Named(effect.name, share, {name: each * share for name, each in odds.items()})
+    return _sharing(effect.name, mine + sum(alike.values()), odds)
+
+
+def _sharing(
+    name: str, together: float, odds: Mapping[str, float], spread: float | None = None
+) -> Named:
+    """An effect and its alternatives with their shares of the probability that they have together,
+    by the ``odds`` of each alternative against the effect.
+    """
+    share = together / (1.0 + sum(odds.values()))
+    return Named(name, share, {other: each * share for other, each in odds.items()}, spread)
 
 
 def _alike(
@@ -473,11 +491,7 @@ def _beside_discrepancy(white: Search, search: Search, best: WeighedSet) -> Deci
     guards, root = search.problem.guards, search.root.fitted
     searches = (white, search)
     best, spread = _by_kinematics(search, *_all_spread(search, best))
-    named = []
-    for name, z in spread.items():
-        rivals = _rivals(search, best, name)
-        share = 1.0 / (1.0 + sum(rivals.values()))
-        named.append(Named(name, share, {other: each * share for other, each in rivals.items()}, z))
+    named = [_sharing(name, 1.0, _rivals(search, best, name), z) for name, z in spread.items()]
     if not named:
         return Decision(Verdict.UNEXPLAINED, root, root, (), (), searches)
     if guards & set(spread):

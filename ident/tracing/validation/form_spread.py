@@ -9,7 +9,6 @@ import numpy as np
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
-from ident.whole_record.output_error import estimate_of
 from sim.declaration.proposal import Refinable
 
 
@@ -29,7 +28,7 @@ def form_spread(problem: TraceProblem, fitted: FittedModel) -> dict[str, float]:
     other = problem.fit(freer, fitted)
     if other is None or other.fit.cost > fitted.fit.cost:
         return {}
-    plain, free = estimate_of(fitted.fit), estimate_of(other.fit)
+    plain, free = fitted.estimate, other.estimate
     spread = {}
     for name in plain.names:
         if name in problem.model.parameters and name in free.names:

@@ -37,5 +37,5 @@ def test_a_number_that_is_none_any_more_is_a_difference() -> None:
 
 def test_folders_that_are_made_for_a_run_count_as_one(tmp_path: Path) -> None:
     table = tmp_path / "table.csv"
-    table.write_text("time,file\n0.5,/tmp/flightid-ab12cd34/x.csv\n")
-    assert content(table) == [["time", "file"], [0.5, "/tmp/flightid-/x.csv"]]
+    table.write_text("time,file\n0.5,scratch/flightid-ab12cd34/x.csv\n")
+    assert content(table) == [["time", "file"], [0.5, "scratch/flightid-/x.csv"]]
