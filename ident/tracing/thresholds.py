@@ -17,3 +17,4 @@ NEAR_EVENT = 0.15  # s around the edge of a fitted event, where its form may be 
 SLOPE_STEP = 1e-4  # of a parameter's declared size
 COARSE = 0.025  # s, a sub-step that ranks candidates well enough
 PLACES = 60  # over the record, for effects that may begin anywhere
+SHARP_PLACES = 2000  # over the record, for a step of one output

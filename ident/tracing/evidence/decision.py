@@ -88,9 +88,9 @@ class Decision:
         return any(search.spent for search in self.searches)
 
 
-def probabilities(search: Search) -> dict[Key, float]:
-    """Posterior probability of each set that was fitted."""
-    keys = list(search.visited)
+def probabilities(search: Search, without: Collection[str] = ()) -> dict[Key, float]:
+    """Posterior probability of each set that was fitted and has none of some effects."""
+    keys = [key for key in search.visited if key.isdisjoint(without)]
     weights = np.array([search.visited[key].weight for key in keys])
     share = np.exp(weights - weights.max())
     return dict(zip(keys, (share / share.sum()).tolist(), strict=True))
@@ -352,8 +352,7 @@ def _without_slight(
     best, slight = _less_slight(search, best, clear)
     out = set(slight)
     while out:
-        others = {key: share for key, share in sets.items() if not key & out}
-        sets = {key: share / sum(others.values()) for key, share in others.items()}
+        sets = probabilities(search, out)
         top = search.visited[max(sets, key=lambda key: sets[key])]
         if top.weight <= best.weight:
             break

@@ -17,7 +17,7 @@ from ident.tracing.evidence.evidence import ROUNDING
 from ident.tracing.evidence.noise_colour import ColouredNoise
 from ident.tracing.evidence.priors import SetPrior, prior_of
 from ident.tracing.screening.signatures import motions_of, signatures_of
-from ident.tracing.thresholds import PLACES
+from ident.tracing.thresholds import PLACES, SHARP_PLACES
 from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
 from sim.errors import ModelError
@@ -257,14 +257,16 @@ def _placed(
     for probe, parts in usable:
         known = factors_prior(effect, probe, context)
         count = parts[r].shape[1]
-        # The likelihood of an event has an optimum at every sample: near the best place all are
-        # tried, and of a step of one output everywhere.
-        step = 1 if probe.sharp and ready.separate else max(1, count // PLACES)
+        # The likelihood of an event has local optima: places near the best are tried as well, and
+        # those of a step of one output are close everywhere.
+        places = SHARP_PLACES if probe.sharp and ready.separate else PLACES
+        step = max(1, count // places)
         coarse = list(range(0, count - 3, step)) if probe.shifts else [0]
         found = _at_shifts(ready, effect, r, parts[r], probe, known, coarse)
         if probe.shifts and found and step > 1:
             best = max(found, key=lambda place: place.gain).shift
-            near = range(max(best - step + 1, 0), min(best + step, count - 3))
+            apart = max(1, 2 * step // PLACES)
+            near = range(max(best - step + 1, 0), min(best + step, count - 3), apart)
             inside = [each for each in near if each != best]
             fine = _at_shifts(ready, effect, r, parts[r], probe, known, inside)
             found += sorted(fine, key=lambda place: -place.gain)[:1]

@@ -188,6 +188,7 @@ class Search:
                 break
             self.expand(best)
             self._in_finer_forms()
+            self._with_look_alikes()
             if self._outdone(self.best().weight - best.weight):
                 return self
         for _ in range(2):
