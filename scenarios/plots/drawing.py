@@ -121,23 +121,20 @@ def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> 
     out = []
     for stem, make in figures:
         figure = make()
-        save_figure(figure, folder, stem, formats)
-        svg = page_svg(figure, stem)  # drawn first: it places what is shared between panels
+        if not save_figure(figure, folder, stem, formats):
+            figure.draw_without_rendering()  # it places what is shared between panels
         data = plot_data(figure)
-        if data is not None:
-            svg = _for_a_sheet(figure, stem) or svg
+        svg = page_svg(figure, stem) if data is None else _for_a_sheet(figure, stem)
         out.append(Drawn(stem, svg, caption_of(stem), data))
     return tuple(out)
 
 
 def _for_a_sheet(figure: Figure, stem: str) -> str:
     """The drawing of a figure that is live on the screen, for paper: one that is tall has lower
-    panels, so that it fits a sheet at its full width. Empty of one that is not tall.
+    panels, so that it fits a sheet at its full width.
     """
     width, height = figure.get_size_inches()
-    if height <= TALLEST * width:
-        return ""
-    figure.set_size_inches(width, TALLEST * width)
+    figure.set_size_inches(width, min(height, TALLEST * width))
     try:
         return page_svg(figure, stem)
     finally:
