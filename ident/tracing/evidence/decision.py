@@ -321,14 +321,22 @@ def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision
         for effect in best.fitted.effects
         if _is_cause(effect, best, search.context.interval)
     ]
-    if not named:
+    # Where motion that any record may have is all, and uncertain, a declared model that leaves
+    # noise stands.
+    usual = all(each.traits.background for each in best.fitted.effects)
+    uncertain = min(map(_total, named), default=1.0) < CERTAIN
+    if usual and uncertain and is_noise(search.root.fitted.fit):
+        named = [replace(each, within=best.fitted) for each in named]
+        best = search.root
+    if not named or best is search.root:
         verdict = Verdict.CONSISTENT
     elif search.problem.guards & best.names or min(map(_total, named)) < CERTAIN:
         verdict = Verdict.UNEXPLAINED
     else:
         alone = min(each.probability for each in named) >= CERTAIN
         verdict = Verdict.TRACED if alone else Verdict.AMBIGUOUS
-    claims, hints = (tuple(named), ()) if verdict is not Verdict.UNEXPLAINED else ((), tuple(named))
+    claimed = verdict in (Verdict.TRACED, Verdict.AMBIGUOUS)
+    claims, hints = (tuple(named), ()) if claimed else ((), tuple(named))
     if not search.problem.guards & set(slight):
         hints += tuple(
             Named(

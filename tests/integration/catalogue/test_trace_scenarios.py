@@ -250,3 +250,12 @@ def test_a_late_rudder_is_told_from_the_ailerons() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_the_loop_finds_what_is_hidden(name: str) -> None:
     assert run_trace(scenario(name)).grade in (Grade.RIGHT, Grade.AMBIGUOUS)
+
+
+@pytest.mark.long
+def test_a_record_of_eight_thousand_samples_is_traced() -> None:
+    """At 400 samples/s lags of the actuator promised more than the delay, which was not tried."""
+    study = run_trace(scenario("trace-delay", 'flight.rate="400 Hz"'))
+    assert study.grade is Grade.RIGHT
+    (delay,) = study.effects
+    assert delay.name == "input-delay.delay" and abs(delay.after.value - 0.06) < 0.001

@@ -14,9 +14,11 @@ from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Verdict
 from ident.tracing.evidence.decision import (
     _by_kinematics,
+    _by_sets,
     _likeliest_less,
     _other_forms,
     decided,
+    probabilities,
     searched,
 )
 from ident.tracing.evidence.evidence import WeighedSet
@@ -233,6 +235,40 @@ def test_motion_that_any_record_may_have_is_offered_in_the_place_of_a_member() -
     assert found is not None and found.names == {"a", "phugoid"}
     found = _likeliest_less(search, best, "pulse", ())
     assert found is not None and found.names == {"a"}
+
+
+@pytest.mark.parametrize(("odds", "named"), [(4.0, []), (10.0, ["phugoid"])])
+def test_uncertain_motion_that_any_record_may_have_leaves_the_declared_model_standing(
+    odds: float, named: list[str]
+) -> None:
+    """A clean flight was ``unexplained`` because a phugoid was neither certain nor excluded."""
+    search = searched(offered([planted([], {}, seed=1)]))
+    root = search.root
+    assert is_noise(root.fitted.fit)
+    other, one = (
+        replace(search.kept(fitted), weight=root.weight + weight)
+        for name, weight in (("sensor-scale:q", 3.0), ("phugoid", odds))
+        if (fitted := search.fit([effect(name)], root.fitted)) is not None
+    )
+    search.visited = {each.names: each for each in (root, other, one)}
+    found = _by_sets(search, one)
+    assert [each.name for each in found.named] == named
+    assert found.verdict is (Verdict.AMBIGUOUS if named else Verdict.CONSISTENT)
+    hinted = {each.name: each for each in found.hints}
+    if not named:
+        assert found.best is root.fitted
+        assert hinted["phugoid"].within is one.fitted
+
+
+def test_probabilities_of_sets_that_are_far_from_the_likeliest_add_up_to_one() -> None:
+    """Of a record of 8001 samples all sets without a slight member were e^-800 as probable."""
+    weights = {("a",): 1000.0, ("b",): 1.0, ("c",): 0.0, ("a", "b"): 995.0}
+    visited = {frozenset(key): SimpleNamespace(weight=each) for key, each in weights.items()}
+    stub = cast("Search", SimpleNamespace(visited=visited))
+    found = probabilities(stub, without={"a"})
+    assert found.keys() == {frozenset("b"), frozenset("c")}
+    assert found[frozenset("b")] == pytest.approx(1.0 / (1.0 + np.exp(-1.0)))
+    assert sum(probabilities(stub).values()) == pytest.approx(1.0)
 
 
 def test_what_brings_little_where_the_declared_model_leaves_noise_is_a_hint() -> None:
