@@ -56,6 +56,14 @@ _NOTHING = 1e-3
 # optimum
 _NEAR = 1.0
 _LEAST_CURVATURE = 0.1  # of what is expected, below which a step tells nothing
+_SLOW = 0.1  # of what the undamped step promises: a step that gains less creeps along a valley
+_NEARBY = 0.1  # of the undamped step, over which the curvature of a valley is measured
+_WAY = (
+    1.0,
+    0.5,
+    0.25,
+    0.125,
+)  # shares of a curved step, the first that gains as it should is taken
 # trials in a row that change the likelihood by less than is enough, after which a fit that is only
 # compared ends
 _IDLE = 3
@@ -175,16 +183,28 @@ def fit_whole_records(
         if fit is None:
             return None
     damping, outcome, done, idle = 1e-4, Outcome.MAX_ITERATIONS, 0, 0
-    gain = np.inf
+    gain = slow = np.inf
     bare, refused = without_sensitivities(problem), 0.0
     curved = bool(noise_model.names)
     floor = settings.least_damping if curved else _LEAST_DAMPING
     moves: list[tuple[np.ndarray, np.ndarray]] = []
+    straight, wait = 0, 1  # steps until the next curved one, and after the next that fails
+    share = _WAY[0]
     gradient = fit.normal_equations()[1]
     model = local_model(*fit.normal_equations(), fit.theta, low, high)
     while done < settings.iterations:
         done += 1
         least, most = noise_model.step_bounds(layout, fit.theta)
+        straight -= 1
+        if straight < 0 and model.promised > max(settings.enough, slow / _SLOW, _NOTHING):
+            bounds = np.maximum(low, least), np.minimum(high, most)
+            bent, share = _along_the_valley(fit, model, bare, bounds, 2.0 * share)
+            if bent is not None:
+                gain, slow, wait, fit = fit.cost - bent.cost, 0.0, 1, bent
+                gradient = fit.normal_equations()[1]
+                model = local_model(*fit.normal_equations(), fit.theta, low, high)
+                continue
+            straight, wait = wait, 2 * wait
         trial_theta = np.clip(fit.theta + model.scale * model.step(damping), least, most)
         # A damping that was too small for the last steps is likely to be so again: the cost alone,
         # which is cheaper, tells that.
@@ -202,6 +222,7 @@ def fit_whole_records(
             )
             before, fit = fit, trial
             gain, (information, after) = before.cost - fit.cost, fit.normal_equations()
+            slow = gain
             # Near the optimum no damping goes too far, and any would creep along what the data know
             # a hundredth as well.
             damping = max(damping / 10.0, floor if gain > _NEAR else _LEAST_DAMPING)
@@ -236,6 +257,61 @@ def fit_whole_records(
     ):
         outcome = Outcome.CONVERGED
     return replace(_sound(joined_up(fit)) or fit, outcome=outcome, iterations=done)
+
+
+def _along_the_valley(
+    fit: Fit,
+    model: LocalModel,
+    bare: FitProblem,
+    bounds: tuple[np.ndarray, np.ndarray],
+    largest: float,
+) -> tuple[Fit | None, float]:
+    """The fit after a step along a curve: the undamped step, and a second-order term that keeps to
+    the floor of a curved valley (geodesic acceleration [1]_).
+
+    Where unknowns trade off, straight steps leave the floor and are damped: hundreds creep along.
+
+    Parameters
+    ----------
+    fit, model : where the step begins. bare : the fit without sensitivities.
+    bounds : ``(n,)`` of the unknowns, low and high. largest : share of the step, at most.
+
+    Returns
+    -------
+    None where no share of the step gains; and the share that was taken, or the largest one.
+
+    References
+    ----------
+    .. [1] M. K. Transtrum and J. P. Sethna, "Improvements to the Levenberg-Marquardt algorithm for
+       nonlinear least-squares minimization", arXiv:1201.5885, 2012.
+    """
+    step = model.scale * model.step(0.0)
+
+    def at(problem: FitProblem, theta: np.ndarray) -> Fit | None:
+        first = evaluate(problem, theta, carried(fit, theta))
+        if first is None:
+            return None
+        return evaluate(problem, theta, [line.states for line in first.lines])
+
+    near = at(bare, np.clip(fit.theta + _NEARBY * step, *bounds))
+    if near is None:
+        return None, _WAY[0]
+    bend = np.zeros(len(step))
+    for r, (before, after) in enumerate(zip(fit.residuals, near.residuals, strict=True)):
+        columns, jacobian = fit.layout.columns(r), fit.jacobians[r]
+        second = (after - before + jacobian @ (_NEARBY * step[columns])) * (2.0 / _NEARBY**2)
+        second /= fit.variance[:, None]
+        bend[columns] += np.einsum("mnc,mn->c", jacobian, second)
+    curved = model.scale * replace(model, gradient=model.scale * bend).step(0.0)
+    for share in (each for each in _WAY if each <= largest):
+        theta = np.clip(fit.theta + share * step + 0.5 * share**2 * curved, *bounds)
+        tried = at(bare, theta)
+        asked = 0.5 * (2.0 - share) * share * model.promised
+        if tried is not None and fit.cost - tried.cost > asked:
+            found = evaluate(fit.problem, theta, [line.states for line in tried.lines])
+            if found is not None and found.cost < fit.cost:
+                return _sound(found), share
+    return None, _WAY[0]
 
 
 def arrived(model: LocalModel, theta: np.ndarray, settings: FitSettings) -> bool:
