@@ -30,6 +30,7 @@ from ident.structure.selection import (
 from sim.aerodynamics.terms import Term, parse_term
 from sim.declaration.compile import compile_model
 from sim.errors import RecordError
+from sim.record import Hold
 from sim.vehicles.aircraft import Aircraft, aircraft_model
 from tests.airliner import AIRLINER, ELEVATOR, THRUST
 from tests.bases import Flight, fly
@@ -111,6 +112,30 @@ def test_coefficients_are_those_of_the_aircraft(axis: str) -> None:
     true = model_of(history, axis)
     error = history.coefficients[axis] - true
     assert np.std(error) < (0.03 if axis == "CD" else 0.005) * np.std(true)
+
+
+@pytest.mark.parametrize("hold", [Hold.PREVIOUS, Hold.LINEAR])
+def test_values_do_not_hang_on_the_time_between_samples(hold: Hold) -> None:
+    """Without noise values are right to a tenth of a per cent at 25 samples a second; with straight
+    lines between samples of a curved motion they are off by four times that.
+    """
+    time = np.arange(301) / 25.0
+    u = np.array([wave(time, size, 40 + i) for i, size in enumerate((0.05, 0.06, 0.05))])
+    u = np.vstack([u + np.array([[ELEVATOR], [0.0], [0.0]]), np.full(len(time), THRUST)])
+    system = compile_model(aircraft_model(CURVED))
+    motion = fly(system, Flight(time, u, hold=hold, max_step=0.02))
+    channels = dict(zip(system.output_names, motion, strict=True))
+    airframe = Airframe(CURVED.constants, CURVED.sensors, wind_axes=True)
+    surfaces = dict(zip(CURVED.surfaces, u[:3], strict=True))
+    held = hold is Hold.PREVIOUS
+    history = histories_of("m", time, channels, airframe, surfaces, u[3], held=held)
+    for axis in ("Cl", "Cm", "Cn", "CY", "CL"):
+        table = CURVED.coefficients[axis]
+        found = select([history], axis, (Term(), *(each for each in table if each.factors)))
+        for each, value in table.items():
+            # Lift by pitch rate is read from a force that hardly knows it.
+            if (axis, each.text) != ("CL", "q"):
+                assert found.table[each] == pytest.approx(value, rel=1e-3), (axis, each.text)
 
 
 @pytest.mark.long
