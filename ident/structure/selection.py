@@ -3,7 +3,8 @@
 Both work on the products of all columns summed over each maneuver, so that fifty maneuvers cost as
 much as one, and whole maneuvers are left out by subtraction. Stepwise regression adds the term with
 the largest partial F ratio while that exceeds a threshold, and removes terms whose ratio falls
-below it [1]_. The orthogonal functions are those of the offered terms, each made orthogonal to the
+below it [1]_; where none enters, a term is exchanged for one that explains clearly more in its
+place [4]_. The orthogonal functions are those of the offered terms, each made orthogonal to the
 ones before it; they enter in the order of what they explain, as many as make the predicted squared
 error
 
@@ -20,6 +21,8 @@ References
 .. [2] E. A. Morelli, Global nonlinear aerodynamic modeling using multivariate orthogonal functions,
    Journal of Aircraft 32(2), 1995.
 .. [3] D. A. Belsley, E. Kuh and R. E. Welsch, Regression Diagnostics, Wiley 1980, chapter 3.
+.. [4] A. J. Miller, Subset Selection in Regression, 2nd ed., Chapman and Hall 2002, chapter 3
+   (sequential replacement).
 """
 
 from __future__ import annotations
@@ -277,7 +280,9 @@ def stepwise(
         best = _best(gains) if len(gains) else -1
         F = _ratio(products, gains[best], sse - gains[best], len(chosen) + 1)
         if best < 0 or f_in > F or gains[best] < products.least_gain(least, sse):
-            break
+            chosen, exchanged = _exchanged(products, chosen, above, f_in)
+            steps += exchanged
+            continue
         chosen = [*chosen, best]
         steps.append(_step(products, chosen, best, True, F))
         while len(chosen) > 2:
@@ -294,6 +299,36 @@ def stepwise(
             chosen = [i for i in chosen if i != gone]
             steps.append(_step(products, chosen, gone, False, F))
     return chosen, steps
+
+
+def _exchanged(
+    products: Products, chosen: list[int], above: Sequence[frozenset[int]], f_in: float
+) -> tuple[list[int], list[SelectionStep]]:
+    """One term in the place of another, where the partial F ratio of the better one in what the
+    rest leaves is larger by ``f_in``: a term may have entered for what others explain that came
+    later.
+    """
+    needed = _needed(products.terms, chosen, above)
+    count, best = len(chosen), (f_in, -1, -1)
+    for gone in (i for i in chosen if i not in needed):
+        rest = [i for i in chosen if i != gone]
+        gains, sse = _gains(products, rest)
+        gains = np.where([each.issubset(rest) for each in above], gains, 0.0)
+        come = _best(gains)
+        if gains[come] > (1.0 + AS_GOOD) * gains[gone]:
+            more = _ratio(products, gains[come] - gains[gone], sse - gains[come], count)
+            best = max(best, (more, gone, come))
+    _, gone, come = best
+    if gone < 0:
+        return chosen, []
+    both = [*chosen, come]
+    last = [i for i in both if i != gone]
+    losses, sse = _losses(products, both)
+    F = {i: _ratio(products, loss, sse, count + 1) for i, loss in zip(both, losses, strict=True)}
+    return last, [
+        _step(products, both, come, True, F[come]),
+        _step(products, last, gone, False, F[gone]),
+    ]
 
 
 def _parents(terms: Sequence[Term]) -> list[frozenset[int]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -195,6 +196,27 @@ def test_stepwise_is_least_squares_on_its_terms() -> None:
         predicted[own] = part[own] @ np.linalg.lstsq(part[other], z[other], rcond=None)[0]
     error = z - predicted
     assert steps[-1].held_out == pytest.approx(1.0 - error @ error / np.sum((z - z.mean()) ** 2))
+
+
+def test_a_term_that_entered_for_others_is_exchanged() -> None:
+    """A column that is nearly a true one, with a little of another, enters first. The true one adds
+    too little beside it, and explains clearly more in its place.
+    """
+    rng = np.random.default_rng(5)
+    X = rng.standard_normal((600, 4))
+    X[:, 0] = 1.0
+    X[:, 3] = X[:, 1] + 0.1 * X[:, 2] + 0.015 * rng.standard_normal(600)
+    z = X @ [0.5, 1.0, 1.0, 0.0] + 0.002 * rng.standard_normal(600)
+    terms = [term(text) for text in ("1", "alpha", "beta", "p")]
+    chosen, steps = stepwise(products_of([X], [z], terms))
+    told = [(step.term.text, step.added) for step in steps]
+    assert told == [("p", True), ("beta", True), ("alpha", True), ("p", False)]
+    # Of all pairs it is the one of least squares.
+    best = min(
+        combinations(range(1, 4), 2),
+        key=lambda at: float(np.linalg.lstsq(X[:, [0, *at]], z, rcond=None)[1][0]),
+    )
+    assert set(best) == set(chosen) - {0}
 
 
 def test_of_terms_that_are_multiples_the_one_offered_first_enters() -> None:
