@@ -21,8 +21,7 @@ References
 .. [2] E. A. Morelli, Global nonlinear aerodynamic modeling using multivariate orthogonal functions,
    Journal of Aircraft 32(2), 1995.
 .. [3] D. A. Belsley, E. Kuh and R. E. Welsch, Regression Diagnostics, Wiley 1980, chapter 3.
-.. [4] A. J. Miller, Subset Selection in Regression, 2nd ed., Chapman and Hall 2002, chapter 3
-   (sequential replacement).
+.. [4] A. J. Miller, Subset Selection in Regression, 2nd ed., Chapman and Hall 2002, chapter 3.
 """
 
 from __future__ import annotations
@@ -146,6 +145,7 @@ LARGE = 1.3  # residual over noise, above which a share of the residual is enoug
 OF_RESIDUAL = 0.02  # that share
 ALIKE = 1e-9  # share of a column that the others leave, below which it is no column of its own
 AS_GOOD = 1e-6  # of a gain, within which two terms explain the same: the one offered first enters
+_LAGS = 8  # of windows that overlap by half
 STEPWISE, ORTHOGONAL = "stepwise", "orthogonal"
 
 
@@ -352,7 +352,8 @@ def _without_weak(
     rows: Sequence[np.ndarray],
     hierarchical: bool,
 ) -> tuple[list[int], list[SelectionStep]]:
-    """Without the terms whose F ratio is small by standard deviations for coloured residuals.
+    """Without the terms whose F ratio is small by standard deviations for coloured residuals of one
+    variance (a short maneuver says little of where they are larger).
 
     The partial F ratios of the search take residuals as white.
     """
@@ -361,7 +362,7 @@ def _without_weak(
         values = _solve(products, chosen)
         parts = [block[:, chosen] for block in blocks]
         residuals = [row - part @ values for row, part in zip(rows, parts, strict=True)]
-        variance = np.diag(_covariance(parts, residuals, len(chosen)))
+        variance = np.diag(_covariance(parts, residuals, local=False))
         ratios = values**2 / np.maximum(variance, 1e-300)
         needed = _needed(products.terms, chosen, above)
         weak = [(F, i) for F, i in zip(ratios, chosen, strict=True) if i not in needed and F < F_IN]
@@ -444,7 +445,7 @@ def select(
         noise_squares = _noise_squares(histories, axis, table)
     parts = [block[:, chosen] for block in blocks]
     residuals = [row - part @ values for row, part in zip(rows, parts, strict=True)]
-    covariance = _covariance(parts, residuals, len(chosen))
+    covariance = _covariance(parts, residuals)
     sse = sum(float(e @ e) for e in residuals)
     n = float(products.counts.sum())
     noise = math.sqrt(noise_squares / n)
@@ -576,19 +577,24 @@ def _held_out(products: Products, chosen: list[int]) -> float:
 
 
 def _covariance(
-    parts: Sequence[np.ndarray], residuals: Sequence[np.ndarray], count: int, lags: int = 8
+    parts: Sequence[np.ndarray], residuals: Sequence[np.ndarray], *, local: bool = True
 ) -> np.ndarray:
-    """Covariance of the values with the autocorrelation of the residuals up to some lags."""
+    """Covariance of the values with the autocorrelation of the residuals (Bartlett's weights).
+
+    As of one variance throughout, and where ``local`` as of residuals that are larger in places, as
+    where a noisy alpha turns a large lift into drag (White; Newey and West): the larger of both.
+    """
     gram = sum(part.T @ part for part in parts)
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     inverse = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-12, hermitian=True)
-    n = sum(len(e) for e in residuals)
-    freedom = max(n - count, 1)
-    middle = np.zeros_like(inverse)
-    for lag in range(min(lags, min(len(e) for e in residuals) - 1) + 1):
-        together = sum(float(e[: len(e) - lag] @ e[lag:]) for e in residuals) / freedom
-        taper = 1.0 - lag / (lags + 1.0)  # Bartlett's, so that no variance is negative
-        cross = sum(part[: len(part) - lag].T @ part[lag:] for part in parts)
-        cross = cross / np.outer(scale, scale)
-        middle += taper * together * (cross if lag == 0 else cross + cross.T)
-    return np.asarray(inverse @ middle @ inverse / np.outer(scale, scale))
+    n, count = sum(len(e) for e in residuals), len(gram)
+    even, uneven = np.zeros((2, *inverse.shape))
+    for lag in range(min(_LAGS, min(len(e) for e in residuals) - 1) + 1):
+        weight = (0.5 if lag == 0 else 1.0 - lag / (_LAGS + 1.0)) * n / max(n - count, 1)
+        together = [e[: len(e) - lag] * e[lag:] for e in residuals]
+        pairs = [(X[: len(X) - lag] / scale, X[lag:] / scale) for X in parts]
+        even += weight * sum(map(np.sum, together)) / n * sum(a.T @ b for a, b in pairs)
+        uneven += weight * sum((a.T * w) @ b for (a, b), w in zip(pairs, together, strict=True))
+    even, uneven = (inverse @ (each + each.T) @ inverse for each in (even, uneven))
+    larger = np.maximum(local * np.diag(uneven) / np.maximum(np.diag(even), 1e-300), 1.0)
+    return np.asarray(even * np.sqrt(np.outer(larger, larger)) / np.outer(scale, scale))

@@ -296,6 +296,28 @@ def test_gusts_bring_no_terms_in() -> None:
     assert hits / count > 0.9545 - 5.0 * np.sqrt(0.9545 * 0.0455 / count)
 
 
+def test_sigmas_count_residuals_that_are_larger_where_a_term_is() -> None:
+    """Noise that grows with the term itself: the slope scatters sqrt(3) times as far as under noise
+    of the same mean power everywhere.
+    """
+    terms, inside, sigmas, slopes = [term("1"), term("alpha")], [], [], []
+    rows, time = np.arange(800), 0.1 * np.arange(800)
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        x = rng.standard_normal(800)
+        z = {"CD": 0.5 + x + 0.3 * x * rng.standard_normal(800)}
+        sigma = {"CD": np.full(800, 0.3)}
+        history = Histories("m", time, {}, {}, z, sigma, np.ones(1), rows, 3.0)
+        found = select([history], "CD", terms, blocks=[np.stack([np.ones(800), x], axis=1)])
+        slopes.append(found.values[1])
+        sigmas.append(found.sigma[1])
+        inside.append(abs(found.values[1] - 1.0) < 2.0 * found.sigma[1])
+    # Var of the slope: sum x^4 0.09 / (sum x^2)^2 = 3 * 0.09 / 800.
+    assert np.std(slopes) == pytest.approx(np.sqrt(0.27 / 800), rel=0.15)
+    assert np.mean(sigmas) == pytest.approx(np.sqrt(0.27 / 800), rel=0.1)
+    assert 0.90 < np.mean(inside) < 0.99
+
+
 def test_collinear_surfaces_are_told_with_the_maneuver() -> None:
     rng = np.random.default_rng(1)
     one = rng.standard_normal(500)
