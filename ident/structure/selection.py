@@ -4,7 +4,7 @@ Both work on the products of all columns summed over each maneuver, so that fift
 much as one, and whole maneuvers are left out by subtraction. Stepwise regression adds the term with
 the largest partial F ratio while that exceeds a threshold, and removes terms whose ratio falls
 below it [1]_; where none enters, a term is exchanged for one that explains clearly more in its
-place [4]_. The orthogonal functions are those of the offered terms, each made orthogonal to the
+place [3]_. The orthogonal functions are those of the offered terms, each made orthogonal to the
 ones before it; they enter in the order of what they explain, as many as make the predicted squared
 error
 
@@ -12,22 +12,18 @@ error
 
 smallest [2]_.
 
-Terms that the maneuvers hardly separate are found by condition indices [3]_, with the maneuver that
-would separate them.
-
 References
 ----------
 .. [1] N. R. Draper and H. Smith, Applied Regression Analysis, 3rd ed., Wiley 1998, chapter 15.
 .. [2] E. A. Morelli, Global nonlinear aerodynamic modeling using multivariate orthogonal functions,
    Journal of Aircraft 32(2), 1995.
-.. [3] D. A. Belsley, E. Kuh and R. E. Welsch, Regression Diagnostics, Wiley 1980, chapter 3.
-.. [4] A. J. Miller, Subset Selection in Regression, 2nd ed., Chapman and Hall 2002, chapter 3.
+.. [3] A. J. Miller, Subset Selection in Regression, 2nd ed., Chapman and Hall 2002, chapter 3.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,114 +32,12 @@ from ident.structure.coefficients import Histories
 from sim.aerodynamics.symmetry import parents
 from sim.aerodynamics.terms import Term
 
-HIGH_INFLATION = 10.0  # variance inflation factor: the references' usual limit
-HIGH_CORRELATION = 0.9
-HIGH_INDEX = 30.0  # condition index
-_SHARE = 0.5  # of a variance, that belongs to one index
-
-
-@dataclass(frozen=True, eq=False)
-class Collinearity:
-    """How far the chosen terms of a coefficient go together.
-
-    Attributes
-    ----------
-    axis : the coefficient. terms : without the constant.
-    inflation : variance inflation factors, ``(n,)``. correlations : pairs of terms above
-        ``HIGH_CORRELATION``. indices : condition indices of the columns at unit length, descending.
-    groups : terms whose variances share a condition index above ``HIGH_INDEX``.
-    advice : maneuvers that would tell them apart, a sentence each.
-    """
-
-    axis: str
-    terms: tuple[Term, ...]
-    inflation: np.ndarray
-    correlations: tuple[tuple[Term, Term, float], ...]
-    indices: np.ndarray
-    groups: tuple[tuple[Term, ...], ...]
-    advice: tuple[str, ...]
-
-
-def collinearity_of(
-    axis: str, terms: Sequence[Term], columns: np.ndarray, surfaces: Collection[str]
-) -> Collinearity:
-    """How far terms go together in the maneuvers.
-
-    Parameters
-    ----------
-    axis : the coefficient. terms : n of them. columns : ``(N, n)`` their values.
-    surfaces : signals that the pilot moves.
-    """
-    places = [i for i, term in enumerate(terms) if term.factors]
-    chosen = tuple(terms[i] for i in places)
-    if not chosen:
-        return Collinearity(axis, (), np.zeros(0), (), np.ones(1), (), ())
-    X = columns[:, places]
-    X = X - X.mean(axis=0)
-    length = np.sqrt(np.maximum(np.einsum("ij,ij->j", X, X), 1e-300))
-    R = (X / length).T @ (X / length)
-    inflation = np.diag(np.linalg.pinv(R, rcond=1e-12, hermitian=True)).copy()
-    pairs = [
-        (chosen[i], chosen[j], float(R[i, j]))
-        for i in range(len(chosen))
-        for j in range(i)
-        if abs(R[i, j]) > HIGH_CORRELATION
-    ]
-    every = columns / np.sqrt(np.maximum(np.einsum("ij,ij->j", columns, columns), 1e-300))
-    values, vectors = np.linalg.eigh(every.T @ every)
-    values = np.maximum(values, 1e-16)
-    indices = np.sqrt(values[-1] / values)
-    shares = vectors**2 / values
-    shares = shares / shares.sum(axis=1, keepdims=True)
-    groups = [
-        tuple(terms[i] for i in range(len(terms)) if shares[i, k] > _SHARE)
-        for k in range(len(values))
-        if indices[k] > HIGH_INDEX
-    ]
-    groups = [group for group in groups if len(group) > 1]
-    together = [{a, b} for a, b, _ in pairs] + [set(group) for group in groups]
-    advice = [_advice(sorted(each, key=lambda term: term.text), surfaces) for each in together]
-    return Collinearity(
-        axis,
-        chosen,
-        inflation,
-        tuple(pairs),
-        np.sort(indices)[::-1],
-        tuple(groups),
-        tuple(dict.fromkeys(filter(None, advice))),
-    )
-
-
-def _advice(terms: Sequence[Term], surfaces: Collection[str]) -> str:
-    """The maneuver that moves the terms apart."""
-    signals = sorted(set().union(*(term.signals for term in terms)))
-    moved = [name for name in signals if name in surfaces]
-    flown = [name for name in signals if name not in surfaces]
-    told = ", ".join(term.text for term in terms)
-    if len(moved) > 1:
-        return (
-            f"{told}: move {' and '.join(moved)} one after the other, or together by signals "
-            "without correlation (orthogonal multisines)"
-        )
-    if moved and flown:
-        how = "short pulses beside long ones (3-2-1-1, sweep)"
-        return f"{told}: move {moved[0]} faster than {' and '.join(flown)} follow, {how}"
-    if len(flown) > 1 and "alpha" in flown and "q" in flown:
-        return f"{told}: pull-ups and turns at several load factors, where q is held at its alpha"
-    if {"beta", "p", "r"} & set(flown) and len(flown) > 1:
-        return f"{told}: steady sideslips and rolls (bank to bank) beside the rudder doublets"
-    if "mach" in flown:
-        return f"{told}: repeat the maneuver at other airspeeds"
-    if flown:
-        return f"{told}: cover a larger range of {' and '.join(flown)}, as in a slow deceleration"
-    return f"{told}: larger deflections of {' and '.join(moved)}" if moved else ""
-
-
 F_IN = 20.0  # partial F ratio: Klein and Morelli, section 5.4, for many samples
 LEAST = 2e-4  # share of the variance that a term has to explain
 LARGE = 1.3  # residual over noise, above which a share of the residual is enough
 OF_RESIDUAL = 0.02  # that share
 ALIKE = 1e-9  # share of a column that the others leave, below which it is no column of its own
+NO_WORSE = 4.0  # partial F ratio, two sigmas, by which a simpler term may explain less
 AS_GOOD = 1e-6  # of a gain, within which two terms explain the same: the one offered first enters
 _LAGS = 8  # of windows that overlap by half
 STEPWISE, ORTHOGONAL = "stepwise", "orthogonal"
@@ -304,31 +198,42 @@ def stepwise(
 def _exchanged(
     products: Products, chosen: list[int], above: Sequence[frozenset[int]], f_in: float
 ) -> tuple[list[int], list[SelectionStep]]:
-    """One term in the place of another, where the partial F ratio of the better one in what the
-    rest leaves is larger by ``f_in``: a term may have entered for what others explain that came
-    later.
+    """One term in the place of another, by partial F ratios in what the rest leaves.
+
+    It explains clearly more, by ``f_in``: a term may have entered for what others explain that came
+    later. Or it is simpler and explains no less but for noise: ``beta`` for ``beta*mach`` where
+    mach hardly moves.
     """
     needed = _needed(products.terms, chosen, above)
-    count, best = len(chosen), (f_in, -1, -1)
+    swaps = []
     for gone in (i for i in chosen if i not in needed):
         rest = [i for i in chosen if i != gone]
         gains, sse = _gains(products, rest)
         gains = np.where([each.issubset(rest) for each in above], gains, 0.0)
         come = _best(gains)
         if gains[come] > (1.0 + AS_GOOD) * gains[gone]:
-            more = _ratio(products, gains[come] - gains[gone], sse - gains[come], count)
-            best = max(best, (more, gone, come))
-    _, gone, come = best
-    if gone < 0:
+            more = _ratio(products, gains[come] - gains[gone], sse - gains[come], len(chosen))
+            swaps += [(more, gone, come)] if more > f_in else []
+        for come in _simpler(products.terms, gone):
+            less = _ratio(products, gains[gone] - gains[come], sse - gains[gone], len(chosen))
+            swaps += [(-less, gone, come)] if less < NO_WORSE else []
+    if not swaps:
         return chosen, []
-    both = [*chosen, come]
-    last = [i for i in both if i != gone]
+    _, gone, come = max(swaps)
+    both, last = [*chosen, come], [i for i in [*chosen, come] if i != gone]
+    losses, sse = _losses(products, last)
+    own = _ratio(products, losses[-1], sse, len(last))
     losses, sse = _losses(products, both)
-    F = {i: _ratio(products, loss, sse, count + 1) for i, loss in zip(both, losses, strict=True)}
+    beside = _ratio(products, losses[both.index(gone)], sse, len(both))
     return last, [
-        _step(products, both, come, True, F[come]),
-        _step(products, last, gone, False, F[gone]),
+        _step(products, both, come, True, own),
+        _step(products, last, gone, False, beside),
     ]
+
+
+def _simpler(terms: Sequence[Term], at: int) -> list[int]:
+    """Terms made of some of the signals of another one."""
+    return [i for i, each in enumerate(terms) if each.factors and each.signals < terms[at].signals]
 
 
 def _parents(terms: Sequence[Term]) -> list[frozenset[int]]:

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.structure.selection import HIGH_INDEX, HIGH_INFLATION, Selection, columns_of
+from ident.structure.collinearity import HIGH_INDEX, HIGH_INFLATION
+from ident.structure.selection import Selection, columns_of
 from scenarios.files.aircraft_files import written
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text

@@ -19,15 +19,8 @@ from ident.structure.coefficients import (
     filled,
     histories_of,
 )
-from ident.structure.selection import (
-    ORTHOGONAL,
-    STEPWISE,
-    Collinearity,
-    Selection,
-    collinearity_of,
-    columns_of,
-    select,
-)
+from ident.structure.collinearity import Collinearity, collinearity_of
+from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, columns_of, select
 from scenarios.files.aircraft_files import AXES, read_aircraft
 from scenarios.files.declarations import closest, read_toml_source, toml_of
 from scenarios.files.measured.columns import (
