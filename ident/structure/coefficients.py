@@ -253,7 +253,8 @@ def histories_of(
     s1, c1 = ({key: row[1] for key, row in each.items()} for each in (s, c))
     found |= _moments(s, c, turn, mean, at, T)
     noises = {key: noise_of(channels[key]) for key in NEEDED}
-    scatter = _scatter(noises, kernel, slope, c1, s1, at)
+    forced = _force_noise(noises, wide, half, step, airframe)
+    scatter = _scatter(forced, noises, slope, c1, s1, at)
     sigma = {axis: scatter[axis] for axis in found}
     width = bandwidth_of(half, 1.0 / step)
     left = _signal_noise(noises, wide, half, c1, s1)
@@ -447,9 +448,28 @@ def _signal_noise(
     }
 
 
+def _force_noise(
+    noise: Mapping[str, float], wide: np.ndarray, half: int, step: float, airframe: Airframe
+) -> dict[str, float]:
+    """Standard deviations of the averaged specific forces at the centre of gravity, m/s2: those of
+    the accelerometers, and of the rates whose slopes move them there.
+    """
+    from scipy.signal import savgol_coeffs
+
+    averaged = math.sqrt(float(np.sum(wide**2)))
+    smooth = np.convolve(wide, savgol_coeffs(max(2 * half + 1, 7), 4))
+    sloped = np.convolve(smooth, np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / (12.0 * step))
+    turning = math.sqrt(float(np.sum(sloped**2)))
+    x, y, z = airframe.sensors.get("accelerometer", _ZERO)
+    p, q, r = (turning * noise[name] for name in "pqr")
+    sides = {"ax": math.hypot(z * q, y * r), "ay": math.hypot(x * r, z * p)}
+    sides["az"] = math.hypot(x * q, y * p)
+    return {name: math.hypot(averaged * noise[name], side) for name, side in sides.items()}
+
+
 def _scatter(
+    forced: Mapping[str, float],
     noise: Mapping[str, float],
-    kernel: np.ndarray,
     slope: np.ndarray,
     c: Mapping[str, np.ndarray],
     s: Mapping[str, np.ndarray],
@@ -457,10 +477,9 @@ def _scatter(
 ) -> dict[str, np.ndarray]:
     """Standard deviations of the coefficients by the white noise of the channels."""
     Qs = (0.5 * c["air_density"] * s["airspeed"] ** 2 * c["wing_area"])[at]
-    averaged = math.sqrt(float(np.sum(np.convolve(kernel, (0.5, 0.5)) ** 2)))
     sloped = math.sqrt(float(slope @ slope))
     m = c["mass"][at]
-    ax, ay, az = (m * noise[name] * averaged / Qs for name in ("ax", "ay", "az"))
+    ax, ay, az = (m * forced[name] / Qs for name in ("ax", "ay", "az"))
     Ix, Iy, Iz, Ixz = (
         c[name][at] for name in ("roll_inertia", "pitch_inertia", "yaw_inertia", "cross_inertia")
     )
