@@ -430,8 +430,7 @@ class _Motion:
         """Velocity against the air, dynamic pressure times area, and the sums of terms."""
         c = self._constants(s, p)
         if self.aircraft.wind:
-            over_ground = self._velocity(s)
-            u, v, w = (own - wind for own, wind in zip(over_ground, self._wind(s), strict=True))
+            u, v, w = (a - b for a, b in zip(self._velocity(s), self._wind(s), strict=True))
             V = sqrt(u * u + v * v + w * w)
             alpha, beta = _angle(w, u), _arcsine(v / V)
             sine, cosine = sin(alpha), cos(alpha)
@@ -465,8 +464,7 @@ class _Motion:
         totals: dict[str, Any] = {axis: 0.0 for axis in (*self.aircraft.forces, *MOMENTS)}
         for (axis, name), term in zip(self.named, self.table.values(values), strict=True):
             totals[axis] = add_product(totals[axis], getattr(p, name), term)
-        found |= {f"{axis}_terms": total for axis, total in totals.items()}
-        return found
+        return found | {f"{axis}_terms": total for axis, total in totals.items()}
 
     def rates(self, s: Any, p: Any) -> Mapping[str, Any]:
         """Rates of all states."""
@@ -560,8 +558,7 @@ class _Motion:
             return 0.0
         if source.signal == "thrust":
             return s.thrust
-        shares, forces = (np.array(each) for each in source.table)
-        return interpolate(s.throttle, shares, forces)
+        return interpolate(s.throttle, *(np.array(each) for each in source.table))
 
     def _velocity_at(self, s: Any, place: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
         """Against the air, of a point of the aircraft."""
