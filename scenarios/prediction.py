@@ -451,13 +451,25 @@ def _rows(found: PredictionResult, simulation: Simulation, word: str) -> list[li
     ]
 
 
+def _verdict(found: PredictionResult) -> tuple[str, str]:
+    """Whether the prediction is within the tolerances, and the tone; empty where none were asked
+    for.
+    """
+    if found.after.figures is None:
+        return "no finite simulation", "open"
+    if not found.verdicts:
+        return "", "plain"
+    passed, count = sum(each.passed for each in found.verdicts), len(found.verdicts)
+    return f"{passed} of {count} tests passed", "good" if passed == count else "open"
+
+
 # ---- The page of a prediction: how far a kept model is from a record that it has not seen
 
 
 def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Page:
     """The page of a prediction with the figures ``drawn``."""
     record, figures_after = found.record, found.after.figures
-    finite = figures_after is not None
+    verdict, tone = _verdict(found)
     worst = (
         min(figures_after.nrmse, key=lambda name: found.after.fit_percent(name), default="")
         if figures_after is not None
@@ -481,8 +493,8 @@ def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Pag
     return Page(
         title=f"{record.name}: predicted",
         kind=predicting_model(found),
-        verdict="" if finite else "no finite simulation",
-        tone="plain" if finite else "open",
+        verdict=verdict,
+        tone=tone,
         sentence=as_sentence(fits) if fits else "",
         summary=(),
         warnings=tuple(map(as_sentence, found.warnings)),

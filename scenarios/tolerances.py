@@ -63,6 +63,11 @@ class Tolerance:
             size = np.full(len(size), float(peak))
         return np.maximum(least, self.share * size)
 
+    def told(self, value: float, unit: str) -> tuple[float, str]:
+        """A value of the channel, whose unit is ``unit``, in the unit of the tolerance."""
+        own = self.text.partition(" ")[2].strip()
+        return value / float(to_si(1.0, own, unit, self.channel, DeclarationError)), own
+
 
 @dataclass(frozen=True)
 class ObjectiveTest:
@@ -238,22 +243,19 @@ def verdicts_of(
 
 def tolerance_table(verdicts: Sequence[ToleranceVerdict], record: Record) -> Table:
     """Each test with its channels: tolerance, largest error in it, share inside, pass or fail."""
-    from scenarios.plots.display import display_unit
-
     rows: list[list[Cell]] = []
     for verdict in verdicts:
         rows.append([verdict.test.name, verdict.test.entry, "", "", "", _word(verdict.passed)])
         for each in verdict.channels:
             channel = record[each.tolerance.channel]
-            unit = display_unit(channel.unit)
-            error = unit.factor * float(each.error[each.worst])
+            error, unit = each.tolerance.told(float(each.error[each.worst]), channel.unit)
             share = f" or {100 * each.tolerance.share:g} %" if each.tolerance.share else ""
             rows.append(
                 [
                     f"  {channel.name}",
                     "",
                     f"+-{each.tolerance.text}{share}",
-                    f"{error:+.3g} {unit.text} at {record.time[each.worst]:.4g} s",
+                    f"{error:+.3g} {unit} at {record.time[each.worst]:.4g} s",
                     formatted(100.0 * each.inside, ".1f", PURE),
                     _word(each.passed),
                 ]
@@ -300,14 +302,14 @@ def tolerance_figures(
     """A figure for each test: the measured channel with its band, and the prediction."""
     predicted = dict(zip(channels, rows, strict=True))
     for verdict in verdicts:
-        stem = f"tolerances-{verdict.test.name}"
+        stem = f"tolerances_{verdict.test.name}"
         yield stem, partial(_figure, verdict, record, predicted)
 
 
 def _figure(
     verdict: ToleranceVerdict, record: Record, predicted: Mapping[str, np.ndarray]
 ) -> Figure:
-    from scenarios.plots.display import display_unit
+    from scenarios.plots.display import axis_label, display_unit
     from scenarios.plots.style import (
         BLUE,
         SKY,
@@ -332,7 +334,7 @@ def _figure(
         out = np.where(np.abs(each.error) > each.half_width, line, np.nan)
         if np.any(np.isfinite(out)):
             panel.plot(record.time, out, ".", color=VERMILION, ms=3, label="outside")
-        y_label(panel, f"{channel.name}, {unit.text}" if unit.text else channel.name)
+        y_label(panel, axis_label(channel.name, unit))
     time_axis(sheet.panels[-1])
     test = verdict.test
     title = f"{test.title} ({test.entry}): {_word(verdict.passed)}\n{record.name}, {test.source}"

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.special import ndtr, stdtrit
@@ -186,6 +186,13 @@ class _Record:
         inverse = np.linalg.inv(self.model.transfer(self.size))
         self.inverse = inverse
         self.density = inverse @ self.model.covariance @ np.conj(inverse.transpose(0, 2, 1))
+        # Covariance between each output's noise and the gradient, (F, m, c).
+        self.driven = np.asarray(self.density @ self.weights)
+
+    @cached_property
+    def moves(self) -> np.ndarray:
+        """Transforms ``(F, m, c)`` of what a change of the unknowns does to the outputs."""
+        return np.asarray(np.fft.rfft(self.jacobian.transpose(1, 0, 2), self.size, axis=0))
 
     @property
     def joint(self) -> bool:
@@ -215,37 +222,25 @@ class _Record:
             self.samples,
         )
 
-    def driven(self) -> np.ndarray:
-        """Transforms ``(F, m, c)`` of the covariance between each output's noise and the
-        gradient.
-        """
-        return np.asarray(self.density @ self.weights)
-
     def middle(self) -> np.ndarray:
         """Covariance of the record's gradient, ``(c, c)``, by Parseval."""
         c = len(self.scores.at)
-        weighted = np.conj(self.weights) * self.parseval[:, None, None]
-        total = (weighted.reshape(-1, c).T @ self.driven().reshape(-1, c)).real
+        weighted = _stacked(self.weights * self.parseval[:, None, None]).reshape(-1, c)
+        total = weighted.T @ _stacked(self.driven).reshape(-1, c)
         return 0.5 * (total + total.T)
 
     def refit(self, inverse: np.ndarray, covariance: np.ndarray) -> None:
         """Autoregressions anew, of the autocovariances that the noise must have for the residuals
         to have theirs.
         """
-        m, n = self.residual.shape
-        following = (
-            np.fft.irfft(self.driven(), self.size, axis=0)[:n].transpose(1, 0, 2) @ inverse.T
-        )
-        half = self.jacobian @ covariance
-        taken = np.empty((self.lags + 1, m, m))
-        for k in range(self.lags + 1):
-            ahead, now = np.s_[:, k:], np.s_[:, : n - k]
-            J_ahead, J_now = self.jacobian[ahead].reshape(m, -1), self.jacobian[now].reshape(m, -1)
-            both = (
-                J_ahead @ following[now].reshape(m, -1).T
-                + following[ahead].reshape(m, -1) @ J_now.T
-            )
-            taken[k] = both - J_ahead @ half[now].reshape(m, -1).T
+        n = self.residual.shape[1]
+        following = np.fft.irfft(_by_real(self.driven, inverse.T), self.size, axis=0)[:n]
+        follows = np.fft.rfft(following, self.size, axis=0)
+        moves = self.moves
+        # The correlations of what follows the noise, by the products of the transforms.
+        other = np.conj(follows - _by_real(moves, covariance)).transpose(0, 2, 1)
+        both = moves @ other + follows @ np.conj(moves.transpose(0, 2, 1))
+        taken = np.fft.irfft(both, self.size, axis=0)[: self.lags + 1]
         moved = self.measured + taken / (self.share * n)
         # Nearly collinear unknowns may leave less than no noise: then the residuals' own stands.
         self._fit(moved if np.all(moved[0].diagonal() > 0.0) else self.measured)
@@ -256,31 +251,28 @@ class _Record:
         """
         model = self.model
         p, m, _ = model.coefficients.shape
-        seen = np.einsum("fmc,nc->nfm", self.weights, inverse, optimize=True)
-        left = np.einsum("fba,nfb->nfa", np.conj(self.inverse), seen, optimize=True)
-        power = np.einsum("nfa,f,nfb->nab", left, self.parseval, np.conj(left), optimize=True).real
+        back = np.conj(self.inverse.transpose(0, 2, 1))
+        white = _by_real(back @ self.weights, inverse.T).transpose(2, 1, 0)  # (n, m, F)
+        left = white * self.parseval
+        power = _real_products(left, white)
         turned = power @ model.covariance
         total = 2.0 / model.count * np.einsum("nab,nba->n", turned, turned)
         if p == 0:
             return np.asarray(total)
-        right = np.einsum("fab,nfb->nfa", self.density, seen, optimize=True)
+        right = _by_real(self.driven, inverse.T).transpose(2, 1, 0)
         angles = np.exp(
             -2j * np.pi * np.outer(np.arange(1, p + 1), np.arange(self.size // 2 + 1)) / self.size
         )
-        slopes = np.array(
-            [
-                -2.0
-                * np.einsum(
-                    "nfa,f,nfb->nab", np.conj(left), self.parseval * turn, right, optimize=True
-                ).real
-                for turn in angles
-            ]
-        )
-        slopes = (
-            np.where(model.free[:, None], slopes, 0.0)
-            .transpose(1, 2, 0, 3)
-            .reshape(len(inverse), m, p * m)
-        )
+        slopes = np.zeros((p, len(inverse), m, m))
+        if self.joint:
+            for j, turn in enumerate(angles):
+                slopes[j] = -2.0 * _real_products(left, turn * right)
+        else:
+            slopes[:, :, np.arange(m), np.arange(m)] = np.moveaxis(
+                -2.0 * (np.conj(left) * right @ angles.T).real, 2, 0
+            )
+        free = np.where(model.free[:, None], slopes, 0.0).transpose(1, 2, 0, 3)
+        rows = free.reshape(len(inverse), m, p * m)
         lag = np.subtract.outer(np.arange(p), np.arange(p))
         blocks = np.where(
             (lag <= 0)[:, :, None, None],
@@ -293,19 +285,36 @@ class _Record:
             )
             return np.asarray(
                 total
-                + np.einsum(
-                    "nak,kl,nbl,ab->n", slopes, inside, slopes, model.covariance, optimize=True
-                )
+                + np.einsum("nak,kl,nbl,ab->n", rows, inside, rows, model.covariance, optimize=True)
                 / model.count
             )
         for i in range(m):
             own = np.flatnonzero(model.free[:, i, i])
-            mine = slopes[:, i, own * m + i]
+            mine = rows[:, i, own * m + i]
             inside = np.linalg.pinv(blocks[np.ix_(own, own)][:, :, i, i], hermitian=True)
             total = total + model.covariance[i, i] / model.count * np.einsum(
                 "nk,kl,nl->n", mine, inside, mine
             )
         return np.asarray(total)
+
+
+def _stacked(z: np.ndarray) -> np.ndarray:
+    """Real parts ``(F, ...)``, then imaginary ones: ``(2F, ...)``."""
+    return np.concatenate([z.real, z.imag])
+
+
+def _by_real(z: np.ndarray, factor: np.ndarray) -> np.ndarray:
+    """``z @ factor`` of complex ``z (F, m, c)`` and real ``factor (c, n)``, in half the time."""
+    F, m, c = z.shape
+    product = (_stacked(z).reshape(-1, c) @ factor).reshape(2, F, m, -1)
+    out = np.empty(product.shape[1:], dtype=complex)
+    out.real, out.imag = product
+    return out
+
+
+def _real_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Real part of ``conj(a) b^T`` of each of n pairs ``(n, m, F)``: ``(n, m, m)``."""
+    return np.asarray(a.real @ b.real.swapaxes(1, 2) + a.imag @ b.imag.swapaxes(1, 2))
 
 
 def autoregression(autocovariance: np.ndarray, count: float) -> tuple[np.ndarray, float]:

@@ -32,6 +32,8 @@ BODY, WIND, MOMENTS = ("CX", "CY", "CZ"), ("CD", "CY", "CL"), ("Cl", "Cm", "Cn")
 BANDWIDTH = 3.0  # Hz, of the smoothed derivative, where it is half in power
 NEEDED = ("airspeed", "alpha", "beta", "p", "q", "r", "ax", "ay", "az")
 _ZERO = (0.0, 0.0, 0.0)
+_SIMPSON = np.array([1.0, 4.0, 1.0]) / 6.0  # weights of the mean over an interval
+_FLOWN = ("airspeed", "alpha", "beta", "p", "q", "r")
 _LENGTHS = {"p": "span", "q": "chord", "r": "span"}  # of non-dimensional rates
 Point = tuple[float, float, float]
 
@@ -66,8 +68,9 @@ class Histories:
     Attributes
     ----------
     name : of the record. time : ``(M,)``, s.
-    signals : by name the signals of terms, ``(N - 1,)``, between the samples, for moments; rates
-        non-dimensional. samples : the same at the samples, ``(N,)``, for forces.
+    signals : by name the signals of terms at the beginning, the middle and the end of each interval
+        between samples, ``(3, N - 1)``, for moments; rates non-dimensional. samples : the same at
+        the samples, ``(N,)``, for forces.
     coefficients : by name, ``(M,)``. sigma : standard deviation of their noise, ``(M,)``.
     averaging : ``(W,)`` weights over a window, one in sum; rows : ``(M,)`` first samples.
     bandwidth : of the averaging, Hz.
@@ -113,14 +116,13 @@ class Histories:
 
     def column(self, term: Term, axis: str) -> np.ndarray:
         """A term's weighted means over the windows, ``(M,)``, as a coefficient's are formed."""
-        moment = axis in MOMENTS
-        signals, kernel = (
-            (self.signals, self.averaging)
-            if moment
-            else (self.samples, np.convolve(self.averaging, (0.5, 0.5)))
-        )
-        values = np.broadcast_to(term.of(signals), signals["alpha"].shape).astype(float)
-        return np.asarray(_windows(values, len(kernel), self.rows) @ kernel)
+        if axis in MOMENTS:
+            between = np.broadcast_to(term.of(self.signals), self.signals["alpha"].shape)
+            values, kernel = _SIMPSON @ between, self.averaging
+        else:
+            values = np.broadcast_to(term.of(self.samples), self.samples["alpha"].shape)
+            kernel = np.convolve(self.averaging, (0.5, 0.5))
+        return np.asarray(_windows(values.astype(float), len(kernel), self.rows) @ kernel)
 
 
 def half_width(rate: float, bandwidth: float) -> int:
@@ -234,28 +236,51 @@ def histories_of(
     slope = _slopes(half) / step
     turn = {rate: _windows(channels[rate], len(slope), rows) @ slope for rate in ("p", "q", "r")}
 
-    def middle(values: np.ndarray) -> np.ndarray:
-        return np.asarray(0.5 * (values[1:] + values[:-1]))
-
     def mean(values: np.ndarray) -> np.ndarray:
-        return np.asarray(_windows(values, len(kernel), rows) @ kernel)
+        return np.asarray(_windows(_SIMPSON @ values, len(kernel), rows) @ kernel)
 
     T = np.broadcast_to(np.asarray(thrust, dtype=float), time.shape)
     samples = {**_flow(s, c), **surfaces}
     force = _forces(s, c, T, airframe)
     wide = np.convolve(kernel, (0.5, 0.5))
     found = {axis: _windows(force[axis], len(wide), rows) @ wide for axis in airframe.axes[:3]}
-    s, c = ({key: middle(row) for key, row in every.items()} for every in (s, c))
-    T = T[:-1] if held else middle(T)
-    moved = {key: row[:-1] if held else middle(row) for key, row in surfaces.items()}
+    c = {key: _between(row) for key, row in c.items()}
+    bends = {key: 2.0 * step * row for key, row in jumps.items()}
+    s = {key: _between(row, bends.get(key, 0.0), smooth=key in _FLOWN) for key, row in s.items()}
+    T = _between(T, held=held)
+    moved = {key: _between(row, held=held) for key, row in surfaces.items()}
     signals = {**_flow(s, c), **moved}
+    s1, c1 = ({key: row[1] for key, row in each.items()} for each in (s, c))
     found |= _moments(s, c, turn, mean, at, T)
     noises = {key: noise_of(channels[key]) for key in NEEDED}
-    scatter = _scatter(noises, kernel, slope, c, s, at)
+    forced = _force_noise(noises, wide, half, step, airframe)
+    scatter = _scatter(forced, noises, slope, c1, s1, at)
     sigma = {axis: scatter[axis] for axis in found}
     width = bandwidth_of(half, 1.0 / step)
-    left = _signal_noise(noises, wide, half, c, s)
+    left = _signal_noise(noises, wide, half, c1, s1)
     return Histories(name, time[at], signals, samples, found, sigma, kernel, rows, width, left)
+
+
+def _between(
+    values: np.ndarray,
+    bends: np.ndarray | float = 0.0,
+    *,
+    smooth: bool = False,
+    held: bool = False,
+) -> np.ndarray:
+    """A channel ``(N,)`` at the beginning, the middle and the end of each interval, ``(3, N - 1)``.
+
+    Parameters
+    ----------
+    values : ``(N,)``. bends : ``(N,)`` jumps of the slope at the samples times the step.
+    smooth : between the bends a cubic through four samples. held : constant until the next sample.
+    """
+    first, last = values[:-1], values[:-1] if held else values[1:]
+    middle = 0.5 * (first + last)
+    if smooth and len(values) > 3:
+        curved = _curved(values, bends)
+        middle[1:-1] -= (curved[1:] + curved[:-1]) / 16.0
+    return np.array([first, middle, last])
 
 
 def _constants(airframe: Airframe) -> list[tuple[str, Any]]:
@@ -268,10 +293,9 @@ def _smooth(channels: Mapping[str, np.ndarray], half: int) -> dict[str, np.ndarr
     from scipy.signal import savgol_filter
 
     width = max(2 * half + 1, 7)
-    flown = ("airspeed", "alpha", "beta", "p", "q", "r")
     return {
         **channels,
-        **{name: savgol_filter(channels[name], width, 4) for name in flown},
+        **{name: savgol_filter(channels[name], width, 4) for name in _FLOWN},
     }
 
 
@@ -318,11 +342,29 @@ def _at_cg(
             s[name] = s[name] - (r * x - p * z) / V
     x, y, z = airframe.sensors.get("accelerometer", _ZERO)
     if (x, y, z) != _ZERO:
-        dp, dq, dr = (np.gradient(s[rate], step) + jumps.get(rate, 0.0) for rate in ("p", "q", "r"))
+        dp, dq, dr = (
+            _slope(s[rate], step, 2.0 * step * jumps.get(rate, 0.0)) + jumps.get(rate, 0.0)
+            for rate in ("p", "q", "r")
+        )
         s["ax"] = s["ax"] + x * (q * q + r * r) - y * (p * q - dr) - z * (p * r + dq)
         s["ay"] = s["ay"] - x * (p * q + dr) + y * (p * p + r * r) - z * (q * r - dp)
         s["az"] = s["az"] - x * (p * r - dq) - y * (q * r + dp) + z * (p * p + q * q)
     return s
+
+
+def _slope(values: np.ndarray, step: float, bends: np.ndarray | float = 0.0) -> np.ndarray:
+    """Time derivative ``(N,)`` of a channel by differences that are exact to the fourth degree, but
+    at both ends; ``bends`` as of ``_between``.
+    """
+    found = np.gradient(values, step)
+    curved = _curved(values, bends)
+    found[2:-2] -= (curved[2:] - curved[:-2]) / (12.0 * step)
+    return np.asarray(found)
+
+
+def _curved(values: np.ndarray, bends: np.ndarray | float) -> np.ndarray:
+    """Second differences ``(N - 2,)`` without those of bends at the samples."""
+    return np.asarray(np.diff(values, 2) - np.broadcast_to(bends, values.shape)[1:-1])
 
 
 def _flow(s: Mapping[str, np.ndarray], c: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -375,11 +417,11 @@ def _moments(
         "Cm": (Ix - Iz) * p * r + Ixz * (p * p - r * r) - T * c["thrust_arm"] + (z * X - x * Z),
         "Cn": (Iy - Ix) * p * q + Ixz * q * r + (x * Y - y * X),
     }
-    Qs, span, chord = qS[at], c["span"], c["chord"]
+    Qs, span, chord = qS[1, at], c["span"], c["chord"]
     turning = {
-        "Cl": (Ix[at] * turn["p"] - Ixz[at] * turn["r"]) / (Qs * span[at]),
-        "Cm": Iy[at] * turn["q"] / (Qs * chord[at]),
-        "Cn": (Iz[at] * turn["r"] - Ixz[at] * turn["p"]) / (Qs * span[at]),
+        "Cl": (Ix[1, at] * turn["p"] - Ixz[1, at] * turn["r"]) / (Qs * span[1, at]),
+        "Cm": Iy[1, at] * turn["q"] / (Qs * chord[1, at]),
+        "Cn": (Iz[1, at] * turn["r"] - Ixz[1, at] * turn["p"]) / (Qs * span[1, at]),
     }
     return {
         axis: turning[axis] + mean(row / (qS * (chord if axis == "Cm" else span)))
@@ -406,9 +448,28 @@ def _signal_noise(
     }
 
 
+def _force_noise(
+    noise: Mapping[str, float], wide: np.ndarray, half: int, step: float, airframe: Airframe
+) -> dict[str, float]:
+    """Standard deviations of the averaged specific forces at the centre of gravity, m/s2: those of
+    the accelerometers, and of the rates whose slopes move them there.
+    """
+    from scipy.signal import savgol_coeffs
+
+    averaged = math.sqrt(float(np.sum(wide**2)))
+    smooth = np.convolve(wide, savgol_coeffs(max(2 * half + 1, 7), 4))
+    sloped = np.convolve(smooth, np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / (12.0 * step))
+    turning = math.sqrt(float(np.sum(sloped**2)))
+    x, y, z = airframe.sensors.get("accelerometer", _ZERO)
+    p, q, r = (turning * noise[name] for name in "pqr")
+    sides = {"ax": math.hypot(z * q, y * r), "ay": math.hypot(x * r, z * p)}
+    sides["az"] = math.hypot(x * q, y * p)
+    return {name: math.hypot(averaged * noise[name], side) for name, side in sides.items()}
+
+
 def _scatter(
+    forced: Mapping[str, float],
     noise: Mapping[str, float],
-    kernel: np.ndarray,
     slope: np.ndarray,
     c: Mapping[str, np.ndarray],
     s: Mapping[str, np.ndarray],
@@ -416,10 +477,9 @@ def _scatter(
 ) -> dict[str, np.ndarray]:
     """Standard deviations of the coefficients by the white noise of the channels."""
     Qs = (0.5 * c["air_density"] * s["airspeed"] ** 2 * c["wing_area"])[at]
-    averaged = math.sqrt(float(np.sum(np.convolve(kernel, (0.5, 0.5)) ** 2)))
     sloped = math.sqrt(float(slope @ slope))
     m = c["mass"][at]
-    ax, ay, az = (m * noise[name] * averaged / Qs for name in ("ax", "ay", "az"))
+    ax, ay, az = (m * forced[name] / Qs for name in ("ax", "ay", "az"))
     Ix, Iy, Iz, Ixz = (
         c[name][at] for name in ("roll_inertia", "pitch_inertia", "yaw_inertia", "cross_inertia")
     )

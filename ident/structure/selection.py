@@ -3,7 +3,8 @@
 Both work on the products of all columns summed over each maneuver, so that fifty maneuvers cost as
 much as one, and whole maneuvers are left out by subtraction. Stepwise regression adds the term with
 the largest partial F ratio while that exceeds a threshold, and removes terms whose ratio falls
-below it [1]_. The orthogonal functions are those of the offered terms, each made orthogonal to the
+below it [1]_; where none enters, a term is exchanged for one that explains clearly more in its
+place [3]_. The orthogonal functions are those of the offered terms, each made orthogonal to the
 ones before it; they enter in the order of what they explain, as many as make the predicted squared
 error
 
@@ -11,21 +12,18 @@ error
 
 smallest [2]_.
 
-Terms that the maneuvers hardly separate are found by condition indices [3]_, with the maneuver that
-would separate them.
-
 References
 ----------
 .. [1] N. R. Draper and H. Smith, Applied Regression Analysis, 3rd ed., Wiley 1998, chapter 15.
 .. [2] E. A. Morelli, Global nonlinear aerodynamic modeling using multivariate orthogonal functions,
    Journal of Aircraft 32(2), 1995.
-.. [3] D. A. Belsley, E. Kuh and R. E. Welsch, Regression Diagnostics, Wiley 1980, chapter 3.
+.. [3] A. J. Miller, Subset Selection in Regression, 2nd ed., Chapman and Hall 2002, chapter 3.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,115 +32,14 @@ from ident.structure.coefficients import Histories
 from sim.aerodynamics.symmetry import parents
 from sim.aerodynamics.terms import Term
 
-HIGH_INFLATION = 10.0  # variance inflation factor: the references' usual limit
-HIGH_CORRELATION = 0.9
-HIGH_INDEX = 30.0  # condition index
-_SHARE = 0.5  # of a variance, that belongs to one index
-
-
-@dataclass(frozen=True, eq=False)
-class Collinearity:
-    """How far the chosen terms of a coefficient go together.
-
-    Attributes
-    ----------
-    axis : the coefficient. terms : without the constant.
-    inflation : variance inflation factors, ``(n,)``. correlations : pairs of terms above
-        ``HIGH_CORRELATION``. indices : condition indices of the columns at unit length, descending.
-    groups : terms whose variances share a condition index above ``HIGH_INDEX``.
-    advice : maneuvers that would tell them apart, a sentence each.
-    """
-
-    axis: str
-    terms: tuple[Term, ...]
-    inflation: np.ndarray
-    correlations: tuple[tuple[Term, Term, float], ...]
-    indices: np.ndarray
-    groups: tuple[tuple[Term, ...], ...]
-    advice: tuple[str, ...]
-
-
-def collinearity_of(
-    axis: str, terms: Sequence[Term], columns: np.ndarray, surfaces: Collection[str]
-) -> Collinearity:
-    """How far terms go together in the maneuvers.
-
-    Parameters
-    ----------
-    axis : the coefficient. terms : n of them. columns : ``(N, n)`` their values.
-    surfaces : signals that the pilot moves.
-    """
-    places = [i for i, term in enumerate(terms) if term.factors]
-    chosen = tuple(terms[i] for i in places)
-    if not chosen:
-        return Collinearity(axis, (), np.zeros(0), (), np.ones(1), (), ())
-    X = columns[:, places]
-    X = X - X.mean(axis=0)
-    length = np.sqrt(np.maximum(np.einsum("ij,ij->j", X, X), 1e-300))
-    R = (X / length).T @ (X / length)
-    inflation = np.diag(np.linalg.pinv(R, rcond=1e-12, hermitian=True)).copy()
-    pairs = [
-        (chosen[i], chosen[j], float(R[i, j]))
-        for i in range(len(chosen))
-        for j in range(i)
-        if abs(R[i, j]) > HIGH_CORRELATION
-    ]
-    every = columns / np.sqrt(np.maximum(np.einsum("ij,ij->j", columns, columns), 1e-300))
-    values, vectors = np.linalg.eigh(every.T @ every)
-    values = np.maximum(values, 1e-16)
-    indices = np.sqrt(values[-1] / values)
-    shares = vectors**2 / values
-    shares = shares / shares.sum(axis=1, keepdims=True)
-    groups = [
-        tuple(terms[i] for i in range(len(terms)) if shares[i, k] > _SHARE)
-        for k in range(len(values))
-        if indices[k] > HIGH_INDEX
-    ]
-    groups = [group for group in groups if len(group) > 1]
-    together = [{a, b} for a, b, _ in pairs] + [set(group) for group in groups]
-    advice = [_advice(sorted(each, key=lambda term: term.text), surfaces) for each in together]
-    return Collinearity(
-        axis,
-        chosen,
-        inflation,
-        tuple(pairs),
-        np.sort(indices)[::-1],
-        tuple(groups),
-        tuple(dict.fromkeys(filter(None, advice))),
-    )
-
-
-def _advice(terms: Sequence[Term], surfaces: Collection[str]) -> str:
-    """The maneuver that moves the terms apart."""
-    signals = sorted(set().union(*(term.signals for term in terms)))
-    moved = [name for name in signals if name in surfaces]
-    flown = [name for name in signals if name not in surfaces]
-    told = ", ".join(term.text for term in terms)
-    if len(moved) > 1:
-        return (
-            f"{told}: move {' and '.join(moved)} one after the other, or together by signals "
-            "without correlation (orthogonal multisines)"
-        )
-    if moved and flown:
-        how = "short pulses beside long ones (3-2-1-1, sweep)"
-        return f"{told}: move {moved[0]} faster than {' and '.join(flown)} follow, {how}"
-    if len(flown) > 1 and "alpha" in flown and "q" in flown:
-        return f"{told}: pull-ups and turns at several load factors, where q is held at its alpha"
-    if {"beta", "p", "r"} & set(flown) and len(flown) > 1:
-        return f"{told}: steady sideslips and rolls (bank to bank) beside the rudder doublets"
-    if "mach" in flown:
-        return f"{told}: repeat the maneuver at other airspeeds"
-    if flown:
-        return f"{told}: cover a larger range of {' and '.join(flown)}, as in a slow deceleration"
-    return f"{told}: larger deflections of {' and '.join(moved)}" if moved else ""
-
-
 F_IN = 20.0  # partial F ratio: Klein and Morelli, section 5.4, for many samples
 LEAST = 2e-4  # share of the variance that a term has to explain
 LARGE = 1.3  # residual over noise, above which a share of the residual is enough
 OF_RESIDUAL = 0.02  # that share
 ALIKE = 1e-9  # share of a column that the others leave, below which it is no column of its own
+NO_WORSE = 4.0  # partial F ratio, two sigmas, by which a simpler term may explain less
 AS_GOOD = 1e-6  # of a gain, within which two terms explain the same: the one offered first enters
+_LAGS = 8  # of windows that overlap by half
 STEPWISE, ORTHOGONAL = "stepwise", "orthogonal"
 
 
@@ -277,7 +174,9 @@ def stepwise(
         best = _best(gains) if len(gains) else -1
         F = _ratio(products, gains[best], sse - gains[best], len(chosen) + 1)
         if best < 0 or f_in > F or gains[best] < products.least_gain(least, sse):
-            break
+            chosen, exchanged = _exchanged(products, chosen, above, f_in)
+            steps += exchanged
+            continue
         chosen = [*chosen, best]
         steps.append(_step(products, chosen, best, True, F))
         while len(chosen) > 2:
@@ -294,6 +193,47 @@ def stepwise(
             chosen = [i for i in chosen if i != gone]
             steps.append(_step(products, chosen, gone, False, F))
     return chosen, steps
+
+
+def _exchanged(
+    products: Products, chosen: list[int], above: Sequence[frozenset[int]], f_in: float
+) -> tuple[list[int], list[SelectionStep]]:
+    """One term in the place of another, by partial F ratios in what the rest leaves.
+
+    It explains clearly more, by ``f_in``: a term may have entered for what others explain that came
+    later. Or it is simpler and explains no less but for noise: ``beta`` for ``beta*mach`` where
+    mach hardly moves.
+    """
+    needed = _needed(products.terms, chosen, above)
+    swaps = []
+    for gone in (i for i in chosen if i not in needed):
+        rest = [i for i in chosen if i != gone]
+        gains, sse = _gains(products, rest)
+        gains = np.where([each.issubset(rest) for each in above], gains, 0.0)
+        come = _best(gains)
+        if gains[come] > (1.0 + AS_GOOD) * gains[gone]:
+            more = _ratio(products, gains[come] - gains[gone], sse - gains[come], len(chosen))
+            swaps += [(more, gone, come)] if more > f_in else []
+        for come in _simpler(products.terms, gone):
+            less = _ratio(products, gains[gone] - gains[come], sse - gains[gone], len(chosen))
+            swaps += [(-less, gone, come)] if less < NO_WORSE else []
+    if not swaps:
+        return chosen, []
+    _, gone, come = max(swaps)
+    both, last = [*chosen, come], [i for i in [*chosen, come] if i != gone]
+    losses, sse = _losses(products, last)
+    own = _ratio(products, losses[-1], sse, len(last))
+    losses, sse = _losses(products, both)
+    beside = _ratio(products, losses[both.index(gone)], sse, len(both))
+    return last, [
+        _step(products, both, come, True, own),
+        _step(products, last, gone, False, beside),
+    ]
+
+
+def _simpler(terms: Sequence[Term], at: int) -> list[int]:
+    """Terms made of some of the signals of another one."""
+    return [i for i, each in enumerate(terms) if each.factors and each.signals < terms[at].signals]
 
 
 def _parents(terms: Sequence[Term]) -> list[frozenset[int]]:
@@ -317,7 +257,8 @@ def _without_weak(
     rows: Sequence[np.ndarray],
     hierarchical: bool,
 ) -> tuple[list[int], list[SelectionStep]]:
-    """Without the terms whose F ratio is small by standard deviations for coloured residuals.
+    """Without the terms whose F ratio is small by standard deviations for coloured residuals of one
+    variance (a short maneuver says little of where they are larger).
 
     The partial F ratios of the search take residuals as white.
     """
@@ -326,7 +267,7 @@ def _without_weak(
         values = _solve(products, chosen)
         parts = [block[:, chosen] for block in blocks]
         residuals = [row - part @ values for row, part in zip(rows, parts, strict=True)]
-        variance = np.diag(_covariance(parts, residuals, len(chosen)))
+        variance = np.diag(_covariance(parts, residuals, local=False))
         ratios = values**2 / np.maximum(variance, 1e-300)
         needed = _needed(products.terms, chosen, above)
         weak = [(F, i) for F, i in zip(ratios, chosen, strict=True) if i not in needed and F < F_IN]
@@ -409,7 +350,7 @@ def select(
         noise_squares = _noise_squares(histories, axis, table)
     parts = [block[:, chosen] for block in blocks]
     residuals = [row - part @ values for row, part in zip(rows, parts, strict=True)]
-    covariance = _covariance(parts, residuals, len(chosen))
+    covariance = _covariance(parts, residuals)
     sse = sum(float(e @ e) for e in residuals)
     n = float(products.counts.sum())
     noise = math.sqrt(noise_squares / n)
@@ -541,19 +482,24 @@ def _held_out(products: Products, chosen: list[int]) -> float:
 
 
 def _covariance(
-    parts: Sequence[np.ndarray], residuals: Sequence[np.ndarray], count: int, lags: int = 8
+    parts: Sequence[np.ndarray], residuals: Sequence[np.ndarray], *, local: bool = True
 ) -> np.ndarray:
-    """Covariance of the values with the autocorrelation of the residuals up to some lags."""
+    """Covariance of the values with the autocorrelation of the residuals (Bartlett's weights).
+
+    As of one variance throughout, and where ``local`` as of residuals that are larger in places, as
+    where a noisy alpha turns a large lift into drag (White; Newey and West): the larger of both.
+    """
     gram = sum(part.T @ part for part in parts)
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     inverse = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-12, hermitian=True)
-    n = sum(len(e) for e in residuals)
-    freedom = max(n - count, 1)
-    middle = np.zeros_like(inverse)
-    for lag in range(min(lags, min(len(e) for e in residuals) - 1) + 1):
-        together = sum(float(e[: len(e) - lag] @ e[lag:]) for e in residuals) / freedom
-        taper = 1.0 - lag / (lags + 1.0)  # Bartlett's, so that no variance is negative
-        cross = sum(part[: len(part) - lag].T @ part[lag:] for part in parts)
-        cross = cross / np.outer(scale, scale)
-        middle += taper * together * (cross if lag == 0 else cross + cross.T)
-    return np.asarray(inverse @ middle @ inverse / np.outer(scale, scale))
+    n, count = sum(len(e) for e in residuals), len(gram)
+    even, uneven = np.zeros((2, *inverse.shape))
+    for lag in range(min(_LAGS, min(len(e) for e in residuals) - 1) + 1):
+        weight = (0.5 if lag == 0 else 1.0 - lag / (_LAGS + 1.0)) * n / max(n - count, 1)
+        together = [e[: len(e) - lag] * e[lag:] for e in residuals]
+        pairs = [(X[: len(X) - lag] / scale, X[lag:] / scale) for X in parts]
+        even += weight * sum(map(np.sum, together)) / n * sum(a.T @ b for a, b in pairs)
+        uneven += weight * sum((a.T * w) @ b for (a, b), w in zip(pairs, together, strict=True))
+    even, uneven = (inverse @ (each + each.T) @ inverse for each in (even, uneven))
+    larger = np.maximum(local * np.diag(uneven) / np.maximum(np.diag(even), 1e-300), 1.0)
+    return np.asarray(even * np.sqrt(np.outer(larger, larger)) / np.outer(scale, scale))

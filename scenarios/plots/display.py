@@ -76,6 +76,11 @@ _ARGUMENTS = {
     **{"alpha": r"\alpha", "q": "q", "de": r"\delta e", "delta": r"\delta", "0": "0", "V": "V"},
     **{"beta": r"\beta", "p": "p", "r": "r", "da": r"\delta a", "dr": r"\delta r"},
 }
+# Further factors of a term: the names of signals as inputs and outputs of a record have them.
+_FACTORS = {
+    **{name: _ARGUMENTS[name] for name in ("alpha", "beta", "p", "q", "r")},
+    **{"elevator": r"\delta e", "aileron": r"\delta a", "rudder": r"\delta r", "mach": "M"},
+}
 
 
 def display_unit(unit: str, name: str = "") -> DisplayUnit:
@@ -108,8 +113,8 @@ def symbol(name: str) -> str:
         return _SIGNALS.get(name) or _SYMBOLS[name]
     if name.startswith("bias_"):
         return f"bias of {symbol(name.removeprefix('bias_'))}"
-    if found := re.fullmatch(r"(?:(C)([LDmYln])|(L|M))_(\w+)", name):
-        argument = _argument(found[4])
+    if found := re.fullmatch(r"(?:(C)([LDmYlnXZ])|(L|M))_(\w+)", name):
+        argument = _argument(found[4]) or _product(found[4])
         if argument is not None:
             return f"${found[3]}_{{{argument}}}$" if found[3] else f"$C_{{{found[2]}{argument}}}$"
     if found := re.fullmatch(r"Ceta(\d+)_(\w+)", name):
@@ -150,6 +155,21 @@ def _argument(text: str) -> str | None:
     if found := re.fullmatch(r"(eta|etadot)(\d+)", text):
         return rf"\eta {found[2]}" if found[1] == "eta" else rf"\dot{{\eta}} {found[2]}"
     return _ARGUMENTS.get(text)
+
+
+def _product(text: str) -> str | None:
+    """Several factors of a term of the model ``aircraft``, as ``alpha2_elevator`` or
+    ``beta_abs_beta``; None where one of them is no known signal.
+    """
+    found = []
+    for name, power in re.findall(r"_?(abs_[a-z]+?|[a-z]+?)([234]?)(?=_|$)", text):
+        factor = _FACTORS.get(name.removeprefix("abs_"))
+        if factor is None:
+            return None
+        factor = f"|{factor}|" if name.startswith("abs_") else factor
+        found.append(factor + (f"^{power}" if power else ""))
+    whole = re.fullmatch(r"(?:_?(?:abs_[a-z]+?|[a-z]+?)[234]?(?=_|$))+", text)
+    return r"\,".join(found) if whole else None
 
 
 # ---- Rows of a filter's history by name

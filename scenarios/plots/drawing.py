@@ -99,6 +99,7 @@ ARCS = 8  # curves of matplotlib's disc
 DOT = 2  # cells in the diameter of a dot: of several dots in one cell a single one is drawn
 
 TALLEST = 1.15  # height over width of a drawing that is printed
+LOWEST = 0.5  # height of a printed panel over that on the screen
 # Letters stay text, in the font of the page.
 _PAGE: dict[Any, Any] = _VECTOR | {
     "svg.fonttype": "none",
@@ -132,9 +133,14 @@ def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> 
 def _for_a_sheet(figure: Figure, stem: str) -> str:
     """The drawing of a figure that is live on the screen, for paper: one that is tall has lower
     panels, so that it fits a sheet at its full width.
+
+    Panels keep half of their height: with more of them all is drawn smaller instead, since labels
+    would stand upon each other.
     """
     width, height = figure.get_size_inches()
-    figure.set_size_inches(width, min(height, TALLEST * width))
+    if height > TALLEST * width:
+        wide = max(width, LOWEST * height / TALLEST)
+        figure.set_size_inches(wide, TALLEST * wide)
     try:
         return page_svg(figure, stem)
     finally:

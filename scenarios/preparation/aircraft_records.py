@@ -13,7 +13,7 @@ from math import pi
 import numpy as np
 
 from ident.recording.kinematic_relations import LENGTHS
-from scenarios.preparation.drafting import BEYOND
+from scenarios.preparation.drafting import NEVER
 from sim.aerodynamics.terms import Term
 from sim.declaration.model import Model
 from sim.errors import RecordError
@@ -21,14 +21,12 @@ from sim.maths import G0
 from sim.record import Channel, Record
 from sim.vehicles.aircraft import Aircraft, declaration_of
 
-# rad and rad/s that the motion of an aircraft does not exceed; most samples of a record in degrees
-# do. A heading may count turns.
+# Bank is told from -pi to pi. A heading may count turns.
 LARGEST = {
-    **dict.fromkeys(("alpha", "beta", "theta"), BEYOND["rad"]),
+    **dict.fromkeys(("alpha", "beta", "theta"), NEVER["rad"]),
     "phi": 1.01 * pi,
-    **dict.fromkeys(("p", "q", "r"), 20.0),
+    **dict.fromkeys(("p", "q", "r"), NEVER["rad/s"]),
 }
-DEFLECTED = BEYOND["rad"]  # of any surface
 COMMON = 97.0  # percentile that has to exceed a limit: single wrong samples say nothing of the unit
 # Median specific force of a flight, m/s2: one g unless most of the record is a turn or a dive.
 IN_G, IN_FEET = (0.7, 1.6), (0.9 * G0 / LENGTHS["ft"], 1.1 * G0 / LENGTHS["ft"])
@@ -62,7 +60,7 @@ def refuse_unfit_records(records: Sequence[Record], model: Model) -> None:
 def refuse_other_units(records: Sequence[Record], aircraft: Aircraft) -> None:
     """Raise RecordError for angles in degrees, accelerations in g or ft/s2 that are read as SI."""
     deflections = [name for name, unit in aircraft.surfaces.items() if unit == "rad"]
-    limits = {**dict.fromkeys(deflections, DEFLECTED), **LARGEST}
+    limits = {**dict.fromkeys(deflections, NEVER["rad"]), **LARGEST}
     for record in records:
         for channel in record.channels:
             limit = limits.get(channel.name)

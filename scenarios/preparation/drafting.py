@@ -58,6 +58,8 @@ UNIT_WORDS = (
 )
 # an unlabelled angle or rate that moves further is more likely to be in degrees
 BEYOND = {"rad": 1.6, "rad/s": 8.0}
+# what most samples of a channel do not exceed, whatever flies: a record beyond is not read as it is
+NEVER = {"rad": BEYOND["rad"], "rad/s": 20.0}
 EVEN = 1e-3  # of the step, by which the steps of a clock may differ
 GAPS = 0.02  # share of the steps of a clock that may be gaps
 # topics that hold no measured motion

@@ -170,6 +170,10 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
             "The broken-loop response with its gain and phase margins, and its distance from -1, "
             "spans of 95 %"
         ),
+        "tolerances": (
+            "The prediction in the band that a test of simulator qualification allows about the "
+            "measured channel"
+        ),
         "watched": "Parameters while the stream arrived",
         "history": "Margins while the stream arrived, with their 95 % intervals",
         "qualities": (

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.structure.selection import HIGH_INDEX, HIGH_INFLATION, Selection, columns_of
+from ident.structure.collinearity import HIGH_INDEX, HIGH_INFLATION
+from ident.structure.selection import Selection, columns_of
 from scenarios.files.aircraft_files import written
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
@@ -71,13 +72,12 @@ def summary_table(found: FoundStructure) -> Table:
     """How well each coefficient is described."""
     rows: list[list[Cell]] = []
     for axis, each in found.selections.items():
-        held = formatted(each.held_out, ".4f", PURE) if math.isfinite(each.held_out) else ""
         rows.append(
             [
                 axis,
                 formatted(float(len(each.terms)), ".0f", PURE),
                 formatted(each.r2, ".4f", PURE),
-                held,
+                *_held(each.held_out, found),
                 formatted(each.ratio, ".2f", PURE),
             ]
         )
@@ -85,7 +85,7 @@ def summary_table(found: FoundStructure) -> Table:
         Column("coefficient"),
         Column("terms"),
         Column("R2"),
-        Column("R2 left out"),
+        *((Column("R2 left out"),) if _several(found) else ()),
         Column("residual/noise"),
     )
     return rows_table("coefficients", columns, rows)
@@ -116,17 +116,26 @@ def terms_table(found: FoundStructure, axis: str) -> Table:
                 formatted(float(sigma), ".2g", PURE),
                 formatted(step.F, ".3g", PURE) if step else "",
                 formatted(step.r2, ".4f", PURE) if step else "",
-                _held(step.held_out) if step else "",
+                *_held(step.held_out if step else math.nan, found),
                 formatted(step.pse, ".3g", PURE) if step else "",
                 formatted(inflation[term], ".1f", PURE) if term in inflation else "",
             ]
         )
-    heads = ("term", "value", "sigma", "F", "R2", "R2 left out", "PSE", "VIF")
+    left = ("R2 left out",) if _several(found) else ()
+    heads = ("term", "value", "sigma", "F", "R2", *left, "PSE", "VIF")
     return rows_table(axis, [Column(head, code=head == "term") for head in heads], rows)
 
 
-def _held(value: float) -> Cell:
-    return formatted(value, ".4f", PURE) if math.isfinite(value) else ""
+def _several(found: FoundStructure) -> bool:
+    """Whether there are maneuvers of which one can be left out."""
+    return len(found.histories) > 1
+
+
+def _held(value: float, found: FoundStructure) -> tuple[Cell, ...]:
+    """The cell of R2 on maneuvers left out; none of a single maneuver."""
+    if not _several(found):
+        return ()
+    return (formatted(value, ".4f", PURE) if math.isfinite(value) else "",)
 
 
 def findings(found: FoundStructure) -> list[str]:

@@ -19,15 +19,8 @@ from ident.structure.coefficients import (
     filled,
     histories_of,
 )
-from ident.structure.selection import (
-    ORTHOGONAL,
-    STEPWISE,
-    Collinearity,
-    Selection,
-    collinearity_of,
-    columns_of,
-    select,
-)
+from ident.structure.collinearity import Collinearity, collinearity_of
+from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, columns_of, select
 from scenarios.files.aircraft_files import AXES, read_aircraft
 from scenarios.files.declarations import closest, read_toml_source, toml_of
 from scenarios.files.measured.columns import (
@@ -325,13 +318,17 @@ def coefficients_of(record: Record, aircraft: Aircraft, bandwidth: float = BANDW
 
 
 def _less_baseline(history: Histories, aircraft: Aircraft) -> Histories:
-    """Increments to the declared coefficients."""
+    """Increments to the declared coefficients; noise of the signals in these is theirs as well."""
     left = {
         axis: row
         - sum(value * history.column(t, axis) for t, value in aircraft.coefficients[axis].items())
         for axis, row in history.coefficients.items()
     }
-    return replace(history, coefficients=left)
+    sigma = {
+        axis: np.sqrt(std**2 + history.noise_through(aircraft.coefficients[axis], axis))
+        for axis, std in history.sigma.items()
+    }
+    return replace(history, coefficients=left, sigma=sigma)
 
 
 def _sum(first: Mapping[Term, float], second: Mapping[Term, float]) -> dict[Term, float]:

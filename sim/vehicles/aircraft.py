@@ -429,12 +429,15 @@ class _Motion:
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
         """Velocity against the air, dynamic pressure times area, and the sums of terms."""
         c = self._constants(s, p)
-        u, v, w = self._velocity(s)
         if self.aircraft.wind:
-            u, v, w = (own - wind for own, wind in zip((u, v, w), self._wind(s), strict=True))
-        V = sqrt(u * u + v * v + w * w) if self.aircraft.wind else s.airspeed
-        alpha = _angle(w, u) if self.aircraft.wind else self._alpha(s)
-        beta = _arcsine(v / V) if self.aircraft.wind else self._beta(s)
+            u, v, w = (a - b for a, b in zip(self._velocity(s), self._wind(s), strict=True))
+            V = sqrt(u * u + v * v + w * w)
+            alpha, beta = _angle(w, u), _arcsine(v / V)
+            sine, cosine = sin(alpha), cos(alpha)
+        else:
+            V, alpha, beta = s.airspeed, self._alpha(s), self._beta(s)
+            sine, cosine, across = sin(alpha), cos(alpha), V * cos(beta)
+            u, v, w = across * cosine, V * sin(beta), across * sine
         half = 0.5 / V
         values = {
             "alpha": alpha,
@@ -452,7 +455,8 @@ class _Motion:
             "u_air": u,
             "v_air": v,
             "w_air": w,
-            "alpha_air": alpha,
+            "sin_alpha": sine,
+            "cos_alpha": cosine,
             "pressure_area": 0.5 * c["air_density"] * V * V * c["wing_area"],
             "thrust_force": self._thrust(s),
             **{AS_TERM + name: value for name, value in values.items()},
@@ -460,15 +464,14 @@ class _Motion:
         totals: dict[str, Any] = {axis: 0.0 for axis in (*self.aircraft.forces, *MOMENTS)}
         for (axis, name), term in zip(self.named, self.table.values(values), strict=True):
             totals[axis] = add_product(totals[axis], getattr(p, name), term)
-        found |= {f"{axis}_terms": total for axis, total in totals.items()}
-        return found
+        return found | {f"{axis}_terms": total for axis, total in totals.items()}
 
     def rates(self, s: Any, p: Any) -> Mapping[str, Any]:
         """Rates of all states."""
         c = self._constants(s, p)
         (X, Y, Z), (L, M, N) = self._loads(s, c)
         u, v, w = self._velocity(s) if self.aircraft.wind else (s.u_air, s.v_air, s.w_air)
-        x, y, z = self.turned.down(s)
+        (x, y, z), turning = self.turned.motion(s)
         u_dot = s.r * v - s.q * w + G0 * x + X / c["mass"]
         v_dot = s.p * w - s.r * u + G0 * y + Y / c["mass"]
         w_dot = s.q * u - s.p * v + G0 * z + Z / c["mass"]
@@ -479,7 +482,7 @@ class _Motion:
             "alpha": (u * w_dot - w * u_dot) / plane,
             "beta": (V * v_dot - v * V_dot) / (V * sqrt(plane)),
             **angular_accelerations(s, c, L, M, N),
-            **self.turned.rates(s),
+            **turning,
             "altitude": -(u * x + v * y + w * z),
         }
         return {name: found[name] for name in self.moving}
@@ -555,8 +558,7 @@ class _Motion:
             return 0.0
         if source.signal == "thrust":
             return s.thrust
-        shares, forces = (np.array(each) for each in source.table)
-        return interpolate(s.throttle, shares, forces)
+        return interpolate(s.throttle, *(np.array(each) for each in source.table))
 
     def _velocity_at(self, s: Any, place: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
         """Against the air, of a point of the aircraft."""
@@ -577,7 +579,7 @@ class _Motion:
         )
         roll, pitch, yaw = (plus(getattr(s, f"{a}_terms"), getattr(s, a)) for a in MOMENTS)
         if self.aircraft.forces == WIND_AXES:
-            sine, cosine = sin(s.alpha_air), cos(s.alpha_air)
+            sine, cosine = s.sin_alpha, s.cos_alpha
             first, third = third * sine - first * cosine, -(first * sine + third * cosine)
         X, Y, Z = qS * first, qS * side, qS * third
         x, y, z = c["cg_x"], c["cg_y"], c["cg_z"]

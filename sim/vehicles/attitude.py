@@ -41,11 +41,10 @@ class Attitude(Protocol):
     headed: Mapping[str, str]
     held: tuple[str, ...]
 
-    def down(self, s: Any) -> Vector:
-        """The Earth's downward axis in body axes, of length one."""
-
-    def rates(self, s: Any) -> Mapping[str, Any]:
-        """Rates of the states by name, those of the heading among them."""
+    def motion(self, s: Any) -> tuple[Vector, Mapping[str, Any]]:
+        """The Earth's downward axis in body axes, of length one; and the rates of the states by
+        name, those of the heading among them.
+        """
 
     def angles(self, s: Any, headed: bool) -> Mapping[str, Any]:
         """phi and theta, and psi where ``headed``, rad."""
@@ -64,17 +63,14 @@ class EulerAngles:
     headed: Mapping[str, str] = MappingProxyType({"psi": "rad"})
     held: tuple[str, ...] = ()
 
-    def down(self, s: Any) -> Vector:
-        cos_theta = cos(s.theta)
-        return -sin(s.theta), sin(s.phi) * cos_theta, cos(s.phi) * cos_theta
-
-    def rates(self, s: Any) -> Mapping[str, Any]:
+    def motion(self, s: Any) -> tuple[Vector, Mapping[str, Any]]:
         sin_phi, cos_phi = sin(s.phi), cos(s.phi)
         sin_theta, cos_theta = sin(s.theta), cos(s.theta)
-        return {
-            "phi": s.p + sin_theta / cos_theta * (s.q * sin_phi + s.r * cos_phi),
+        turn = (s.q * sin_phi + s.r * cos_phi) / cos_theta
+        return (-sin_theta, sin_phi * cos_theta, cos_phi * cos_theta), {
+            "phi": s.p + sin_theta * turn,
             "theta": s.q * cos_phi - s.r * sin_phi,
-            "psi": (s.q * sin_phi + s.r * cos_phi) / cos_theta,
+            "psi": turn,
         }
 
     def angles(self, s: Any, headed: bool) -> Mapping[str, Any]:
@@ -101,7 +97,7 @@ class Quaternion:
     headed: Mapping[str, str] = MappingProxyType({"psi_start": "rad"})
     held: tuple[str, ...] = ("e0", "e3")
 
-    def down(self, s: Any) -> Vector:
+    def _down(self, s: Any) -> Vector:
         e0, e1, e2, e3 = _unit(s)
         return (
             2.0 * (e1 * e3 - e0 * e2),
@@ -109,9 +105,9 @@ class Quaternion:
             e0 * e0 - e1 * e1 - e2 * e2 + e3 * e3,
         )
 
-    def rates(self, s: Any) -> Mapping[str, Any]:
+    def motion(self, s: Any) -> tuple[Vector, Mapping[str, Any]]:
         p, q, r = s.p, s.q, s.r
-        return {
+        return self._down(s), {
             "e0": -0.5 * (s.e1 * p + s.e2 * q + s.e3 * r),
             "e1": 0.5 * (s.e0 * p + s.e2 * r - s.e3 * q),
             "e2": 0.5 * (s.e0 * q + s.e3 * p - s.e1 * r),
@@ -120,7 +116,7 @@ class Quaternion:
         }
 
     def angles(self, s: Any, headed: bool) -> Mapping[str, Any]:
-        x, y, z = self.down(s)
+        x, y, z = self._down(s)
         across = sqrt(y * y + z * z)
         found = {"phi": _angle(y, z), "theta": -2.0 * arctan(x / (1.0 + across))}
         if headed:
@@ -131,7 +127,7 @@ class Quaternion:
         e0, e1, e2, e3 = _unit(s)
         c, d = cos(s.psi_start), sin(s.psi_start)
         north, east = c * north + d * east, c * east - d * north
-        x, y, z = self.down(s)
+        x, y, z = self._down(s)
         return (
             (e0 * e0 + e1 * e1 - e2 * e2 - e3 * e3) * north
             + 2.0 * (e1 * e2 + e0 * e3) * east

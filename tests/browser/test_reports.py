@@ -55,6 +55,15 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {name: folder / where / "report.html" for name, where in named.items()}
 
 
+def test_numbers_on_dark_cells_are_white(page: Page, pages: dict[str, Path]) -> None:
+    page.goto(pages["study"].as_uri())
+    colours = page.evaluate(
+        """() => [...document.querySelectorAll('svg.mapped text[fill="#ffffff"]')].map(
+            (text) => getComputedStyle(text).fill)"""
+    )
+    assert colours and set(colours) == {"rgb(255, 255, 255)"}
+
+
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("name", ["everything", "study", "compared", "diagnosis"])
 def test_page_is_quiet_and_no_wider_than_its_window(

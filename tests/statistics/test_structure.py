@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,12 @@ import pytest
 from ident.structure.coefficients import Airframe, histories_of
 from ident.structure.selection import select
 from scenarios.structure.study import StructureOptions, coefficients_of, structure_of
-from sim.aerodynamics.terms import Term
+from sim.aerodynamics.terms import FLOW, Term, parse_term
+from sim.declaration.compile import compile_model
 from sim.record import Channel, Hold, Record
-from sim.vehicles.aircraft import DEFAULTS, Aircraft
+from sim.vehicles.aircraft import DEFAULTS, Aircraft, aircraft_model
+from tests import airliner
+from tests.bases import Flight, fly
 from tests.unit.ident.structure import test_selection as known
 
 SURFACES = ("elevator", "aileron", "rudder")
@@ -23,6 +27,7 @@ NOISE = {
     **dict.fromkeys(("ax", "ay"), ("m/s2", 0.02)),
     "az": ("m/s2", 0.05),
 }
+QUIET = ("alpha", "beta", "p", "q", "r")  # half as noisy where the truth is known
 
 
 def _wave(time: np.ndarray, size: float, rng: np.random.Generator) -> np.ndarray:
@@ -76,6 +81,77 @@ def test_thirty_maneuvers_of_an_envelope_in_one_model() -> None:
             through = history.noise_through(table, axis)
             noise += float(np.sum(history.sigma[axis] ** 2 + through))
         assert np.sqrt(error / noise) < 1.3, axis
+
+
+CURVED = {
+    "CD": {"abs(elevator)": 0.02},
+    "CL": {"mach": 0.25},
+    "Cl": {"alpha*beta": -0.9},
+    "Cm": {"alpha*elevator": 4.0, "alpha*mach": -1.2},
+    "Cn": {"beta*mach": 0.1},
+}  # terms of the envelope beside the airliner's own
+SIGNALS = (*FLOW, *SURFACES)
+TRUTH = {
+    axis: {
+        parse_term(text, SIGNALS): value
+        for text, value in {**airliner.COEFFICIENTS[axis], **CURVED.get(axis, {})}.items()
+    }
+    for axis in airliner.COEFFICIENTS
+}
+
+
+def _envelope(number: int) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Times, inputs and outputs without noise of an airliner whose terms are known, between 110 and
+    180 m/s and 0.6 and 1.1 kg/m3; air density is the last input.
+    """
+    rng = np.random.default_rng(number)
+    speed = 110.0 + 70.0 * ((7 * number) % 30) / 29.0
+    density = 0.6 + 0.5 * ((11 * number) % 30) / 29.0
+    constants = {**airliner.CONSTANTS, "air_density": density}
+    pressure = 0.5 * density * speed**2 * constants["wing_area"]
+    mach = speed / constants["speed_of_sound"]
+    alpha = (constants["mass"] * 9.80665 / pressure - 0.3 - 0.25 * mach) / 5.2
+    elevator = (0.05 - alpha - 1.2 * alpha * mach) / (1.3 - 4.0 * alpha)
+    thrust = pressure * (0.025 + 0.1 * alpha + 1.2 * alpha**2)
+    start = {"airspeed": speed, "alpha": alpha, "theta": alpha}
+    aircraft = replace(airliner.AIRLINER, constants=constants, coefficients=TRUTH, start=start)
+    time = 0.04 * np.arange(601)
+    moved = np.array([_wave(time, size, rng) for size in (0.03, 0.04, 0.04)])
+    level = np.full((2, len(time)), [[thrust], [density]])
+    u = np.vstack([elevator + moved[0], moved[1:], level])
+    system = compile_model(aircraft_model(aircraft))
+    flight = Flight(time, u[:4], hold=Hold.LINEAR, max_step=0.02)
+    return time, u, dict(zip(system.output_names, fly(system, flight), strict=True))
+
+
+@pytest.mark.slow
+def test_terms_and_sigmas_of_thirty_maneuvers_whose_truth_is_known() -> None:
+    flown = [_envelope(number) for number in range(30)]
+    plain = {axis: {Term(): 0.0} for axis in TRUTH}
+    aircraft = replace(airliner.AIRLINER, coefficients=plain, varying=("air_density",))
+    units = {name: unit for name, (unit, _) in NOISE.items()}
+    noise = {**{name: std for name, (_, std) in NOISE.items()}, **dict.fromkeys(QUIET, 5e-4)}
+    named = (*SURFACES, "thrust", "air_density")
+    held = []
+    for run in range(12):
+        records = []
+        for number, (time, u, rows) in enumerate(flown):
+            rng = np.random.default_rng(1000 * run + number)
+            outputs = [
+                Channel.of(name, units[name], rows[name] + std * rng.standard_normal(len(time)))
+                for name, std in noise.items()
+            ]
+            inputs = [
+                Channel.of(name, {"thrust": "N", "air_density": "kg/m3"}.get(name, "rad"), row)
+                for name, row in zip(named, u, strict=True)
+            ]
+            records.append(Record(time, tuple(inputs), tuple(outputs), Hold.LINEAR, f"m{number}"))
+        found = structure_of(records, aircraft, StructureOptions())
+        for axis, selection in found.selections.items():
+            assert {*selection.terms} == {Term(), *TRUTH[axis]}, axis
+            true = np.array([TRUTH[axis].get(term, 0.0) for term in selection.terms])
+            held += (np.abs(selection.values - true) < 2.0 * selection.sigma).tolist()
+    assert len(held) == 12 * 32 and 0.93 < np.mean(held) < 0.985
 
 
 def test_two_sigma_intervals_of_coefficients_hold_the_truth() -> None:

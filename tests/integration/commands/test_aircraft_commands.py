@@ -60,7 +60,7 @@ def test_identify_export_and_check(flightid: CommandLine, folder: Path) -> None:
     )  # fmt: skip
     judged = json.loads((folder / "band" / "prediction.json").read_text())["tolerances"]
     assert [each["passed"] for each in judged] == [True, True]
-    assert (folder / "band" / "tolerances-short-period.png").is_file()
+    assert (folder / "band" / "tolerances_short-period.png").is_file()
     assert "short-period" in flightid.refused(
         "predict", folder / "fit", record, "--tolerances", "short"
     )

@@ -15,6 +15,7 @@ from scenarios.tolerances import (
     read_tests,
     tolerance_content,
     tolerance_figures,
+    tolerance_table,
     verdicts_of,
 )
 from sim.errors import DeclarationError, RecordError
@@ -68,8 +69,19 @@ def test_one_sample_outside_fails_and_is_told_with_its_time() -> None:
     assert rate["worst_error"] == pytest.approx(3.0 * DEGREE)
     ((stem, draw),) = tolerance_figures([verdict], RECORD, NAMES, rows)
     figure = draw()
-    assert stem == "tolerances-short-period" and len(figure.axes) == 3
+    assert stem == "tolerances_short-period" and len(figure.axes) == 3
     assert "fail" in figure.get_suptitle() or "fail" in figure.axes[0].get_title() or figure.texts
+
+
+def test_errors_are_told_in_the_unit_of_the_tolerance() -> None:
+    az = Channel.of("az", "m/s2", np.full(200, -9.8))
+    record = Record(TIME, (), (RECORD["theta"], RECORD["q"], az), name="pulse")
+    rows = np.array([THETA + 1.0 * DEGREE, Q, az.values + 0.08 * 9.80665])
+    table = tolerance_table(
+        verdicts_of(read_tests("short-period"), record, ("theta", "q", "az"), rows), record
+    )
+    told = [str(row[3]) for row in table.rows]
+    assert told[1].startswith("+1 deg at") and told[3].startswith("+0.08 g at")
 
 
 def test_every_test_of_the_data_file_is_read() -> None:

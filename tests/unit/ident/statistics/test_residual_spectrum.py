@@ -11,6 +11,7 @@ from scipy.stats import t
 
 from ident.statistics.residual_spectrum import (
     RecordScores,
+    _Record,
     autoregression,
     common_disturbance,
     joint_autoregressions,
@@ -135,6 +136,35 @@ def test_what_a_fit_takes_from_its_residuals_is_given_back() -> None:
     corrected, not_corrected = (np.mean(each, axis=0) / exact for each in (given, plain))
     np.testing.assert_allclose(corrected, 1.0, atol=0.25)
     assert np.all(not_corrected < 0.75)
+
+
+def test_the_noise_that_a_fit_follows_is_taken_from_covariances_of_all_pairs_of_samples() -> None:
+    """By transforms as by dense matrices: with the noise's covariance G of all samples, a residual
+    (I - J S) e has G - J S G - G S^T J^T + J S G S^T J^T.
+    """
+    rng, m, n, c = np.random.default_rng(4), 3, 60, 4
+    jacobian = np.cumsum(rng.normal(size=(m, n, c)), axis=1)
+    weights = jacobian * np.array([1.0, 0.5, 2.0])[:, None, None]
+    residual = series(rng, n)
+    flat = jacobian.transpose(1, 0, 2).reshape(-1, c)  # sample by sample
+    inverse = np.linalg.inv(flat.T @ weights.transpose(1, 0, 2).reshape(-1, c))
+    scores = RecordScores(np.arange(c), weights, jacobian, residual, np.ones((m, n), dtype=bool))
+    record = _Record(scores)
+    scale = np.sqrt(np.mean(residual**2, axis=1))
+    noise = np.fft.irfft(record.density, record.size, axis=0)
+    shift = np.subtract.outer(np.arange(n), np.arange(n))
+    G = noise[shift].transpose(0, 2, 1, 3).reshape(m * n, m * n)
+    J = flat / np.tile(scale, n)[:, None]
+    S = inverse @ (weights.transpose(1, 0, 2).reshape(-1, c) * np.tile(scale, n)[:, None]).T
+    followed = J @ S @ G + G @ S.T @ J.T - J @ S @ G @ S.T @ J.T
+    blocks = followed.reshape(n, m, n, m)
+    expected = [
+        record.measured[k] + sum(blocks[s + k, :, s] for s in range(n - k)) / n
+        for k in range(record.lags + 1)
+    ]
+    np.testing.assert_allclose(inverse @ record.middle() @ inverse.T, S @ G @ S.T, rtol=1e-9)
+    record.refit(inverse, S @ G @ S.T)
+    np.testing.assert_allclose(record.autocovariance, expected, rtol=1e-9, atol=1e-12)
 
 
 def test_sigmas_of_few_samples_are_students() -> None:

@@ -131,6 +131,33 @@ def test_the_unit_flies_the_same(equations: str, tmp_path: Path) -> None:
     assert np.abs((found - expected) / scale).max() < 1e-9
 
 
+@pytest.mark.long
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_another_program_takes_and_flies_the_unit(tmp_path: Path) -> None:
+    """FMPy, where it is installed, finds no fault in the unit, and flies it as it flies here."""
+    master = pytest.importorskip("fmpy")
+    written, flight, _ = case("aircraft")
+    steady = replace(flight, u=np.tile(flight.u[:, 60:61], len(flight.time)), max_step=MAX_STEP)
+    expected = np.array(
+        [np.broadcast_to(row, flight.time.shape) for row in fly(written.system, steady)]
+    )
+    path = tmp_path / "unit.fmu"
+    path.write_bytes(fmu(written)[0])
+    assert pytest.importorskip("fmpy.validation").validate_fmu(str(path)) == []
+    names = [signal.name for signal in written.system.inputs]
+    found = master.simulate_fmu(
+        str(path),
+        stop_time=float(flight.time[-1]),
+        step_size=float(flight.time[1]),
+        output_interval=float(flight.time[1]),
+        start_values=dict(zip(names, steady.u[:, 0].tolist(), strict=True)),
+        output=list(written.system.output_names),
+    )
+    for name, row in zip(written.system.output_names, expected, strict=True):
+        seen = np.interp(flight.time, found["time"], found[name])
+        assert np.abs(seen - row).max() < 1e-9 * max(np.abs(row).max(), 1.0), name
+
+
 def unpacked(content: bytes, folder: Path) -> tuple[ET.Element, ctypes.CDLL]:
     """Description and library of a unit."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:

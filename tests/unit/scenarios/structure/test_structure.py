@@ -30,10 +30,12 @@ from scenarios.structure.study import (
 )
 from sim.aerodynamics.symmetry import parents
 from sim.aerodynamics.terms import Term
+from sim.declaration.compile import compile_model
 from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Hold, Record
-from sim.vehicles.aircraft import Aircraft
+from sim.vehicles.aircraft import Aircraft, aircraft_model
 from tests.airliner import AIRLINER
+from tests.bases import Flight, fly
 from tests.unit.ident.structure.test_selection import CURVED, NOISE, clean, term
 
 OPTIONS = StructureOptions()
@@ -42,6 +44,13 @@ OPTIONS = StructureOptions()
 @cache
 def record_of(seed: int) -> Record:
     time, u, rows = clean(seed)
+    return noisy(time, u, rows, seed)
+
+
+def noisy(
+    time: np.ndarray, u: np.ndarray, rows: dict[str, np.ndarray], seed: int, more: float = 1.0
+) -> Record:
+    """A record of a maneuver with the noise of the sensors, ``more`` times ``NOISE``."""
     rng = np.random.default_rng(seed)
     outputs = tuple(
         Channel.of(
@@ -49,7 +58,7 @@ def record_of(seed: int) -> Record:
             {"alpha": "rad", "beta": "rad", "airspeed": "m/s"}.get(
                 name, "rad/s" if name in "pqr" else "m/s2"
             ),
-            rows[name] + std * rng.standard_normal(len(time)),
+            rows[name] + more * std * rng.standard_normal(len(time)),
         )
         for name, std in NOISE.items()
     )
@@ -110,6 +119,22 @@ def test_surfaces_that_move_together_are_named() -> None:
     (line,) = [each for each in findings(found) if "move together" in each]
     assert line.startswith("aileron and rudder") and "1.000" in line
     assert not any("move together" in each for each in findings(structure_of([record], CURVED)))
+
+
+def test_a_true_baseline_leaves_what_the_sensors_explain() -> None:
+    """Noise of angles acts through the baseline's terms, that of rates through an accelerometer far
+    from the centre of gravity.
+    """
+    ahead = replace(CURVED, sensors={**CURVED.sensors, "accelerometer": (4.5, 0.0, 0.5)})
+    time, u, _ = clean(1)
+    system = compile_model(aircraft_model(ahead))
+    rows = dict(zip(system.output_names, fly(system, Flight(time, u, max_step=0.02)), strict=True))
+    found = structure_of(
+        [noisy(time, u, rows, 5, more=4.0)], ahead, StructureOptions(baseline=True)
+    )
+    assert not any("lacks" in each for each in findings(found))
+    for axis, each in found.selections.items():
+        assert 0.8 < each.ratio < 1.25, axis
 
 
 @pytest.mark.long

@@ -315,7 +315,7 @@ def test_a_quaternion_turns_as_the_matrix_does(
         state[name] *= length
     s = SimpleNamespace(**state, p=0.3, q=-0.2, r=0.5)
     matrix = rotation(phi, theta, psi)
-    assert np.array(attitude.down(s)) == pytest.approx(matrix @ [0.0, 0.0, 1.0], abs=1e-9)
+    assert np.array(attitude.motion(s)[0]) == pytest.approx(matrix @ [0.0, 0.0, 1.0], abs=1e-9)
     vector = [3.0, -2.0, 0.7]
     assert np.array(attitude.to_body(s, *vector)) == pytest.approx(matrix @ vector, abs=1e-7)
     angles = attitude.angles(s, True)
@@ -323,7 +323,7 @@ def test_a_quaternion_turns_as_the_matrix_does(
         matrix, abs=1e-7
     )
     # The matrix turns at -omega x, by differences of the quaternion.
-    step, rates = 1e-6, attitude.rates(s)
+    step, rates = 1e-6, attitude.motion(s)[1]
     ends = []
     for sign in (step, -step):
         moved = SimpleNamespace(**{n: v + sign * rates[n] for n, v in state.items()})
