@@ -418,7 +418,7 @@ def figure_shared(rows: Sequence[Shared], condition: str, unit: str, title: str 
         panel.axhline(shown.factor * row.common, color=BLUE, linewidth=1.2)
         for chosen, colour, label in (
             (row.has, BLACK, "has it, ±2σ"),
-            (~row.has, GREY, "has it not, or undecided"),
+            (~row.has, GREY, "does not have it, or undecided"),
         ):
             if np.any(chosen):
                 values, sigmas = (
@@ -460,7 +460,7 @@ def figure_effects(
         for chosen, face, label in (
             (p > 0.95, BLUE, "has it"),
             ((p >= 0.05) & (p <= 0.95), LIGHT, "undecided"),
-            (p < 0.05, "white", "has it not"),
+            (p < 0.05, "white", "does not have it"),
         ):
             if np.any(chosen):
                 at = x[chosen]

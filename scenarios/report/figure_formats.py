@@ -139,9 +139,7 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "maneuvers": (
             "Inputs and expected responses of every maneuver, the best first, with the limits"
         ),
-        "effects": (
-            "Which flight has which effect: filled, has it; grey, undecided; open, has it not"
-        ),
+        "effects": ("Effects by flight. Filled: has it; grey: undecided; open: does not have it"),
         "shared": "What each flight says of a shared value by itself, and the common value",
         "over": (
             "Derivatives of all flights over the condition, with the common line and the scatter "
@@ -170,6 +168,11 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
             "The broken-loop response with its gain and phase margins, and its distance from -1, "
             "spans of 95 %"
         ),
+        "forces": "Force coefficients of each maneuver, measured and by the terms that were chosen",
+        "moments": (
+            "Moment coefficients of each maneuver, measured and by the terms that were chosen"
+        ),
+        "prediction": "Measured and predicted outputs, with the residuals",
         "watched": "Parameters while the stream arrived",
         "history": "Margins while the stream arrived, with their 95 % intervals",
         "qualities": (

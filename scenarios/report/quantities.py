@@ -178,6 +178,15 @@ def determined(value: float, std: float) -> bool:
     return 0.0 < std < math.inf and (std < 1e3 * abs(value) or (abs(value) < 1e-3 and std < 1.0))
 
 
+def span_text(low: float, high: float) -> str:
+    """``"-4.40 to 3.82"``: both ends with the decimals that give the larger one three digits."""
+    largest = max(abs(low), abs(high))
+    digits = max(0, 2 - math.floor(math.log10(largest))) if largest > 0.0 else 0
+    return " to ".join(
+        f"{end + 0.0 if round(end, digits) else 0.0:.{digits}f}" for end in (low, high)
+    )
+
+
 # ---- Numbers and single lines as the terminal shows them
 
 GROWING = 2.0  # sigmas of a time constant below zero, from which a mode is said to grow
@@ -228,7 +237,7 @@ def number_text(value: float, std: float | None = None) -> str:
     from math import floor, log10
 
     last = floor(log10(std)) - 1  # the decimal place of the deviation's second digit
-    if last >= -5 or (last >= -7 and abs(value) >= 0.01):
+    if last >= -7:
         return f"{value:.{max(0, -last)}f}"
     return f"{value:.{max(1, floor(log10(max(abs(value), std))) - last)}e}"
 

@@ -23,6 +23,7 @@ from scenarios.report.document import (
     Column,
     Page,
     Table,
+    estimate,
     formatted,
     now,
     reproduction,
@@ -88,7 +89,7 @@ def summary_table(found: FoundStructure) -> Table:
         Column("R2 left out"),
         Column("residual/noise"),
     )
-    return rows_table("coefficients", columns, rows)
+    return rows_table("coefficient of determination, and residual over noise", columns, rows)
 
 
 def prediction_table(found: FoundStructure) -> Table:
@@ -112,8 +113,7 @@ def terms_table(found: FoundStructure, axis: str) -> Table:
         rows.append(
             [
                 "constant" if not term.factors else term.text,
-                formatted(float(value), ".4g", PURE),
-                formatted(float(sigma), ".2g", PURE),
+                estimate(float(value), float(sigma)),
                 formatted(step.F, ".3g", PURE) if step else "",
                 formatted(step.r2, ".4f", PURE) if step else "",
                 _held(step.held_out) if step else "",
@@ -121,8 +121,9 @@ def terms_table(found: FoundStructure, axis: str) -> Table:
                 formatted(inflation[term], ".1f", PURE) if term in inflation else "",
             ]
         )
-    heads = ("term", "value", "sigma", "F", "R2", "R2 left out", "PSE", "VIF")
-    return rows_table(axis, [Column(head, code=head == "term") for head in heads], rows)
+    columns = [Column("term", code=True), Column("estimate ± σ", PURE, printed="estimate")]
+    columns += [Column(head) for head in ("F", "R2", "R2 left out", "PSE", "VIF")]
+    return rows_table(axis, columns, rows)
 
 
 def _held(value: float) -> Cell:
@@ -136,7 +137,7 @@ def findings(found: FoundStructure) -> list[str]:
         if each.lacking:
             term, F, share = each.lacking[0]
             told.append(
-                f"{axis} lacks something: its residual is {each.ratio:.1f} times the noise, and "
+                f"{axis} lacks terms: its residual is {each.ratio:.1f} times the noise, and "
                 f"{term.text}, which was not offered, explains {100 * share:.0f} % of it "
                 f"(F {F:.3g})."
             )
@@ -148,7 +149,9 @@ def findings(found: FoundStructure) -> list[str]:
         rest = set(found.other[axis].terms) ^ set(each.terms)
         if rest:
             names = ", ".join(sorted(t.text for t in rest))
-            told.append(f"{axis}: the methods differ in {names}.")
+            told.append(
+                f"{axis}: of stepwise regression and orthogonal functions one alone chose {names}."
+            )
     for axis, together in found.collinearity.items():
         index = float(together.indices[0]) if len(together.indices) else 1.0
         high = [t.text for t, v in zip(together.terms, together.inflation, strict=True) if v > 10]
@@ -243,12 +246,17 @@ def structure_page(found: FoundStructure, drawn: Sequence[Drawn] = ()) -> Page:
         ("vehicle" if each is found.files[-1] else "record", each.name, each.sha256)
         for each in found.files
     ]
+    fitted = {each.name for each in found.histories}
+    records = [each.name for each in found.files[:-1]]
+    told = ["flightid", "structure", *(name for name in records if name in fitted)]
+    held = [name for name in records if name not in fitted]
+    told += ["--vehicle", found.files[-1].name, *(["--validate", *held] if held else [])]
     return Page(
         title=f"{found.aircraft.name}: model structure",
         kind=f"terms of six coefficients by {found.options.method} regression",
-        verdict=f"{', '.join(lacking)} lacks something" if lacking else "terms found",
+        verdict=f"terms are missing in {', '.join(lacking)}" if lacking else "terms found",
         tone="open" if lacking else "plain",
-        sentence=f"{worst.axis} is described worst, R2 {worst.r2:.3f}.",
+        sentence=f"The lowest R2 is that of {worst.axis}: {worst.r2:.3f}.",
         summary=(),
         warnings=(),
         sections=(
@@ -259,7 +267,7 @@ def structure_page(found: FoundStructure, drawn: Sequence[Drawn] = ()) -> Page:
             *section("Terms", *(terms_table(found, axis) for axis in found.selections)),
             *section("How it was made", Bullets(found.notes)),
         ),
-        reproduction=reproduction(["flightid", "structure"], "", inputs),
+        reproduction=reproduction(told, "", inputs),
         created=now(),
     )
 

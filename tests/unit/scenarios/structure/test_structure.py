@@ -131,8 +131,8 @@ def test_a_term_that_is_not_offered_is_named(tmp_path: Path) -> None:
     path.write_text("".join(f"{axis} = {plain}\n" for axis in axes))
     found = structure_of([record_of(1), record_of(2)], CURVED, StructureOptions(terms=path))
     told = findings(found)
-    assert any(line.startswith("Cm lacks something") and "alpha*elevator" in line for line in told)
-    assert any(line.startswith("Cl lacks something") and "alpha*beta" in line for line in told)
+    assert any(line.startswith("Cm lacks terms") and "alpha*elevator" in line for line in told)
+    assert any(line.startswith("Cl lacks terms") and "alpha*beta" in line for line in told)
     assert not any(line.startswith("Cn lacks") for line in told)
 
 
