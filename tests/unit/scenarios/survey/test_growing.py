@@ -184,5 +184,5 @@ def test_one_flight_alone(campaign: Campaign) -> None:
     found = campaign.survey(campaign.fly("a", LATE))
     assert found.recurs == ()
     assert found.alone == {"sensor-delay:q": ("a",)}
-    assert "sensor-delay:q is claimed in a and does not recur" in survey_text(found)
+    assert "sensor-delay:q is named in a and does not recur" in survey_text(found)
     assert [each.common.flights for each in found.derivatives] == [1, 1]
