@@ -146,7 +146,7 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
             "between flights"
         ),
         "flight": (
-            "The whole flight: inputs and motion, maneuvers with their numbers, trim points grey"
+            "The whole flight: inputs and motion, maneuvers shaded, trim points grey"
         ),
         "response": (
             "Magnitude, phase and coherence over frequency, with 95 % bands; grey: outside the "

@@ -24,7 +24,7 @@ LARGEST = 3_000_000  # bytes of a page
 FIRST_PAINT = 1000.0  # ms
 PAINTED = "performance.getEntriesByName('first-contentful-paint')"
 # Their figures are bars, dots or tables in a picture, in which there is nothing to zoom into.
-STILL = ("campaign", "maneuvers", "survey")
+STILL = ("campaign", "survey")
 BROKEN = (
     "<html><head><title>x</title></head><body>"
     '<img src="data:image/gif;base64,R0lGODlhAQABAAAAACw="><p style="color:#ccc">pale</p></body>'
