@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.structure.selection import HIGH_INDEX, HIGH_INFLATION, Selection, columns_of
+from ident.structure.selection import (
+    HIGH_INDEX,
+    HIGH_INFLATION,
+    ORTHOGONAL,
+    STEPWISE,
+    Selection,
+    columns_of,
+)
 from scenarios.files.aircraft_files import written
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
@@ -33,6 +40,7 @@ from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures as page_figures
 from scenarios.report.folder import write_page
 from scenarios.report.shared_tables import rows_table
+from scenarios.report.summary import BELOW, Summary, summary_lines
 from scenarios.report.terminal import table_as_lines
 from scenarios.report.text_tables import WIDTH, wrapped
 from scenarios.structure.study import FoundStructure
@@ -48,15 +56,11 @@ VEHICLE = "vehicle.toml"
 TOGETHER = 0.98  # correlation of two surfaces: a variance inflation of 25
 
 
-def structure_text(found: FoundStructure, width: int = WIDTH) -> str:
-    """What was found, for the terminal."""
-    names = ", ".join(each.name for each in found.histories)
-    first = found.histories[0]
-    count = sum(len(each.time) for each in found.histories)
-    lines = wrapped(
-        f"{names}: {count} windows, angular accelerations to {first.bandwidth:.2g} Hz, "
-        f"{found.options.method}{', hierarchical' if found.options.hierarchical else ''}",
-        width,
+def structure_text(found: FoundStructure, width: int = WIDTH, details: str = BELOW) -> str:
+    """What was found, for the terminal; ``details``: where the rest is kept."""
+    lines = [*summary_lines(structure_summary(found, details), width), ""]
+    lines += wrapped(
+        f"angular accelerations to {found.histories[0].bandwidth:.2g} Hz; {_method(found)}", width
     )
     lines += table_as_lines(summary_table(found), width, keys=1)
     if found.predicted:
@@ -66,6 +70,35 @@ def structure_text(found: FoundStructure, width: int = WIDTH) -> str:
     for sentence in findings(found):
         lines += wrapped(sentence, width)
     return "\n".join(lines) + "\n"
+
+
+def structure_summary(found: FoundStructure, details: str = BELOW) -> Summary:
+    """The records, how many terms were chosen, the lowest R2, and the residual over the noise."""
+    names = ", ".join(each.name for each in found.histories)
+    windows = sum(len(each.time) for each in found.histories)
+    some = found.selections
+    lacking = [axis for axis, each in some.items() if each.lacking]
+    worst = min(some.values(), key=lambda each: each.r2)
+    result = f"lowest R2 {worst.r2:.4f} ({worst.axis})"
+    held = [(r2, axis) for told in found.predicted.values() for axis, r2 in told.items()]
+    if held:
+        result += "; on records that were not fitted {:.4f} ({})".format(*min(held))
+    ratios = [each.ratio for each in some.values()]
+    return Summary(
+        f"{names}: {windows} windows; {found.aircraft.name}",
+        f"terms are missing in {', '.join(lacking)}"
+        if lacking
+        else f"terms found: {', '.join(f'{axis} {len(e.terms)}' for axis, e in some.items())}",
+        result,
+        f"{min(ratios):.2f} to {max(ratios):.2f} times the noise",
+        details,
+    )
+
+
+def _method(found: FoundStructure) -> str:
+    """The method in words."""
+    words = {STEPWISE: "stepwise regression", ORTHOGONAL: "orthogonal functions"}
+    return words[found.options.method] + (", hierarchical" if found.options.hierarchical else "")
 
 
 def summary_table(found: FoundStructure) -> Table:
@@ -253,7 +286,7 @@ def structure_page(found: FoundStructure, drawn: Sequence[Drawn] = ()) -> Page:
     told += ["--vehicle", found.files[-1].name, *(["--validate", *held] if held else [])]
     return Page(
         title=f"{found.aircraft.name}: model structure",
-        kind=f"terms of six coefficients by {found.options.method} regression",
+        kind=f"Terms of six coefficients by {_method(found)}",
         verdict=f"terms are missing in {', '.join(lacking)}" if lacking else "terms found",
         tone="open" if lacking else "plain",
         sentence=f"The lowest R2 is that of {worst.axis}: {worst.r2:.3f}.",
