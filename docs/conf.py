@@ -23,6 +23,7 @@ extensions = [
     "sphinx_copybutton",
     "docs._ext.site",
     "docs._ext.references",
+    "docs._ext.faster",
     "docs._ext.mathml",
     "docs._ext.docstrings",
 ]

@@ -7,6 +7,7 @@ Kept are names in backticks, indented blocks, and the parts that a line of dashe
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Iterator, Sequence
 from itertools import groupby, pairwise
@@ -98,7 +99,19 @@ def process(
     lines[:] = plain(lines)
 
 
+def signature(
+    app: object, what: str, name: str, thing: Any, options: object, given: str, returned: str
+) -> tuple[str, str] | None:
+    """Sphinx's hook: a command's arguments by name alone, since their annotations hold objects of
+    the command line that print as addresses in memory.
+    """
+    if "typer.models" not in (given or ""):
+        return None
+    return f"({', '.join(inspect.signature(thing).parameters)})", returned
+
+
 def setup(app: Any) -> dict[str, object]:
     """Sphinx's hook of an extension."""
     app.connect("autodoc-process-docstring", process)
+    app.connect("autodoc-process-signature", signature)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

@@ -11,7 +11,6 @@ from typing import Any
 
 from sphinx.domains.python import ObjectEntry, PythonDomain
 from sphinx.environment import BuildEnvironment
-from sphinx.pycode.parser import Parser
 
 
 class IndexedPythonDomain(PythonDomain):
@@ -53,14 +52,7 @@ class IndexedPythonDomain(PythonDomain):
         ]
 
 
-def no_lines(parser: Parser) -> None:
-    """In place of the search for the lines of each definition, a twelfth of a build: only pages
-    with source code need them.
-    """
-
-
 def setup(app: Any) -> dict[str, object]:
     """Sphinx's hook of an extension."""
-    Parser.parse_definition = no_lines  # type: ignore[method-assign, assignment]
     app.add_domain(IndexedPythonDomain, override=True)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

@@ -21,8 +21,9 @@ def _(page):
     page.heading(
         1,
         "A falling body",
-        """To see a Kalman filter find one parameter, to see *when* the record tells it anything, and to learn why a poor start makes its
-        standard deviation lie.""",
+        """To see how a Kalman filter estimates one parameter, at which altitudes the record
+        contains information about it, and why a poor start makes its standard deviation too
+        small.""",
     )
     return
 
@@ -32,8 +33,7 @@ def _(mo):
     mo.md(r"""
     ## Theory
 
-    A body falls straight down from 200 000 ft at 6000 ft/s. A radar measures its altitude $h$ ten times a second. Its drag hangs on one
-    number,
+    A body falls straight down from 200 000 ft at 6000 ft/s. A radar measures its altitude $h$ ten times a second. Its drag depends on one number,
     the **ballistic coefficient** $\beta = m / (C_D A)$, mass over drag area, truly 500 lb/ft² (pounds of mass: 2441 kg/m²):
 
     $$ \ddot h = \frac{\rho(h)\,\dot h^2}{2\,\beta} - g , \qquad \rho(h) = \rho_0\, e^{-h/H} . $$
@@ -49,13 +49,15 @@ def _(mo):
 
     $$ K = P H^T (H P H^T + R)^{-1} , \qquad \hat x \leftarrow \hat x + K (z - H \hat x) , \qquad P \leftarrow (I - K H) P . $$
 
-    *Where the information is.* All that the altitude says of $\beta$ passes through one entry of $F$,
+    *Where the information is.* The altitude contains information about $\beta$ only through one entry of $F$,
 
     $$ \frac{\partial \ddot h}{\partial \beta} = - \frac{\rho\,\dot h^2}{2\,\beta^2} . $$
 
-    High up $\rho$ is next to nothing, and so is this entry: the filter cannot learn there. And it depends on $\beta$ itself, **squared**, taken at
+    At high altitude $\rho$ is nearly zero, and so is this entry: the record contains no
+    information there. And it depends on $\beta$ itself, **squared**, taken at
     the filter's own
-    estimate. A gain that was formed about a wrong $\hat\beta$ has counted information that was never there, and $P$ never gives it back. That is what
+    estimate. A gain computed at a wrong $\hat\beta$ counts information that does not exist, and
+    $P$ stays too small from then on. That is what
     a second
     *pass* is for: the filter runs again, now linearised about what the first pass found.
 
@@ -184,16 +186,16 @@ def _(close, lab, page):
             page.number_field("km"),
             lambda value: close(value, _at["altitude then"], 0.05),
             "It stands under the sliders, and the band in the figure shows it.",
-            "Above that the air is too thin for drag to be felt through 25 ft of noise: a third of "
-            "the record says nothing of β.",
+            "Above that the air is too thin: drag is lost in 25 ft of noise, and a "
+            "third of the record contains no information about β.",
         ),
         "honest": page.Question(
             "Same sliders, 200 falls: how many of 100 intervals of two sigmas hold the truth?",
             page.number_field("of 100"),
             lambda value: abs(value - _at["within 2 sigma"]) <= 3,
             "Read the table of the campaign.",
-            "An honest filter would have 95. One fall looked harmless; only repetition shows that "
-            "the filter is far too sure.",
+            "Correct sigmas would give 95. A single fall shows nothing unusual; only "
+            "repeated falls show that the sigma is far too small.",
         ),
         "noise": page.Question(
             "Make the radar four times worse (100 ft). By what factor does the *reported* sigma of "
@@ -201,8 +203,8 @@ def _(close, lab, page):
             page.number_field("times"),
             lambda value: close(value, lab.numbers(noise=100.0)["sigma"] / _at["sigma"], 0.06),
             "Divide the sigma at 100 ft by the one at 25 ft.",
-            "Nearly as the noise does: the sigma is noise over sensitivity, and knows nothing of a "
-            "wrong linearisation.",
+            "Nearly in proportion to the noise: the sigma is noise over sensitivity, "
+            "and does not contain the error of linearisation.",
         ),
         "cure": page.Question(
             "Start 550 ± 110 instead. How many passes does the filter need until at least 90 of "
@@ -210,17 +212,16 @@ def _(close, lab, page):
             page.number_field("passes"),
             lambda value: value == lab.passes_needed(550.0, 110.0),
             "Set the start first, then raise the passes one by one and watch the campaign.",
-            "The second pass linearises near the truth all along. The data are counted again 1/400 "
-            "times only, for each pass starts with "
-            "twenty of the last one's sigmas.",
+            "The second pass is linearised near the true value throughout. It starts "
+            "with twenty times the last sigma, so the data are counted twice with a "
+            "weight of 1/400 only.",
         ),
         "worse": page.Question(
             "Start 800 again, one pass. Which prior gives the larger bias in sigmas?",
             page.choice(["a wide one: 800 ± 300", "a narrow one: 800 ± 30"]),
             lambda value: value == lab.worse_prior(),
             "Try both, and read the mean error of the campaign.",
-            "A prior of 30 says that 500 is ten sigmas away. The reported sigma hardly changes: "
-            "nothing in it warns.",
+            "A prior of 30 says that 500 is ten sigmas away. The reported sigma hardly changes, so it gives no warning.",
         ),
     }
     answers = page.fields(questions)

@@ -22,9 +22,9 @@ def _(page):
     page.heading(
         2,
         "The short period and the 3-2-1-1",
-        """To see what a maneuver must excite so that a record determines the derivatives of an aircraft, what the standard deviations hang on, and
-        how a
-        record can be wrong while they look fine.""",
+        """To see what a maneuver must excite so that a record determines the derivatives of an
+        aircraft, what the standard deviations depend on, and how a record can be wrong although
+        they look fine.""",
     )
     return
 
@@ -205,9 +205,8 @@ def _(close, lab, page):
             page.number_field("s"),
             lambda value: close(value, lab.longest_unit(10.0), 1e-6),
             "The largest angle of attack stands under the table.",
-            "Longer units have smaller sigmas, and drive the aircraft to where the linear model no "
-            "longer holds. Amplitude and unit are "
-            "bought with alpha.",
+            "Longer units give smaller sigmas, but larger angles of attack, where the"
+            " linear model no longer holds.",
         ),
         "alone": page.Question(
             "3-2-1-1, 6 deg, 0.5 s, 100 Hz, but α alone. Which numbers are still known to better "
@@ -217,8 +216,8 @@ def _(close, lab, page):
             ),
             lambda value: value == "natural frequency and damping ratio",
             "Look at the sigmas in per cent, and at the line below the table.",
-            "One output shows the swing, and the swing shows two numbers: the sum of two dampings, "
-            "not its parts. C_Lα and C_mq stay near "
+            "One output determines only the oscillation, that is two numbers: the sum"
+            " of two dampings, not each of them. C_Lα and C_mq stay near "
             "their priors.",
         ),
         "rate": page.Question(
@@ -235,7 +234,7 @@ def _(close, lab, page):
             lambda value: value is not None and value.startswith("every second switch"),
             "The elevator switches at multiples of 0.5 s. Which of these are multiples of 0.04 s, "
             "and which of 0.05 s?",
-            "By 0.02 s. The sigma does not notice, the test of the residual does. Which of your "
+            "By 0.02 s. The sigma does not show it, the test of the residual does. Which of your "
             "sensors is late by 20 ms?",
         ),
     }

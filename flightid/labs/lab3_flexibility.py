@@ -33,9 +33,9 @@ def _(page):
     page.heading(
         3,
         "Flexibility and what a rigid model absorbs",
-        """To see which derivatives a rigid model finds on the record of a flexible aircraft, why they are not those of the rigid aircraft, how the
-        residual betrays the
-        missing modes, and what process noise can and cannot mend.""",
+        """To see which derivatives a rigid model finds on the record of a flexible aircraft, why they are not those of the rigid
+        aircraft, how the residual shows the missing modes, and what process noise can and
+        cannot correct.""",
     )
     return
 
@@ -68,7 +68,8 @@ def _(mo):
 
     $$ C_{m_\alpha}^{\text{cond}} = C_{m_\alpha} - C_{m_\eta} A^{-1} b_\alpha , \quad \text{and so for the others.} $$
 
-    This is what a rigid model can absorb. It does not see a rigid aircraft that is hidden inside; it sees one whose wing has bent.
+    This is what a rigid model can absorb. It does not find the derivatives of the rigid
+    aircraft, but those of the aircraft with its wing bent.
 
     *What it cannot absorb* is that the structure lags: it needs time to bend, and it rings. The six derivatives then bend to imitate the lag, which
     is a bias against the condensed values, and
@@ -76,7 +77,8 @@ def _(mo):
     white: uncorrelated, with the variance
     the filter states. Ljung and Box's test asks for the first, the normalised innovations squared (NIS) for the second.
 
-    *Process noise* of density $Q$ on $\dot q$ tells the filter that its model lacks something. Its sigmas grow. It is no model of a mode, though: the
+    *Process noise* of density $Q$ on $\dot q$ tells the filter that its model is incomplete.
+    Its sigmas grow. It is no model of a mode, though: the
     missing force follows the elevator and is not white.
     """)
     return
@@ -205,12 +207,12 @@ def _(close, lab, page):
             page.choice(["rigid", "condensed"]),
             lambda value: value == lab.nearer(),
             "Compare the third column of numbers with the first two.",
-            "A rigid model absorbs what follows the loads at once. Nobody who flies this aircraft "
-            "will ever measure the rigid value.",
+            "A rigid model absorbs whatever follows the loads at once. The rigid "
+            "value cannot be measured on this aircraft.",
         ),
         "lost": page.Question(
-            "How much of the rigid aircraft's static stability (C_mα) has the structure taken away "
-            "in the estimate, in per cent?",
+            "By how many per cent is the estimated static stability (C_mα) smaller "
+            "than that of the rigid aircraft?",
             page.number_field("%"),
             lambda value: close(value, lab.numbers()["Cm_alpha lost, %"], 0.05),
             "The column `estimate against rigid`, without its sign.",
@@ -221,8 +223,8 @@ def _(close, lab, page):
             page.choice(["CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"]),
             lambda value: value == lab.worst(),
             "The last column.",
-            "The lag of the structure looks like damping of the other sign. The error is 6 % of "
-            "the value, and 23 of sigmas that know nothing of it.",
+            "The lag of the structure acts like negative damping. The error is 6 % of"
+            " the value, but 23 sigmas, since the sigmas do not contain it.",
         ),
         "seen": page.Question(
             "Go from stiff to soft: 4, 3, 2, 1.5, 1. At which of these does a test of the "
@@ -254,7 +256,7 @@ def _(close, lab, page):
             ),
             lambda value: value is not None and value.startswith("mostly the sigmas"),
             "Compare the sigma of C_mq without noise and with 0.3, and how far its estimate moved.",
-            "To mend the model, give it the mode: `flightid run flexible-ac1-first-mode`.",
+            "To correct the model, add the mode: `flightid run flexible-ac1-first-mode`.",
         ),
     }
     answers = page.fields(questions)

@@ -24,8 +24,7 @@ def _(page):
         4,
         "An augmented aircraft and its equivalent system",
         """To see that a record of a controlled aircraft shows the aircraft *with* its control law, to describe that by a low-order equivalent system,
-        and to read from it what
-        the pilot will say.""",
+        and to predict from it the pilot's rating.""",
     )
     return
 
@@ -46,7 +45,7 @@ def _(mo):
     control law moves three surfaces forty times a second and makes it fly. Sensors, filters, actuators and delays of whole frames give the closed
     loop some thirty states.
 
-    The pilot feels none of them. He moves the **stick** $\delta_p$ and sees a short period, somewhat late. The **low-order equivalent system** (LOES)
+    The pilot notices none of them: he moves the **stick** $\delta_p$ and sees a short period, somewhat late. The **low-order equivalent system** (LOES)
     is that:
 
     $$ \dot\delta = \tfrac1\tau\big(\delta_p(t - t_d) - \delta\big) + \delta_0 , \qquad
@@ -207,16 +206,16 @@ def _(close, lab, page):
             page.number_field("ms"),
             lambda value: close(value, 1000 * lab.numbers()["doubles in"], 0.03),
             "It stands above the table, in seconds.",
-            "A third of a second: no pilot would catch it. And yet the record shows a stable "
-            "aircraft.",
+            "A third of a second is too fast for a pilot. The record nevertheless "
+            "shows a stable aircraft.",
         ),
         "sign": page.Question(
             "M_α of the airframe is positive. What is it in the equivalent system, in 1/s²?",
             page.number_field("1/s²"),
             lambda value: close(value, lab.numbers()["M_alpha"], 0.05),
             "The first column of numbers, with its sign.",
-            "Static stability made by software. A record of stick and response alone says nothing "
-            "of the airframe: for that the surfaces "
+            "The control law provides the static stability. A record of stick and "
+            "response alone contains no information about the airframe: the surfaces "
             "must be recorded too.",
         ),
         "level": page.Question(
@@ -225,8 +224,7 @@ def _(close, lab, page):
             page.choice(["Level 1", "Level 2", "Level 3"]),
             lambda value: value == lab.level_of_delay(),
             "The bounds stand at the end of the theory.",
-            "Damping, frequency and CAP are all of Level 1. It is the delay that the pilot will "
-            "write about.",
+            "Damping, frequency and CAP are all of Level 1. The pilot will complain about the delay.",
         ),
         "trade": page.Question(
             "Move the unit of the maneuver from 0.2 to 1.0 s. Which stays the most constant, in "
@@ -234,8 +232,9 @@ def _(close, lab, page):
             page.choice(["inv_tau", "M_q", "delay and lag together", "M_alpha"]),
             lambda value: value == lab.most_constant(),
             "Write the four numbers down at 0.2, 0.5 and 1.0 s.",
-            "The record shows the sum well and its parts poorly. So it is with M_α, M_q, and the "
-            "lag: read equivalents together, never one by one.",
+            "The record determines the sum well and its parts poorly. The same holds "
+            "for M_α, M_q and the lag: use equivalent parameters together, never one "
+            "alone.",
         ),
         "band": page.Question(
             "Stick 1 in. Set the dead band from 0 to 0.4 in. By how many per cent does M_δ fall?",
@@ -250,17 +249,16 @@ def _(close, lab, page):
                 0.05,
             ),
             "M_δ at 0.4 in over M_δ at 0, from 1.",
-            "As good as 0.4 of 1 inch: a square-edged input through a break-out looks like a "
-            "smaller gain, and no test objects. Smooth stick "
-            "inputs would show it.",
+            "Nearly 0.4 of 1 inch: with a square-edged input a dead band acts like a "
+            "smaller gain, and no test detects it. Smooth stick inputs would show it.",
         ),
         "order": page.Question(
             "Take the noise away. How many of the tests of the residual fail now?",
             page.number_field("tests"),
             lambda value: value == lab.numbers(noise=False)["tests failed"],
             "The box `sensors are noisy`.",
-            "Eight numbers never were thirty states; the noise had hidden it. A model is good "
-            "enough for a purpose and for a noise.",
+            "Eight parameters cannot describe thirty states; the noise concealed it. "
+            "A model is good enough for a purpose and for a level of noise.",
         ),
     }
     answers = page.fields(questions)

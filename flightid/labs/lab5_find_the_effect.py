@@ -22,9 +22,9 @@ def _(page):
     page.heading(
         5,
         "Find the effect",
-        """To read a residual. Something acts on this flight that the rigid model does not know, or nothing does. You say first what it is; then the
-        tracing loop shows its
-        evidence; the truth is opened last.""",
+        """To read a residual. An effect that the rigid model does not contain acts on this
+        flight, or none does. First you guess what it is, then the tracing loop shows its
+        evidence, and last you open the truth.""",
     )
     return
 
@@ -50,14 +50,14 @@ def _(lab, mo, page):
 
     where $d$ is the response that the missing effect makes in the outputs, $S$ the sensitivities of the fitted parameters, $e$ the noise. Part of $d$
     has gone into the derivatives, which are now **biased**;
-    the rest stands in the residual and has a *signature*: in which channel, when, at which frequency, with which maneuver.
+    the rest remains in the residual and has a *signature*: in which channel, when, at which frequency, with which maneuver.
 
     **Reading it.** Which channels? What came before: a switch of the elevator, or nothing? Does it return, or fade, or grow? Is it one frequency?
 
     **What the loop does.** It tries each effect that it knows: how much of the residual does its signature explain (a *score*, one linear step), then
     a full fit, then the prediction of a **second record that was not fitted**.
-    An effect is claimed if the data force it: a gain in likelihood that noise would hardly give, and a better prediction. Where two effects explain
-    the data equally well it says so.
+    An effect is named if noise would hardly give such a gain in likelihood, and if the
+    prediction improves. If two effects explain the data equally well, the loop says so.
     """),
             mo.accordion(
                 {
@@ -165,11 +165,7 @@ def _(guess, mo, seed, set_locked, sure):
             guess,
             sure,
             show,
-            mo.md(
-                "*Choose first: the loop is shown to those who have said something.*"
-                if guess.value is None
-                else ""
-            ),
+            mo.md("*Choose first; then you can see the loop.*" if guess.value is None else ""),
         ]
     )
     return
@@ -322,8 +318,9 @@ def _(mo):
     mo.md(r"""
     ## Questions
 
-    1. Seed 1: in which channel does the residual stand, and which *measured* signal does it resemble? What geometry makes a sensor do that?
-    2. Seed 1: the loop names an alternative. Why do these data not tell the two apart, and which further channel or maneuver would?
+    1. Seed 1: which channel has the residual, and which *measured* signal does it resemble? What geometry makes a sensor do that?
+    2. Seed 1: the loop names an alternative. Why can these data not distinguish the two, and
+    which further channel or maneuver could?
     3. Why is the error on the *second* record a better judge than that on the first?
     4. Which of the suspects would bias the derivatives most while leaving the smallest residual?
     5. Play five seeds. Is your Brier score below 0.25? If you are wrong more often than you are sure, what do you look at first next time?

@@ -21,9 +21,9 @@ def _(page):
     page.heading(
         6,
         "Honest sigmas",
-        """To judge an estimator by the only test there is for its standard deviations: fly the same flight many times and compare how much the
-        estimates scatter with how much they
-        are said to. Then to break the sigmas in three ways, and to mend them.""",
+        """To test the standard deviations of an estimator: fly the same flight many times, and
+        compare the scatter of the estimates with the reported sigma. Then to make the sigmas
+        wrong in three ways, and to correct them.""",
     )
     return
 
@@ -199,9 +199,9 @@ def _(close, lab, page):
                 <= 1.5
             ),
             "Divide the fourth column by the sixth.",
-            "By next to nothing: this estimator wastes nothing, and it is honest. (It is a shade "
-            "below the bound because it also has a "
-            "prior, which the bound does not count.)",
+            "By almost nothing: this estimator is efficient, and its sigmas are "
+            "correct. (It is slightly below the bound because it also has a prior, "
+            "which the bound does not contain.)",
         ),
         "sensors": page.Question(
             "Believe in sensors twice as good as they are (0.5). What happens?",
@@ -214,17 +214,17 @@ def _(close, lab, page):
             ),
             lambda value: value == "sigma halves, the scatter stays",
             "Compare the columns `scatter` and `reported sigma` before and after.",
-            "Equal weights on all sensors, wrong by one factor, leave the estimate alone. Only the "
-            "statement is wrong.",
+            "A factor that is common to the weights of all sensors does not change "
+            "the estimate. Only the reported sigma is wrong.",
         ),
         "unmodelled": page.Question(
-            "Back to 1. Let process noise of 0.1 act and tell the filter nothing. By what factor "
+            "Back to 1. Let process noise of 0.1 act that the filter does not assume. By what factor "
             "does C_mδe scatter more than its sigma says?",
             page.number_field("times"),
             lambda value: close(value, lab.numbers(acting=0.1)["scatter over sigma of Cm_de"], 0.1),
             "The column `scatter / reported`.",
-            "Its autocorrelation shows why: the residual is coloured. Real records in calm air do "
-            "this too, for every model lacks something.",
+            "Its autocorrelation shows why: the residual is coloured. So are residuals of real records in calm air, since every model is "
+            "incomplete.",
         ),
         "corrected": page.Question(
             "The same flight by output error, whose sigmas are corrected for the colour. How many "
@@ -235,9 +235,8 @@ def _(close, lab, page):
                 abs(value - lab.numbers(acting=0.1, method="output error")["within 2 sigma"]) <= 3
             ),
             "The line under the table.",
-            "From 39 to 77: better by far, and still not 95. The correction knows the colour only "
-            "as well as one residual of one maneuver "
-            "can show it.",
+            "From 39 to 77: far better, but not 95. The correction estimates the "
+            "colour from the residual of one maneuver, which determines it poorly.",
         ),
         "right": page.Question(
             "Kalman filter again, 0.1 acts, and tell it 0.1. Sigmas are honest. By what factor has "
@@ -251,7 +250,7 @@ def _(close, lab, page):
                 0.1,
             ),
             "Divide the scatter at 0 told by the one at 0.1 told.",
-            "The right weights do not only say how good the estimate is, they make it better.",
+            "The right weights not only give correct sigmas, they also improve the estimate.",
         ),
         "modest": page.Question(
             "Now let nothing act, but tell the filter 0.1. Is that safe?",
@@ -265,7 +264,7 @@ def _(close, lab, page):
             ),
             lambda value: value is not None and value.startswith("it is safe"),
             "Compare reported sigma and bound for C_mα.",
-            "The sigma of C_mα is 4.5 times the bound. A modest sigma is not an honest one either.",
+            "The sigma of C_mα is 4.5 times the bound. A sigma that is too large is wrong as well.",
         ),
     }
     answers = page.fields(questions)

@@ -22,7 +22,7 @@ def _(page):
         8,
         "A sweep, its response, its margins",
         """To sweep the roll loop of a small aircraft in flight, to read a model and the stability margins off its frequency responses,
-        and to see what becomes of them when the excitation is not recorded.""",
+        and to see how wrong they are when the excitation is not recorded.""",
     )
     return
 
@@ -36,8 +36,8 @@ def _(mo):
 
     $$ e = r - f , \qquad p = P\,e , \qquad f = C\,p , \qquad L = C P . $$
 
-    $e$ is the command behind the sum and $f$ the signal that returns. The **broken-loop response** $L = f/e$ has the margins, though the loop is
-    never opened: where $|L| = 1$ the phase margin is the angle to $-180°$, where the angle is $-180°$ the gain margin is $-20 \log_{10} |L|$.
+    $e$ is the command behind the sum and $f$ the signal that returns. The **broken-loop response** $L =
+    f/e$ gives the margins, although the loop stays closed: where $|L| = 1$ the phase margin is the angle to $-180°$, where the angle is $-180°$ the gain margin is $-20 \log_{10} |L|$.
 
     *Noise goes round the loop.* The gyro and rough air put $n$ into $f$, and from there into $e$. A **direct** estimate
     $\hat L = S_{fe}/S_{ee}$ then mixes
@@ -158,7 +158,7 @@ def _(close, lab, page):
             page.number_field("deg"),
             lambda value: close(value, lab.numbers()["phase margin"], 0.03),
             "The table, or the bar in the second panel of the broken loop.",
-            "Its interval holds the true one: the loop was never opened, and no model was needed.",
+            "Its interval holds the true value. The loop stayed closed, and no model was needed.",
         ),
         "delay": page.Question(
             f"What is the longest delay of the slider with a true phase margin of {lab.ENOUGH:g} "
@@ -175,8 +175,8 @@ def _(close, lab, page):
             page.number_field("dB"),
             lambda value: value is not None and abs(value - 6.0) <= 0.5,
             "Compare `gain increase` before and after.",
-            "By 20 log 2 = 6 dB less what the integral does: the margin is counted in just that "
-            "unit.",
+            "By 20 log 2 = 6 dB, less the effect of the integral: a gain margin is "
+            "counted in the same unit.",
         ),
         "direct": page.Question(
             "Gain 0.22 again, gyro noise of 20 deg/s. Where does the direct estimate of the broken "
@@ -191,8 +191,8 @@ def _(close, lab, page):
             lambda value: value is not None and value.startswith("towards -1"),
             "Look at the distance from -1 in the last figure, and at the theory: what is f/e when "
             "there is no sweep?",
-            "Where noise is larger than the sweep, e = -f, whatever the law. The margins that it "
-            "shows are those of the noise.",
+            "Where noise is larger than the sweep, e = -f for any control law. The "
+            "margins shown are those of the noise.",
         ),
         "amplitude": page.Question(
             "Gyro noise of 5 deg/s. Raise the amplitude of the sweep from 0.1 to 0.2. What does "
@@ -200,8 +200,8 @@ def _(close, lab, page):
             page.choice(["it stays", "it halves about", "it doubles"]),
             lambda value: value == "it halves about",
             "Compare the sigmas of the phase margin in the table.",
-            "The random error goes with noise over signal. Twice the amplitude is worth four times "
-            "the flight.",
+            "The random error is proportional to noise over signal. Twice the "
+            "amplitude has the same effect as four times the flight time.",
         ),
     }
     answers = page.fields(questions)

@@ -21,8 +21,8 @@ def _(page):
     page.heading(
         9,
         "Terms of a model, from data",
-        """To find which terms the aerodynamic coefficients of an aircraft consist of, to see when a record cannot tell two terms apart, and why
-        a model that fits is not yet one that predicts.""",
+        """To find which terms the aerodynamic coefficients of an aircraft consist of, to see when a record cannot
+        distinguish two terms, and why a model that fits need not predict.""",
     )
     return
 
@@ -36,7 +36,7 @@ def _(mo):
 
     $$ C_m = \frac{I_y \dot q + (I_x - I_z)\, p r + I_{xz}\,(p^2 - r^2) - T z_T}{\bar q S \bar c} . $$
 
-    Each is taken for a sum $z = \theta_0 + \sum_j \theta_j\, t_j$ of **terms** $t_j$: signals ($\alpha$, $\hat q = q \bar c / 2V$, $\delta_e$) and
+    Each is modelled as a sum $z = \theta_0 + \sum_j \theta_j\, t_j$ of **terms** $t_j$: signals ($\alpha$, $\hat q = q \bar c / 2V$, $\delta_e$) and
     their products. Which of them? With eight signals there are 44 products up to the second degree.
 
     **Stepwise regression** takes in the term with the largest partial $F$ ratio, the sum of squares that it explains over the variance of
@@ -44,12 +44,13 @@ def _(mo):
 
     $$ \text{PSE} = \frac{1}{N}\sum_k (z_k - \hat z_k)^2 + \sigma^2_{max}\,\frac{n}{N} , \qquad R^2_{\text{left out}} = 1 - \frac{\sum_k (z_k - \hat z_k^{(-m)})^2}{\sum_k (z_k - \bar z)^2} . $$
 
-    The **predicted squared error** adds a price for each of the $n$ terms, $\sigma^2_{max}$ being the variance of $z$. The other leaves each maneuver $m$
-    out in turn and predicts it by what the rest gave.
+    The **predicted squared error** adds a penalty for each of the $n$ terms, $\sigma^2_{max}$ being the variance of $z$. The second number leaves out each
+    maneuver $m$ in turn and predicts it from the others.
 
-    **Collinearity.** Where columns go together, their sum is known and their parts are not. The *variance inflation factor* of a term (VIF) says how
-    many times larger its variance is than it would be if its column were orthogonal to the others; above 10 it is trouble. Two columns that
-    differ by a factor only do not show there: one of them keeps the other out.
+    **Collinearity.** If two columns are correlated, the sum of their effects is known, but not
+    each of them. The *variance inflation factor* of a term (VIF) says how
+    many times larger its variance is than it would be if its column were orthogonal to the others; values above 10 are critical. Two
+    proportional columns do not show a large VIF, because only one of them enters.
     """)
     return
 
@@ -167,7 +168,7 @@ def _(close, lab, page):
             lambda value: close(value, lab.numbers(axis="Cl", kind=lab.KINDS[1])["VIF"], 0.03),
             "Change how the surfaces move and read the last column.",
             "After a pulse an aircraft swings in its Dutch roll, where p, r and beta keep their "
-            "ratios. Surfaces that move on keep them apart.",
+            "ratios. Surfaces that keep moving change these ratios.",
         ),
         "linked": page.Question(
             "Pulses one after the other, Cn. Let the rudder follow the aileron. R² left out in turn "
@@ -176,7 +177,7 @@ def _(close, lab, page):
             lambda value: close(value, lab.numbers(axis="Cn", linked=True)["R2 not fitted"], 0.01),
             "The line below the table.",
             "-0.062 for the aileron is 0.004 + 0.6 times -0.110: the sum of both surfaces. "
-            "Maneuvers that share one fault of design vouch for each other.",
+            "Maneuvers that share a fault of design cannot reveal it.",
         ),
         "noise": page.Question(
             "Rudder free, multisines at once, Cm, noise of 10. How many maneuvers does it take "
@@ -184,17 +185,16 @@ def _(close, lab, page):
             page.number_field("maneuvers"),
             lambda value: value == lab.maneuvers_needed("alpha*elevator", "Cm", 10.0),
             "Move the number of maneuvers up from one.",
-            "F grows in proportion to the number of samples. A term that is not chosen is not zero: "
-            "the record has not shown it.",
+            "F grows in proportion to the number of samples. A term that is not chosen need not be zero: the record does not "
+            "determine it.",
         ),
         "degree": page.Question(
-            "One maneuver of pulses, usual noise, Cn, degree 3. What betrays that the terms are "
-            "not to be believed?",
+            "One maneuver of pulses, usual noise, Cn, degree 3. What shows that the terms cannot be trusted?",
             page.choice(["R²", "residual over noise", "VIF"]),
             lambda value: value == "VIF",
             "Compare all three with those at degree 1.",
-            "`alpha*rudder` and `alpha^2*rudder` have a VIF of 660: their sum does what the rudder "
-            "does where alpha hardly moves, and nothing else is known of either.",
+            "`alpha*rudder` and `alpha^2*rudder` have a VIF of 660: only their sum is known, because alpha hardly moves, and it acts like "
+            "the rudder.",
         ),
     }
     answers = page.fields(questions)

@@ -408,9 +408,8 @@ def unobservable_faults(
             if fault.channel == channel and lost
         ]
         if kinds:
-            out.append(
-                f"{channel}: {_listed(kinds)} leave{'s' if len(kinds) == 1 else ''} no trace"
-            )
+            be = "is" if len(kinds) == 1 else "are"
+            out.append(f"{channel}: {_listed(kinds)} {be} not observable")
     seen = np.flatnonzero(~silent)
     for family in FAMILIES:
         members = [i for i in seen.tolist() if faults[i].kind in family]
@@ -424,7 +423,7 @@ def unobservable_faults(
     return (
         *dict.fromkeys(out),
         *(
-            f"{_listed([f.name for f in group])} look alike"
+            f"{_listed([f.name for f in group])} cannot be told apart"
             for group in _alike(information, faults, seen.tolist())
         ),
     )

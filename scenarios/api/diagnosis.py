@@ -473,6 +473,20 @@ def survey(
     ------
     InputError : anything wrong in the file, in one line. A flight that cannot be used is told in
     ``failed``.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import mkdtemp
+    >>> import flightid as fid
+    >>> flight, folder = fid.simulate("trace-delay"), Path(mkdtemp())
+    >>> _ = flight.vehicle.save(folder / "bomber.toml")
+    >>> for name, record in (("first", flight.record), ("second", *flight.validate)):
+    ...     record.to_pandas().to_csv(folder / f"{name}.csv")
+    >>> content = 'model = "rigid"\\nvehicle = "bomber.toml"\\nrecords = "*.csv"'
+    >>> _ = (folder / "flights.toml").write_text(content)
+    >>> fid.survey(folder / "flights.toml", jobs=1)
+    <Survey of 2 flights: input-delay>
     """
     kept = Path(folder) if folder is not None else Path(mkdtemp(prefix="flightid-survey-"))
     found = surveying.survey_flights(

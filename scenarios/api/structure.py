@@ -139,6 +139,15 @@ def structure(
     References
     ----------
     V. Klein and E. A. Morelli, Aircraft System Identification, AIAA 2006, chapter 5.
+
+    Examples
+    --------
+    >>> from importlib.resources import files
+    >>> import flightid as fid
+    >>> airliner = files("scenarios") / "catalog" / "aircraft" / "airliner.toml"
+    >>> found = fid.structure(fid.simulate("aircraft-airliner").record, airliner)
+    >>> sorted(found.terms["Cm"])
+    ['1', 'alpha', 'elevator', 'q']
     """
     plan = plan_from(start, stop, hold, rate, lowpass, False, columns)
     request = with_parts(

@@ -397,7 +397,7 @@ def find_structure(
     found = structure_of_files(request, options)
     if out is not None:
         write_structure(found, out, figures=figures)
-    print(structure_text(found, terminal_width()), end="")
+    print(structure_text(found, terminal_width(), details_in(out)), end="")
     if out is not None:
         names = " ".join(str(each) for each in request.records)
         print(

@@ -515,7 +515,7 @@ def identification_page(
         warnings=tuple(map(as_sentence, (*found.doubts, *found.cautions, *reading))),
         sections=(
             *section("Recorded and estimated", *first_figure(drawn)[0]),
-            *section("What was found", *_found(found, flown)),
+            *section("Estimates", *_found(found, flown)),
             *section("Prediction", fits_table(found.fits)),
             *section("Further figures", *first_figure(drawn)[1]),
             *section("Residuals and noise", *_evidence(found)),
@@ -530,7 +530,7 @@ def identification_page(
 def _found(found: IdentificationResult, flown: Flown) -> list[Block]:
     blocks: list[Block] = [_estimates("Parameters", found, found.rows)]
     blocks += [estimates_table("Biases of the sensors", found.biases)] if found.biases else []
-    blocks += [derived_table("What follows from them", found.derived)] if found.derived else []
+    blocks += [derived_table("Derived quantities", found.derived)] if found.derived else []
     levels = (
         levels_line(mode_levels(found.modes, flown), flown, found.tests)
         if found.modes is not None
@@ -574,7 +574,7 @@ def _made(found: IdentificationResult) -> list[Block]:
     notes = tuple(as_sentence(note) for note in found.notes)
     blocks: list[Block] = [Bullets(parts), Bullets(notes)]
     blocks += [Prose(as_sentence(f"engine: {found.engine['sentence']}"))] if found.engine else []
-    return [*blocks, *([fixed_table("What was held", found.fixed)] if found.fixed else [])]
+    return [*blocks, *([fixed_table("Constants", found.fixed)] if found.fixed else [])]
 
 
 def _model(found: IdentificationResult) -> str:

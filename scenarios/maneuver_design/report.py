@@ -346,7 +346,7 @@ def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
             ),
             *(
                 section(
-                    "Who is told from whom",
+                    "Which effects are told apart",
                     contest_table(design, f"The {design.best.kind}"),
                     Prose(f"{RULE}.", "note"),
                 )
@@ -359,7 +359,7 @@ def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
             ),
             *section("Expected standard deviations", sigmas_table(design, "Cramer-Rao bounds")),
             *section(
-                "What it rests on", Bullets(tuple(map(as_sentence, map(capital, notes_of(design)))))
+                "Assumptions", Bullets(tuple(map(as_sentence, map(capital, notes_of(design)))))
             ),
         ),
         reproduction=reproduction(shlex.split(design.asked.command()), "", inputs),

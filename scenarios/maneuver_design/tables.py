@@ -21,7 +21,7 @@ from scenarios.report.document import (
     formatted,
     table,
 )
-from scenarios.report.quantities import shown_in, spaced
+from scenarios.report.quantities import shown_in, spaced, span_text
 
 # ---- Phrases
 
@@ -114,7 +114,7 @@ def flown_text(design: DesignResult) -> str:
 def _range(design: DesignResult, maneuver: DesignedManeuver, name: str) -> str:
     low, high = maneuver.flight.extremes[name]
     factor, unit = shown_in(unit_in(design.setting.model, name), name)
-    return f"{factor * low:.3g} .. {factor * high:.3g}{spaced(unit)}"
+    return f"{span_text(factor * low, factor * high)}{spaced(unit)}"
 
 
 def _ends(design: DesignResult, name: str, ends: tuple[float, float]) -> str:
@@ -166,8 +166,8 @@ def maneuvers_table(design: DesignResult) -> Table:
         columns.append((Column("chance", "%", printed="chance %"), chances))
     for name in outputs:
         ranges = list[Cell](_range(design, each, name) for each in some)
-        columns.append((Column(f"{name} from .. to", right=True), ranges))
-    columns.append((Column("held by"), [each.flight.bound_by or "amplitude" for each in some]))
+        columns.append((Column(f"{name} range", right=True), ranges))
+    columns.append((Column("limited by"), [each.flight.bound_by or "amplitude" for each in some]))
     return table("Equal amplitude and time, within the limits, the best first", *columns)
 
 

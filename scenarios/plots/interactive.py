@@ -19,6 +19,8 @@ from scenarios.report.plot_data import BAND, HELD, LINE, POINTS, Curve, Panel, P
 
 MOST = 4000  # samples of a curve; of more the extremes of each interval are kept
 CURVES = 40  # of one figure that zooms
+# Of words in a panel that a figure that zooms does without: a table beside it has them.
+ORNAMENT = "ornament"
 _SCALES = ("linear", "log")
 _GREEK = {
     "alpha": "α",
@@ -94,7 +96,8 @@ def _plain_panel(panel: Axes) -> bool:
     return (
         panel.get_xscale() in _SCALES
         and panel.get_yscale() in _SCALES
-        and not (panel.texts or panel.images or panel.tables)
+        and all(text.get_gid() == ORNAMENT for text in panel.texts)
+        and not (panel.images or panel.tables)
         and len(spans) == len(panel.patches)
         and len(bands) == len(panel.collections)
         and all(line.get_drawstyle() in ("default", "steps-post") for line in panel.lines)

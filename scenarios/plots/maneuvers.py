@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ident.maneuver_detection import AXES, PAUSE, Maneuver
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, axis_label, display_unit, plain
+from scenarios.plots.interactive import ORNAMENT
 from scenarios.plots.style import (
     BLACK,
     BLUE,
@@ -94,7 +95,9 @@ def figure_flight(found: Searched, title: str = "") -> Figure:
             or each.found.channel not in names
         ]
         for panel, (first, last) in zip(panels, parts, strict=True):
-            panel.fill_between(time, low, high, color=BLUE, linewidth=0.6, step=None)
+            if np.any(high > low):
+                panel.fill_between(time, low, high, color=BLUE, linewidth=0.6, step=None)
+            panel.plot(_filled(time), 0.5 * (low + high), color=BLUE, linewidth=0.6)
             for each in marked:
                 if first <= each.found.start <= last:
                     _mark(panel, each)
@@ -123,7 +126,14 @@ def _mark(panel: Axes, each: Numbered) -> None:
         panel.axvspan(one.start, one.end, color=LIGHT, alpha=0.6, linewidth=0.0, zorder=0.5)
         return
     colour = COLOURS[one.axis]
-    panel.axvspan(one.start, one.end, color=colour, alpha=0.3, linewidth=0.0, zorder=0.6)
+    panel.axvspan(
+        *(one.start, one.end),
+        color=colour,
+        alpha=0.3,
+        linewidth=0.0,
+        zorder=0.6,
+        label=f"{one.axis} maneuver",
+    )
     panel.axvline(one.start, color=colour, linewidth=0.7, zorder=0.7)
     middle = (0.5 * (one.start + one.end), 1.0)
     panel.annotate(
@@ -134,6 +144,7 @@ def _mark(panel: Axes, each: Numbered) -> None:
         va="bottom",
         fontsize=TICK_SIZE - 2.0,
         color=colour,
+        gid=ORNAMENT,
     )
 
 
@@ -160,6 +171,16 @@ def _parted(time: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.nda
         else np.array([], dtype=int)
     )
     return tuple(np.insert(values, pauses, np.nan) for values in (time, low, high))
+
+
+def _filled(time: np.ndarray) -> np.ndarray:
+    """Times with the holes at the moment after them, so that a line over them is rising and its
+    values alone have holes.
+    """
+    holes = np.flatnonzero(np.isnan(time))
+    filled = time.copy()
+    filled[holes] = time[holes + 1]
+    return filled
 
 
 def envelope(
@@ -418,7 +439,7 @@ def figure_shared(rows: Sequence[Shared], condition: str, unit: str, title: str 
         panel.axhline(shown.factor * row.common, color=BLUE, linewidth=1.2)
         for chosen, colour, label in (
             (row.has, BLACK, "has it, ±2σ"),
-            (~row.has, GREY, "has it not, or undecided"),
+            (~row.has, GREY, "does not have it, or undecided"),
         ):
             if np.any(chosen):
                 values, sigmas = (
@@ -460,7 +481,7 @@ def figure_effects(
         for chosen, face, label in (
             (p > 0.95, BLUE, "has it"),
             ((p >= 0.05) & (p <= 0.95), LIGHT, "undecided"),
-            (p < 0.05, "white", "has it not"),
+            (p < 0.05, "white", "does not have it"),
         ):
             if np.any(chosen):
                 at = x[chosen]

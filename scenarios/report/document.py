@@ -119,7 +119,7 @@ def estimate(value: float, sigma: float | None, unit: str = "") -> Cell:
 
 
 def brief_estimate(value: float, sigma: float, mark: str = "") -> Cell:
-    """An estimate with one digit of its sigma, as ``value_text`` shows it; ``mark`` follows it."""
+    """An estimate with two digits of its sigma, as ``value_text`` shows it; ``mark`` follows it."""
     if sigma == 0.0 and value != 0.0:
         return Number(value, shown=f"{value:.5g} (bound)")
     if not determined(value, sigma):

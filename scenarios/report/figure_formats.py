@@ -139,17 +139,13 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "maneuvers": (
             "Inputs and expected responses of every maneuver, the best first, with the limits"
         ),
-        "effects": (
-            "Which flight has which effect: filled, has it; grey, undecided; open, has it not"
-        ),
+        "effects": ("Effects by flight. Filled: has it; grey: undecided; open: does not have it"),
         "shared": "What each flight says of a shared value by itself, and the common value",
         "over": (
             "Derivatives of all flights over the condition, with the common line and the scatter "
             "between flights"
         ),
-        "flight": (
-            "The whole flight: inputs and motion, maneuvers with their numbers, trim points grey"
-        ),
+        "flight": ("The whole flight: inputs and motion, maneuvers shaded, trim points grey"),
         "response": (
             "Magnitude, phase and coherence over frequency, with 95 % bands; grey: outside the "
             "usable band"
@@ -174,6 +170,11 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
             "The prediction in the band that a test of simulator qualification allows about the "
             "measured channel"
         ),
+        "forces": "Force coefficients of each maneuver, measured and by the terms that were chosen",
+        "moments": (
+            "Moment coefficients of each maneuver, measured and by the terms that were chosen"
+        ),
+        "prediction": "Measured and predicted outputs, with the residuals",
         "watched": "Parameters while the stream arrived",
         "history": "Margins while the stream arrived, with their 95 % intervals",
         "qualities": (

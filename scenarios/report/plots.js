@@ -160,7 +160,7 @@
         },
         axes: [
           { ...axis, ...(panel.logX ? logarithmic : {}), size: panel.x ? 44 : 14, label: panel.x || undefined, labelSize: 18, labelFont: "12px system-ui, sans-serif", ...(panel.x ? {} : { values: (u, splits) => splits.map(() => "") }) },
-          { ...axis, ...(panel.logY ? logarithmic : {}), size: 62, space: 18 },
+          { ...axis, ...(panel.logY ? logarithmic : { space: 20 }), size: 62 },
         ],
         hooks: {
           setSelect: [(u) => { if (u.select.width > 3) this.show(group, u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x")); u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false); }],

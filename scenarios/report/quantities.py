@@ -115,7 +115,7 @@ UNDETERMINED = "not determined by these data"
 
 
 def with_sigma(quantity: Quantity, unit: str | None = None, name: str = "") -> str:
-    """``"0.061 +- 0.001 s"``, angles in degrees, frequencies in rad/s and Hz, digits by the sigma;
+    """``"0.0610 +- 0.0012 s"``, angles in degrees, frequencies in rad/s and Hz, digits by the sigma;
     ``unit`` replaces the quantity's own.
     """
     value, std, text = displayed(quantity, name)
@@ -130,7 +130,7 @@ def with_sigma(quantity: Quantity, unit: str | None = None, name: str = "") -> s
 
 
 def value_text(value: float, std: float, unit: str = "") -> str:
-    """``"0.061 +- 0.001 s"``; a sigma that says nothing is told as such, one of zero is that of a
+    """``"0.0610 +- 0.0012 s"``; a sigma that says nothing is told as such, one of zero is that of a
     value at its bound.
     """
     shown = spaced(unit)
@@ -142,7 +142,7 @@ def value_text(value: float, std: float, unit: str = "") -> str:
 
 
 def value_parts(value: float, std: float) -> tuple[str, str]:
-    """Value and sigma by themselves, with one digit of the sigma, two where it begins with 1."""
+    """Value and sigma by themselves, with two digits of the sigma."""
     digits = _digits(std)
     if digits < 7:
         return f"{value:.{digits}f}", f"{std:.{digits}f}"
@@ -166,9 +166,8 @@ def _number(value: float, std: float) -> str:
 
 
 def _digits(std: float) -> int:
-    """Decimals that show two digits of a sigma that begins with 1, else one."""
-    power = math.floor(math.log10(std))
-    return max(0, -power + (1 if std / 10.0**power < 1.95 else 0))
+    """Decimals that show two digits of a sigma."""
+    return max(0, 1 - math.floor(math.log10(std)))
 
 
 def determined(value: float, std: float) -> bool:
@@ -176,6 +175,15 @@ def determined(value: float, std: float) -> bool:
     knowledge of it.
     """
     return 0.0 < std < math.inf and (std < 1e3 * abs(value) or (abs(value) < 1e-3 and std < 1.0))
+
+
+def span_text(low: float, high: float) -> str:
+    """``"-4.40 to 3.82"``: both ends with the decimals that give the larger one three digits."""
+    largest = max(abs(low), abs(high))
+    digits = max(0, 2 - math.floor(math.log10(largest))) if largest > 0.0 else 0
+    return " to ".join(
+        f"{end + 0.0 if round(end, digits) else 0.0:.{digits}f}" for end in (low, high)
+    )
 
 
 # ---- Numbers and single lines as the terminal shows them
@@ -228,7 +236,7 @@ def number_text(value: float, std: float | None = None) -> str:
     from math import floor, log10
 
     last = floor(log10(std)) - 1  # the decimal place of the deviation's second digit
-    if last >= -5 or (last >= -7 and abs(value) >= 0.01):
+    if last >= -7:
         return f"{value:.{max(0, -last)}f}"
     return f"{value:.{max(1, floor(log10(max(abs(value), std))) - last)}e}"
 

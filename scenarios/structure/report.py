@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.structure.collinearity import HIGH_INDEX, HIGH_INFLATION
-from ident.structure.selection import Selection, columns_of
+from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, columns_of
 from scenarios.files.aircraft_files import written
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
@@ -24,6 +24,7 @@ from scenarios.report.document import (
     Column,
     Page,
     Table,
+    estimate,
     formatted,
     now,
     reproduction,
@@ -33,6 +34,7 @@ from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures as page_figures
 from scenarios.report.folder import write_page
 from scenarios.report.shared_tables import rows_table
+from scenarios.report.summary import BELOW, Summary, summary_lines
 from scenarios.report.terminal import table_as_lines
 from scenarios.report.text_tables import WIDTH, wrapped
 from scenarios.structure.study import FoundStructure
@@ -48,15 +50,11 @@ VEHICLE = "vehicle.toml"
 TOGETHER = 0.98  # correlation of two surfaces: a variance inflation of 25
 
 
-def structure_text(found: FoundStructure, width: int = WIDTH) -> str:
-    """What was found, for the terminal."""
-    names = ", ".join(each.name for each in found.histories)
-    first = found.histories[0]
-    count = sum(len(each.time) for each in found.histories)
-    lines = wrapped(
-        f"{names}: {count} windows, angular accelerations to {first.bandwidth:.2g} Hz, "
-        f"{found.options.method}{', hierarchical' if found.options.hierarchical else ''}",
-        width,
+def structure_text(found: FoundStructure, width: int = WIDTH, details: str = BELOW) -> str:
+    """What was found, for the terminal; ``details``: where the rest is kept."""
+    lines = [*summary_lines(structure_summary(found, details), width), ""]
+    lines += wrapped(
+        f"angular accelerations to {found.histories[0].bandwidth:.2g} Hz; {_method(found)}", width
     )
     lines += table_as_lines(summary_table(found), width, keys=1)
     if found.predicted:
@@ -66,6 +64,35 @@ def structure_text(found: FoundStructure, width: int = WIDTH) -> str:
     for sentence in findings(found):
         lines += wrapped(sentence, width)
     return "\n".join(lines) + "\n"
+
+
+def structure_summary(found: FoundStructure, details: str = BELOW) -> Summary:
+    """The records, how many terms were chosen, the lowest R2, and the residual over the noise."""
+    names = ", ".join(each.name for each in found.histories)
+    windows = sum(len(each.time) for each in found.histories)
+    some = found.selections
+    lacking = [axis for axis, each in some.items() if each.lacking]
+    worst = min(some.values(), key=lambda each: each.r2)
+    result = f"lowest R2 {worst.r2:.4f} ({worst.axis})"
+    held = [(r2, axis) for told in found.predicted.values() for axis, r2 in told.items()]
+    if held:
+        result += "; on records that were not fitted {:.4f} ({})".format(*min(held))
+    ratios = [each.ratio for each in some.values()]
+    return Summary(
+        f"{names}: {windows} windows; {found.aircraft.name}",
+        f"terms are missing in {', '.join(lacking)}"
+        if lacking
+        else f"terms found: {', '.join(f'{axis} {len(e.terms)}' for axis, e in some.items())}",
+        result,
+        f"{min(ratios):.2f} to {max(ratios):.2f} times the noise",
+        details,
+    )
+
+
+def _method(found: FoundStructure) -> str:
+    """The method in words."""
+    words = {STEPWISE: "stepwise regression", ORTHOGONAL: "orthogonal functions"}
+    return words[found.options.method] + (", hierarchical" if found.options.hierarchical else "")
 
 
 def summary_table(found: FoundStructure) -> Table:
@@ -88,7 +115,7 @@ def summary_table(found: FoundStructure) -> Table:
         *((Column("R2 left out"),) if _several(found) else ()),
         Column("residual/noise"),
     )
-    return rows_table("coefficients", columns, rows)
+    return rows_table("coefficient of determination, and residual over noise", columns, rows)
 
 
 def prediction_table(found: FoundStructure) -> Table:
@@ -112,8 +139,7 @@ def terms_table(found: FoundStructure, axis: str) -> Table:
         rows.append(
             [
                 "constant" if not term.factors else term.text,
-                formatted(float(value), ".4g", PURE),
-                formatted(float(sigma), ".2g", PURE),
+                estimate(float(value), float(sigma)),
                 formatted(step.F, ".3g", PURE) if step else "",
                 formatted(step.r2, ".4f", PURE) if step else "",
                 *_held(step.held_out if step else math.nan, found),
@@ -122,8 +148,9 @@ def terms_table(found: FoundStructure, axis: str) -> Table:
             ]
         )
     left = ("R2 left out",) if _several(found) else ()
-    heads = ("term", "value", "sigma", "F", "R2", *left, "PSE", "VIF")
-    return rows_table(axis, [Column(head, code=head == "term") for head in heads], rows)
+    columns = [Column("term", code=True), Column("estimate ± σ", PURE, printed="estimate")]
+    columns += [Column(head) for head in ("F", "R2", *left, "PSE", "VIF")]
+    return rows_table(axis, columns, rows)
 
 
 def _several(found: FoundStructure) -> bool:
@@ -145,7 +172,7 @@ def findings(found: FoundStructure) -> list[str]:
         if each.lacking:
             term, F, share = each.lacking[0]
             told.append(
-                f"{axis} lacks something: its residual is {each.ratio:.1f} times the noise, and "
+                f"{axis} lacks terms: its residual is {each.ratio:.1f} times the noise, and "
                 f"{term.text}, which was not offered, explains {100 * share:.0f} % of it "
                 f"(F {F:.3g})."
             )
@@ -157,7 +184,9 @@ def findings(found: FoundStructure) -> list[str]:
         rest = set(found.other[axis].terms) ^ set(each.terms)
         if rest:
             names = ", ".join(sorted(t.text for t in rest))
-            told.append(f"{axis}: the methods differ in {names}.")
+            told.append(
+                f"{axis}: of stepwise regression and orthogonal functions one alone chose {names}."
+            )
     for axis, together in found.collinearity.items():
         index = float(together.indices[0]) if len(together.indices) else 1.0
         high = [t.text for t, v in zip(together.terms, together.inflation, strict=True) if v > 10]
@@ -252,12 +281,17 @@ def structure_page(found: FoundStructure, drawn: Sequence[Drawn] = ()) -> Page:
         ("vehicle" if each is found.files[-1] else "record", each.name, each.sha256)
         for each in found.files
     ]
+    fitted = {each.name for each in found.histories}
+    records = [each.name for each in found.files[:-1]]
+    told = ["flightid", "structure", *(name for name in records if name in fitted)]
+    held = [name for name in records if name not in fitted]
+    told += ["--vehicle", found.files[-1].name, *(["--validate", *held] if held else [])]
     return Page(
         title=f"{found.aircraft.name}: model structure",
-        kind=f"terms of six coefficients by {found.options.method} regression",
-        verdict=f"{', '.join(lacking)} lacks something" if lacking else "terms found",
+        kind=f"Terms of six coefficients by {_method(found)}",
+        verdict=f"terms are missing in {', '.join(lacking)}" if lacking else "terms found",
         tone="open" if lacking else "plain",
-        sentence=f"{worst.axis} is described worst, R2 {worst.r2:.3f}.",
+        sentence=f"The lowest R2 is that of {worst.axis}: {worst.r2:.3f}.",
         summary=(),
         warnings=(),
         sections=(
@@ -268,7 +302,7 @@ def structure_page(found: FoundStructure, drawn: Sequence[Drawn] = ()) -> Page:
             *section("Terms", *(terms_table(found, axis) for axis in found.selections)),
             *section("How it was made", Bullets(found.notes)),
         ),
-        reproduction=reproduction(["flightid", "structure"], "", inputs),
+        reproduction=reproduction(told, "", inputs),
         created=now(),
     )
 

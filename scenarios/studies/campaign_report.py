@@ -70,8 +70,8 @@ from scenarios.studies.campaign_trials import (
 TITLE = "wrong sigmas, why, and right ones beside them"
 LEVELS_TITLE = "noise levels by likelihood beside those that are assumed"
 NONE = (
-    "no reported sigma is told from a right one by these runs: the two-sigma coverage of every "
-    "parameter is that of a normal distribution"
+    "no reported sigma differs significantly from the scatter of these runs: the two-sigma "
+    "coverage of every parameter is that of a normal distribution"
 )
 
 # Of each cause a word for tables, and what there is to say of it.

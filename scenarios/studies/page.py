@@ -66,7 +66,7 @@ def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
         warnings=tuple(as_sentence(line) for line in (main.result.estimate.message,) if line),
         sections=(
             *section("Recorded and estimated", *first),
-            *section("What was found", *_found(study, main)),
+            *section("Estimates", *_found(study, main)),
             *section(
                 "Other methods", parts=tuple(_method(study, method) for method in study.methods[1:])
             ),
@@ -123,7 +123,7 @@ def _found(study: StudyResult, method: MethodResult) -> list[Block]:
             with_display(study, method.rows),
         )
     ]
-    blocks += [derived_table("What follows from them", method.derived)] if method.derived else []
+    blocks += [derived_table("Derived quantities", method.derived)] if method.derived else []
     return [*blocks, *(Prose(as_sentence(line)) for line in sentences if line)]
 
 
@@ -196,5 +196,5 @@ def _made(study: StudyResult) -> list[Block]:
         else []
     )
     blocks += [Prose(as_sentence(vehicle))] if vehicle else []
-    blocks += [fixed_table("What was held", study.main.fixed)] if study.main.fixed else []
+    blocks += [fixed_table("Constants", study.main.fixed)] if study.main.fixed else []
     return blocks

@@ -168,11 +168,11 @@ def _drawn(each: Derivative, survey: SurveyResult, condition: str) -> OverCondit
 # ---- The page of a survey: opened each morning, what is new first
 
 HOW = (
-    "Each flight was fitted with every set of the effects that several flights name. An effect "
-    "recurs where all flights together, the loudest "
-    "left out, show one value of it beyond chance; a flight has it, or has it not, from 95 % "
-    "probability on. Derivatives are those of each "
-    "flight's own set, with shared values known from the other flights"
+    "Each flight was fitted with every combination of the effects that several flights name. An "
+    "effect recurs if the flights agree on one value of it more than chance explains, even without "
+    "the flight that shows it most. A flight has it, or does not have it, at 95 % probability. "
+    "The derivatives of a flight are estimated with its own effects; shared values are known from "
+    "the other flights"
 )
 
 
@@ -212,7 +212,7 @@ def survey_page(
                 Bullets(tuple(map(as_sentence, map(capital, fresh(survey))))),
             ),
             *section(
-                "What recurs",
+                "Recurring effects",
                 effects_table(survey),
                 Bullets(tuple(map(as_sentence, told))),
                 Prose(as_sentence(HOW), "note"),
@@ -232,7 +232,7 @@ def survey_page(
                 Bullets(tuple(map(as_sentence, alone))),
             ),
             *section(
-                "What it rests on",
+                "Assumptions",
                 Bullets(tuple(map(as_sentence, (*_rests(survey), *survey.notes)))),
             ),
         ),
@@ -258,15 +258,15 @@ def _tone(survey: SurveyResult) -> str:
 def _rests(survey: SurveyResult) -> list[str]:
     tried = listed(survey.tried, 10) or "none, since no two flights name the same"
     return [
-        f"Effects that were asked of all flights: {tried}",
-        f"The chance of a false recurrence counts {LIBRARY} candidates (Bonferroni); trends and "
-        "differences have a false discovery rate of 5 %",
-        "Sigmas of common values and trends hold the scatter between flights (restricted maximum "
-        "likelihood, Hartung and Knapp)",
-        "Flights are combined by their estimates with covariances, which is the joint fit as far "
-        "as each likelihood is quadratic",
-        "A trend is told with one condition at a time: where conditions go together, either may be "
-        "the cause",
+        f"Effects tested on all flights: {tried}",
+        f"The chance of a false recurrence is corrected for {LIBRARY} candidates (Bonferroni); "
+        "trends and differences are tested at a false discovery rate of 5 %",
+        "Sigmas of common values and trends include the scatter between flights (restricted "
+        "maximum likelihood, Hartung and Knapp)",
+        "Flights are combined by their estimates and covariances, which equals a joint fit where "
+        "each likelihood is quadratic",
+        "A trend is fitted with one condition at a time: where two conditions are correlated, "
+        "either may be the cause",
     ]
 
 

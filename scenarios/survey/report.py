@@ -41,7 +41,7 @@ from scenarios.survey.survey import SurveyResult
 AT_THE_INPUT = ("actuator-lag", "actuator-second-order", "input-delay", "input-recorded-late")
 FORCES = ("CL_", "CD_", "CX_", "CY_", "CZ_")
 FAR = 1e-99  # a chance below it is told as one
-HAS, HAS_NOT, UNTOLD = "has it", "has it not", "undecided"
+HAS, HAS_NOT, UNTOLD = "has it", "does not have it", "undecided"
 
 
 def verdict_of(survey: SurveyResult) -> tuple[str, str]:
@@ -62,9 +62,9 @@ def verdict_of(survey: SurveyResult) -> tuple[str, str]:
 
 
 def verdicts_phrase(survey: SurveyResult) -> str:
-    """``"by themselves 26 flights are traced, 11 ambiguous"``."""
+    """``"each flight diagnosed alone: 26 traced, 11 ambiguous"``."""
     counts = [f"{count} {verdict}" for verdict, count in survey.verdicts.items()]
-    return f"by themselves, flights are: {', '.join(counts)}" if counts else ""
+    return f"each flight diagnosed alone: {', '.join(counts)}" if counts else ""
 
 
 def effect_phrase(each: Recurring) -> str:
@@ -131,8 +131,8 @@ def rivals_phrase(each: Recurring) -> str:
     out = []
     if equal:
         out.append(
-            f"likelihood does not tell it from {' or '.join(equal)}: named by the derivatives, "
-            "which it scatters less, or by the flights' diagnoses"
+            f"equally likely: {' or '.join(equal)}; chosen since the derivatives agree better "
+            "between flights, or by the flights' diagnoses"
         )
     if told:
         least = (
@@ -146,8 +146,8 @@ def rivals_phrase(each: Recurring) -> str:
         )
     if each.name in AT_THE_INPUT:
         out.append(
-            "the same filter or delay before all recorded outputs alike would do as well: a linear "
-            "aircraft cannot tell the two apart"
+            "the same lag or delay in all recorded outputs fits as well: a linear model cannot "
+            "tell the two apart"
         )
     return "; ".join(out)
 
@@ -189,7 +189,7 @@ def hints(survey: SurveyResult) -> list[str]:
     change = "change" if len(forces) > 1 else "changes"
     return [
         f"{' and '.join(forces)} {change} with mass, which no force coefficient does by itself: "
-        "check the masses that the flights were given"
+        "check the masses in the file of flights"
     ]
 
 
@@ -219,11 +219,11 @@ def news(survey: SurveyResult) -> str:
 def single_phrases(survey: SurveyResult) -> list[str]:
     """Effects that flights claim and that do not recur."""
     out = [
-        f"{effect} is claimed in {listed(flights)} and does not recur"
+        f"{effect} is named in {listed(flights)} and does not recur"
         for effect, flights in survey.alone.items()
     ]
     return out + [
-        f"{effect} is claimed in {listed(flights)}, where what recurs explains as much"
+        f"{effect} is named in {listed(flights)}, where the recurring effects explain as much"
         for effect, flights in survey.needless.items()
     ]
 
@@ -235,9 +235,9 @@ def fresh(survey: SurveyResult) -> list[str]:
         kept = survey.grown.kept[name]
         has = [each.name for each in survey.recurs if name in each.has]
         besides = (
-            f"; of what recurs it has {' and '.join(has)}"
+            f"; it has the recurring {' and '.join(has)}"
             if has
-            else "; it has nothing of what recurs"
+            else "; it has no recurring effect"
             if survey.recurs
             else ""
         )
@@ -283,7 +283,7 @@ def effects_table(survey: SurveyResult) -> Table:
         for p in (each.found.p_value for each in some)
     ]
     return table(
-        "what recurs",
+        "effects that recur",
         (Column("effect"), [each.name for each in some]),
         (Column("common value"), ["; ".join(values_of(each)) for each in some]),
         (
@@ -291,11 +291,11 @@ def effects_table(survey: SurveyResult) -> Table:
             [whose.get(each.found.belongs, "some flights") for each in some],
         ),
         (Column("have it", PURE), counts(lambda each: each.has)),
-        (Column("have it not", PURE), counts(lambda each: each.has_not)),
+        (Column("do not have it", PURE), counts(lambda each: each.has_not)),
         (Column("undecided", PURE), counts(lambda each: each.untold)),
-        (Column("named alone", PURE), counts(lambda each: each.named)),
-        (Column("one value", right=True), ["yes" if e.found.agrees else "no" for e in some]),
-        (Column("chance", PURE), chances),
+        (Column("named by the flight alone", PURE), counts(lambda each: each.named)),
+        (Column("values agree", right=True), ["yes" if e.found.agrees else "no" for e in some]),
+        (Column("chance of a false recurrence", PURE), chances),
     )
 
 

@@ -60,7 +60,13 @@ from scenarios.watching.spectral import (
     spectral_content,
     undetermined,
 )
-from scenarios.watching.study import NAME, Outcome, reference_content, so_far
+from scenarios.watching.study import (
+    NAME,
+    Outcome,
+    differences_table,
+    reference_content,
+    so_far,
+)
 
 SHOWN = 4  # parameters in a line, the best known ones
 
@@ -205,17 +211,21 @@ def spectral_page(
     )
     fixed = {key: (each["value"], each["unit"]) for key, each in content.get("fixed", {}).items()}
     return Page(
-        title=f"{capital(content['vehicle'])}: a stream identified while it arrived",
+        title=f"{capital(content['vehicle'])}: identified from a stream",
         kind=f"Watch of {name}, {content['model']}, equation error in the frequency domain",
         verdict=verdict,
         tone="fair" if outside else "good" if content["parameters"] else "open",
-        sentence=as_sentence(told),
-        summary=(),
+        sentence=as_sentence(_against(content["reference"]) if "reference" in content else told),
+        summary=(as_sentence(told),) if "reference" in content else (),
         warnings=tuple(map(as_sentence, content.get("warnings", ()))),
         sections=(
             *first,
-            *section("What was found", *found_blocks(content)),
-            *section("How it was made", fixed_table("What was held", fixed)),
+            *section("Estimates", *found_blocks(content)),
+            *section(
+                "Against the reference",
+                differences_table(content["reference"]) if "reference" in content else None,
+            ),
+            *section("How it was made", fixed_table("Constants", fixed)),
         ),
         reproduction=reproduction(
             usual_command(name, content["model"], vehicle),
@@ -224,6 +234,14 @@ def spectral_page(
         ),
         created=now(),
     )
+
+
+def _against(reference: Mapping[str, Any]) -> str:
+    """How many quantities are outside the reference's bounds, and which."""
+    outside, count = reference["outside"], len(reference["differences"])
+    names = f": {', '.join(outside)}" if outside else ""
+    study = reference["study"]
+    return f"{len(outside)} of {count} quantities are more than two sigmas off {study}{names}"
 
 
 def found_blocks(content: Mapping[str, Any]) -> list[Block]:
@@ -239,7 +257,7 @@ def found_blocks(content: Mapping[str, Any]) -> list[Block]:
     }
     return [
         estimates_table("Parameters", rows),
-        *([derived_table("What follows from them", derived)] if derived else []),
+        *([derived_table("Derived quantities", derived)] if derived else []),
     ]
 
 

@@ -358,7 +358,7 @@ def watch_page(
         content["method"], "refined over all rows"
     )
     return Page(
-        title=f"{capital(content['vehicle'])}: a stream identified while it arrived",
+        title=f"{capital(content['vehicle'])}: identified from a stream",
         kind=f"Watch of {name}, low-order equivalent system, {refined}",
         verdict="outside the reference"
         if outside
@@ -369,7 +369,7 @@ def watch_page(
         warnings=tuple(content.get("warnings", ())),
         sections=(
             *first,
-            *section("What was found", *_found(content)),
+            *section("Estimates", *_found(content)),
             *section(
                 "As the stream left it", *(_found(methods["online"]) if "online" in methods else ())
             ),
@@ -377,12 +377,12 @@ def watch_page(
                 "In the frequency domain",
                 *(_found(methods["frequency-domain"]) if "frequency-domain" in methods else ()),
             ),
-            *section("Against the reference", _differences(reference) if reference else None),
+            *section("Against the reference", differences_table(reference) if reference else None),
             *section("The bank of delays", _bank(content["bank"])),
             *section(
                 "How it was made",
                 fixed_table(
-                    "What was held",
+                    "Constants",
                     {key: (each["value"], each["unit"]) for key, each in content["fixed"].items()},
                 ),
             ),
@@ -420,15 +420,16 @@ def _found(content: Mapping[str, Any]) -> list[Block]:
     derived = {name: (each["estimate"], each["std"]) for name, each in content["derived"].items()}
     return [
         estimates_table("Parameters", rows),
-        *([derived_table("What follows from them", derived)] if derived else []),
+        *([derived_table("Derived quantities", derived)] if derived else []),
     ]
 
 
-def _differences(reference: Mapping[str, Any]) -> Table:
+def differences_table(reference: Mapping[str, Any]) -> Table:
+    """Each quantity of the reference, and how far the last estimate is from it."""
     columns = (
         Column("quantity"),
         Column("reference ± σ", BY_ROW),
-        Column("apart", "σ"),
+        Column("difference", "σ"),
         Column("remark"),
     )
     rows: list[tuple[Cell, ...]] = []

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import io
+import zipfile
 from collections.abc import Mapping
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from pathlib import Path
 
+from flightid.labs.workings import model_structure
 from scenarios.cli import main
 
 FLIGHTS = """model = "rigid"
@@ -21,6 +23,7 @@ records = ["flight_validate.csv"]
 [[flights]]
 records = ["clean.csv"]
 """
+MANEUVERS = ("maneuver_1.csv", "maneuver_2.csv", "maneuver_3.csv")
 MODEL = ("--model", "rigid", "--vehicle", "flight_vehicle.toml")
 # Kind of page -> the command that writes it, in the order in which they need each other.
 COMMANDS: Mapping[str, tuple[str, ...]] = {
@@ -40,9 +43,13 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
     "compare": ("compare", "run", "run-filter"),
     "survey": ("survey", "flights.toml"),
     "watch": ("watch", "flight.csv", *MODEL, "--reference", "identify", "--idle", "1"),
+    "structure": (
+        *("structure", *MANEUVERS, "--vehicle", "vehicle.toml"),
+        *("--validate", "not_fitted.csv"),
+    ),
 }
-# Fewer, for tests that look at one thing on each form of page.
-FEW = ("run", "identify", "diagnose", "predict", "check", "design", "compare", "watch")
+# What tests look at: all forms of page, each once.
+KINDS = tuple(kind for kind in COMMANDS if kind not in ("run-filter", "run-trace"))
 
 
 def make_pages(folder: Path, kinds: tuple[str, ...] = tuple(COMMANDS)) -> dict[str, Path]:
@@ -57,6 +64,10 @@ def make_pages(folder: Path, kinds: tuple[str, ...] = tuple(COMMANDS)) -> dict[s
     _typed(folder, "simulate", "trace-delay", "--out", "flight.csv")
     _typed(folder, "simulate", "trace-nothing", "--out", "clean.csv")
     (folder / "flights.toml").write_text(FLIGHTS, encoding="utf-8")
+    if "structure" in needed:
+        files = io.BytesIO(model_structure.archive(model_structure.study()))
+        with zipfile.ZipFile(files) as packed:
+            packed.extractall(folder)
     pages = {}
     for kind, command in COMMANDS.items():
         if kind in needed:

@@ -41,6 +41,7 @@ class Servers:
 
     def __init__(self) -> None:
         self._ends = contextlib.ExitStack()
+        self._sessions: dict[str, int] = {}
 
     def __enter__(self) -> Servers:
         return self
@@ -85,6 +86,7 @@ class Servers:
             )
         self._ends.callback(_end, running)
         address = f"http://127.0.0.1:{port}/"
+        self._sessions[address] = running.pid
         deadline = time.monotonic() + PATIENCE
         while time.monotonic() < deadline and running.poll() is None:
             if _answers(address):
@@ -93,6 +95,23 @@ class Servers:
         raise AssertionError(
             f"{command} does not serve {address}:\n{printed.read_text(errors='replace')}"
         )
+
+    def busy(self, address: str) -> float:
+        """Processor time that the command which serves an address has taken so far, s."""
+        return _processor_time(self._sessions[address])
+
+
+def _processor_time(session: int) -> float:
+    """Of all processes of a session, with the children that have ended, s."""
+    ticks = 0
+    for each in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = each.read_text().rpartition(")")[2].split()
+        except OSError:  # it ended meanwhile
+            continue
+        if int(fields[3]) == session:
+            ticks += sum(map(int, fields[11:15]))
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 def _answers(address: str) -> bool:

@@ -18,6 +18,7 @@ import pytest
 from scenarios.report.document import Column, Number, Section, Table
 from scenarios.report.folder import write_page
 from tests.browser.complaints import Complaints, fits, keep_picture
+from tests.browser.paper import words_of
 from tests.pages import HOSTILE, PAGE
 
 if TYPE_CHECKING:
@@ -173,18 +174,6 @@ def test_text_of_users_neither_runs_nor_shows_as_markup(page: Page, pages: dict[
     page.goto(pages["everything"].as_uri())
     assert page.locator("h1").inner_text() == f"rigid {HOSTILE}"
     assert page.locator("script").count() == 1
-
-
-def words_of(path: Path) -> list[int]:
-    """Words on each page of a PDF."""
-    told = subprocess.run(["pdfinfo", path], check=True, capture_output=True, text=True).stdout
-    count = int(told.partition("Pages:")[2].split()[0])
-    asked = (
-        ["pdftotext", "-f", str(number), "-l", str(number), str(path), "-"]
-        for number in range(1, count + 1)
-    )
-    printed = (subprocess.run(each, check=True, capture_output=True, text=True) for each in asked)
-    return [len(each.stdout.split()) for each in printed]
 
 
 @pytest.mark.parametrize("name", ["everything", "study", "compared", "diagnosis"])

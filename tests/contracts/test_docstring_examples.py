@@ -10,8 +10,6 @@ import pytest
 
 import flightid
 
-# Functions whose records take too long for a docstring; `docs/how-to` shows them.
-ON_THE_PAGE = {"structure", "survey"}
 FUNCTIONS = [name for name in flightid.__all__ if inspect.isfunction(getattr(flightid, name))]
 MODULES = [
     "scenarios.api.checks",
@@ -35,7 +33,7 @@ MODULES = [
 def test_a_function_shows_an_example(name: str) -> None:
     text = inspect.getdoc(getattr(flightid, name)) or ""
     assert len(text.splitlines()) > 1
-    assert (">>> " in text) is (name not in ON_THE_PAGE)
+    assert ">>> " in text
 
 
 @pytest.mark.sampled
@@ -46,5 +44,5 @@ def test_examples_run(name: str) -> None:
 
 
 def test_every_example_is_of_a_module_that_runs() -> None:
-    homes = {getattr(flightid, name).__module__ for name in FUNCTIONS if name not in ON_THE_PAGE}
+    homes = {getattr(flightid, name).__module__ for name in FUNCTIONS}
     assert homes <= set(MODULES)

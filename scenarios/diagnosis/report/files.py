@@ -195,7 +195,7 @@ def _derivatives(tracing: Tracing) -> tuple[Section, ...]:
         _capital(brief),
         Prose(f"{_capital(told.removesuffix(')'))}.", "note") if told else None,
         tables.derivatives_table(d, "Derivatives"),
-        tables.derived_table(d, "What follows from them"),
+        tables.derived_table(d, "Derived quantities"),
         Prose(f"{note}; those of the frequency, the damping and the like follow.{scatter}", "note")
         if note
         else None,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +14,7 @@ import pytest
 
 pytest.importorskip("marimo", reason='no marimo: python -m pip install -e ".[labs]"')
 
-from tests.browser.complaints import fits, keep_picture
+from tests.browser.complaints import Complaints, fits, keep_picture
 from tests.browser.conftest import DESKTOP, PHONE
 from tests.browser.labs.opened import (
     LABS,
@@ -28,7 +29,7 @@ from tests.browser.labs.opened import (
 from tests.browser.serving import Servers
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
+    from playwright.sync_api import Browser, Page
 
 # A text of each lab's last part.
 LAST: Mapping[int, str] = {
@@ -49,14 +50,38 @@ def address(servers: Servers, tmp_path_factory: pytest.TempPathFactory) -> Calla
     return served
 
 
+@pytest.fixture(scope="module")
+def lab(chromium: Browser, address: Callable[[int], str]) -> Iterator[Callable[[int], Page]]:
+    """Function of a lab's number that gives its page, 1280 px wide. It is opened once, and a test
+    goes on where the one before left it.
+    """
+    heard: list[Complaints] = []
+    with ExitStack() as contexts:
+
+        @cache
+        def opened(number: int) -> Page:
+            context = contexts.enter_context(
+                chromium.new_context(
+                    viewport={"width": DESKTOP["width"], "height": DESKTOP["height"]}
+                )
+            )
+            page = context.new_page()
+            heard.append(Complaints.of(page))
+            open_lab(page, address(number), LAST[number])
+            return page
+
+        yield opened
+    assert [each for one in heard for each in one.found] == [], "the browser complained"
+
+
 @pytest.mark.parametrize("number", LABS)
-def test_it_opens_at_both_widths(number: int, address: Callable[[int], str], page: Page) -> None:
-    open_lab(page, address(number), LAST[number])
+def test_it_opens_at_both_widths(number: int, lab: Callable[[int], Page]) -> None:
+    page = lab(number)
     assert f"Lab {number}." in page.locator("h1").first.inner_text()
     assert page.locator(".katex, marimo-tex").count() > 0, "no equation"
     assert "$" not in page.locator("body").inner_text(), "an equation that is none"
     # A window made narrower shows what a telephone shows; a second visit would compute all anew.
-    for size, width in ((DESKTOP, "wide"), (PHONE, "narrow")):
+    for size, width in ((PHONE, "narrow"), (DESKTOP, "wide")):
         page.set_viewport_size({"width": size["width"], "height": TALL})
         page.wait_for_function("width => innerWidth === width", arg=size["width"])
         assert page.locator("iframe").count() > 0, "no figure"
@@ -64,10 +89,8 @@ def test_it_opens_at_both_widths(number: int, address: Callable[[int], str], pag
         keep_picture(page, f"lab{number}_{width}")
 
 
-def test_a_slider_moves_a_number_and_the_command_line(
-    address: Callable[[int], str], page: Page
-) -> None:
-    open_lab(page, address(1), LAST[1])
+def test_a_slider_moves_a_number_and_the_command_line(lab: Callable[[int], Page]) -> None:
+    page = lab(1)
     found = re.search(r"One fall: β = ([\d.]+ ± [\d.]+) lb/ft²", page.locator("body").inner_text())
     assert found is not None
     move(page, "radar noise", "ArrowRight", 2)
@@ -78,8 +101,8 @@ def test_a_slider_moves_a_number_and_the_command_line(
     assert_no_failure(page)
 
 
-def test_an_answer_is_judged(address: Callable[[int], str], page: Page) -> None:
-    open_lab(page, address(2), LAST[2])
+def test_an_answer_is_judged(lab: Callable[[int], Page]) -> None:
+    page = lab(2)
     field = labelled(page, "answer, flights").locator("input")
     field.fill("2")
     field.press("Tab")
@@ -89,10 +112,8 @@ def test_an_answer_is_judged(address: Callable[[int], str], page: Page) -> None:
     page.get_by_text("1 of 5 answers hold").wait_for()
 
 
-def test_linked_surfaces_are_warned_of_and_the_check_falls(
-    address: Callable[[int], str], page: Page
-) -> None:
-    open_lab(page, address(9), LAST[9])
+def test_linked_surfaces_are_warned_of_and_the_check_falls(lab: Callable[[int], Page]) -> None:
+    page = lab(9)
     page.get_by_text("Nothing is found lacking.").first.wait_for()
     page.get_by_text("0.9992").first.wait_for()
     labelled(page, "coefficient").locator("select").select_option(label="Cn")
@@ -104,11 +125,11 @@ def test_linked_surfaces_are_warned_of_and_the_check_falls(
 
 
 def test_the_command_line_gives_the_same_numbers(
-    address: Callable[[int], str], page: Page, capsys: pytest.CaptureFixture[str]
+    lab: Callable[[int], Page], capsys: pytest.CaptureFixture[str]
 ) -> None:
     from scenarios.cli import main
 
-    open_lab(page, address(2), LAST[2])
+    page = lab(2)
     text = page.locator("body").inner_text()
     shown = re.search(r"Natural frequency ([\d.]+) ± ([\d.]+) rad/s", text)
     assert shown is not None
@@ -119,6 +140,33 @@ def test_the_command_line_gives_the_same_numbers(
     printed = re.search(r"natural frequency ([\d.]+) \+- ([\d.]+) rad/s", capsys.readouterr().out)
     assert printed is not None
     assert float(printed[1]) == pytest.approx(float(shown[1]), abs=1e-4)
+
+
+# Of each lab with a figure that follows a slider: the slider's label.
+SLIDERS: Mapping[int, str] = {
+    1: "start of β",
+    2: "amplitude, deg",
+    3: "unit of the 3-2-1-1",
+    4: "stick amplitude",
+    6: "sensor noise believed",
+    8: "amplitude of the sweep",
+    9: "sensor noise, times the usual",
+}
+DRAWN = "() => [...document.querySelectorAll('iframe')].map(each => each.srcdoc).join()"
+
+
+@pytest.mark.parametrize("number", SLIDERS)
+def test_from_slider_to_figure_in_a_second(
+    number: int, lab: Callable[[int], Page], address: Callable[[int], str], servers: Servers
+) -> None:
+    """A second of processor time on a free core; a busy machine needs half as much again."""
+    page = lab(number)
+    before, begun = page.evaluate(DRAWN), servers.busy(address(number))
+    move(page, SLIDERS[number], "ArrowRight")
+    page.wait_for_function(f"before => ({DRAWN})() !== before", arg=before, timeout=PATIENCE)
+    taken = servers.busy(address(number)) - begun
+    assert taken < 1.5, f"{taken:.2f} s"
+    assert_no_failure(page)
 
 
 def test_a_copy_of_ones_own_runs_too(servers: Servers, page: Page, tmp_path: Path) -> None:

@@ -183,6 +183,42 @@ def test_an_index_finds_the_objects_that_sphinx_finds() -> None:
     assert found[0] == found[1] and sum(map(len, found[0])) > 50
 
 
+def test_stems_of_the_search_index_are_those_of_sphinx() -> None:
+    english = pytest.importorskip("sphinx.search.en", reason="the site's extra is absent")
+    from docs._ext.faster import CachedEnglish
+
+    words = ("derivatives", "Estimation", "running", "identify", "identifies", "alpha", "q", "")
+    cached, plain = CachedEnglish({}), english.SearchEnglish({})
+    assert [cached.stem(word) for word in words * 2] == [plain.stem(word) for word in words * 2]
+    assert cached.stem("identify") == cached.stem("identifies") != "identifies"
+
+
+def test_pages_are_spread_and_none_is_lost() -> None:
+    pytest.importorskip("sphinx", reason="the site's extra is absent")
+    from docs._ext.faster import PIECES, spread
+
+    names = [f"page{number:03d}" for number in range(250)]
+    dealt = list(names)
+    spread(None, None, dealt)
+    assert sorted(dealt) == names
+    # neighbours, which take alike long, are in different pieces
+    assert abs(dealt.index("page001") - dealt.index("page000")) >= len(names) // PIECES
+
+
+def test_a_command_is_shown_by_the_names_of_its_arguments() -> None:
+    pytest.importorskip("sphinx", reason="the site's extra is absent")
+    from docs._ext.docstrings import signature
+
+    def command(record: str, out: str = "x") -> None: ...
+
+    shown = "(record: <typer.models.ArgumentInfo object at 0x1>, out='x')"
+    assert signature(None, "function", "command", command, None, shown, "None") == (
+        "(record, out)",
+        "None",
+    )
+    assert signature(None, "function", "command", command, None, "(record)", "None") is None
+
+
 def test_every_public_name_and_every_picture_is_shown() -> None:
     import flightid
     from docs._ext.made.gallery import PICTURES, gallery_page

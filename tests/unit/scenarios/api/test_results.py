@@ -115,8 +115,8 @@ def test_figures_are_those_of_the_study_and_asked_for_by_name() -> None:
 @pytest.mark.parametrize(
     ("parameter", "text", "known"),
     [
-        (fid.Parameter("Cm_q", -34.83, 0.0957, "1/rad"), "Cm_q = -34.83 +- 0.10 1/rad", True),
-        (fid.Parameter("scale", 1.0624, 0.0031, "1"), "scale = 1.062 +- 0.003", True),
+        (fid.Parameter("Cm_q", -34.83, 0.0957, "1/rad"), "Cm_q = -34.830 +- 0.096 1/rad", True),
+        (fid.Parameter("scale", 1.0624, 0.0031, "1"), "scale = 1.0624 +- 0.0031", True),
         (fid.Parameter("delay", 0.2, 0.0, "s"), "delay = 0.2 s (bound)", False),
         (fid.Parameter("lift", 1.0, 2.64e4, "1"), "lift = not determined", False),
         (fid.Parameter("lift", 1.0, math.inf, "1"), "lift = not determined", False),

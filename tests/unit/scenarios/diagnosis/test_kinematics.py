@@ -150,7 +150,7 @@ def test_only_sensor_effects_are_compared_and_others_found_are_told() -> None:
     assert [each.name for each in unnamed(kinematics, claims)] == ["sensor-delay:q"]
     lines = kinematics_lines(kinematics, claims, Wording())
     assert lines == [
-        "kinematics alone say: sensor-delay:q 0.040 +- 0.004 s, the pitch rate is read 0.040 s "
+        "kinematics alone say: sensor-delay:q 0.0400 +- 0.0040 s, the pitch rate is read 0.040 s "
         "late (delay or lag: these records cannot tell); "
         "the diagnosis does not name it"
     ]
@@ -290,7 +290,8 @@ def test_what_differs_is_said_with_both_values() -> None:
     (found,) = agreements(checked([finding("sensor-delay:alpha", 0.030, 0.002)]), [LATE])
     assert (
         found.says == DIFFERS
-        and "differs: 0.030 +- 0.002 s against 0.061 +- 0.002 s in the diagnosis" in found.sentence
+        and "differs: 0.0300 +- 0.0020 s against 0.0610 +- 0.0020 s in the diagnosis"
+        in found.sentence
     )
     assert "agrees" not in found.sentence
 

@@ -63,7 +63,7 @@ def test_numbers_stand_in_the_units_that_people_fly_with() -> None:
     assert (
         sentence(deadband, Wording()) == "the elevator sticks within +-0.41 deg of zero (break-out)"
     )
-    assert parameter_text(deadband, Wording()) == "half_width 0.41 +- 0.02 deg"
+    assert parameter_text(deadband, Wording()) == "half_width 0.410 +- 0.020 deg"
     on_stick = Claim("input-deadband", {"half_width": Quantity(0.15, 0.01, "1")})
     assert (
         sentence(on_stick, Wording("stick", "in"))
@@ -166,7 +166,9 @@ def test_what_the_data_do_not_determine_is_said_in_words() -> None:
         )
         == "limit not determined by these data"
     )
-    assert value_text(-0.0002, 0.0007) == "-0.0002 +- 0.0007", "zero within its sigma is knowledge"
+    assert value_text(-0.0002, 0.0007) == "-0.00020 +- 0.00070", (
+        "zero within its sigma is knowledge"
+    )
 
 
 def test_spikes_are_counted_in_whole_numbers() -> None:
@@ -176,7 +178,7 @@ def test_spikes_are_counted_in_whole_numbers() -> None:
     assert (
         sentence(claim, Wording()) == "the reading of the load factor has 3 spikes of about 0.052 g"
     )
-    assert parameter_text(claim, Wording()) == "count 3, size 0.052 +- 0.004 g"
+    assert parameter_text(claim, Wording()) == "count 3, size 0.0520 +- 0.0040 g"
 
 
 def test_a_group_does_not_repeat_the_name_of_its_first_member() -> None:
@@ -220,8 +222,8 @@ def test_headline_names_effect_error_and_derivative() -> None:
     assert headline(told) == (
         "the elevator sticks within +-0.400 deg of zero (break-out); with this effect, pitch-rate "
         "error 0.35 -> 0.0859 deg/s "
-        "on the held-out record validate.csv, noise floor 0.0859; Cm_q was -24.1 +- 0.9, is -17.2 "
-        "+- 0.4"
+        "on the held-out record validate.csv, noise floor 0.0859; Cm_q was -24.10 +- 0.90, is -17.20 "
+        "+- 0.40"
     )
 
 

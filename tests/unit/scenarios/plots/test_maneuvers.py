@@ -11,6 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from ident.maneuver_detection import Maneuver
+from scenarios.plots.interactive import plot_data
 from scenarios.plots.maneuvers import BINS, envelope, figure_flight
 from sim.record import Channel, Record
 
@@ -63,8 +64,18 @@ def test_a_short_pause_is_a_hole_in_the_band() -> None:
         ["2"],
     ]
     assert "elevator" in elevator.get_ylabel() and "deg" in phi.get_ylabel()
-    (band,) = [each for each in elevator.collections if len(each.get_paths()) > 0][:1]
-    assert len(band.get_paths()) == 2, "a hole at the pause"
+    (line,) = [each for each in elevator.lines if len(each.get_xdata()) > 2]
+    times, values = map(np.asarray, line.get_data())
+    assert np.flatnonzero(np.isnan(values)).size == 1, "a hole at the pause"
+    assert np.all(np.diff(times) >= 0.0)
+
+
+def test_a_flight_zooms_though_its_maneuvers_are_numbered() -> None:
+    for pause in (20.0, 5000.0):
+        data = plot_data(drawn(pause))
+        assert data is not None
+        spans = {curve.label for panel in data.panels for curve in panel.curves} - {""}
+        assert spans == {"pitch maneuver", "roll maneuver"}
 
 
 def test_a_long_pause_is_cut_out_and_each_part_has_its_panels() -> None:

@@ -22,6 +22,7 @@ from scenarios.structure.report import (
     write_structure,
 )
 from scenarios.structure.study import (
+    FoundStructure,
     StructureOptions,
     coefficients_of,
     structure_of,
@@ -156,8 +157,8 @@ def test_a_term_that_is_not_offered_is_named(tmp_path: Path) -> None:
     path.write_text("".join(f"{axis} = {plain}\n" for axis in axes))
     found = structure_of([record_of(1), record_of(2)], CURVED, StructureOptions(terms=path))
     told = findings(found)
-    assert any(line.startswith("Cm lacks something") and "alpha*elevator" in line for line in told)
-    assert any(line.startswith("Cl lacks something") and "alpha*beta" in line for line in told)
+    assert any(line.startswith("Cm lacks terms") and "alpha*elevator" in line for line in told)
+    assert any(line.startswith("Cl lacks terms") and "alpha*beta" in line for line in told)
     assert not any(line.startswith("Cn lacks") for line in told)
 
 
@@ -261,10 +262,27 @@ def test_panels_name_their_records_and_the_title_how_many_are_shown() -> None:
 def test_products_come_after_their_linear_terms_where_it_is_asked_for() -> None:
     options = StructureOptions(hierarchical=True)
     found = structure_of([record_of(1), record_of(2)], CURVED, options)
-    assert "stepwise, hierarchical" in structure_text(found)
+    assert "stepwise regression, hierarchical" in structure_text(found)
     assert term("alpha*elevator") in found.aircraft.coefficients["Cm"]
     for axis, terms in found.aircraft.coefficients.items():
         offered = {t for t in terms if len(t.factors) == 1}
         assert all(parents(each) <= offered for each in terms), axis
     with pytest.raises(DeclarationError, match="--hierarchical"):
         StructureOptions(method="orthogonal", hierarchical=True)
+
+
+def test_the_summary_says_terms_fit_and_noise() -> None:
+    """Oracle: numbers of the selections, collected by hand."""
+    found = structure_of([record_of(1), record_of(2)], CURVED, StructureOptions())
+    told = dict(line.split(None, 1) for line in structure_text(found).splitlines()[:5])
+    assert told["study"].startswith("m1.csv, m2.csv: 298 windows")
+    worst = min(each.r2 for each in found.selections.values())
+    assert told["result"] == f"lowest R2 {worst:.4f} ({_axis_of(found, worst)})"
+    ratios = sorted(each.ratio for each in found.selections.values())
+    assert told["residual"] == f"{ratios[0]:.2f} to {ratios[-1]:.2f} times the noise"
+    lacking = [axis for axis, each in found.selections.items() if each.lacking]
+    assert told["outcome"].startswith("terms are missing in" if lacking else "terms found: CD ")
+
+
+def _axis_of(found: FoundStructure, r2: float) -> str:
+    return next(axis for axis, each in found.selections.items() if each.r2 == r2)

@@ -43,7 +43,7 @@ def test_the_first_survey_computes_all_and_says_what_recurs(campaign: Campaign) 
     ]
     assert dict(found.verdicts) == {"traced": 2, "consistent": 2}
     content = json.loads((campaign.out / "survey.json").read_text())
-    assert content["effects"][0]["flights"]["b"]["state"] == "has it not"
+    assert content["effects"][0]["flights"]["b"]["state"] == "does not have it"
     assert content["verdict"] == "recurs"
     rows = (campaign.out / "derivatives.csv").read_text().splitlines()
     assert rows[0].startswith("flight,derivative,unit,value,std,sigmas_off,stands_out")
@@ -184,5 +184,5 @@ def test_one_flight_alone(campaign: Campaign) -> None:
     found = campaign.survey(campaign.fly("a", LATE))
     assert found.recurs == ()
     assert found.alone == {"sensor-delay:q": ("a",)}
-    assert "sensor-delay:q is claimed in a and does not recur" in survey_text(found)
+    assert "sensor-delay:q is named in a and does not recur" in survey_text(found)
     assert [each.common.flights for each in found.derivatives] == [1, 1]

@@ -124,7 +124,7 @@ def test_columns_in_which_nothing_stands_are_left_out(
     assert [column.heading for column in shown.columns] == names
     told = ("G", "new", "2026-03-04", "T-1", "traced", "has it", "no fault found")
     assert shown.rows[0] == told
-    assert fresh(grown) == ["traced, G: made up; of what recurs it has sensor-delay:q"]
+    assert fresh(grown) == ["traced, G: made up; it has the recurring sensor-delay:q"]
 
 
 def test_unexplained_flights_are_told(found: SurveyResult) -> None:
@@ -153,12 +153,12 @@ def test_what_an_effect_is_told_from(found: SurveyResult) -> None:
         each, rivals={"vane-offset": 1.0, "sensor-lag:q": 20.0, "sensor-lag:alpha": 30.0}
     )
     assert rivals_phrase(equal) == (
-        "likelihood does not tell it from vane-offset: named by the derivatives, which it scatters "
-        "less, or by the flights' diagnoses; "
+        "equally likely: vane-offset; chosen since the derivatives agree better between flights, "
+        "or by the flights' diagnoses; "
         "preferred to sensor-lag:q and sensor-lag:alpha by 20 of twice the log likelihood at least"
     )
     assert rivals_phrase(replace(each, name="input-delay", rivals={})).startswith(
-        "the same filter or delay before all recorded outputs"
+        "the same lag or delay in all recorded outputs"
     )
     faint, loud = (
         replace(found, recurs=(replace(each, found=replace(each.found, p_value=p)),))
@@ -183,7 +183,7 @@ def test_forces_that_change_with_mass_ask_for_the_masses(found: SurveyResult) ->
     assert [each.name for each in one.derivatives if each.drifts] == ["CL_alpha", "Cm_alpha"]
     assert hints(one) == [
         "CL_alpha changes with mass, which no force coefficient does by itself: check the masses "
-        "that the flights were given"
+        "in the file of flights"
     ]
     assert hints(found) == []
 

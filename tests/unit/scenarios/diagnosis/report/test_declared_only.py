@@ -116,7 +116,7 @@ def test_warnings_describe_what_the_declared_model_leaves() -> None:
 def test_a_frequency_is_told_in_rad_and_hertz_and_never_in_degrees(name: str) -> None:
     q = Quantity(12.0, 0.3, "rad/s")
     assert displayed(q, name) == (12.0, 0.3, "rad/s")
-    assert with_sigma(q, name=name) == f"12.0 +- 0.3 rad/s ({12.0 / (2.0 * math.pi):.3g} Hz)"
+    assert with_sigma(q, name=name) == f"12.00 +- 0.30 rad/s ({12.0 / (2.0 * math.pi):.3g} Hz)"
 
 
 @pytest.mark.parametrize("name", ["bias_q", "offset", "rate_limit", "q"])

@@ -74,7 +74,7 @@ def test_headline_says_what_where_how_sure_and_what_follows() -> None:
         f"{SPREAD}; from each of 3 records: 0.058, 0.063, 0.060 s"
     )
     assert told.endswith(
-        "Cm_q was -24.1 +- 0.9, is -17.2 +- 0.4 (run-to-run scatter 0.83); what remains is not "
+        "Cm_q was -24.10 +- 0.90, is -17.20 +- 0.40 (run-to-run scatter 0.83); what remains is not "
         "noise"
     )
 
@@ -189,12 +189,12 @@ def test_terminal_shows_scatter_beside_sigma_and_members() -> None:
         line for line in text.splitlines() if line.split()[:1] == ["Cm_q"] and "sigma" in line
     ]
     assert row.split()[2:] == [
-        "-24.1",
+        "-24.10",
         "+-",
-        "0.9",
-        "-17.2",
+        "0.90",
+        "-17.20",
         "+-",
-        "0.4",
+        "0.40",
         "0.83",
         "+7.0",
         "sigma",
@@ -204,15 +204,15 @@ def test_terminal_shows_scatter_beside_sigma_and_members() -> None:
         line for line in text.splitlines() if line.split()[:1] == ["Cm_q"] and "sigma" not in line
     ]
     assert members.split()[2:] == [
-        "-17.0",
+        "-17.00",
         "+-",
-        "0.4",
-        "-18.0",
+        "0.40",
+        "-18.00",
         "+-",
-        "0.4",
-        "-19.0",
+        "0.40",
+        "-19.00",
         "+-",
-        "0.4*",
+        "0.40*",
     ]
 
 
@@ -228,7 +228,7 @@ def test_a_candidate_has_its_gain_and_the_same_with_its_odds() -> None:
         return [cell_text(cell) for cell in row]
 
     assert row_of(best)[:4] == ["1", "sensor-lag:alpha", "420.0", "414.9"]
-    assert row_of(scale)[2:] == ["3.1", "-2.0", "scale 1.010 +- 0.004", ""]
+    assert row_of(scale)[2:] == ["3.1", "-2.0", "scale 1.0100 +- 0.0040", ""]
     assert row_of(vane)[4:] == ["", "linearised; like sensor-lag:alpha"]
     assert row_of(speed)[2:4] == ["-2.5", "-7.6"]
     assert "with odds" in text and "linearised" in text
@@ -328,7 +328,7 @@ def test_members_are_compared_only_where_there_are_some() -> None:
     ((name, *values),) = shown.rows
     # two of both sigmas are 1.1
     told = [cell_text(cell) for cell in values]
-    assert name == "Cm_q" and told == ["-17.0 +- 0.4", "-18.0 +- 0.4", "-19.0 +- 0.4*"]
+    assert name == "Cm_q" and told == ["-17.00 +- 0.40", "-18.00 +- 0.40", "-19.00 +- 0.40*"]
     assert shown.units == ("1/rad",)
     alone = Claim("x", {}, derivatives_under={"x": {"Cm_q": Quantity(-17.0, 0.4, "1/rad")}})
     for claim in (alone, Claim("x", {})):
