@@ -18,8 +18,9 @@ from ident.process_noise.linear_noise import Variation, discretised_noise
 from ident.process_noise.whitener import whitener
 from ident.regression.equation_error import run_equation_error
 from ident.whole_record import output_error as without_process_noise
-from ident.whole_record.gauss_newton import QUIET, Fit, fit_whole_records
+from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitLayout, FitProblem, lay_out
+from ident.whole_record.numerical_errors import QUIET
 from sim.declaration.model import System
 from sim.errors import FlightidError
 

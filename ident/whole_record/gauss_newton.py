@@ -1,15 +1,8 @@
-"""Levenberg-Marquardt over whole records, profiled refits, and numerical errors of estimates.
+"""Levenberg-Marquardt over whole records, and profiled refits.
 
 The cost is minus the log likelihood that the noise model gives (each output's noise variance
 concentrated out, 0.5 sum_i N_i ln(sigma_i^2), unless it says otherwise) plus the prior's. A step is
 accepted on the defect-corrected residual, see `ident.whole_record.linearise`.
-
-A residual at the size of the integration error is no noise, and sigmas made of it say nothing. With
-y_h the outputs of steps h and order-4 integration, y - y_h = 16/15 (y_{h/2} - y_h) to leading order
-(Richardson), and an error dy of the outputs moves an output-error estimate by (J' W J)^-1 J' W dy.
-
-Equation error takes slopes over windows and smoothed regressors. A simulation at the estimate,
-sampled as the record is, has the same errors and a known truth.
 """
 
 from __future__ import annotations
@@ -20,8 +13,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from ident.estimate import LARGEST, Estimate, Outcome
-from ident.regression.equation_error import run_equation_error
+from ident.estimate import LARGEST, Outcome
 from ident.statistics import intervals
 from ident.statistics.intervals import (
     LocalModel,
@@ -38,12 +30,8 @@ from ident.whole_record.layout import (
     FitSettings,
     NoiseModel,
     WeightedResiduals,
-    lay_out,
 )
 from ident.whole_record.linearise import Linearisation, linearise
-from ident.whole_record.record_problem import record_problem
-from sim.declaration.model import System
-from sim.record import Channel, Record
 
 # ---- Levenberg-Marquardt over whole records: the engine of every maximum-likelihood fit
 
@@ -58,12 +46,7 @@ _NEAR = 1.0
 _LEAST_CURVATURE = 0.1  # of what is expected, below which a step tells nothing
 _SLOW = 0.1  # of what the undamped step promises: a step that gains less creeps along a valley
 _NEARBY = 0.1  # of the undamped step, over which the curvature of a valley is measured
-_WAY = (
-    1.0,
-    0.5,
-    0.25,
-    0.125,
-)  # shares of a curved step, the first that gains as it should is taken
+_WAY = (1.0, 0.5, 0.25, 0.125)  # shares of a curved step, tried in turn until one gains
 # trials in a row that change the likelihood by less than is enough, after which a fit that is only
 # compared ends
 _IDLE = 3
@@ -172,39 +155,28 @@ def fit_whole_records(
     all directions are determined is for the caller to judge.
     """
     layout, noise_model, settings = problem.layout, problem.noise_model, problem.layout.settings
-    start, low, high = problem.start, problem.low, problem.high
-    fit = _sound(begun) or _sound(
-        evaluate(problem, start, layout.guesses(start) if guesses is None else guesses)
-    )
-    if fit is None and guesses is None and layout.problems:
-        return None
+    low, high = problem.low, problem.high
+    fit = _sound(begun) or _begun(problem, guesses)
     if fit is None:
-        fit = _sound(evaluate(problem, start, layout.guesses(start)))
-        if fit is None:
-            return None
+        return None
     damping, outcome, done, idle = 1e-4, Outcome.MAX_ITERATIONS, 0, 0
-    gain = slow = np.inf
+    gain = np.inf
     bare, refused = without_sensitivities(problem), 0.0
     curved = bool(noise_model.names)
     floor = settings.least_damping if curved else _LEAST_DAMPING
     moves: list[tuple[np.ndarray, np.ndarray]] = []
-    straight, wait = 0, 1  # steps until the next curved one, and after the next that fails
-    share = _WAY[0]
+    valley = _Valley(bare)
     gradient = fit.normal_equations()[1]
     model = local_model(*fit.normal_equations(), fit.theta, low, high)
     while done < settings.iterations:
         done += 1
         least, most = noise_model.step_bounds(layout, fit.theta)
-        straight -= 1
-        if straight < 0 and model.promised > max(settings.enough, slow / _SLOW, _NOTHING):
-            bounds = np.maximum(low, least), np.minimum(high, most)
-            bent, share = _along_the_valley(fit, model, bare, bounds, 2.0 * share)
-            if bent is not None:
-                gain, slow, wait, fit = fit.cost - bent.cost, 0.0, 1, bent
-                gradient = fit.normal_equations()[1]
-                model = local_model(*fit.normal_equations(), fit.theta, low, high)
-                continue
-            straight, wait = wait, 2 * wait
+        bent = valley.along(fit, model, np.maximum(low, least), np.minimum(high, most))
+        if bent is not None:
+            gain, fit = fit.cost - bent.cost, bent
+            gradient = fit.normal_equations()[1]
+            model = local_model(*fit.normal_equations(), fit.theta, low, high)
+            continue
         trial_theta = np.clip(fit.theta + model.scale * model.step(damping), least, most)
         # A damping that was too small for the last steps is likely to be so again: the cost alone,
         # which is cheaper, tells that.
@@ -222,7 +194,7 @@ def fit_whole_records(
             )
             before, fit = fit, trial
             gain, (information, after) = before.cost - fit.cost, fit.normal_equations()
-            slow = gain
+            valley.slow = gain
             # Near the optimum no damping goes too far, and any would creep along what the data know
             # a hundredth as well.
             damping = max(damping / 10.0, floor if gain > _NEAR else _LEAST_DAMPING)
@@ -259,59 +231,87 @@ def fit_whole_records(
     return replace(_sound(joined_up(fit)) or fit, outcome=outcome, iterations=done)
 
 
-def _along_the_valley(
-    fit: Fit,
-    model: LocalModel,
-    bare: FitProblem,
-    bounds: tuple[np.ndarray, np.ndarray],
-    largest: float,
-) -> tuple[Fit | None, float]:
-    """The fit after a step along a curve: the undamped step, and a second-order term that keeps to
-    the floor of a curved valley (geodesic acceleration [1]_).
+def _begun(problem: FitProblem, guesses: list[np.ndarray] | None) -> Fit | None:
+    """The start, with the trajectories of ``guesses`` or else from the measured channels; None
+    where its cost is not finite.
+    """
+    start, layout = problem.start, problem.layout
+    given = None if guesses is None else _sound(evaluate(problem, start, guesses))
+    if given is not None or (guesses is not None and not layout.problems):
+        return given
+    return _sound(evaluate(problem, start, layout.guesses(start)))
+
+
+@dataclass(eq=False)
+class _Valley:
+    """Steps along the curved floor of a valley, where straight ones creep (geodesic acceleration
+    [1]_).
 
     Where unknowns trade off, straight steps leave the floor and are damped: hundreds creep along.
 
-    Parameters
+    Attributes
     ----------
-    fit, model : where the step begins. bare : the fit without sensitivities.
-    bounds : ``(n,)`` of the unknowns, low and high. largest : share of the step, at most.
-
-    Returns
-    -------
-    None where no share of the step gains; and the share that was taken, or the largest one.
+    bare : the fit without sensitivities. slow : gain of log likelihood by the last step.
+    straight : steps until the next curved one is tried. wait : after the next that fails.
+    share : of a curved step that gained last.
 
     References
     ----------
     .. [1] M. K. Transtrum and J. P. Sethna, "Improvements to the Levenberg-Marquardt algorithm for
        nonlinear least-squares minimization", arXiv:1201.5885, 2012.
     """
-    step = model.scale * model.step(0.0)
 
-    def at(problem: FitProblem, theta: np.ndarray) -> Fit | None:
-        first = evaluate(problem, theta, carried(fit, theta))
+    bare: FitProblem
+    slow: float = np.inf
+    straight: int = 0
+    wait: int = 1
+    share: float = _WAY[0]
+
+    def along(self, fit: Fit, model: LocalModel, low: np.ndarray, high: np.ndarray) -> Fit | None:
+        """The fit after a curved step within bounds ``(n,)``; None where the last straight one did
+        not creep, or no share of a curved one gains.
+        """
+        self.straight -= 1
+        enough = max(fit.layout.settings.enough, self.slow / _SLOW, _NOTHING)
+        if self.straight >= 0 or model.promised <= enough:
+            return None
+        step = model.scale * model.step(_LEAST_DAMPING)
+        bend = self._bend(fit, model, step, low, high)
+        for share in _WAY:
+            if bend is None or share > 2.0 * self.share:
+                continue
+            theta = np.clip(fit.theta + share * step + 0.5 * share**2 * bend, low, high)
+            tried = self._at(fit, theta)
+            asked = 0.5 * (2.0 - share) * share * model.promised
+            if tried is not None and fit.cost - tried.cost > asked:
+                found = _sound(evaluate(fit.problem, theta, [line.states for line in tried.lines]))
+                if found is not None and found.cost < fit.cost:
+                    self.slow, self.wait, self.share = 0.0, 1, share
+                    return found
+        self.straight, self.wait, self.share = self.wait, 2 * self.wait, _WAY[0]
+        return None
+
+    def _at(self, fit: Fit, theta: np.ndarray) -> Fit | None:
+        """The cost at ``theta``, with a trajectory that nearly obeys the equations."""
+        first = evaluate(self.bare, theta, carried(fit, theta))
         if first is None:
             return None
-        return evaluate(problem, theta, [line.states for line in first.lines])
+        return evaluate(self.bare, theta, [line.states for line in first.lines])
 
-    near = at(bare, np.clip(fit.theta + _NEARBY * step, *bounds))
-    if near is None:
-        return None, _WAY[0]
-    bend = np.zeros(len(step))
-    for r, (before, after) in enumerate(zip(fit.residuals, near.residuals, strict=True)):
-        columns, jacobian = fit.layout.columns(r), fit.jacobians[r]
-        second = (after - before + jacobian @ (_NEARBY * step[columns])) * (2.0 / _NEARBY**2)
-        second /= fit.variance[:, None]
-        bend[columns] += np.einsum("mnc,mn->c", jacobian, second)
-    curved = model.scale * replace(model, gradient=model.scale * bend).step(0.0)
-    for share in (each for each in _WAY if each <= largest):
-        theta = np.clip(fit.theta + share * step + 0.5 * share**2 * curved, *bounds)
-        tried = at(bare, theta)
-        asked = 0.5 * (2.0 - share) * share * model.promised
-        if tried is not None and fit.cost - tried.cost > asked:
-            found = evaluate(fit.problem, theta, [line.states for line in tried.lines])
-            if found is not None and found.cost < fit.cost:
-                return _sound(found), share
-    return None, _WAY[0]
+    def _bend(
+        self, fit: Fit, model: LocalModel, step: np.ndarray, low: np.ndarray, high: np.ndarray
+    ) -> np.ndarray | None:
+        """Second-order term ``(n,)`` of the curve that begins along ``step``."""
+        near = self._at(fit, np.clip(fit.theta + _NEARBY * step, low, high))
+        if near is None:
+            return None
+        pull = np.zeros(len(step))
+        for r, (before, after) in enumerate(zip(fit.residuals, near.residuals, strict=True)):
+            columns, jacobian = fit.layout.columns(r), fit.jacobians[r]
+            second = (after - before + jacobian @ (_NEARBY * step[columns])) * (2.0 / _NEARBY**2)
+            pull[columns] += np.einsum("mnc,mn->c", jacobian, second / fit.variance[:, None])
+        curved: np.ndarray = replace(model, gradient=model.scale * pull).step(_LEAST_DAMPING)
+        return model.scale * curved
 
 
 def arrived(model: LocalModel, theta: np.ndarray, settings: FitSettings) -> bool:
@@ -470,150 +470,3 @@ def _refit(
         return None if found is None else (found.cost, found)
 
     return refit
-
-
-# ---- Errors of estimates that numerical methods leave
-
-# of an output's motion: with more noise than that, integration errors are far below a sigma
-QUIET = 1e-3
-RICHARDSON = 16.0 / 15.0  # of the difference of steps h and h/2, order 4
-# times what smoothing leaves of a record without noise: a record that leaves more has noise of its
-# own
-ALIKE = 3.0
-
-
-def with_integration_error(estimate: Estimate, fit: Fit) -> Estimate:
-    """An output-error estimate whose covariance holds the error of the integration where a record
-    has hardly any noise.
-
-    The message says where that error is larger than the sigma. A fit that stopped at its limit has
-    it too: at the level of rounding the last steps are shorter than this error.
-    """
-    error = (
-        integration_error(fit)
-        if estimate.outcome in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS)
-        else None
-    )
-    if error is None:
-        return estimate
-    step = max(float(np.max(problem.grid.steps)) for problem in fit.layout.problems)
-    cause = (
-        f"the integration leaves larger errors than the noise of the record (steps of {step:g} s)"
-    )
-    return _widened(
-        estimate, error[: len(estimate.names)], f"{cause}: sigmas are those of the integration"
-    )
-
-
-def integration_error(fit: Fit) -> np.ndarray | None:
-    """Error of all unknowns ``(n,)`` from the finite steps of the integration; None where the noise
-    is larger than ``QUIET`` or it fails.
-    """
-    layout = fit.layout
-    if not _quiet(fit) or layout.prior is not None:
-        return None
-    finer = tuple(
-        record_problem(
-            problem.record,
-            problem.system,
-            0.5 * float(np.max(problem.grid.steps)),
-            problem.free,
-            problem.starts,
-            valid=problem.valid,
-            at=layout.split(fit.theta, r)[0],
-            exact=problem.exact,
-        )
-        for r, problem in enumerate(layout.problems)
-    )
-    bare = without_sensitivities(FitProblem(replace(layout, problems=finer), fit.noise_model))
-    begun = evaluate(bare, fit.theta, bare.layout.guesses(fit.theta))
-    if begun is None:
-        return None
-    better, gradient = joined_up(begun), np.zeros(len(fit.theta))
-    for r, problem in enumerate(layout.problems):
-        weight = np.where(problem.valid, 1.0 / fit.variance[:, None], 0.0)
-        moved = weight * (better.lines[r].y - fit.lines[r].y)
-        gradient[layout.columns(r)] -= np.einsum("mnc,mn->c", fit.jacobians[r], moved)
-    error = RICHARDSON * (inverse_information(fit.normal_equations()[0], fit.theta)[0] @ gradient)
-    return error if np.all(np.isfinite(error)) else None
-
-
-def _quiet(fit: Fit) -> bool:
-    """Whether some output has less noise than ``QUIET`` of its motion."""
-    for i in np.flatnonzero(fit.layout.used):
-        rows = [problem.z[i, problem.valid[i]] for problem in fit.layout.problems]
-        motion = np.concatenate([row - np.mean(row) for row in rows if row.size])
-        if np.sqrt(fit.variance[i]) < QUIET * np.sqrt(np.mean(motion**2)):
-            return True
-    return False
-
-
-def with_sampling_error(
-    estimate: Estimate, records: Sequence[Record], system: System, settings: FitSettings
-) -> Estimate:
-    """An estimate by equation error whose covariance holds the error of sampling where a record has
-    hardly any noise.
-
-    The estimate itself where the records have noise, or where their simulation leaves the range of
-    numbers. The message says where the error is larger than the sigma.
-    """
-    if estimate.outcome not in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS):
-        return estimate
-    calm = _simulated(estimate, records, system, settings)
-    if calm is None:
-        return estimate
-    again = run_equation_error(calm, system)
-    quiet = np.any((estimate.noise_std < ALIKE * again.noise_std) & (again.noise_std > 0.0))
-    error = again.values - estimate.values
-    if (
-        again.outcome not in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS)
-        or not quiet
-        or not np.all(np.isfinite(error))
-    ):
-        return estimate
-    return _widened(
-        estimate,
-        error,
-        "slopes of samples leave larger errors than the noise of the record: sigmas are those of "
-        "sampling",
-    )
-
-
-def _widened(estimate: Estimate, error: np.ndarray, said: str) -> Estimate:
-    """An estimate with an error ``(n,)`` added to its covariance, and a sentence where that is
-    larger than a sigma.
-    """
-    message = said if np.any(np.abs(error) > estimate.std) else ""
-    return replace(
-        estimate,
-        covariance=estimate.covariance + np.outer(error, error),
-        message=message or estimate.message,
-    )
-
-
-def _simulated(
-    estimate: Estimate, records: Sequence[Record], system: System, settings: FitSettings
-) -> list[Record] | None:
-    """The records with outputs simulated at an estimate from their first samples, without noise and
-    biases; None where they overflow.
-    """
-    known = replace(system, parameters=system.parameters.with_values(estimate.as_dict()))
-    layout = lay_out(
-        records, known, replace(settings, max_step=0.5 * settings.max_step, use_priors=False)
-    )
-    bare = without_sensitivities(FitProblem(layout))
-    begun = evaluate(bare, layout.start, layout.guesses(layout.start))
-    if begun is None:
-        return None
-    lines = joined_up(begun).lines
-    out = []
-    for record, line in zip(records, lines, strict=True):
-        rows = dict(zip(known.output_names, line.y, strict=True))
-        outputs = tuple(
-            Channel.of(each.name, each.unit, np.where(each.valid, rows[each.name], np.nan))
-            if each.name in rows
-            else each
-            for each in record.outputs
-        )
-        out.append(replace(record, outputs=outputs))
-    return out

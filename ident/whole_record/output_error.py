@@ -26,8 +26,9 @@ from ident.statistics.intervals import (
 )
 from ident.statistics.residual_spectrum import corrected_covariance
 from ident.statistics.residuals import THREEFOLD
-from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records, with_integration_error
+from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records
 from ident.whole_record.layout import FitLayout, FitProblem, FitSettings, lay_out
+from ident.whole_record.numerical_errors import with_integration_error
 from ident.whole_record.unstable_motion import (
     GROWN,
     fastest,

@@ -168,7 +168,7 @@ def _estimated_by(
     system = compile_model(model, outputs)
     if method == "equation-error":
         from ident.regression.equation_error import RegressionSettings, run_equation_error
-        from ident.whole_record.gauss_newton import with_sampling_error
+        from ident.whole_record.numerical_errors import with_sampling_error
 
         found = run_equation_error(records, system, RegressionSettings(instruments=True))
         return system, with_sampling_error(found, records, system, settings)

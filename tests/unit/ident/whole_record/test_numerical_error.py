@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 
 from ident.estimate import Estimate, Outcome
 from ident.regression.equation_error import run_equation_error
-from ident.whole_record.gauss_newton import with_sampling_error
 from ident.whole_record.layout import FitSettings
+from ident.whole_record.numerical_errors import with_sampling_error
 from ident.whole_record.output_error import fit_output_error
 from sim.declaration import own_model
 from sim.declaration.compile import compile_model
