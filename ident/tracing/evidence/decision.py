@@ -314,10 +314,16 @@ def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision
     if enough is not None and sets[certain] > 1.0 - CERTAIN:
         best = enough
     whole = best
-    best, slight, sets = _without_slight(search, best, sets, clear)
-    kept, best = best, _less_guards(search, best)
+    best, slight, out = _without_slight(search, best, clear)
+    guarded, best = best, _less_guards(search, best)
+    if best is not guarded:
+        # A guard had chosen between effects that the records do not tell apart without it.
+        out |= search.problem.guards
+        top = max(_sets_without(search, out), key=lambda one: one.weight)
+        best = top if top.weight > best.weight and is_noise(top.fitted.fit) else best
+    sets = probabilities(search, out)
     named = [
-        _named(search, kept, effect, sets)
+        _named(search, best, effect, sets)
         for effect in best.fitted.effects
         if _is_cause(effect, best, search.context.interval)
     ]
@@ -352,23 +358,27 @@ def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision
 
 
 def _without_slight(
-    search: Search, best: WeighedSet, sets: Mapping[Key, float], clear: float
-) -> tuple[WeighedSet, dict[str, str], Mapping[Key, float]]:
+    search: Search, best: WeighedSet, clear: float
+) -> tuple[WeighedSet, dict[str, str], set[str]]:
     """The likeliest set without members that bring little (``_less_slight``), those of ``best``
-    with the reasons, and the probabilities of the sets without any: what is left out takes no part.
+    with the reasons, and the names of all that are left out: they take no part in probabilities.
     """
     best, slight = _less_slight(search, best, clear)
     out = set(slight)
     while out:
-        sets = probabilities(search, out)
-        top = search.visited[max(sets, key=lambda key: sets[key])]
+        top = max(_sets_without(search, out), key=lambda one: one.weight)
         if top.weight <= best.weight:
             break
         best, more = _less_slight(search, top, clear)
         if not more:
             break
         out |= more.keys()
-    return best, slight, sets
+    return best, slight, out
+
+
+def _sets_without(search: Search, names: Collection[str]) -> list[WeighedSet]:
+    """The fitted sets that have none of these effects."""
+    return [one for key, one in search.visited.items() if key.isdisjoint(names)]
 
 
 def _less_slight(
