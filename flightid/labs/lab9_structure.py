@@ -188,13 +188,13 @@ def _(close, lab, page):
             "the record has not shown it.",
         ),
         "degree": page.Question(
-            "One maneuver of pulses, usual noise, Cn, degree 3. What betrays that the terms are "
+            "One maneuver of pulses, usual noise, Cl, degree 4. What betrays that the terms are "
             "not to be believed?",
             page.choice(["R²", "residual over noise", "VIF"]),
             lambda value: value == "VIF",
-            "Compare all three with those at degree 1.",
-            "`alpha*rudder` and `alpha^2*rudder` have a VIF of 660: their sum does what the rudder "
-            "does where alpha hardly moves, and nothing else is known of either.",
+            "Compare all three with those at degree 2.",
+            "`alpha^2*r` has a VIF of 29: with `alpha*p` it does what p and beta do where alpha "
+            "hardly moves. R² of the maneuver that is not fitted is 0.998 all the same.",
         ),
     }
     answers = page.fields(questions)
