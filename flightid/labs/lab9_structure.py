@@ -189,12 +189,13 @@ def _(close, lab, page):
             "determine it.",
         ),
         "degree": page.Question(
-            "One maneuver of pulses, usual noise, Cn, degree 3. What shows that the terms cannot be trusted?",
+            "One maneuver of pulses, usual noise, Cl, degree 4. What shows that the terms cannot be "
+            "trusted?",
             page.choice(["R²", "residual over noise", "VIF"]),
             lambda value: value == "VIF",
-            "Compare all three with those at degree 1.",
-            "`alpha*rudder` and `alpha^2*rudder` have a VIF of 660: only their sum is known, because alpha hardly moves, and it acts like "
-            "the rudder.",
+            "Compare all three with those at degree 2.",
+            "`alpha^2*r` has a VIF of 29: with `alpha*p` it does what p and beta do where alpha "
+            "hardly moves. R² of the maneuver that is not fitted is 0.998 all the same.",
         ),
     }
     answers = page.fields(questions)

@@ -202,7 +202,7 @@ def _exchanged(
 
     It explains clearly more, by ``f_in``: a term may have entered for what others explain that came
     later. Or it is simpler and explains no less but for noise: ``beta`` for ``beta*mach`` where
-    mach hardly moves.
+    mach hardly moves, ``rudder`` for ``rudder^3`` after pulses of one size.
     """
     needed = _needed(products.terms, chosen, above)
     swaps = []
@@ -232,8 +232,13 @@ def _exchanged(
 
 
 def _simpler(terms: Sequence[Term], at: int) -> list[int]:
-    """Terms made of some of the signals of another one."""
-    return [i for i, each in enumerate(terms) if each.factors and each.signals < terms[at].signals]
+    """Terms made of some of the signals of another one, and its linear parents."""
+    term, above = terms[at], parents(terms[at])
+    return [
+        i
+        for i, each in enumerate(terms)
+        if each.factors and (each.signals < term.signals or each in above)
+    ]
 
 
 def _parents(terms: Sequence[Term]) -> list[frozenset[int]]:

@@ -13,7 +13,15 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from scenarios.plots.drawing import DOT, TALLEST, TOLERANCE, description, drawn_for_page, page_svg
+from scenarios.plots.drawing import (
+    DOT,
+    LOWEST,
+    TALLEST,
+    TOLERANCE,
+    description,
+    drawn_for_page,
+    page_svg,
+)
 from scenarios.plots.style import MEASURED, finish, make_sheet, method_style, time_axis, y_label
 from scenarios.report.figure_formats import CAPTIONS, caption_of
 
@@ -182,4 +190,15 @@ def test_a_tall_live_figure_is_printed_lower_and_kept_as_it_was(tmp_path: FilePa
     found = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', drawn.svg)
     assert found is not None and drawn.plot is not None
     assert float(found[2]) / float(found[1]) == pytest.approx(TALLEST, rel=1e-3)
+    assert float(found[1]) == pytest.approx(72.0 * width)
     assert tuple(figure.get_size_inches()) == (width, height)
+
+
+def test_many_panels_are_printed_smaller_and_keep_half_of_their_height(tmp_path: FilePath) -> None:
+    figure = one()
+    figure.set_size_inches(7.0, 40.0)
+    (drawn,) = drawn_for_page([("fit", lambda: figure)], tmp_path, ())
+    found = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', drawn.svg)
+    assert found is not None
+    assert float(found[2]) == pytest.approx(72.0 * LOWEST * 40.0, rel=1e-3)
+    assert float(found[2]) / float(found[1]) == pytest.approx(TALLEST, rel=1e-3)
