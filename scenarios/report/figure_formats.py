@@ -145,9 +145,7 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
             "Derivatives of all flights over the condition, with the common line and the scatter "
             "between flights"
         ),
-        "flight": (
-            "The whole flight: inputs and motion, maneuvers shaded, trim points grey"
-        ),
+        "flight": ("The whole flight: inputs and motion, maneuvers shaded, trim points grey"),
         "response": (
             "Magnitude, phase and coherence over frequency, with 95 % bands; grey: outside the "
             "usable band"

@@ -267,7 +267,10 @@ def test_a_fleet_with_a_nose_boom_and_a_late_channel_in_half_of_it(tmp_path: Pat
             assert abs(q["value"] - true) < 3.0 * q["std"], effect["name"]
         for name, told in effect["flights"].items():
             acts = any(key.startswith(f"{effect['name']}.") for key in truth[name])
-            assert told["state"] == ("has it" if acts else "does not have it"), (effect["name"], name)
+            assert told["state"] == ("has it" if acts else "does not have it"), (
+                effect["name"],
+                name,
+            )
     (line,) = found.trends
     assert line.startswith("Cm_alpha changes with mass")
     slope = content["derivatives"]["Cm_alpha"]["trends"]["mass"]

@@ -290,7 +290,8 @@ def test_what_differs_is_said_with_both_values() -> None:
     (found,) = agreements(checked([finding("sensor-delay:alpha", 0.030, 0.002)]), [LATE])
     assert (
         found.says == DIFFERS
-        and "differs: 0.0300 +- 0.0020 s against 0.0610 +- 0.0020 s in the diagnosis" in found.sentence
+        and "differs: 0.0300 +- 0.0020 s against 0.0610 +- 0.0020 s in the diagnosis"
+        in found.sentence
     )
     assert "agrees" not in found.sentence
 

@@ -166,7 +166,9 @@ def test_what_the_data_do_not_determine_is_said_in_words() -> None:
         )
         == "limit not determined by these data"
     )
-    assert value_text(-0.0002, 0.0007) == "-0.00020 +- 0.00070", "zero within its sigma is knowledge"
+    assert value_text(-0.0002, 0.0007) == "-0.00020 +- 0.00070", (
+        "zero within its sigma is knowledge"
+    )
 
 
 def test_spikes_are_counted_in_whole_numbers() -> None:
@@ -220,8 +222,8 @@ def test_headline_names_effect_error_and_derivative() -> None:
     assert headline(told) == (
         "the elevator sticks within +-0.400 deg of zero (break-out); with this effect, pitch-rate "
         "error 0.35 -> 0.0859 deg/s "
-        "on the held-out record validate.csv, noise floor 0.0859; Cm_q was -24.10 +- 0.90, is -17.20 "
-        "+- 0.40"
+        "on the held-out record validate.csv, noise floor 0.0859; Cm_q was -24.10 +- 0.90, is "
+        "-17.20 +- 0.40"
     )
 
 
