@@ -115,8 +115,8 @@ UNDETERMINED = "not determined by these data"
 
 
 def with_sigma(quantity: Quantity, unit: str | None = None, name: str = "") -> str:
-    """``"0.0610 +- 0.0012 s"``, angles in degrees, frequencies in rad/s and Hz, digits by sigma;
-    ``unit`` replaces the quantity's own.
+    """``"0.0610 +- 0.0012 s"``: angles in degrees, frequencies in rad/s and Hz, digits by the
+    sigma; ``unit`` replaces the quantity's own.
     """
     value, std, text = displayed(quantity, name)
     if name == "count":  # of events: a whole number

@@ -115,7 +115,7 @@ def summary_table(found: FoundStructure) -> Table:
         *((Column("R2 left out"),) if _several(found) else ()),
         Column("residual/noise"),
     )
-    return rows_table("coefficient of determination, and residual over noise", columns, rows)
+    return rows_table("R2, and residual over noise", columns, rows)
 
 
 def prediction_table(found: FoundStructure) -> Table:

@@ -239,7 +239,7 @@ def spectral_page(
 def _against(reference: Mapping[str, Any]) -> str:
     """How many quantities are outside the reference's bounds, and which."""
     outside, count = reference["outside"], len(reference["differences"])
-    names = f": {', '.join(outside)}" if outside else ""
+    names = f": {', '.join(WORDS.get(each, each) for each in outside)}" if outside else ""
     study = reference["study"]
     return f"{len(outside)} of {count} quantities are more than two sigmas off {study}{names}"
 

@@ -45,6 +45,7 @@ from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content
 from scenarios.studies.rows import Row
 from scenarios.watching.history_figure import history_section
 from scenarios.watching.reference import (
+    WORDS,
     CrossValidation,
     Reference,
     rows_and_vehicle,
@@ -402,7 +403,8 @@ def against(outside: Sequence[str], hanging: Sequence[str], compared: int) -> st
     """
     if outside:
         return (
-            f"outside the reference, {len(outside)} of {compared} quantities: {', '.join(outside)}"
+            f"outside the reference, {len(outside)} of {compared} quantities: "
+            f"{', '.join(WORDS.get(each, each) for each in outside)}"
         )
     left = f"; {', '.join(hanging)} not compared, for the start decides" if hanging else ""
     return (
@@ -437,7 +439,7 @@ def differences_table(reference: Mapping[str, Any]) -> Table:
         known = estimate(each["reference"], each["reference_std"])
         rows.append(
             (
-                each["name"],
+                WORDS.get(each["name"], each["name"]),
                 known,
                 Number(each["sigmas"], digits=1, signed=True),
                 "outside" if each["outside"] else "",

@@ -26,9 +26,9 @@ from scenarios.report.document import (
 )
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
-from scenarios.report.quantities import as_text, number_text, test_line
+from scenarios.report.quantities import as_text, number_text
 from scenarios.report.shared_tables import tests_table
-from scenarios.report.summary import HERE
+from scenarios.report.summary import HERE, residual_phrase
 from scenarios.studies.comparison import HEADING, bank_line, choice_lines
 from scenarios.x29.content import loop_comparison
 from scenarios.x29.declaration import printed_column
@@ -74,7 +74,7 @@ def loop_page(study: LoopStudy, drawn: Sequence[Drawn] = ()) -> Page:
         else "good"
         if white
         else "fair",
-        sentence=as_sentence(test_line(study.tests)) if study.tests else "",
+        sentence=as_sentence(f"residual: {residual_phrase(study.tests)}") if study.tests else "",
         summary=tuple(as_sentence(line) for line in (qualities, scenario.findings) if line),
         warnings=(),
         sections=(

@@ -1,7 +1,8 @@
 """Pictures of every kind of page on one sheet: ``python -m tests.browser.contact_sheet OUT``.
 
 Each page is shown 1280 and 390 px wide and in print: printed by the browser, and by
-``flightid report --pdf``. Pictures of single pages are kept beside the sheet.
+``flightid report --pdf``. Pictures of single pages are kept beside the sheet. With ``--site
+FOLDER`` kinds of pages of the documentation follow, at both widths and printed by the browser.
 """
 
 from __future__ import annotations
@@ -24,6 +25,19 @@ SCALE = 0.4  # of the pictures on the sheet
 TALLEST = 4000  # px of a picture that stands on the sheet; the rest is in its own file
 GAP, HEAD = 24, 40  # px between pictures, above a row
 PAPER = 60  # dots an inch
+# Of the site, a page of each kind.
+SITE = (
+    *("index", "start", "made/gallery", "how-to/own-record", "tracing", "made/commands"),
+    *("made/python/identify", "made/scenario/rigid", "made/labs/lab2", "made/api/ident.structure"),
+)
+# Figures are drawn as they come into sight.
+SEEN = """async () => {
+  for (let y = 0; y < document.documentElement.scrollHeight; y += 500) {
+    scrollTo(0, y);
+    await new Promise(done => setTimeout(done, 60));
+  }
+  scrollTo(0, 0);
+}"""
 
 
 def main(words: list[str] | None = None) -> None:
@@ -33,6 +47,7 @@ def main(words: list[str] | None = None) -> None:
     parser.add_argument(
         "--only", nargs="*", choices=list(COMMANDS), help="kinds of pages; else all"
     )
+    parser.add_argument("--site", type=Path, help="folder of the built documentation")
     asked = parser.parse_args(words)
     path = executable()
     if path is None or shutil.which("pdftoppm") is None:
@@ -45,17 +60,34 @@ def main(words: list[str] | None = None) -> None:
         pictures = {
             kind: pictures_of(browser, page, asked.out / kind) for kind, page in pages.items()
         }
+        if asked.site is not None:
+            for name in SITE:
+                stem = asked.out / f"site-{name.replace('/', '-')}"
+                pictures[stem.name] = shots_of(browser, asked.site / f"{name}.html", stem)
         browser.close()
     sheet_of(pictures).save(asked.out / "sheet.png")
-    print(f"{asked.out / 'sheet.png'}: {', '.join(pages)}")
+    print(f"{asked.out / 'sheet.png'}: {', '.join(pictures)}")
 
 
 def pictures_of(browser: Browser, source: Path, stem: Path) -> list[Path]:
-    """The page at both widths and on paper, as files whose names begin with ``stem``."""
+    """The page at both widths and on paper, as files whose names begin with ``stem``; printed by
+    the command as well.
+    """
+    found = shots_of(browser, source, stem)
+    command = [sys.executable, "-m", "flightid", "report", str(source.parent), "--pdf"]
+    subprocess.run(command, check=True, capture_output=True)
+    reported = stem.with_name(f"{stem.name}-report.pdf")
+    (source.parent / "report.pdf").replace(reported)
+    return [*found, rasterised(reported)]
+
+
+def shots_of(browser: Browser, source: Path, stem: Path) -> list[Path]:
+    """The page at both widths and as the browser prints it."""
     found = []
     for name, size in (("desktop", DESKTOP), ("phone", PHONE)):
         page = browser.new_page(viewport={"width": size["width"], "height": size["height"]})
         page.goto(source.as_uri())
+        page.evaluate(SEEN)
         page.wait_for_timeout(300)
         found.append(stem.with_name(f"{stem.name}-{name}.png"))
         page.screenshot(path=str(found[-1]), full_page=True)
@@ -65,11 +97,7 @@ def pictures_of(browser: Browser, source: Path, stem: Path) -> list[Path]:
     printed = stem.with_name(f"{stem.name}-print.pdf")
     page.pdf(path=str(printed), format="A4", print_background=True)
     page.close()
-    command = [sys.executable, "-m", "flightid", "report", str(source.parent), "--pdf"]
-    subprocess.run(command, check=True, capture_output=True)
-    reported = stem.with_name(f"{stem.name}-report.pdf")
-    (source.parent / "report.pdf").replace(reported)
-    return found + [rasterised(each) for each in (printed, reported)]
+    return [*found, rasterised(printed)]
 
 
 def rasterised(document: Path) -> Path:

@@ -61,8 +61,8 @@ def make_pages(folder: Path, kinds: tuple[str, ...] = tuple(COMMANDS)) -> dict[s
     needed |= {"identify"} if needed & {"predict", "watch"} else set()
     needed |= {"run", "run-filter"} if "compare" in needed else set()
     folder.mkdir(parents=True, exist_ok=True)
-    _typed(folder, "simulate", "trace-delay", "--out", "flight.csv")
-    _typed(folder, "simulate", "trace-nothing", "--out", "clean.csv")
+    typed(folder, "simulate", "trace-delay", "--out", "flight.csv")
+    typed(folder, "simulate", "trace-nothing", "--out", "clean.csv")
     (folder / "flights.toml").write_text(FLIGHTS, encoding="utf-8")
     if "structure" in needed:
         files = io.BytesIO(model_structure.archive(model_structure.study()))
@@ -71,12 +71,12 @@ def make_pages(folder: Path, kinds: tuple[str, ...] = tuple(COMMANDS)) -> dict[s
     pages = {}
     for kind, command in COMMANDS.items():
         if kind in needed:
-            _typed(folder, *command, "--out", kind)
+            typed(folder, *command, "--out", kind)
             pages[kind] = folder / kind / "report.html"
     return {kind: pages[kind] for kind in kinds}
 
 
-def _typed(folder: Path, *words: str) -> None:
+def typed(folder: Path, *words: str) -> None:
     """A command as it is typed in the folder; one that finds a doubt ends with 1.
 
     It runs in this process: a process of its own would spend most of its time on imports.

@@ -6,8 +6,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,13 +16,13 @@ import pytest
 from scenarios.report.document import Column, Number, Section, Table
 from scenarios.report.folder import write_page
 from tests.browser.complaints import Complaints, fits, keep_picture
+from tests.browser.every_page import typed
 from tests.browser.paper import words_of
 from tests.pages import HOSTILE, PAGE
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-ROOT = Path(__file__).parents[2]
 WIDTHS = (390, 1280, 1920)
 
 
@@ -34,19 +32,10 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     command line.
     """
     folder = tmp_path_factory.mktemp("reports")
-
-    def run(*words: object) -> None:
-        subprocess.run(
-            [sys.executable, "-m", "scenarios", *map(str, words)],
-            cwd=ROOT,
-            check=True,
-            capture_output=True,
-        )
-
     (folder / "everything").mkdir()
     write_page(folder / "everything", PAGE)
-    run("run", "rigid", "rigid-process-noise-a", "--compare", "--out", folder / "beside")
-    run("run", "trace-pair", "--out", folder / "diagnosis")
+    typed(folder, "run", "rigid", "rigid-process-noise-a", "--compare", "--out", "beside")
+    typed(folder, "run", "trace-delay", "--out", "diagnosis")
     named = {
         "everything": "everything",
         "study": "beside/rigid",
@@ -218,10 +207,5 @@ def test_rebuilt_page_is_the_same(pages: dict[str, Path]) -> None:
             json.loads((pages[name].parent / "report.json").read_bytes())["schema"]
             == "flightid/report/1"
         )
-        subprocess.run(
-            [sys.executable, "-m", "scenarios", "report", pages[name].parent],
-            cwd=ROOT,
-            check=True,
-            capture_output=True,
-        )
+        typed(pages[name].parent, "report", ".")
         assert pages[name].read_bytes() == before

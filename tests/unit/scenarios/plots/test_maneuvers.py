@@ -64,7 +64,7 @@ def test_a_short_pause_is_a_hole_in_the_band() -> None:
         ["2"],
     ]
     assert "elevator" in elevator.get_ylabel() and "deg" in phi.get_ylabel()
-    (line,) = [each for each in elevator.lines if np.size(np.asarray(each.get_xdata())) > 2]
+    (line,) = [each for each in elevator.lines if np.size(each.get_xdata()) > 2]
     times, values = map(np.asarray, line.get_data())
     assert np.flatnonzero(np.isnan(values)).size == 1, "a hole at the pause"
     assert np.all(np.diff(times) >= 0.0)

@@ -13,7 +13,16 @@ import pytest
 from scenarios.commands.libraries import show_effects
 from scenarios.files.channels import CHANNEL_UNITS
 from scenarios.plots.display import display_unit
-from scenarios.report.quantities import DEGREES, in_hertz, quantity_text, shown_in, unit_cell
+from scenarios.report.quantities import (
+    DEGREES,
+    in_hertz,
+    number_text,
+    quantity_text,
+    shown_in,
+    span_text,
+    unit_cell,
+    value_parts,
+)
 from scenarios.report.text_tables import table_lines
 from scenarios.studies.rows import Row
 from scenarios.studies.text import with_display
@@ -77,3 +86,36 @@ def test_rows_of_a_study_are_shown_so_and_a_frequency_in_hertz_as_well() -> None
         1
     ].sigmas == pytest.approx(rows[0].sigmas)
     assert shown[2].std == pytest.approx(math.degrees(0.001))
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "shown"),
+    [
+        (0.060047, 2.7e-5, ("0.060047", "0.000027")),
+        (-26.86, 1.708, ("-26.9", "1.7")),
+        (288017.0, 43210.0, ("288017", "43210")),
+        (4.7e-5, 3.3e-5, ("0.000047", "0.000033")),
+        (1.5e-12, 2.0e-13, ("1.50e-12", "2.0e-13")),
+    ],
+)
+def test_two_digits_of_a_sigma_and_the_value_to_the_same_decimal(
+    value: float, sigma: float, shown: tuple[str, str]
+) -> None:
+    assert (number_text(value, sigma), number_text(sigma, sigma)) == shown
+    if sigma > 1e-8:
+        decimals = {len(text.partition(".")[2]) for text in value_parts(value, sigma)}
+        assert len(decimals) == 1
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "told"),
+    [
+        (-4.4, 3.82, "-4.40 to 3.82"),
+        (0.00272, 1.88, "0.00 to 1.88"),
+        (-0.0001, 25.0, "0.0 to 25.0"),
+        (0.0, 0.0, "0 to 0"),
+        (-1234.6, 3.0, "-1235 to 3"),
+    ],
+)
+def test_both_ends_of_a_span_have_the_same_decimals(low: float, high: float, told: str) -> None:
+    assert span_text(low, high) == told
