@@ -11,6 +11,7 @@ import pytest
 
 from ident.estimate import Outcome
 from ident.statistics.intervals import LocalModel, local_model
+from ident.whole_record import gauss_newton
 from ident.whole_record.gauss_newton import (
     Fit,
     arrived,
@@ -183,6 +184,42 @@ def test_damping_goes_as_far_as_a_step_needs_it() -> None:
     fit = fit_whole_records(FitProblem(lay_out([record], system, FitSettings(max_step=0.05))))
     assert fit is not None and fit.outcome is Outcome.CONVERGED
     assert fit.theta[0] ** 9 == pytest.approx(np.mean(record["place"].values), rel=1e-6)
+
+
+def test_steps_follow_the_floor_of_a_curved_valley(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rosenbrock's valley: outputs a and 300 (b - a^2) from a = -1.5; straight steps creep."""
+    rng, time = np.random.default_rng(6), np.arange(60) * 0.05
+    initial = ParameterSet(
+        (Parameter("position", 0.0, "m", free=False), Parameter("speed", 0.0, "m/s", free=False))
+    )
+    parameters = ParameterSet(
+        (
+            Parameter("stiffness", 3.0, "1/s2", free=False),
+            Parameter("damping", -1.5, "1/s"),
+            Parameter("force", 2.25, "m/s2"),
+        )
+    )
+    model = replace(oscillator(), parameters=parameters, biases=()).with_initial(initial)
+    system = compile_model(model)
+    a, b = (system.parameters.index(name) for name in ("damping", "force"))
+    system = replace(
+        system,
+        h=lambda t, x, u, p: [p[a] + 0.0 * x[0], 300.0 * (p[b] - p[a] ** 2), 0.0 * x[0]],
+    )
+    outputs = (
+        Channel.of("place", "m", 1.0 + 0.3 * rng.standard_normal(60)),
+        Channel.of("mixed", "m", 0.3 * rng.standard_normal(60)),
+    )
+    record = Record(time, record_of(rng, 60).inputs, outputs)
+    problem = FitProblem(lay_out([record], system, FitSettings(max_step=0.05, iterations=300)))
+    curved = fit_whole_records(problem)
+    monkeypatch.setattr(gauss_newton, "_WAY", (0.0,))
+    straight = fit_whole_records(problem)
+    assert curved is not None and straight is not None
+    least = np.mean(record["place"].values)
+    assert curved.outcome is Outcome.CONVERGED
+    assert curved.theta[0] == pytest.approx(least, rel=1e-4)
+    assert curved.iterations < 0.5 * straight.iterations
 
 
 def test_the_trajectory_obeys_the_equations_however_loose_the_tolerance() -> None:
