@@ -559,19 +559,26 @@ def _by_kinematics(
 
 
 def _rivals(search: Search, best: WeighedSet, name: str) -> dict[str, float]:
-    """Effects that Vuong's test does not tell from one, with their odds by its normal law."""
+    """Effects that Vuong's test does not tell from one, with their odds by its normal law.
+
+    Motion that any record may have may stand beside them or not.
+    """
     from scipy.special import ndtr
 
     rest = best.names - {name}
+    usual = {each.name for each in search.problem.candidates if each.traits.background}
     found: dict[str, float] = {}
     for key, other in search.visited.items():
         new = key - rest
-        if name in key or len(new) != 1 or not rest <= key or key == rest:
+        new = new - usual if len(new) > 1 else new
+        if name in key or len(new) != 1 or not rest - usual <= key:
             continue
         z = vuong(best, other, search.context.interval)
         if z < RIVAL and other.weight < best.weight:
-            p = float(ndtr(z))
-            found[next(iter(new))] = (1.0 - p) / p
+            p, rival = float(ndtr(z)), next(iter(new))
+            # The relations between the sensors rest on no equation of forces: they decide then.
+            even = 1.0 if rival in search.problem.named_by_kinematics else 0.0
+            found[rival] = max((1.0 - p) / p, even, found.get(rival, 0.0))
     return found
 
 

@@ -268,7 +268,9 @@ class Search:
         self.problem = replace(self.problem, kinematic=tuple(groups))
         for key, one in self.visited.items():
             self.visited[key] = self.reweighed(one)
-        self.seeded()
+        named = self.seeded()
+        if named is not None and named.names not in self.expanded and not self.spent:
+            self.expand(named)  # what stands beside it was sought beside other sets alone
         return self if self.best().names in self.expanded else self.run()
 
     def seeded(self) -> WeighedSet | None:
