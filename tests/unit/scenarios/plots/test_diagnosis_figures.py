@@ -197,7 +197,7 @@ def test_derivatives_are_drawn_in_per_cent_and_vague_ones_in_their_sigmas() -> N
     assert np.asarray(points[-1]) == pytest.approx([15.0, 100.0])
     assert "3σ" in panel.get_title(loc="left") and "L" in panel.get_title(loc="left")
     texts = {text.get_text() for text in panel.texts}
-    assert {"−20.0 ± 1.0", "−17.0 ± 0.5"} <= texts
+    assert {"−20.0 ± 1.0", "−17.00 ± 0.50"} <= texts
 
 
 @pytest.mark.parametrize("missing", [0.0, 0.3])
