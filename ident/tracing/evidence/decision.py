@@ -320,7 +320,8 @@ def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision
         # A guard had chosen between effects that the records do not tell apart without it.
         out |= search.problem.guards
         top = max(_sets_without(search, out), key=lambda one: one.weight)
-        best = top if top.weight > best.weight and is_noise(top.fitted.fit) else best
+        if top.weight > best.weight and is_noise(top.fitted.fit):
+            best, _, out = _without_slight(search, top, clear, out)
     sets = probabilities(search, out)
     named = [
         _named(search, best, effect, sets)
@@ -358,13 +359,14 @@ def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision
 
 
 def _without_slight(
-    search: Search, best: WeighedSet, clear: float
+    search: Search, best: WeighedSet, clear: float, before: Collection[str] = ()
 ) -> tuple[WeighedSet, dict[str, str], set[str]]:
     """The likeliest set without members that bring little (``_less_slight``), those of ``best``
-    with the reasons, and the names of all that are left out: they take no part in probabilities.
+    with the reasons, and the names of all that are left out, ``before`` as well: they take no part
+    in probabilities.
     """
     best, slight = _less_slight(search, best, clear)
-    out = set(slight)
+    out = {*before, *slight}
     while out:
         top = max(_sets_without(search, out), key=lambda one: one.weight)
         if top.weight <= best.weight:
