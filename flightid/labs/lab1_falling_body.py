@@ -54,9 +54,8 @@ def _(mo):
     $$ \frac{\partial \ddot h}{\partial \beta} = - \frac{\rho\,\dot h^2}{2\,\beta^2} . $$
 
     At high altitude $\rho$ is nearly zero, and so is this entry: the record contains no
-    information there. And it depends on $\beta$ itself, **squared**, taken at
-    the filter's own
-    estimate. A gain computed at a wrong $\hat\beta$ counts information that does not exist, and
+    information there. It is also proportional to $1/\beta^2$, and the filter must evaluate it at its own estimate, not at the true $\beta$.
+    With a wrong $\hat\beta$ the filter counts information that does not exist, and
     $P$ stays too small from then on. That is what
     a second
     *pass* is for: the filter runs again, now linearised about what the first pass found.
@@ -213,8 +212,8 @@ def _(close, lab, page):
             lambda value: value == lab.passes_needed(550.0, 110.0),
             "Set the start first, then raise the passes one by one and watch the campaign.",
             "The second pass is linearised near the true value throughout. It starts "
-            "with twenty times the last sigma, so the data are counted twice with a "
-            "weight of 1/400 only.",
+            "at the first result with a sigma twenty times larger: the first pass counts as a prior "
+            "with a weight of 1/400, and using the data twice hardly matters.",
         ),
         "worse": page.Question(
             "Start 800 again, one pass. Which prior gives the larger bias in sigmas?",
@@ -239,7 +238,7 @@ def _(mo):
     mo.md(r"""
     ## To think about
 
-    Output error fits the whole record at once and has no order in time: `flightid run ballistic` shows it beside the filters, with the same sigma and
+    Output error fits the whole record at once and has no order in time: `flightid run ballistic --out fall` shows it in `fall/report.html`, beside the filters, with the same sigma and
     no bias. When
     would you still want the filter?
     """)

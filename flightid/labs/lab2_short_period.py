@@ -56,9 +56,9 @@ def _(mo):
     A record of the swing alone shows $\omega$ and $\zeta$: **two** numbers. Six derivatives need more: two outputs, and an input that moves at
     several frequencies.
 
-    *The 3-2-1-1* holds the elevator up for three units of time, down for two, up for one, down for one. Pulses of three lengths spread its power
+    *The 3-2-1-1* holds the elevator trailing edge down for three units of time, up for two, down for one, up for one. Pulses of three lengths spread its power
     over a band; a
-    *doublet* (one up, one down) has a narrow band.
+    *doublet* (one unit down, one up) has a narrow band.
 
     *How well a record determines the parameters $\theta$* is known before it is flown. With sensitivities $\partial y_k / \partial \theta$ and noise
     covariance $R$, no unbiased estimate
@@ -196,7 +196,7 @@ def _(close, lab, page):
             page.number_field("s"),
             lambda value: close(value, lab.tuned_doublet(lab.numbers()["frequency"]), 0.03),
             "The natural frequency stands under the table, in rad/s.",
-            "Power where the aircraft answers is power that tells something.",
+            "Input power near the frequency of the short period gives the most information.",
         ),
         "limit": page.Question(
             "A 3-2-1-1 of 6 deg, but the flight-test card allows at most 10 deg of angle of attack "
@@ -216,9 +216,8 @@ def _(close, lab, page):
             ),
             lambda value: value == "natural frequency and damping ratio",
             "Look at the sigmas in per cent, and at the line below the table.",
-            "One output determines only the oscillation, that is two numbers: the sum"
-            " of two dampings, not each of them. C_Lα and C_mq stay near "
-            "their priors.",
+            "α alone determines frequency and damping best. The damping comes from a sum of C_Lα "
+            "and C_mq, so that each of these stays near the filter's starting value.",
         ),
         "rate": page.Question(
             "Both outputs again, 25 samples a second: C_mα is 18 sigmas off. At 20 a second all is "
@@ -226,15 +225,16 @@ def _(close, lab, page):
             page.choice(
                 [
                     "25 Hz is too slow for a short period of 2 rad/s",
-                    "every second switch of the elevator falls between two samples, so that the "
-                    "recorded input is late",
+                    "switches of the elevator at odd multiples of 0.5 s fall between two samples, so "
+                    "that the recorded input is late there",
                     "fewer samples make larger sigmas",
                 ]
             ),
-            lambda value: value is not None and value.startswith("every second switch"),
+            lambda value: value is not None and value.startswith("switches of the elevator"),
             "The elevator switches at multiples of 0.5 s. Which of these are multiples of 0.04 s, "
             "and which of 0.05 s?",
-            "By 0.02 s. The sigma does not show it, the test of the residual does. Which of your "
+            "The recorded input is 0.02 s late there. The sigma does not show it, the test of the "
+            "residual does. Which of your "
             "sensors is late by 20 ms?",
         ),
     }

@@ -24,7 +24,7 @@ def _(page):
         4,
         "An augmented aircraft and its equivalent system",
         """To see that a record of a controlled aircraft shows the aircraft *with* its control law, to describe that by a low-order equivalent system,
-        and to predict from it the pilot's rating.""",
+        and to predict from it the level of flying qualities.""",
     )
     return
 
@@ -42,16 +42,16 @@ def _(mo):
 
     A forward-swept fighter like the X-29 is unstable by design: its airframe has $M_\alpha > 0$, an eigenvalue $\lambda > 0$,
     and doubles every disturbance in $t_2 = \ln 2 / \lambda$. A digital
-    control law moves three surfaces forty times a second and makes it fly. Sensors, filters, actuators and delays of whole frames give the closed
+    control law moves three surfaces forty times a second and makes it fly. Sensors, filters, actuators and delays of one or more computer cycles give the closed
     loop some thirty states.
 
     The pilot notices none of them: he moves the **stick** $\delta_p$ and sees a short period, somewhat late. The **low-order equivalent system** (LOES)
-    is that:
+    models exactly this:
 
     $$ \dot\delta = \tfrac1\tau\big(\delta_p(t - t_d) - \delta\big) + \delta_0 , \qquad
        \dot\alpha = L_\alpha\alpha + L_q q + L_\delta\delta + L_0 , \qquad \dot q = M_\alpha\alpha + M_q q + M_\delta\delta + M_0 , $$
 
-    a short period with a first-order lag $\tau$ and a pure delay $t_d$ in front: eight numbers for thirty states. Its transfer function from stick to
+    a short period with a first-order lag $\tau$ and a pure delay $t_d$ in front: eight parameters, and three constants for biases, in place of thirty states. Its transfer function from stick to
     pitch rate is
 
     $$ \frac{q}{\delta_p}(s) = \frac{M_\delta (s - L_\alpha) + M_\alpha L_\delta}{s^2 - (L_\alpha + M_q)s + L_\alpha M_q - L_q M_\alpha}\;
@@ -62,7 +62,7 @@ def _(mo):
 
     *Where the delay comes from.* Each filter and actuator of the loop adds phase lag. Over the pilot's band, below some 10 rad/s, phase that falls in
     proportion to frequency is a delay:
-    $\varphi = -\omega t_d$. Lag and delay trade against each other: to first order only their sum $t_d + \tau$ is seen. MIL-F-8785C allows an
+    $\varphi = -\omega t_d$. A longer lag with a shorter delay fits almost as well: to first order a record determines only their sum $t_d + \tau$. The specification applies to $t_d$ alone, so that the verdict depends on how the fit divides the sum. MIL-F-8785C allows an
     equivalent delay of 0.10 s for Level 1, 0.20 s for Level 2
     and 0.25 s for Level 3; damping and the control anticipation parameter (CAP) have levels of their own.
 
@@ -248,7 +248,7 @@ def _(close, lab, page):
                 ),
                 0.05,
             ),
-            "M_δ at 0.4 in over M_δ at 0, from 1.",
+            "Compute 100 (1 - M_δ(0.4 in) / M_δ(0)).",
             "Nearly 0.4 of 1 inch: with a square-edged input a dead band acts like a "
             "smaller gain, and no test detects it. Smooth stick inputs would show it.",
         ),

@@ -43,15 +43,15 @@ def _(mo):
     Honest sigmas have scatter / sigma = 1 and a coverage of 95 %. With $N$ runs the coverage of one parameter is itself known to $\sqrt{0.95 \cdot
     0.05/N}$ only: 3 % at 50 runs.
 
-    *The least sigma there is.* The **Cramér-Rao bound** (lab 2) holds for every unbiased estimator whose model is right. It is computed here from
-    differences of whole noise-free flights, without any estimator.
+    *The least sigma there is.* The **Cramér-Rao bound** (lab 2) holds for every unbiased estimator whose model is right. Here it is computed from
+    finite differences of simulated noise-free flights; no estimator is involved.
 
-    *What an estimator assumes.* Weights come from the noise it believes in: $R$ of the sensors, and $Q$ of what drives the states beside the input,
-    as the air does,
+    *What an estimator assumes.* It weighs the data by two assumed covariances: $R$ of the sensor noise, and $Q$ of
+    disturbances that act on the states, such as turbulence:
 
     $$ \dot x = f(x, u) + w , \quad \operatorname{E} w w^T = Q\,\delta(t - t') , \qquad z_k = h(x_k) + v_k , \quad \operatorname{E} v v^T = R . $$
 
-    If $R$ is wrong by a factor, sigma is wrong by its root. If forces act that nobody told the estimator of, the residual becomes **coloured**: each
+    If $R$ is wrong by a factor, sigma is wrong by its root; the slider scales $\sqrt R$, so that sigma changes by the slider's factor. If forces act that nobody told the estimator of, the residual becomes **coloured**: each
     sample resembles the one before, and $n$ samples are worth
     far fewer than $n$. An estimator that counts them as $n$ independent ones is too sure.
 
@@ -223,7 +223,7 @@ def _(close, lab, page):
             page.number_field("times"),
             lambda value: close(value, lab.numbers(acting=0.1)["scatter over sigma of Cm_de"], 0.1),
             "The column `scatter / reported`.",
-            "Its autocorrelation shows why: the residual is coloured. So are residuals of real records in calm air, since every model is "
+            "The residual's autocorrelation shows why: it is coloured. So are residuals of real records in calm air, since every model is "
             "incomplete.",
         ),
         "corrected": page.Question(
@@ -235,7 +235,7 @@ def _(close, lab, page):
                 abs(value - lab.numbers(acting=0.1, method="output error")["within 2 sigma"]) <= 3
             ),
             "The line under the table.",
-            "From 39 to 77: far better, but not 95. The correction estimates the "
+            "From 41 to 90: far better, but not yet 95. The correction estimates the "
             "colour from the residual of one maneuver, which determines it poorly.",
         ),
         "right": page.Question(

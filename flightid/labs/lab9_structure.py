@@ -37,10 +37,10 @@ def _(mo):
     $$ C_m = \frac{I_y \dot q + (I_x - I_z)\, p r + I_{xz}\,(p^2 - r^2) - T z_T}{\bar q S \bar c} . $$
 
     Each is modelled as a sum $z = \theta_0 + \sum_j \theta_j\, t_j$ of **terms** $t_j$: signals ($\alpha$, $\hat q = q \bar c / 2V$, $\delta_e$) and
-    their products. Which of them? With eight signals there are 44 products up to the second degree.
+    their products. Which of them? With eight signals there are 44 terms up to the second degree: 8 signals, 8 squares, 28 products.
 
-    **Stepwise regression** takes in the term with the largest partial $F$ ratio, the sum of squares that it explains over the variance of
-    the residual, while that is above 20, and takes out a term whose ratio falls below. Two numbers say when to stop:
+    **Stepwise regression**: at each step the term with the largest partial $F$ enters, if $F > 20$; terms whose $F$ has fallen below 20 leave.
+    $F$ is the sum of squares that a term explains, divided by the variance of the residual. Two further numbers show whether the last terms were worth it:
 
     $$ \text{PSE} = \frac{1}{N}\sum_k (z_k - \hat z_k)^2 + \sigma^2_{max}\,\frac{n}{N} , \qquad R^2_{\text{left out}} = 1 - \frac{\sum_k (z_k - \hat z_k^{(-m)})^2}{\sum_k (z_k - \bar z)^2} . $$
 
@@ -127,7 +127,12 @@ def _(axis, controls, lab, mo, page, studied):
                 kind="warn",
             )
             if _said
-            else mo.callout(mo.md("Nothing is found lacking."), kind="neutral"),
+            else mo.callout(
+                mo.md(
+                    "No warning. This does not prove that every true term was found: compare with the column of true values."
+                ),
+                kind="neutral",
+            ),
             mo.download(
                 data=lambda: lab.archive(studied),
                 filename="maneuvers.zip",
@@ -176,7 +181,8 @@ def _(close, lab, page):
             page.number_field("R²"),
             lambda value: close(value, lab.numbers(axis="Cn", linked=True)["R2 not fitted"], 0.01),
             "The line below the table.",
-            "-0.062 for the aileron is 0.004 + 0.6 times -0.110: the sum of both surfaces. "
+            "The rudder moves 0.6 times the aileron, so that the aileron takes its effect in: 0.004 + "
+            "0.6 (-0.110) = -0.062. "
             "Maneuvers that share a fault of design cannot reveal it.",
         ),
         "noise": page.Question(
@@ -194,8 +200,8 @@ def _(close, lab, page):
             page.choice(["R²", "residual over noise", "VIF"]),
             lambda value: value == "VIF",
             "Compare all three with those at degree 2.",
-            "`alpha^2*r` has a VIF of 29: with `alpha*p` it does what p and beta do where alpha "
-            "hardly moves. R² of the maneuver that is not fitted is 0.998 all the same.",
+            "`alpha^2*r` has a VIF of 29: where alpha hardly moves, it and `alpha*p` together "
+            "imitate p and beta. R² of the maneuver that is not fitted is 0.998 all the same.",
         ),
     }
     answers = page.fields(questions)

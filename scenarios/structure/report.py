@@ -185,7 +185,8 @@ def findings(found: FoundStructure) -> list[str]:
         if rest:
             names = ", ".join(sorted(t.text for t in rest))
             told.append(
-                f"{axis}: of stepwise regression and orthogonal functions one alone chose {names}."
+                f"{axis}: stepwise regression and orthogonal functions disagree: only one of them "
+                f"chose {names}."
             )
     for axis, together in found.collinearity.items():
         index = float(together.indices[0]) if len(together.indices) else 1.0

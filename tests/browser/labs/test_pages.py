@@ -114,7 +114,7 @@ def test_an_answer_is_judged(lab: Callable[[int], Page]) -> None:
 
 def test_linked_surfaces_are_warned_of_and_the_check_falls(lab: Callable[[int], Page]) -> None:
     page = lab(9)
-    page.get_by_text("Nothing is found lacking.").first.wait_for()
+    page.get_by_text("No warning. This does not prove").first.wait_for()
     page.get_by_text("0.9992").first.wait_for()
     labelled(page, "coefficient").locator("select").select_option(label="Cn")
     page.get_by_text("0.9978").first.wait_for()
