@@ -98,7 +98,7 @@ def residual_size(residual: np.ndarray, valid: np.ndarray, channel: str) -> Resi
         channel,
         ratio,
         p_value,
-        f"{ratio:.3g} times as large as its own noise: a few samples are far off",
+        f"{ratio:.3g} times as large as its own noise: large errors stand in parts of the record",
     )
 
 

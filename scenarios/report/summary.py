@@ -105,7 +105,7 @@ def levels_line(levels: Sequence[ModeLevel], flown: Flown, tests: Sequence[Resid
     doubted = (
         ""
         if all(test.passed for test in tests)
-        else ", valid only for a right model, and the residual says that it is not"
+        else ", not valid here: the residual shows that the model is incomplete"
     )
     return f"{levels_heading(flown)}{doubted}: {'; '.join(map(level_sentence, levels))}"
 

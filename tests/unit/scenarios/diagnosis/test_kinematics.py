@@ -156,7 +156,7 @@ def test_only_sensor_effects_are_compared_and_others_found_are_told() -> None:
     ]
     assert (
         kinematics_lines(checked(), [], Wording())[0]
-        == "kinematics alone find no sensor fault, as the diagnosis does"
+        == "kinematics alone find no sensor fault either"
     )
 
 
