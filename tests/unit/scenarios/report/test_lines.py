@@ -105,6 +105,6 @@ def test_what_is_assumed_and_what_is_doubted_is_said() -> None:
         "file): " in levels_line(some, Flown(), sound)
     )
     assert levels_line(some, Flown("IV", "A", ()), bad).startswith(
-        "levels by MIL-F-8785C, class IV, category A, valid only for a right model, and the re"
+        "levels by MIL-F-8785C, class IV, category A, not valid here: the residual shows"
     )
     assert levels_line([], Flown(), sound) == ""
