@@ -97,13 +97,15 @@ class TraceProblem:
         rough: bool = False,
     ) -> FittedModel | None:
         """Fit a set from another one's values; roughly while searching, to the end for what is
-        kept. None where no cost is finite.
+        kept. None where no cost is finite. Without a start the declared model is
+        fitted once.
         """
         if rough:
             return self._fit(effects, self.roughly, start, added)
         asked = (start, tuple(effects), dict(added or {}))
-        for one in self._ended:
-            if one.start is start and (one.effects, one.added) == asked[1:]:
+        for one in reversed(self._ended):
+            same = one.start is start or (start is None and not effects)
+            if same and (one.effects, one.added) == asked[1:]:
                 return one.fitted
         random = any(isinstance(effect, NoiseEffect) for effect in effects)
         enough = CREEPING if random else SETTLED

@@ -457,7 +457,7 @@ def _named(search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Ke
         for each in search.candidates
         if each.traits.guard or (each.traits.general and not effect.traits.general)
     }
-    for name, each in _rivals(search, best, effect.name).items():
+    for name, each in _rivals(search, best, effect.name, CLEAR).items():
         if name not in formless:
             odds[name] = max(each, odds.get(name, 0.0))
     return _sharing(effect.name, mine + sum(alike.values()), odds)
@@ -560,10 +560,13 @@ def _by_kinematics(
     return best, spread
 
 
-def _rivals(search: Search, best: WeighedSet, name: str) -> dict[str, float]:
+def _rivals(
+    search: Search, best: WeighedSet, name: str, clear: float = math.inf
+) -> dict[str, float]:
     """Effects that Vuong's test does not tell from one, with their odds by its normal law.
 
-    Motion that any record may have may stand beside them or not.
+    Motion that any record may have may stand beside them or not. What is less likely by ``clear``
+    in the logarithm is told apart.
     """
     from scipy.special import ndtr
 
@@ -576,7 +579,7 @@ def _rivals(search: Search, best: WeighedSet, name: str) -> dict[str, float]:
         if name in key or len(new) != 1 or not rest - usual <= key:
             continue
         z = vuong(best, other, search.context.interval)
-        if z < RIVAL and other.weight < best.weight:
+        if z < RIVAL and 0.0 < best.weight - other.weight < clear:
             p, rival = float(ndtr(z)), next(iter(new))
             # The relations between the sensors rest on no equation of forces: they decide then.
             even = 1.0 if rival in search.problem.named_by_kinematics else 0.0
