@@ -302,18 +302,9 @@ def _total(named: Named) -> float:
 
 def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision:
     """Under white noise: what is certain, unless more leaves noise; else the best, by groups."""
-    sets: Mapping[Key, float] = probabilities(search)
+    sets = probabilities(search)
     inclusion = inclusion_of(sets)
-    certain = frozenset(
-        effect.name
-        for effect in best.fitted.effects
-        if inclusion[effect.name] + sum(_alike(search, best, effect, sets).values()) >= CERTAIN
-    )
-    enough = search.visited.get(certain)
-    # What is not certain is left out, unless something that is not known certainly acts.
-    if enough is not None and sets[certain] > 1.0 - CERTAIN:
-        best = enough
-    whole = best
+    whole = best = _certain_part(search, best, sets)
     best, slight, out = _without_slight(search, best, clear)
     guarded, best = best, _less_guards(search, best)
     if best is not guarded:
@@ -322,7 +313,9 @@ def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision
         top = max(_sets_without(search, out), key=lambda one: one.weight)
         if top.weight > best.weight and is_noise(top.fitted.fit):
             best, _, out = _without_slight(search, top, clear, out)
-    sets = probabilities(search, out)
+    if out:
+        sets = probabilities(search, out)
+        best = _certain_part(search, best, sets)
     named = [
         _named(search, best, effect, sets)
         for effect in best.fitted.effects
@@ -356,6 +349,19 @@ def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision
             for name, reason in slight.items()
         )
     return Decision(verdict, best.fitted, search.root.fitted, claims, hints, (search,))
+
+
+def _certain_part(search: Search, best: WeighedSet, sets: Mapping[Key, float]) -> WeighedSet:
+    """The set without what is not certain in it, unless something that is not known certainly acts
+    in addition to the rest.
+    """
+    inclusion = inclusion_of(sets)
+    certain = frozenset(
+        effect.name
+        for effect in best.fitted.effects
+        if inclusion[effect.name] + sum(_alike(search, best, effect, sets).values()) >= CERTAIN
+    )
+    return search.visited[certain] if sets.get(certain, 0.0) > 1.0 - CERTAIN else best
 
 
 def _without_slight(
