@@ -69,7 +69,6 @@ SHORT_OF_ONE: frozenset[str] = frozenset(
         "flightid/hiding.py",
         "flightid/plot.py",
         "ident/tracing/declared.py",
-        "ident/tracing/validation/training_knowledge.py",
         "sim/vehicles/ballistic.py",
         "sim/vehicles/lateral.py",
         "sim/vehicles/loes.py",

@@ -22,15 +22,15 @@ import numpy as np
 from ident.estimate import Estimate
 from ident.flying_qualities.modes import modal_estimate, propagated, slowest_oscillation
 from ident.process_noise.innovations_model import has_process_noise
-from ident.tracing.candidate_model.fitted_model import (
+from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Trained
+from ident.tracing.fitted_model import (
     carried,
     compiled_with,
     fit_as_declared,
     known_beforehand,
     local_names,
 )
-from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Trained
-from ident.tracing.later_record import Predicted, predict
+from ident.tracing.predictive import Predicted, predict
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, FitSettings, Prior, lay_out
 from ident.whole_record.output_error import estimate_of
