@@ -8,10 +8,9 @@ from typing import Any, Protocol
 import numpy as np
 from matplotlib.figure import Figure
 
-from ident.flying_qualities.bandwidth import PITCH_LEVELS
+from ident.flying_qualities.attitude_criteria import LEVELS as RESONANCES
+from ident.flying_qualities.attitude_criteria import PITCH_LEVELS, step_response
 from ident.flying_qualities.levels import criteria
-from ident.flying_qualities.pilot_in_loop import LEVELS as RESONANCES
-from ident.flying_qualities.pilot_in_loop import step_response
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.style import (
     BLUE,

@@ -14,7 +14,7 @@ import numpy as np
 
 from ident.recording.kinematic_relations import LENGTHS
 from scenarios.preparation.drafting import NEVER
-from sim.aerodynamics.terms import Term
+from sim.aerodynamics import Term
 from sim.declaration.model import Model
 from sim.errors import RecordError
 from sim.maths import G0

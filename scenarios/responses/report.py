@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
-from ident.flying_qualities.pilot_in_loop import step_response
+from ident.flying_qualities.attitude_criteria import step_response
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.report.document import (

@@ -37,7 +37,7 @@ from scenarios.preparation.aircraft_records import (
 )
 from scenarios.preparation.plan import WHOLE, Request, column_choices
 from scenarios.preparation.reading import prepare
-from sim.aerodynamics.terms import Term, parse_term
+from sim.aerodynamics import Term, parse_term
 from sim.errors import DeclarationError, RecordError
 from sim.record import Hold, Record
 from sim.vehicles.aircraft import SENSORS, Aircraft, aircraft_model

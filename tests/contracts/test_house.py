@@ -70,11 +70,7 @@ SHORT_OF_ONE: frozenset[str] = frozenset(
         "flightid/plot.py",
         "ident/tracing/declared.py",
         "ident/tracing/validation/training_knowledge.py",
-        "sim/vehicles/ballistic.py",
         "sim/vehicles/lateral.py",
-        "sim/vehicles/loes.py",
-        "sim/vehicles/longitudinal.py",
-        "sim/vehicles/short_period.py",
     }
 )
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.aerodynamics.terms import AS_TERM, parse_term
+from sim.aerodynamics import AS_TERM, parse_term
 from sim.declaration.effect import (
     Parameter,
     Regularity,

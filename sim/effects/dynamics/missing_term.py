@@ -8,8 +8,15 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.aerodynamics.symmetry import IN_SYMMETRY, allowed_terms, sorted_surfaces
-from sim.aerodynamics.terms import AS_TERM, FLOW, Term, parse_term
+from sim.aerodynamics import (
+    AS_TERM,
+    FLOW,
+    IN_SYMMETRY,
+    Term,
+    allowed_terms,
+    parse_term,
+    sorted_surfaces,
+)
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
@@ -31,7 +38,7 @@ class MissingTerm:
 
     Attributes
     ----------
-    axis : the coefficient, a port of the equations. term : its text (`sim.aerodynamics.terms`).
+    axis : the coefficient, a port of the equations. term : its text (`sim.aerodynamics`).
     surfaces : names of further signals that stand in terms.
     """
 

@@ -26,7 +26,7 @@ from sim.effects.sensor_path.sensor_drift import SensorStep
 from sim.effects.sensor_path.sensor_sampling import SensorHold
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.maths import each_column
-from sim.vehicles.short_period import ShortPeriod
+from sim.vehicles.longitudinal import ShortPeriod
 from tests.tracing_problem import doublets, fit_of, planted, problem_of
 
 

@@ -13,8 +13,7 @@ from sim.effects.library import find_effect
 from sim.effects.sensor_path.sensor_delay import SensorLag
 from sim.effects.sensor_path.sensor_sampling import TimeBase
 from sim.effects.sensor_path.sensor_scale import SensorScale
-from sim.vehicles.loes import Loes
-from sim.vehicles.short_period import ShortPeriod
+from sim.vehicles.longitudinal import Loes, ShortPeriod
 from tests.bases import Flight, fly_model, loes_flight, loes_model, rigid_flight, rigid_model
 
 FAST = {"time-base.factor": 1.07}
