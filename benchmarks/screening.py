@@ -60,7 +60,7 @@ def main() -> None:
     from ident.tracing.evidence.priors import set_prior
     from ident.tracing.evidence.scan import leads_of, prepared, shown_by
     from ident.tracing.screening.context import search_context
-    from scenarios.diagnosis.candidates import candidates_for
+    from scenarios.diagnosis.opening import candidates_for
 
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter

@@ -27,12 +27,11 @@ if TYPE_CHECKING:
         find_maneuvers,
         frequency_response,
     )
-    from scenarios.api.design import Design, design
+    from scenarios.api.design import Design, Structure, design, export, structure
     from scenarios.api.diagnosis import Diagnosis, Survey, diagnose, survey
     from scenarios.api.identification import Identification, Prediction, identify, predict
     from scenarios.api.record import Record, read_record
     from scenarios.api.shown import Parameter, Parameters
-    from scenarios.api.structure import Structure, export, structure
     from scenarios.api.study import Campaign, Study, campaign, run, simulate
     from scenarios.api.tables import InputError, Table, effects, models, scenarios, vehicles
     from scenarios.api.vehicle import Vehicle, vehicle
@@ -54,7 +53,7 @@ _EXPORTS = {
     **dict.fromkeys(("Parameter", "Parameters"), "shown"),
     **dict.fromkeys(("Prediction", "predict"), "identification"),
     **dict.fromkeys(("Record", "read_record"), "record"),
-    **dict.fromkeys(("Structure", "export", "structure"), "structure"),
+    **dict.fromkeys(("Structure", "export", "structure"), "design"),
     **dict.fromkeys(("Study", "run", "simulate"), "study"),
     **dict.fromkeys(("Survey", "survey"), "diagnosis"),
     "Table": "tables",

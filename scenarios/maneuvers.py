@@ -21,7 +21,7 @@ from ident.maneuver_detection import (
     active_share,
     find_maneuvers,
 )
-from scenarios.files.channels import ColumnChoice
+from scenarios.files.declarations import ColumnChoice
 from scenarios.files.measured.columns import RecordFile, opened, with_names
 from scenarios.files.records import read_record, refuse_rate
 from scenarios.files.sources import InputFile, versions

@@ -13,8 +13,8 @@ import numpy as np
 
 from ident.tracing.diagnosis import ErrorFigures, Quantity
 from ident.tracing.later_record import predict
-from scenarios.diagnosis.candidates import checked_effects, read_effects
-from scenarios.files.channels import CHANNEL_UNITS, read_channel_map
+from scenarios.diagnosis.opening import checked_effects, read_effects
+from scenarios.files.declarations import CHANNEL_UNITS, read_channel_map
 from scenarios.files.measured.columns import RecordFile, all_simulated, opened
 from scenarios.files.sources import InputFile, read_source, versions
 from scenarios.files.user_models import OwnModel, channel_units

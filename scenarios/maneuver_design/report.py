@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.maneuver_design import Acting, Contest
-from scenarios.files.channels import TIME
+from scenarios.files.declarations import TIME
 from scenarios.files.sources import versions
 from scenarios.files.vehicles import vehicle_with_file
 from scenarios.files.writing import csv_text, study_folder, write_json, write_record, write_text

@@ -25,7 +25,7 @@ from ident.frequency_response.estimate import (
     lowest_frequency,
     window_lengths,
 )
-from scenarios.files.channels import CHANNEL_UNITS
+from scenarios.files.declarations import CHANNEL_UNITS
 from scenarios.files.measured.columns import identities, read_record_files, refuse_twice
 from scenarios.files.sources import InputFile
 from scenarios.preparation.plan import Request, column_choices

@@ -16,7 +16,7 @@ from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, columns_o
 from scenarios.files.aircraft_files import written
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
-from scenarios.preparation.aircraft_records import commanded
+from scenarios.preparation.reading import commanded
 from scenarios.report.document import (
     PURE,
     Bullets,

@@ -1,28 +1,5 @@
 """Longitudinal motion of an aircraft: short period, motion with airspeed and pitch attitude, and
 the low-order equivalent system of an augmented aircraft.
-
-Short period, non-dimensional derivatives; constant airspeed unless a port changes it.
-
-alpha_dot = q - rho V^2 S CL / (2 m V), q_dot = rho V^2 S c Cm / (2 Iy), nz = rho V^2 S CL / (2 m
-g0) (eqs. 22-25 of the simulated-flight-data paper). Perturbations about trim; the rates are made
-non-dimensional with c / (2 V). Elevator trailing edge down positive, nz positive up.
-
-Motion with airspeed and pitch attitude: short period and phugoid, totals in wind axes.
-
-V_dot = -qS CD/m + (T/m) cos(alpha) + g sin(alpha - theta), alpha_dot = -qS CL/(m V) + q - T
-sin(alpha)/(m V) + (g/V) cos(alpha - theta), theta_dot = q, q_dot = (qS c Cm + T thrust_arm)/Iy, qS
-= rho V^2 S/2; with V0 the reference airspeed CD = CD_0 + CD_V V/V0 + CD_alpha alpha, CL = CL_0 +
-CL_V V/V0 + CL_alpha alpha + CL_q q c/(2 V0) + CL_de elevator, Cm likewise (Klein and Morelli,
-Aircraft System Identification, AIAA 2006, sections 3.3 and 3.6, by wind axes). nz = qS (CL cos
-alpha + CD sin alpha)/(m g0), nx = (T + qS (CL sin alpha - CD cos alpha))/(m g0).
-
-Low-order equivalent system: dimensional short period behind a lag and a delay.
-
-alpha_dot = L_alpha alpha + L_q q + L_delta delta + L_0, q_dot = M_alpha alpha + M_q q + M_delta
-delta + M_0, delta_dot = inv_tau (stick(t - delay) - delta) + delta_0, nz = (V/g) (q - alpha_dot) +
-nz_0, alpha_m = alpha - (vane_arm/V) q (eqs. 3 and 5-10 of NASA TM-101722; its eq. 7 lost the
-delay). The paper's pseudo-control has the opposite sign: here M_delta > 0 for a nose-up stick. The
-delay is an InputDelay on the stick, outside these equations.
 """
 
 from __future__ import annotations
@@ -53,6 +30,14 @@ class ShortPeriod:
     upward gust over airspeed (rad), seen by the loads and the vane; ``lift`` adds to CL, ``moment``
     to Cm.
     """
+
+    explanation = """\
+Longitudinal short period of an aircraft, non-dimensional derivatives; constant airspeed unless a
+port changes it.
+
+alpha_dot = q - rho V^2 S CL / (2 m V), q_dot = rho V^2 S c Cm / (2 Iy), nz = rho V^2 S CL / (2 m
+g0) (eqs. 22-25 of the simulated-flight-data paper). Perturbations about trim; the rates are made
+non-dimensional with c / (2 V). Elevator trailing edge down positive, nz positive up."""
 
     name: str = "rigid"
     states: tuple[Signal, ...] = (
@@ -150,6 +135,17 @@ class Longitudinal:
     add to CD, CL and Cm.
     """
 
+    explanation = """\
+Longitudinal motion of an aircraft with airspeed and pitch attitude: short period and phugoid,
+totals in wind axes.
+
+V_dot = -qS CD/m + (T/m) cos(alpha) + g sin(alpha - theta), alpha_dot = -qS CL/(m V) + q - T
+sin(alpha)/(m V) + (g/V) cos(alpha - theta), theta_dot = q, q_dot = (qS c Cm + T thrust_arm)/Iy, qS
+= rho V^2 S/2; with V0 the reference airspeed CD = CD_0 + CD_V V/V0 + CD_alpha alpha, CL = CL_0 +
+CL_V V/V0 + CL_alpha alpha + CL_q q c/(2 V0) + CL_de elevator, Cm likewise (Klein and Morelli,
+Aircraft System Identification, AIAA 2006, sections 3.3 and 3.6, by wind axes). nz = qS (CL cos
+alpha + CD sin alpha)/(m g0), nx = (T + qS (CL sin alpha - CD cos alpha))/(m g0)."""
+
     name: str = "longitudinal"
     states: tuple[Signal, ...] = (
         Signal("airspeed", "m/s", "speed of the centre of gravity in still air"),
@@ -245,6 +241,16 @@ class Loes:
     coefficients, L_alpha, L_delta and M_q with V, M_alpha and M_delta with V^2, and stands in nz
     and the vane's correction; L_q, the lag and the constant terms stay.
     """
+
+    explanation = """\
+Low-order equivalent system of an augmented aircraft: dimensional short period behind a lag and a
+delay.
+
+alpha_dot = L_alpha alpha + L_q q + L_delta delta + L_0, q_dot = M_alpha alpha + M_q q + M_delta
+delta + M_0, delta_dot = inv_tau (stick(t - delay) - delta) + delta_0, nz = (V/g) (q - alpha_dot) +
+nz_0, alpha_m = alpha - (vane_arm/V) q (eqs. 3 and 5-10 of NASA TM-101722; its eq. 7 lost the
+delay). The paper's pseudo-control has the opposite sign: here M_delta > 0 for a nose-up stick. The
+delay is an InputDelay on the stick, outside these equations."""
 
     name: str = "loes"
     states: tuple[Signal, ...] = (

@@ -22,8 +22,7 @@ from scenarios.plots.interactive import MOST, plot_data, words
 from scenarios.plots.style import MEASURED, finish, make_sheet, method_style, time_axis, y_label
 from scenarios.report.document import Figure as Drawing
 from scenarios.report.document import Page, Reproduction, section
-from scenarios.report.html import page_html
-from scenarios.report.page_json import page_content, page_of
+from scenarios.report.html import page_content, page_html, page_of
 from scenarios.report.plot_data import (
     BAND,
     HELD,

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.diagnosis.candidates import candidates_for
+from scenarios.diagnosis.opening import candidates_for
 from scenarios.files.user_models import read_user_model
 from sim.declaration.proposal import SearchContext
 from sim.effects.dynamics.derivative_jump import LARGEST, USUAL, ParameterJump

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenarios.diagnosis.candidates import candidates_for
+from scenarios.diagnosis.opening import candidates_for
 from sim.declaration import own_model
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Equations, Multiplying
