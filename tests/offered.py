@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from sim.declaration.effect import Effect, Station
 from sim.declaration.model import Equations
-from sim.effects.dynamics.missing_term import MissingTerm
 from sim.effects.dynamics.structural_mode import StructuralMode
+from sim.effects.dynamics.varies import MissingTerm
 from sim.effects.library import catch_all_terms_for, effects_for, library
 from sim.vehicles.aircraft import aircraft_model
 from sim.vehicles.lateral import Lateral

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Signal
-from sim.effects.input_path.actuator_dynamics import ActuatorLag
+from sim.effects.input_path.actuator import ActuatorLag
 from sim.effects.input_path.input_delay import InputDelay
 from sim.maths import absolute, exp, plus
 

@@ -222,12 +222,12 @@ SIM = (
         ('s.V if hasattr(s, "V") else getattr(vehicle, speed)', "getattr(vehicle, speed)"),
     ),
     *changes(
-        "sim/effects/timing.py",
+        "sim/effects/loads.py",
         ("tests/unit/sim/effects/test_events.py",),
         ("(time - at) / width + 0.5", "(time - at) / width"),
     ),
     *changes(
-        "sim/effects/input_path/actuator_limits.py",
+        "sim/effects/input_path/actuator.py",
         (
             "tests/unit/sim/effects/input_path/test_actuator_rate_limit.py",
             "tests/unit/sim/effects/input_path/test_memoryless_inputs.py",

@@ -22,7 +22,7 @@ from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.declaration.user_equations import OwnEquations
 from sim.effects.instances import ANOTHER_FALL, labelled
-from sim.effects.timing import SLOW_WIDTH, WIDTH, edge_width, risen
+from sim.effects.loads import SLOW_WIDTH, WIDTH, edge_width, risen
 from sim.maths import log
 
 USUAL, LARGEST = 0.3, 10.0  # changes, as shares of the declared value
