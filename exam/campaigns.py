@@ -32,9 +32,8 @@ from scenarios.report.document import PURE, Cell, Column, Page, as_sentence, cap
 from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.folder import write_page
 from scenarios.report.shared_tables import rows_table
-from scenarios.report.summary import details_in, written_to
+from scenarios.report.summary import details_in, terminal_width, written_to
 from scenarios.report.terminal import cell_text, heading_text, progress_bar, table_as_lines
-from scenarios.report.text_tables import terminal_width
 from scenarios.tasks.study import Execution, Tell, stopped
 
 ROOT = 1  # of the seeds, where none is asked for and no scenario has one

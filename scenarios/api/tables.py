@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
-from scenarios.report.text_tables import columns_of, table_lines, wrapped
+from scenarios.report.summary import columns_of, table_lines, wrapped
 from sim.errors import DeclarationError, FlightidError
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenarios.api.tables import TITLES
-from scenarios.report.text_tables import (
+from scenarios.report.summary import (
     TableColumn,
     columns_of,
     folded,

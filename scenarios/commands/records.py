@@ -19,9 +19,14 @@ from scenarios.preparation.plan import Plan, Request, plan_of
 from scenarios.preparation.vehicle_drafts import vehicle_text
 from scenarios.report.figure_formats import Formats
 from scenarios.report.quantities import shown_in, unit_cell
-from scenarios.report.summary import details_in, written_to
+from scenarios.report.summary import (
+    TableColumn,
+    details_in,
+    table_lines,
+    terminal_width,
+    written_to,
+)
 from scenarios.report.terminal import progress_bar
-from scenarios.report.text_tables import TableColumn, table_lines, terminal_width
 from scenarios.responses.analysis import ResponseOptions, responses_of
 from scenarios.responses.fitting import FitOptions, ModelOptions
 from scenarios.responses.qualities import LevelOptions, pilot_demand
@@ -371,8 +376,7 @@ def diagnose_records(
             tell("writing the study", 0.97)
             write_diagnosis(tracing, out, figures=figures)
     from scenarios.diagnosis.report.text import diagnosis_text
-    from scenarios.report.summary import details_in, written_to
-    from scenarios.report.text_tables import terminal_width
+    from scenarios.report.summary import details_in, terminal_width, written_to
 
     print(diagnosis_text(tracing, terminal_width(), details_in(out)))
     if out is not None:

@@ -433,7 +433,7 @@ def design_maneuver(
     """Design, write, print; ``progress`` False: nothing is shown of how far it is."""
     from scenarios.maneuver_design.design import design
     from scenarios.maneuver_design.report import design_text
-    from scenarios.report.text_tables import terminal_width
+    from scenarios.report.summary import terminal_width
 
     with progress_bar(progress) as tell:
         found = design(asked, tell)

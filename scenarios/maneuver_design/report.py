@@ -47,9 +47,8 @@ from scenarios.report.document import (
 )
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
-from scenarios.report.summary import BELOW, Summary, summary_lines
+from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
-from scenarios.report.text_tables import WIDTH, wrapped
 from sim.record import Record
 
 if TYPE_CHECKING:

@@ -29,9 +29,8 @@ from scenarios.report.document import (
 )
 from scenarios.report.figure_formats import Drawn
 from scenarios.report.html import page_content, page_html, page_of
-from scenarios.report.summary import PAGE
+from scenarios.report.summary import PAGE, TableColumn
 from scenarios.report.terminal import printed_columns
-from scenarios.report.text_tables import TableColumn
 from sim.errors import FlightidError
 
 # ---- Markdown and LaTeX: the digits that the terminal shows

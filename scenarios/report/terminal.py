@@ -28,7 +28,7 @@ from scenarios.report.document import (
     Table,
 )
 from scenarios.report.quantities import unit_cell
-from scenarios.report.text_tables import (
+from scenarios.report.summary import (
     WIDTH,
     TableColumn,
     print_paragraph,

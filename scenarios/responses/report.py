@@ -38,9 +38,8 @@ from scenarios.report.document import (
 from scenarios.report.figure_formats import USUAL, Drawn, Formats, caption_of
 from scenarios.report.folder import figures, write_page
 from scenarios.report.quantities import console, number_text
-from scenarios.report.summary import BELOW, Summary, print_summary
+from scenarios.report.summary import BELOW, Summary, print_paragraph, print_summary
 from scenarios.report.terminal import show_blocks, show_table
-from scenarios.report.text_tables import print_paragraph
 from scenarios.responses.analysis import ResponseEstimates, pairs
 from scenarios.responses.fitting import (
     Fits,

@@ -26,8 +26,8 @@ from scenarios.report.document import Block, Bullets, Page, as_sentence, now, re
 from scenarios.report.folder import figures as page_figures
 from scenarios.report.folder import write_page
 from scenarios.report.quantities import console
+from scenarios.report.summary import print_paragraph
 from scenarios.report.terminal import show_table
-from scenarios.report.text_tables import print_paragraph
 from scenarios.responses.loops import (
     UNITS,
     WORDS,

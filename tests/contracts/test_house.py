@@ -66,7 +66,6 @@ ONE_A_FILE = ("sim/effects/", "scenarios/files/formats/")
 SHORT_OF_ONE: frozenset[str] = frozenset(
     {
         "sim/vehicles/aircraft_numbers.py",  # beside it aircraft.py would be too long
-        "flightid/hiding.py",
         "flightid/plot.py",
         "ident/tracing/declared.py",
         "ident/tracing/validation/training_knowledge.py",

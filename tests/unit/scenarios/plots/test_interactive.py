@@ -17,8 +17,7 @@ from hypothesis.extra.numpy import arrays
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from scenarios.plots.drawing import figure_document
-from scenarios.plots.interactive import MOST, plot_data, words
+from scenarios.plots.drawing import MOST, figure_document, plot_data, words
 from scenarios.plots.style import MEASURED, finish, make_sheet, method_style, time_axis, y_label
 from scenarios.report.document import Figure as Drawing
 from scenarios.report.document import Page, Reproduction, section

@@ -23,7 +23,7 @@ from scenarios.report.quantities import (
     unit_cell,
     value_parts,
 )
-from scenarios.report.text_tables import table_lines
+from scenarios.report.summary import table_lines
 from scenarios.studies.rows import Row
 from scenarios.studies.text import with_display
 from sim.effects.library import library
