@@ -309,7 +309,7 @@ def write_responses(
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.drawing import drawn_for_page
-            from scenarios.plots.low_order import figure_response
+            from scenarios.plots.flying_qualities import figure_response
 
             several = len(pairs(found)) > 1
             named = [
@@ -320,7 +320,7 @@ def write_responses(
                 for n, (row, column, _) in enumerate(pairs(found), start=1)
             ]
             if found.fits is not None:
-                from scenarios.plots.low_order import figure_mismatch
+                from scenarios.plots.flying_qualities import figure_mismatch
 
                 named += [
                     (
@@ -337,7 +337,7 @@ def write_responses(
             }
             named += quality_figures(found)
             if any(each.curve is not None for each in found.qualities):
-                from scenarios.plots.low_order import figure_bandwidth
+                from scenarios.plots.flying_qualities import figure_bandwidth
 
                 named += [
                     (
@@ -347,7 +347,7 @@ def write_responses(
                     for n in range(1, len(found.qualities) + 1)
                 ]
             if found.loop is not None:
-                from scenarios.plots.low_order import figure_margins
+                from scenarios.plots.flying_qualities import figure_margins
 
                 named.append(("loop", partial(figure_margins, found)))
             drawn = tuple(

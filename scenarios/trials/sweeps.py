@@ -518,7 +518,11 @@ def write_sweep(study: SweepStudy, folder: str | Path, *, figures: Formats = USU
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.drawing import drawn_for_page
-            from scenarios.plots.low_order import figure_margins, figure_mismatch, figure_response
+            from scenarios.plots.flying_qualities import (
+                figure_margins,
+                figure_mismatch,
+                figure_response,
+            )
 
             named: list[tuple[str, Any]] = [
                 ("response", partial(figure_response, study.response or study.loop))

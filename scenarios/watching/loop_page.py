@@ -86,8 +86,7 @@ def write_loop(
     """Write the study of a loop in a stream, whole or not at all; ``source`` is the file of its
     rows, None of a pipe."""
     from scenarios.plots.drawing import drawn_for_page
-    from scenarios.plots.flying_qualities import figure_margin_history
-    from scenarios.plots.low_order import figure_margins
+    from scenarios.plots.flying_qualities import figure_margin_history, figure_margins
     from scenarios.report.figure_formats import USUAL
 
     loop = margins_of(session)
