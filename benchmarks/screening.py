@@ -57,10 +57,10 @@ def least(act: Callable[[], object], runs: int) -> float:
 
 
 def main() -> None:
+    from ident.tracing.context import search_context
     from ident.tracing.priors import set_prior
     from ident.tracing.scan import leads_of, prepared, shown_by
-    from ident.tracing.context import search_context
-    from scenarios.diagnosis.candidates import candidates_for
+    from scenarios.diagnosis.opening import candidates_for
 
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter

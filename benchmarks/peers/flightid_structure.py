@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.peers.least_squares import answer_of
 from benchmarks.peers.short_period import Problem
 from ident.structure.selection import products_of, stepwise
-from sim.aerodynamics.terms import Factor, Term
+from sim.aerodynamics import Factor, Term
 
 
 def prepare(problem: Problem) -> Callable[[], dict[str, np.ndarray]]:

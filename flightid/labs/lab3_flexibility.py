@@ -12,7 +12,7 @@ def _():
     from flightid.labs.figures import figure_residual
     from flightid.labs.workings import flexibility as lab
     from flightid.labs.workings.trying import close, command, residuals, sigmas_off
-    from scenarios.plots.comparison import EquivalentRow, figure_equivalents
+    from scenarios.plots.residuals import EquivalentRow, figure_equivalents
 
     return (
         EquivalentRow,

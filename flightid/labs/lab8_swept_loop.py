@@ -11,7 +11,7 @@ def _():
     from flightid.labs import page
     from flightid.labs.workings import swept_loop as lab
     from flightid.labs.workings.trying import close, command
-    from scenarios.plots.low_order import figure_margins, figure_response
+    from scenarios.plots.flying_qualities import figure_margins, figure_response
 
     return close, command, figure_margins, figure_response, lab, mo, page
 

@@ -29,8 +29,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.structure.coefficients import Histories
-from sim.aerodynamics.symmetry import parents
-from sim.aerodynamics.terms import Term
+from sim.aerodynamics import Term, parents
 
 F_IN = 20.0  # partial F ratio: Klein and Morelli, section 5.4, for many samples
 LEAST = 2e-4  # share of the variance that a term has to explain

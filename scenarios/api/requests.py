@@ -144,7 +144,7 @@ def _printed(text: Callable[[Any, int, str], str]) -> Callable[[Any, str], None]
     """Prints a study's text as wide as the terminal is."""
 
     def show(study: Any, details: str) -> None:
-        from scenarios.report.text_tables import terminal_width
+        from scenarios.report.summary import terminal_width
 
         print(text(study, terminal_width(), details), end="")
 

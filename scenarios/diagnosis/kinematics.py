@@ -24,7 +24,7 @@ from sim.errors import FlightidError
 from sim.record import Record
 
 if TYPE_CHECKING:
-    from scenarios.files.channels import ColumnChoice
+    from scenarios.files.declarations import ColumnChoice
     from scenarios.files.measured.columns import RecordFile
     from scenarios.files.vehicles import VehicleFile
     from scenarios.preparation.plan import Plan, Segment

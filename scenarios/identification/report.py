@@ -75,12 +75,12 @@ from scenarios.report.summary import (
     BELOW,
     Summary,
     levels_line,
+    print_paragraph,
     print_summary,
     residual_phrase,
     result_phrase,
 )
 from scenarios.report.terminal import show_blocks, show_table
-from scenarios.report.text_tables import print_paragraph
 from scenarios.studies.rows import Row
 
 # ---- What stands beside an estimate, for comparison.json

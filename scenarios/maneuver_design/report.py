@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.maneuver_design import Acting, Contest
-from scenarios.files.channels import TIME
+from scenarios.files.declarations import TIME
 from scenarios.files.sources import versions
 from scenarios.files.vehicles import vehicle_with_file
 from scenarios.files.writing import csv_text, study_folder, write_json, write_record, write_text
@@ -47,9 +47,8 @@ from scenarios.report.document import (
 )
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
-from scenarios.report.summary import BELOW, Summary, summary_lines
+from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
-from scenarios.report.text_tables import WIDTH, wrapped
 from sim.record import Record
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.flying_qualities.pilot_in_loop import PilotDemand
+from ident.flying_qualities.attitude_criteria import PilotDemand
 from ident.frequency_response import (
     LEAST_COHERENCE,
     FrequencyResponses,
@@ -25,7 +25,7 @@ from ident.frequency_response.estimate import (
     lowest_frequency,
     window_lengths,
 )
-from scenarios.files.channels import CHANNEL_UNITS
+from scenarios.files.declarations import CHANNEL_UNITS
 from scenarios.files.measured.columns import identities, read_record_files, refuse_twice
 from scenarios.files.sources import InputFile
 from scenarios.preparation.plan import Request, column_choices

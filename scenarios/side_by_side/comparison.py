@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.channels import CHANNEL_UNITS, TIME
+from scenarios.files.declarations import CHANNEL_UNITS, TIME
 from scenarios.files.measured.columns import SIMULATED as SIMULATED_ORIGIN
 from scenarios.files.sources import found_json, read_json, resolved
 from scenarios.files.writing import PREDICTED, RESPONSE, TRUE

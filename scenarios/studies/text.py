@@ -35,12 +35,12 @@ from scenarios.report.summary import (
     TEXT,
     Summary,
     levels_line,
+    print_paragraph,
     print_summary,
     residual_phrase,
     result_phrase,
 )
 from scenarios.report.terminal import show_blocks, show_table
-from scenarios.report.text_tables import print_paragraph
 from scenarios.studies.comparison import (
     HEADING,
     choice_lines,

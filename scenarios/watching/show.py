@@ -30,7 +30,7 @@ from scenarios.report.document import (
 from scenarios.report.folder import write_page
 from scenarios.report.quantities import console, number_text
 from scenarios.report.shared_tables import derived_table, estimates_table, fixed_table
-from scenarios.report.text_tables import TableColumn, print_table
+from scenarios.report.summary import TableColumn, print_table
 from scenarios.studies.comparison import SCHEMA
 from scenarios.studies.rows import Row
 from scenarios.watching.history_figure import history_section

@@ -29,9 +29,15 @@ from scenarios.report.document import (
     table,
 )
 from scenarios.report.quantities import console, is_frequency, number_text, test_line
-from scenarios.report.summary import BELOW, Summary, print_summary, residual_phrase, value_phrase
+from scenarios.report.summary import (
+    BELOW,
+    Summary,
+    print_paragraph,
+    print_summary,
+    residual_phrase,
+    value_phrase,
+)
 from scenarios.report.terminal import show_blocks
-from scenarios.report.text_tables import print_paragraph
 from scenarios.studies.comparison import bank_line, choice_lines
 from scenarios.studies.text import print_choices
 from scenarios.x29.content import correlation_content, noted_pairs, procedure_and_printed

@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Signal
 from sim.maths import G0, cos, plus, sin
-from sim.vehicles.signals import AIRSPEED_CHANGE
+from sim.vehicles.longitudinal import AIRSPEED_CHANGE
 
 AXES = ("CY", "Cl", "Cn")
 LATERAL_CONSTANTS = {

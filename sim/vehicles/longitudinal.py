@@ -1,12 +1,5 @@
-"""Longitudinal motion of an aircraft with airspeed and pitch attitude: short period and phugoid,
-totals in wind axes.
-
-V_dot = -qS CD/m + (T/m) cos(alpha) + g sin(alpha - theta), alpha_dot = -qS CL/(m V) + q - T
-sin(alpha)/(m V) + (g/V) cos(alpha - theta), theta_dot = q, q_dot = (qS c Cm + T thrust_arm)/Iy, qS
-= rho V^2 S/2; with V0 the reference airspeed CD = CD_0 + CD_V V/V0 + CD_alpha alpha, CL = CL_0 +
-CL_V V/V0 + CL_alpha alpha + CL_q q c/(2 V0) + CL_de elevator, Cm likewise (Klein and Morelli,
-Aircraft System Identification, AIAA 2006, sections 3.3 and 3.6, by wind axes). nz = qS (CL cos
-alpha + CD sin alpha)/(m g0), nx = (T + qS (CL sin alpha - CD cos alpha))/(m g0).
+"""Longitudinal motion of an aircraft: short period, motion with airspeed and pitch attitude, and
+the low-order equivalent system of an augmented aircraft.
 """
 
 from __future__ import annotations
@@ -17,8 +10,92 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Signal
-from sim.maths import G0, cos, plus, sin
-from sim.vehicles.signals import GUST
+from sim.maths import G0, cos, plus, sin, times
+
+SHORT_PERIOD_OUTPUTS = (
+    Signal("alpha", "rad", "angle of attack at the vane"),
+    Signal("q", "rad/s", "pitch rate"),
+    Signal("nz", "g", "normal load factor, positive up"),
+)
+GUST = Signal("gust", "rad", "upward gust over airspeed")
+AIRSPEED_CHANGE = Signal("airspeed_change", "m/s", "airspeed above the declared one")
+
+
+@dataclass(frozen=True)
+class ShortPeriod:
+    """Equations of the rigid short period; elastic modes and gusts come in through the ports.
+
+    States: angle of attack ``alpha`` (rad), pitch rate ``q`` (rad/s). Input: ``elevator`` (rad).
+    Outputs: ``alpha`` (vane at the centre of gravity), ``q``, ``nz`` (g). Ports: ``gust`` is an
+    upward gust over airspeed (rad), seen by the loads and the vane; ``lift`` adds to CL, ``moment``
+    to Cm.
+    """
+
+    explanation = """\
+Longitudinal short period of an aircraft, non-dimensional derivatives; constant airspeed unless a
+port changes it.
+
+alpha_dot = q - rho V^2 S CL / (2 m V), q_dot = rho V^2 S c Cm / (2 Iy), nz = rho V^2 S CL / (2 m
+g0) (eqs. 22-25 of the simulated-flight-data paper). Perturbations about trim; the rates are made
+non-dimensional with c / (2 V). Elevator trailing edge down positive, nz positive up."""
+
+    name: str = "rigid"
+    states: tuple[Signal, ...] = (
+        Signal("alpha", "rad", "angle of attack"),
+        Signal("q", "rad/s", "pitch rate"),
+    )
+    inputs: tuple[Signal, ...] = (Signal("elevator", "rad", "elevator, trailing edge down"),)
+    outputs: tuple[Signal, ...] = SHORT_PERIOD_OUTPUTS
+    ports: tuple[Signal, ...] = (
+        GUST,
+        AIRSPEED_CHANGE,
+        Signal("density_change", "kg/m3", "air density above the declared one"),
+        Signal("lift", "1", "added lift coefficient"),
+        Signal("moment", "1", "added moment coefficient"),
+    )
+    parameter_names: tuple[str, ...] = (
+        "mass",
+        "wing_area",
+        "chord",
+        "pitch_inertia",
+        "airspeed",
+        "air_density",
+        "CL_alpha",
+        "CL_q",
+        "CL_de",
+        "Cm_alpha",
+        "Cm_q",
+        "Cm_de",
+    )
+
+    factors: ClassVar[Mapping[str, str]] = MappingProxyType(
+        dict.fromkeys(("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"), "1/rad")
+    )
+
+    def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
+        V = p.airspeed + s.airspeed_change
+        pressure_area = 0.5 * plus(p.air_density, s.density_change) * V * V * p.wing_area
+        return {
+            "V": V,
+            "alpha_air": plus(s.alpha, s.gust),
+            "q_hat": s.q * p.chord / (2.0 * V),
+            "pressure_area": pressure_area,
+        }
+
+    def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
+        CL = _lift_coefficient(s, p)
+        Cm = plus(p.Cm_alpha * s.alpha_air + p.Cm_q * s.q_hat + p.Cm_de * s.elevator, s.moment)
+        return s.q - s.pressure_area * CL / (
+            p.mass * s.V
+        ), s.pressure_area * p.chord * Cm / p.pitch_inertia
+
+    def measurements(self, s: Any, p: Any) -> Sequence[Any]:
+        return s.alpha_air, s.q, s.pressure_area * _lift_coefficient(s, p) / (p.mass * G0)
+
+
+def _lift_coefficient(s: Any, p: Any) -> Any:
+    return plus(p.CL_alpha * s.alpha_air + p.CL_q * s.q_hat + p.CL_de * s.elevator, s.lift)
+
 
 LONGITUDINAL_CONSTANTS = {
     **{
@@ -57,6 +134,17 @@ class Longitudinal:
     them, not the states, and lift and drag keep their directions. ``drag``, ``lift`` and ``moment``
     add to CD, CL and Cm.
     """
+
+    explanation = """\
+Longitudinal motion of an aircraft with airspeed and pitch attitude: short period and phugoid,
+totals in wind axes.
+
+V_dot = -qS CD/m + (T/m) cos(alpha) + g sin(alpha - theta), alpha_dot = -qS CL/(m V) + q - T
+sin(alpha)/(m V) + (g/V) cos(alpha - theta), theta_dot = q, q_dot = (qS c Cm + T thrust_arm)/Iy, qS
+= rho V^2 S/2; with V0 the reference airspeed CD = CD_0 + CD_V V/V0 + CD_alpha alpha, CL = CL_0 +
+CL_V V/V0 + CL_alpha alpha + CL_q q c/(2 V0) + CL_de elevator, Cm likewise (Klein and Morelli,
+Aircraft System Identification, AIAA 2006, sections 3.3 and 3.6, by wind axes). nz = qS (CL cos
+alpha + CD sin alpha)/(m g0), nx = (T + qS (CL sin alpha - CD cos alpha))/(m g0)."""
 
     name: str = "longitudinal"
     states: tuple[Signal, ...] = (
@@ -139,3 +227,98 @@ def _lift(s: Any, p: Any) -> Any:
 
 def _drag(s: Any, p: Any) -> Any:
     return plus(p.CD_0 + p.CD_V * s.V_ratio + p.CD_alpha * s.alpha_air, s.drag)
+
+
+@dataclass(frozen=True)
+class Loes:
+    """Equations of the low-order equivalent system, disturbances through the ports.
+
+    States: ``alpha`` (rad), ``q`` (rad/s), pseudo-control ``delta`` (in the stick's unit). Input:
+    ``stick``, any unit, nose up positive. Outputs: ``alpha`` at the vane, ``q``, ``nz`` (g, up).
+    Ports: ``gust`` (rad) adds to alpha in L_alpha, M_alpha and the vane's reading, not to the
+    state; ``lift`` (1/s) adds to alpha_dot, so a positive one lowers nz; ``moment`` (1/s2) adds to
+    q_dot; ``airspeed_change`` (m/s) scales the derivatives as those of an aircraft at constant
+    coefficients, L_alpha, L_delta and M_q with V, M_alpha and M_delta with V^2, and stands in nz
+    and the vane's correction; L_q, the lag and the constant terms stay.
+    """
+
+    explanation = """\
+Low-order equivalent system of an augmented aircraft: dimensional short period behind a lag and a
+delay.
+
+alpha_dot = L_alpha alpha + L_q q + L_delta delta + L_0, q_dot = M_alpha alpha + M_q q + M_delta
+delta + M_0, delta_dot = inv_tau (stick(t - delay) - delta) + delta_0, nz = (V/g) (q - alpha_dot) +
+nz_0, alpha_m = alpha - (vane_arm/V) q (eqs. 3 and 5-10 of NASA TM-101722; its eq. 7 lost the
+delay). The paper's pseudo-control has the opposite sign: here M_delta > 0 for a nose-up stick. The
+delay is an InputDelay on the stick, outside these equations."""
+
+    name: str = "loes"
+    states: tuple[Signal, ...] = (
+        Signal("alpha", "rad", "angle of attack"),
+        Signal("q", "rad/s", "pitch rate"),
+        Signal("delta", "1", "pseudo-control, in the unit of the stick"),
+    )
+    inputs: tuple[Signal, ...] = (
+        Signal("stick", "1", "pilot's command, nose up, in the unit of the record"),
+    )
+    outputs: tuple[Signal, ...] = SHORT_PERIOD_OUTPUTS
+    ports: tuple[Signal, ...] = (
+        GUST,
+        AIRSPEED_CHANGE,
+        Signal("lift", "1/s", "added rate of the angle of attack"),
+        Signal("moment", "1/s2", "added pitch acceleration"),
+    )
+    parameter_names: tuple[str, ...] = (
+        "airspeed",
+        "gravity",
+        "vane_arm",
+        "L_alpha",
+        "M_alpha",
+        "L_delta",
+        "M_delta",
+        "L_q",
+        "M_q",
+        "inv_tau",
+        "L_0",
+        "M_0",
+        "delta_0",
+        "nz_0",
+    )
+
+    contains: ClassVar[tuple[str, ...]] = ("input-delay", "actuator-lag")
+    factors: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {
+            "L_alpha": "1/s",
+            "M_alpha": "1/s2",
+            "L_delta": "1/s",
+            "M_delta": "1/s2",
+            "L_q": "1",
+            "M_q": "1/s",
+        }
+    )
+
+    def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
+        V = p.airspeed + s.airspeed_change
+        return {"V": V, "speed_ratio": V / p.airspeed, "alpha_air": plus(s.alpha, s.gust)}
+
+    def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
+        r = s.speed_ratio
+        q_dot = times(
+            r, times(r, p.M_alpha * s.alpha_air + p.M_delta * s.delta) + p.M_q * s.q
+        ) + plus(p.M_0, s.moment)
+        return _alpha_rate(s, p), q_dot, p.inv_tau * (s.stick - s.delta) + p.delta_0
+
+    def measurements(self, s: Any, p: Any) -> Sequence[Any]:
+        return (
+            s.alpha_air - p.vane_arm / s.V * s.q,
+            s.q,
+            s.V / p.gravity * (s.q - _alpha_rate(s, p)) + p.nz_0,
+        )
+
+
+def _alpha_rate(s: Any, p: Any) -> Any:
+    return (
+        times(s.speed_ratio, p.L_alpha * s.alpha_air + p.L_delta * s.delta)
+        + p.L_q * s.q
+        + plus(p.L_0, s.lift)
+    )

@@ -32,7 +32,7 @@ from scenarios.diagnosis.report.wording import (
     shown_table,
 )
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.files.channels import CHANNEL_UNITS
+from scenarios.files.declarations import CHANNEL_UNITS
 from scenarios.report.document import (
     BY_ROW,
     MISSING,

@@ -36,9 +36,8 @@ from scenarios.files.user_models import channel_units, is_of_aircraft
 from scenarios.preparation.recording import record_lines
 from scenarios.report.document import Table
 from scenarios.report.quantities import CHANNELS, shown_in, value_text
-from scenarios.report.summary import BELOW, Summary, residual_phrase, summary_lines
+from scenarios.report.summary import BELOW, WIDTH, Summary, residual_phrase, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
-from scenarios.report.text_tables import WIDTH, wrapped
 
 
 def diagnosis_text(tracing: Tracing, width: int = WIDTH, details: str = BELOW) -> str:

@@ -40,9 +40,8 @@ from scenarios.report.document import (
 )
 from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.quantities import quantity_text, shown_in
-from scenarios.report.summary import BELOW, Summary, summary_lines
+from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
-from scenarios.report.text_tables import WIDTH, wrapped
 from scenarios.trials.planted.declaration import hidden_units
 from scenarios.trials.planted.flights import write_flown
 from scenarios.trials.planted.study import TRUE, Grade, Scored, TraceStudy

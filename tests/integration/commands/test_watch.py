@@ -29,7 +29,7 @@ from ident.banks.bank import run_bank
 from ident.banks.delays import DELAYS
 from ident.banks.online import bank_estimate
 from ident.frequency_domain.online import frequencies
-from scenarios.files.channels import CHANNEL_UNITS
+from scenarios.files.declarations import CHANNEL_UNITS
 from scenarios.files.vehicles import VehicleFile
 from scenarios.files.writing import write_record
 from scenarios.identification.low_order import less

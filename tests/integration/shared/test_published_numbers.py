@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from ident.structure.selection import orthogonal, products_of, stepwise
-from sim.aerodynamics.terms import Term, parse_term
+from sim.aerodynamics import Term, parse_term
 from tests.integration.command_line import CommandLine
 
 AIRCRAFT = Path(__file__).parents[4] / "shared" / "flightdata" / "aircraft"

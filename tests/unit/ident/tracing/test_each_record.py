@@ -13,9 +13,8 @@ from ident.tracing.diagnosis import Quantity
 from ident.tracing.fitted_model import FittedModel, fit_set, start_from
 from ident.tracing.problem import TraceProblem
 from sim.declaration.proposal import Traceable
-from sim.effects.sensor_path.sensor_delay import SensorLag
-from sim.effects.sensor_path.sensor_drift import SensorDrift
-from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.sensor_calibration import SensorDrift, SensorScale
+from sim.effects.sensor_path.sensor_timing import SensorLag
 from sim.record import Record
 from tests.tracing_problem import fit_of, part, planted, problem_of
 

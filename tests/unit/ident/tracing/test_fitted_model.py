@@ -14,9 +14,8 @@ from ident.tracing.fitted_model import (
 from ident.whole_record.layout import FitSettings, lay_out
 from sim.declaration.compile import compile_model
 from sim.effects.dynamics.elastic_mode import ElasticMode
-from sim.effects.sensor_path.sensor_delay import SensorLag
-from sim.effects.sensor_path.sensor_drift import SensorDrift
-from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.sensor_calibration import SensorDrift, SensorScale
+from sim.effects.sensor_path.sensor_timing import SensorLag
 from tests.tracing_problem import OUTPUTS, declared, fit_of, planted, problem_of
 from tests.whole_axes import flown, true_model
 

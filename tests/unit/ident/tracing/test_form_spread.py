@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from ident.tracing.between_records import form_spread
 from sim.effects.dynamics.load_nonlinearity import MOMENT_NONLINEARITY
-from sim.effects.sensor_path.sensor_delay import SensorDelay
+from sim.effects.sensor_path.sensor_timing import SensorDelay
 from tests.tracing_problem import declared, fit_of, planted, problem_of
 
 LATE = SensorDelay("alpha")

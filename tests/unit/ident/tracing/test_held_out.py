@@ -11,8 +11,8 @@ from ident.tracing.predictive import prediction
 from ident.tracing.wrong_samples import measured_masks
 from sim.effects.disturbance.gusts import GustDiscrete
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
-from sim.effects.sensor_path.sensor_delay import SensorLag
-from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.sensor_calibration import SensorScale
+from sim.effects.sensor_path.sensor_timing import SensorLag
 from sim.record import Channel, Record
 from tests.tracing_problem import OUTPUTS, fit_of, planted, problem_of, with_output
 from tests.unit.ident.tracing.conftest import LAG, PULSE

@@ -13,7 +13,7 @@ from ident.tracing.held_out import HeldOut, HeldOutData, held_out, predicted_by
 from ident.tracing.predictive import predictive_gains
 from ident.tracing.wrong_samples import measured_masks
 from sim.effects.disturbance.gusts import GustTurbulence
-from sim.effects.sensor_path.sensor_delay import SensorLag
+from sim.effects.sensor_path.sensor_timing import SensorLag
 from sim.record import Record
 from tests.tracing_problem import OUTPUTS, doublets, fit_of, planted, problem_of
 from tests.turbulence import rough_record

@@ -20,12 +20,10 @@ from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.library import find_effect
-from sim.effects.sensor_path.sensor_delay import SensorDelay, SensorLag
-from sim.effects.sensor_path.sensor_drift import SensorStep
-from sim.effects.sensor_path.sensor_sampling import SensorHold
-from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.sensor_calibration import SensorScale, SensorStep
+from sim.effects.sensor_path.sensor_timing import SensorDelay, SensorHold, SensorLag
 from sim.maths import each_column
-from sim.vehicles.short_period import ShortPeriod
+from sim.vehicles.longitudinal import ShortPeriod
 from tests.tracing_problem import doublets, fit_of, planted, problem_of
 
 

@@ -11,8 +11,7 @@ import pytest
 
 from ident.tracing.diagnosis import Verdict
 from scenarios.diagnosis.kinematics import Kinematics
-from scenarios.diagnosis.report.figures import captioned
-from scenarios.diagnosis.report.files import diagnosis_page
+from scenarios.diagnosis.report.files import captioned, diagnosis_page
 from scenarios.report.html import page_html
 from tests.diagnoses import RIGID, spread_tracing, tracing_of
 

@@ -1,14 +1,4 @@
-"""Angular rates and vertical specific force of a multirotor about hover, from its recorded roll,
-pitch, yaw and thrust commands.
-
-p_dot = L_0 + L_p p + L_lat u_lat + L_qr q r,  q_dot = M_0 + M_q q + M_lon u_lon + M_pr p r,
-r_dot = N_0 + N_r r + N_ped u_ped + N_pq p q,  az = Z_0 + Z_col u_col,
-each u the command behind a first-order lag of the motors and a delay (Tischler and Remple, Aircraft
-and Rotorcraft System Identification, 2nd ed., hover models; Wei, Cohen and Tischler, System
-Identification and Controller Optimization of a Quadrotor UAV, AHS Forum 71, 2015). L_0, M_0, N_0
-are the moments that a steady command balances. L_qr = (Iyy - Izz)/Ixx, M_pr = (Izz - Ixx)/Iyy, N_pq
-= (Ixx - Iyy)/Izz.
-"""
+"""A body falling through the atmosphere, and a multirotor about hover."""
 
 from __future__ import annotations
 
@@ -18,9 +8,60 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Signal
-from sim.effects.input_path.actuator_dynamics import ActuatorLag
+from sim.effects.input_path.actuator import ActuatorLag
 from sim.effects.input_path.input_delay import InputDelay
-from sim.maths import plus
+from sim.maths import absolute, exp, plus
+
+
+@dataclass(frozen=True)
+class Ballistic:
+    """Equations of the vertical fall; altitude and velocity positive up, drag against the motion.
+
+    States: ``altitude`` (m), ``velocity`` (m/s). No input. Output: ``altitude``. Ports:
+    ``log_density`` adds to the logarithm of the air density, ``log_drag`` to that of the drag
+    coefficient.
+    """
+
+    explanation = """\
+A body falling vertically through an exponential atmosphere.
+
+altitude_ddot = 0.5 rho v^2 / beta - gravity,  rho = rho0 exp(-altitude / H): eqs. 17-20 of the
+simulated-flight-data paper with the velocity squared that its eq. 21 lost, and with beta as a mass
+per area (kg/m2): the paper's weight per area divided by gravity."""
+
+    name: str = "ballistic"
+    states: tuple[Signal, ...] = (
+        Signal("altitude", "m", "height above the reference"),
+        Signal("velocity", "m/s", "vertical speed, positive up"),
+    )
+    inputs: tuple[Signal, ...] = ()
+    outputs: tuple[Signal, ...] = (Signal("altitude", "m", "height above the reference"),)
+    ports: tuple[Signal, ...] = (
+        Signal("log_density", "1", "added logarithm of the air density"),
+        Signal("log_drag", "1", "added logarithm of the drag coefficient"),
+    )
+    parameter_names: tuple[str, ...] = (
+        "air_density_reference",
+        "density_scale_height",
+        "gravity",
+        "beta",
+    )
+
+    factors: ClassVar[Mapping[str, str]] = MappingProxyType({"beta": "kg/m2"})
+
+    def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
+        return {
+            "air_density": p.air_density_reference
+            * exp(s.log_density - s.altitude / p.density_scale_height)
+        }
+
+    def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
+        pressure = -0.5 * s.air_density * s.velocity * absolute(s.velocity)
+        return s.velocity, pressure * exp(s.log_drag) / p.beta - p.gravity
+
+    def measurements(self, s: Any, p: Any) -> Sequence[Any]:
+        return (s.altitude,)
+
 
 COMMANDS = ("roll_command", "pitch_command", "yaw_command", "thrust_command")
 LAG, DELAY = "motor_time_constant", "delay"
@@ -46,6 +87,18 @@ class Multirotor:
     Ports: ``roll``, ``pitch``, ``yaw`` (rad/s2) and ``heave`` (m/s2) add to the three rates and to
     az. Sensors have no free biases: the constant terms take them up.
     """
+
+    explanation = """\
+Angular rates and vertical specific force of a multirotor about hover, from its recorded roll,
+pitch, yaw and thrust commands.
+
+p_dot = L_0 + L_p p + L_lat u_lat + L_qr q r,  q_dot = M_0 + M_q q + M_lon u_lon + M_pr p r,
+r_dot = N_0 + N_r r + N_ped u_ped + N_pq p q,  az = Z_0 + Z_col u_col,
+each u the command behind a first-order lag of the motors and a delay (Tischler and Remple, Aircraft
+and Rotorcraft System Identification, 2nd ed., hover models; Wei, Cohen and Tischler, System
+Identification and Controller Optimization of a Quadrotor UAV, AHS Forum 71, 2015). L_0, M_0, N_0
+are the moments that a steady command balances. L_qr = (Iyy - Izz)/Ixx, M_pr = (Izz - Ixx)/Iyy, N_pq
+= (Ixx - Iyy)/Izz."""
 
     name: str = "multirotor"
     states: tuple[Signal, ...] = (
