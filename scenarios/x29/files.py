@@ -29,7 +29,7 @@ from scenarios.report.folder import figures, write_page
 from scenarios.report.quantities import as_text, number_text
 from scenarios.report.shared_tables import tests_table
 from scenarios.report.summary import HERE, residual_phrase
-from scenarios.studies.comparison import HEADING, bank_line, choice_lines
+from scenarios.studies.comparison import HEADING, SEE_PAPERS, bank_line, choice_lines
 from scenarios.x29.content import loop_comparison
 from scenarios.x29.declaration import printed_column
 from scenarios.x29.findings import sentences
@@ -81,7 +81,9 @@ def loop_page(study: LoopStudy, drawn: Sequence[Drawn] = ()) -> Page:
             *section("Figures", *figures(drawn)),
             *tables["Estimate"],
             *section(
-                "What it says", *(Prose(as_sentence(line)) for line in sentences(study) if line)
+                "What it says",
+                *(Prose(as_sentence(line)) for line in sentences(study) if line),
+                Prose(as_sentence(SEE_PAPERS)) if scenario.published else None,
             ),
             *(each for title, parts in tables.items() if title != "Estimate" for each in parts),
             *section("Residuals", tests_table("Residual tests", study.tests)),
@@ -298,7 +300,7 @@ def _margins(study: LoopStudy, found: OpenMargins) -> Figure:
     effects = [
         (item.label, found.effects[item.name]) for item in OPEN if item.name in found.effects
     ]
-    title = f"{study.scenario.title}\nphase margins that the paper's numbers leave open"
+    title = f"{study.scenario.title}\nphase margins that the published numbers leave open"
     return figure_open_margins(clouds, declared, effects, title)
 
 
