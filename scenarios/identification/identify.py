@@ -95,6 +95,7 @@ from scenarios.preparation.plausibility import (
 )
 from scenarios.preparation.reading import prepare
 from scenarios.report.summary import residual_phrase
+from scenarios.report.text_tables import NEXT
 from scenarios.studies.rows import rows_of
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System
@@ -579,7 +580,8 @@ def _not_to_be_used(
         if disturbed_outputs(records, found.estimate, found.tests)
         else ""
     )
-    follows = f"; next: {_command(request, 'diagnose')}" if vehicle.model != "loes" else ""
+    second = "" if request.validate else "; --validate and a second record check the diagnosis"
+    follows = f"{second}{NEXT}{_command(request, 'diagnose')}" if vehicle.model != "loes" else ""
     return (f"do not use these sigmas: the residuals are {failed_in}{gusts}{follows}",)
 
 

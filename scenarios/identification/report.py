@@ -80,7 +80,7 @@ from scenarios.report.summary import (
     result_phrase,
 )
 from scenarios.report.terminal import show_blocks, show_table
-from scenarios.report.text_tables import print_paragraph
+from scenarios.report.text_tables import print_caution, print_paragraph
 from scenarios.studies.rows import Row
 
 # ---- What stands beside an estimate, for comparison.json
@@ -385,7 +385,7 @@ def print_identification(
         *(f"caution: {caution}" for caution in found.cautions),
     ]
     for line in (*said, *record_lines(found.look), *bound_lines(found.at_bounds, found.tied)):
-        print_paragraph(out, line, 0)
+        print_caution(out, line)
     show_table(out, _estimates("", found, (*found.rows, *found.biases)))
     show_blocks(out, [*_considered(found), *_intervals(found)])
     if found.reading:

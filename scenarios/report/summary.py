@@ -87,7 +87,8 @@ def limit_text(level: ModeLevel) -> str:
 def levels_heading(flown: Flown) -> str:
     """Standard, class and category, and what of them nobody declared."""
     assumed = (
-        f" ({' and '.join(flown.assumed)} assumed: --class, --category, or the vehicle file)"
+        f" ({' and '.join(flown.assumed)} assumed, as neither an option (--class, --category) nor "
+        "the vehicle file gives it)"
         if flown.assumed
         else ""
     )

@@ -99,6 +99,17 @@ def print_paragraph(out: Console, text: str, indent: int = 2) -> None:
     print_lines(out, folded(text, min(out.width - 1, TEXT_WIDTH), margin, margin))
 
 
+NEXT = "; next: "  # before the command that a caution leads to
+
+
+def print_caution(out: Console, text: str) -> None:
+    """Print a sentence folded at words, and the command behind ``NEXT`` on one line, to copy."""
+    told, found, command = text.partition(NEXT)
+    print_paragraph(out, f"{told}; next:" if found else told, 0)
+    if found:
+        print_lines(out, [f"  {command}"])
+
+
 # ---- Tables
 
 INDENT = "  "

@@ -1,4 +1,4 @@
-"""A closed-loop study in tables and sentences, those of the paper beside them."""
+"""A closed-loop study in tables and sentences."""
 
 from __future__ import annotations
 
@@ -45,16 +45,12 @@ from scenarios.x29.estimating import LARGE, LoopMethodResult, Misfit
 from scenarios.x29.findings import COMPARED, off, own_method, sentences
 from scenarios.x29.study import LoopStudy
 
-# ---- What the paper prints beside what its procedure gives here
-
 TITLES = {"simulation": "Table 1", "flight": "Table 2"}
 SQUARED = "unit²"  # of a variance whose row names the quantity
 
 
 def paper_blocks(study: LoopStudy) -> list[Block]:
-    """Tables 1 or 2 and their correlations beside the paper's procedure here, the methods, and
-    restarts of plain filters.
-    """
+    """Published tables beside the published method here, all methods, restarts."""
     column = study.scenario.published[0] if study.scenario.published else ""
     out: list[Block] = []
     if study.scenario.methods and has_table(column):
@@ -255,10 +251,7 @@ def print_loop(study: LoopStudy, out: Console | None = None, details: str = BELO
 
 
 def print_loop_brief(study: LoopStudy, out: Console | None = None, details: str = BELOW) -> None:
-    """What a terminal shows of a study: a summary, the estimate, the findings of its scenario.
-
-    ``study.txt`` in the folder of ``details`` has the other tables and findings.
-    """
+    """What a terminal shows of a study: summary, estimate, findings of its scenario."""
     out = out or console()
     print_summary(out, loop_summary(study, rest_of(details)))
     show_blocks(out, _estimate(study))
@@ -393,7 +386,8 @@ def _qualities(study: LoopStudy) -> list[Block]:
 
 
 def _hertz(q: Quality) -> Quality:
-    return replace(q, value=q.value / (2.0 * math.pi), std=q.std / (2.0 * math.pi), unit="Hz")
+    turn = 2.0 * math.pi
+    return replace(q, value=q.value / turn, std=q.std / turn, unit="Hz")
 
 
 def _level(row: Level) -> str:

@@ -1,4 +1,4 @@
-"""A rate gyro that feels the load factor, or the rate about another axis."""
+"""A rate gyro that senses the load factor, or the rate about another axis."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class SensorCoupling:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ("sensor-scale:nz",)
     traits: ClassVar[Traits] = Traits(
-        sentences=("the gyro feels the load factor: the pitch rate is read too large by {gain}",),
-        short_name="gyro that feels the load factor",
+        sentences=("the gyro senses the load factor: the pitch rate is read too large by {gain}",),
+        short_name="gyro that senses the load factor",
         separating={"sensor-scale": JUMPS},
         plausible={"gain": (-0.2, 0.2)},
     )

@@ -13,9 +13,9 @@ from sim.effects.loads import at_arm
 from sim.maths import G0
 
 MEASURE_IT = (
-    "no maneuver does while lift and moment are linear: measure where the instruments sit, or ask "
-    "which lift of the control surface can be "
-    "(CL_de, L_delta; it differs most)"
+    "no maneuver helps while lift and moment are linear: measure where the instruments "
+    "are mounted, or check which lift of the control surface is plausible (CL_de, L_delta: it "
+    "differs most)"
 )
 _VANES = ("nz", "ny")  # a vane in the same plane is the same to the kinematics
 _TURNING = {"q": "pitch", "r": "yaw"}
@@ -101,7 +101,7 @@ class AccelerometerOffset:
     def traits(self) -> Traits:
         return Traits(
             sentences=(
-                f"the accelerometer sits {_PLACES[self.channel]} the centre of gravity and feels "
+                f"the accelerometer sits {_PLACES[self.channel]} the centre of gravity and senses "
                 f"the {_TURNING[self.rate]} acceleration",
             ),
             short_name="accelerometer away from the centre of gravity",
@@ -195,7 +195,7 @@ class VaneOffset:
     def traits(self) -> Traits:
         return Traits(
             sentences=(
-                f"the vane sits {{arm}} ahead of the centre of gravity and feels the "
+                f"the vane sits {{arm}} ahead of the centre of gravity and senses the "
                 f"{TURNING[self.rate]} rate",
             ),
             short_name="vane ahead",
