@@ -189,25 +189,32 @@ def _errors(tracing: Tracing) -> tuple[Section, ...]:
 
 def _derivatives(tracing: Tracing) -> tuple[Section, ...]:
     d = tracing.diagnosis
-    note, title = tables.sigma_note(d), tables.moved_title(d)
+    sigmas, title = tables.sigma_note(d), tables.moved_title(d)
     brief, _, told = title.partition(" (" if title.endswith(")") else ": ")
     scatter = " Run-to-run: standard deviation between fits of single records." if d.scatter else ""
     levels = levels_table(tracing, "Levels of flying qualities")
-    parts = section(_capital(levels_title(tracing)), levels)
+    heading, assumed, rest = levels_title(tracing).partition(" (")
+    note = (
+        Prose(f"{_capital(rest.removesuffix(')'))}.", "note") if assumed and levels.rows else None
+    )
+    parts = section(_capital(heading), levels, note)
     alike = Prose(
         "These data cannot tell them apart. * differs from the first by more than two sigmas of "
         "both together.",
         "note",
     )
     for each in tables.member_tables(d, "Derivatives by member"):
-        parts += section("Under each member of the group", alike, each)
+        members = [column.heading for column in each.columns[1:]]
+        parts += section(f"Under {' or '.join(members)}", alike, each)
     return section(
         _capital(brief),
         Prose(f"{_capital(told.removesuffix(')'))}.", "note") if told else None,
         tables.derivatives_table(d, "Derivatives"),
         tables.derived_table(d, "Derived quantities"),
-        Prose(f"{note}; those of the frequency, the damping and the like follow.{scatter}", "note")
-        if note
+        Prose(
+            f"{sigmas}; those of the frequency, the damping and the like follow.{scatter}", "note"
+        )
+        if sigmas
         else None,
         parts=parts,
     )

@@ -249,9 +249,7 @@ def _verdict(grade: Grade) -> str:
 
 
 def scored_page(study: TraceStudy, page: Page) -> Page:
-    """The page of the diagnosis with the scenario's title, and the truth before what the loop says
-    of itself.
-    """
+    """The page of the diagnosis with the scenario's title; the truth follows the figures."""
     scenario = study.scenario
     scored = as_sentence(scored_sentence(study))
     truth = section(
@@ -274,7 +272,7 @@ def scored_page(study: TraceStudy, page: Page) -> Page:
         title=capital(scenario.title),
         kind=kind,
         summary=(*page.summary, scored),
-        sections=(*truth, *page.sections),
+        sections=(*page.sections[:1], *truth, *page.sections[1:]),
         reproduction=again,
     )
 
