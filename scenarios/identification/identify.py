@@ -580,7 +580,7 @@ def _not_to_be_used(
         if disturbed_outputs(records, found.estimate, found.tests)
         else ""
     )
-    second = "" if request.validate else "; --validate and a second record check the diagnosis"
+    second = "" if request.validate else "; a second record (--validate) would check the diagnosis"
     follows = f"{second}{NEXT}{_command(request, 'diagnose')}" if vehicle.model != "loes" else ""
     return (f"do not use these sigmas: the residuals are {failed_in}{gusts}{follows}",)
 

@@ -41,6 +41,7 @@ from scenarios.report.document import (
     Prose,
     Table,
     as_sentence,
+    as_warning,
     capital,
     now,
     reproduction,
@@ -512,7 +513,7 @@ def identification_page(
             f"{len(found.rows)} parameters from {samples}" + (f". {capital(hint)}" if hint else "")
         ),
         summary=summary_sentences(identification_summary(found)),
-        warnings=tuple(map(as_sentence, (*found.doubts, *found.cautions, *reading))),
+        warnings=tuple(map(as_warning, (*found.doubts, *found.cautions, *reading))),
         sections=(
             *section("Recorded and estimated", *first_figure(drawn)[0]),
             *section("Estimates", *_found(found, flown)),

@@ -27,6 +27,7 @@ from scenarios.report.document import (
     signs,
 )
 from scenarios.report.plot_data import plot_content, plot_text
+from scenarios.report.text_tables import NEXT
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -90,6 +91,7 @@ def page_html(page: Page) -> str:
         page.reproduction.inputs,
     )
     text = _template().render(
+        next_command=NEXT,
         page=page,
         plots=plots,
         policy=_policy(style, script),
