@@ -437,7 +437,7 @@ class Search:
         names = " + ".join(sorted(self.added(best))) or "nothing"
         sentence = (
             f"{self.title}, beside {beside}: {len(self.candidates)} candidates scanned, "
-            f"{len(made)} sets fitted; most probable so far is {names}, "
+            f"{len(made)} set{'s' * (len(made) != 1)} fitted; most probable so far is {names}, "
             f"ln p {best.weight - self.root.weight:+.1f} against the declared model"
         )
         found = best.fitted.fit.log_likelihood

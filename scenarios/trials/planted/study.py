@@ -37,6 +37,7 @@ from ident.whole_record.output_error import estimate_of
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.tracing import SPIKES, Tracing
 from scenarios.files.declarations import read_toml_source
+from scenarios.files.vehicles import ALSO_READ
 from scenarios.preparation.plan import Request
 from scenarios.trials.planted.declaration import (
     CLOSED_LOOP,
@@ -506,6 +507,9 @@ def run_trace(
             Request((train,), scenario.model, vehicle, (validate,), effort=scenario.effort),
             progress,
         )
+        # Nor the notes on files that the user has not given.
+        kept = tuple(note for note in tracing.notes if not note.startswith(ALSO_READ))
+        tracing = replace(tracing, notes=kept)
     progress("comparing with the truth", 0.98)
     return scored(scenario, chosen, flown, tracing)
 
