@@ -73,7 +73,10 @@ class Histories:
         the samples, ``(N,)``, for forces.
     coefficients : by name, ``(M,)``. sigma : standard deviation of their noise, ``(M,)``.
     averaging : ``(W,)`` weights over a window, one in sum; rows : ``(M,)`` first samples.
-    bandwidth : of the averaging, Hz.
+    bandwidth : of the averaging, Hz. signal_noise : standard deviation of the noise that is left in
+        signals behind smoothing and averaging.
+    slopes : of coefficients by the signals from which they are formed, ``(M,)``: lift and drag are
+        turned by alpha.
     """
 
     name: str
@@ -86,18 +89,32 @@ class Histories:
     rows: np.ndarray
     bandwidth: float
     signal_noise: Mapping[str, float] = field(default_factory=dict)
+    slopes: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
+
+    def noise_of_coefficient(self, axis: str) -> np.ndarray:
+        """Slopes of a measured coefficient by the signals times their standard deviations, ``(s,
+        M)``, in the order of ``signal_noise``.
+        """
+        slopes, none = self.slopes.get(axis, {}), np.zeros(len(self.time))
+        rows = [std * slopes.get(name, none) for name, std in self.signal_noise.items()]
+        return np.array(rows).reshape(-1, len(self.time))
 
     def noise_through(self, table: Mapping[Term, float], axis: str) -> np.ndarray:
-        """Noise variance that the signals of terms bring into their sum, ``(M,)``.
+        """Noise variance that the signals bring into a coefficient less the sum of its terms,
+        ``(M,)``.
 
         Parameters
         ----------
         table : values of the terms. axis : the coefficient.
         """
         total = np.zeros(len(self.time))
-        for name, std in self.signal_noise.items():
+        own = self.noise_of_coefficient(axis)
+        for row, (name, std) in zip(own, self.signal_noise.items(), strict=True):
             terms = {term: value for term, value in table.items() if name in term.signals}
-            if not terms or std == 0.0:
+            if std == 0.0:
+                continue
+            if not terms:
+                total += row**2
                 continue
             moved = (
                 replace(
@@ -111,7 +128,7 @@ class Histories:
                 sum(value * each.column(term, axis) for term, value in terms.items())
                 for each in moved
             )
-            total += (high - low) ** 2
+            total += (row - (high - low)) ** 2
         return total
 
     def column(self, term: Term, axis: str) -> np.ndarray:
@@ -258,7 +275,12 @@ def histories_of(
     sigma = {axis: scatter[axis] for axis in found}
     width = bandwidth_of(half, 1.0 / step)
     left = _signal_noise(noises, wide, half, c1, s1)
-    return Histories(name, time[at], signals, samples, found, sigma, kernel, rows, width, left)
+    turned = {}
+    if airframe.wind_axes:
+        turned = {"CD": {"alpha": found["CL"]}, "CL": {"alpha": -found["CD"]}}
+    return Histories(
+        name, time[at], signals, samples, found, sigma, kernel, rows, width, left, turned
+    )
 
 
 def _between(

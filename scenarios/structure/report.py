@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.structure.collinearity import HIGH_INDEX, HIGH_INFLATION
-from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, columns_of
+from ident.structure.products import columns_of
+from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection
 from scenarios.files.aircraft_files import written
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
