@@ -13,9 +13,8 @@ from ident.tracing.diagnosis import Candidate, Step, Verdict
 from ident.tracing.evidence import Key, WeighedSet
 from ident.tracing.fitted_model import FittedModel
 from ident.tracing.problem import TraceProblem
-from ident.tracing.search import ALIKE, Search
+from ident.tracing.search import ALIKE, CLEAR, Search
 from ident.tracing.steady_search import (
-    CLEAR,
     RIVAL,
     is_steady,
     quiet_vuong,

@@ -12,6 +12,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+from ident.estimate import Outcome
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing.context import search_context
 from ident.tracing.diagnosis import Candidate, Step
@@ -49,6 +50,8 @@ SHARES = (1.0, 0.3, 0.1)  # of a step of the linear world, in turn, until a fit 
 IMPROVES = 0.3  # of what the linear world promises
 SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s, by which an event is moved to look for its time
 ALIKE = 0.95  # cosine of two signatures that the records do not tell apart
+CLEAR = 30.0  # log likelihood, beyond what a prior can take
+WORTH_GOING_ON = 1.0  # log likelihood that further iterations of a fit have to bring
 PROCESS_NOISE_OFFERED = 1e-2  # p-value of a residual's test above which rough air is not tried
 
 
@@ -130,14 +133,27 @@ class Search:
 
     # ---------------------------------------------------------------- fits
     def kept(self, fitted: FittedModel) -> WeighedSet:
-        """Weigh a fit and keep it, the better of two optima where the set was met before."""
+        """Weigh a fit and keep it, the better of two optima where the set was met before.
+
+        A fit that ended before its optimum goes on where the set is among the likely ones: an
+        alternative is not likelier because its fit was quicker.
+        """
         self.fits += 1
-        evidence, offset, covariance = evidence_of(fitted, self.context)
-        found = self.reweighed(WeighedSet(fitted, evidence, 0.0, offset, covariance))
+        found = self._weighed(fitted)
+        best = max((one.weight for one in self.visited.values()), default=-math.inf)
+        while found.fitted.fit.outcome is Outcome.MAX_ITERATIONS and found.weight > best - CLEAR:
+            further = self.fit(found.fitted.effects, found.fitted)
+            if further is None or further.fit.cost > found.fitted.fit.cost - WORTH_GOING_ON:
+                break
+            found = self._weighed(further)
         old = self.visited.get(found.names)
         if old is None or found.weight > old.weight:
             self.visited[found.names] = found
         return self.visited[found.names]
+
+    def _weighed(self, fitted: FittedModel) -> WeighedSet:
+        evidence, offset, covariance = evidence_of(fitted, self.context)
+        return self.reweighed(WeighedSet(fitted, evidence, 0.0, offset, covariance))
 
     def fit(
         self,

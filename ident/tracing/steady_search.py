@@ -23,7 +23,7 @@ import numpy as np
 from ident.tracing.evidence import ColouredNoise, WeighedSet
 from ident.tracing.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.priors import UNLIMITED, set_prior
-from ident.tracing.search import Search
+from ident.tracing.search import CLEAR, Search
 from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import SearchContext, Traceable
 
@@ -31,7 +31,6 @@ BLOCK = 1.0  # s, of a block of Vuong's test
 SPREAD = 3.5  # z of an effect that may be named beside a discrepancy
 RIVAL = 2.0  # z below which two sets are not told apart; asked where kinematics name it as well
 DEEPEST = 4  # effects beside a discrepancy, at most
-CLEAR = 30.0  # log likelihood, beyond what a prior can take
 
 
 def is_steady(effect: Traceable) -> bool:
