@@ -81,7 +81,7 @@ from scenarios.report.summary import (
     result_phrase,
 )
 from scenarios.report.terminal import show_blocks, show_table
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row
 
 # ---- What stands beside an estimate, for comparison.json
 

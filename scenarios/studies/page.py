@@ -30,8 +30,7 @@ from scenarios.report.shared_tables import (
 )
 from scenarios.report.summary import levels_line
 from scenarios.studies.comparison import choice_lines, engine_line, other_flight_line, vehicle_line
-from scenarios.studies.published import published_remark
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row, published_remark
 from scenarios.studies.study import MethodResult, StudyResult, flexibility_sentences
 from scenarios.studies.text import (
     determination_blocks,

@@ -48,8 +48,7 @@ from scenarios.studies.comparison import (
     other_flight_line,
     vehicle_line,
 )
-from scenarios.studies.published import published_remark
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row, published_remark
 from scenarios.studies.study import (
     MethodDetermination,
     MethodResult,

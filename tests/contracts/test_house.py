@@ -66,7 +66,6 @@ SHORT_OF_ONE: frozenset[str] = frozenset(
         "flightid/plot.py",
         "ident/tracing/declared.py",
         "ident/tracing/validation/training_knowledge.py",
-        "sim/vehicles/lateral.py",
     }
 )
 
