@@ -116,7 +116,16 @@ html_title = f"flightid {release}".strip()
 # Pages with nothing below them have no navigation of their own section.
 html_sidebars = {
     name: []
-    for name in ("index", "start", "limits", "made/changelog", "search", "genindex", "py-modindex")
+    for name in (
+        "index",
+        "start",
+        "limits",
+        "made/gallery",
+        "made/changelog",
+        "search",
+        "genindex",
+        "py-modindex",
+    )
 }
 html_static_path = ["_static"]
 html_search_scorer = str(ROOT / "docs" / "_static" / "scorer.js")

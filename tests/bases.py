@@ -21,8 +21,8 @@ from sim.propagation import Step, drive_from_record, make_grid, rk4_step, simula
 from sim.record import Hold
 from sim.vehicles.aircraft import aircraft_model
 from sim.vehicles.factory import model_from_constants
-from sim.vehicles.longitudinal import ShortPeriod
 from sim.vehicles.other_vehicles import Ballistic
+from sim.vehicles.uncoupled import ShortPeriod
 from tests.airliner import AIRLINER, ELEVATOR, THRUST
 
 RIGID_VALUES = {

@@ -10,9 +10,8 @@ from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.dynamics.varies import MissingTerm
 from sim.effects.library import catch_all_terms_for, effects_for, library
 from sim.vehicles.aircraft import aircraft_model
-from sim.vehicles.lateral import Lateral
-from sim.vehicles.longitudinal import Loes, Longitudinal, ShortPeriod
 from sim.vehicles.other_vehicles import Ballistic, Multirotor
+from sim.vehicles.uncoupled import Lateral, Loes, Longitudinal, ShortPeriod
 from tests.airliner import AIRLINER
 
 # Every instance on these is held to every law; on the whole axes those of ``representatives``.

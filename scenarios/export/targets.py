@@ -8,8 +8,14 @@ import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from scenarios.export.expressions import Formulas, Operation, formulas_of, statements
-from scenarios.export.model import ExportedModel, model_of_study
+from scenarios.export.model import (
+    ExportedModel,
+    Formulas,
+    Operation,
+    formulas_of,
+    model_of_study,
+    statements,
+)
 from scenarios.files.writing import write_content
 from sim.declaration.effect import Signal
 from sim.errors import DeclarationError

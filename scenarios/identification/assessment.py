@@ -30,7 +30,7 @@ from scenarios.preparation.declared_model import BETTER
 from scenarios.preparation.filtering import Parted, parts_of, put_together
 from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck, Seen
 from scenarios.report.document import BY_ROW, SIGMAS, Column, Table, estimate, formatted, table
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row
 from sim.declaration.model import Model, System
 from sim.errors import DeclarationError
 from sim.record import Channel, Hold, Record

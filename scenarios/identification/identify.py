@@ -94,7 +94,7 @@ from scenarios.preparation.plausibility import (
 )
 from scenarios.preparation.reading import prepare, refuse_unfit_records
 from scenarios.report.summary import NEXT, residual_phrase
-from scenarios.studies.rows import rows_of
+from scenarios.studies.published import rows_of
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System
 from sim.effects.disturbance.airspeed import ATTITUDE, SPEED

@@ -83,7 +83,7 @@ from scenarios.report.summary import (
     result_phrase,
 )
 from scenarios.report.terminal import show_blocks, show_table
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row
 
 # ---- What stands beside an estimate, for comparison.json
 
@@ -414,11 +414,7 @@ def print_identification(
 def identification_summary(found: IdentificationResult, details: str = BELOW) -> Summary:
     """Records, model and method; the outcome; what matters most; what the fit leaves."""
     records = (found.record, *found.others)
-    named = (
-        found.record.name
-        if len(records) == 1
-        else f"{found.record.name} and {len(records) - 1} more"
-    )
+    named = found.record.name + (f" and {len(found.others)} more" if found.others else "")
     samples = sum(len(record) for record in records)
     rows = [(row.name, row.estimate, row.std, row.unit) for row in found.rows]
     vague = [row.name for row in found.rows if not determined(row.estimate, row.std)]

@@ -36,7 +36,7 @@ from scenarios.studies.comparison import (
     other_flight_line,
     vehicle_line,
 )
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row
 from scenarios.studies.study import MethodResult, StudyResult, flexibility_sentences
 from scenarios.studies.text import (
     determination_blocks,

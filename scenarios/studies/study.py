@@ -32,8 +32,7 @@ from scenarios.studies.estimating import (
     measured_again,
     true_model,
 )
-from scenarios.studies.published import published_values
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row, published_values
 from scenarios.studies.sweep import Sweep
 from sim.declaration.model import Model
 from sim.errors import ModelError

@@ -49,7 +49,7 @@ from scenarios.studies.comparison import (
     other_flight_line,
     vehicle_line,
 )
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row
 from scenarios.studies.study import (
     MethodDetermination,
     MethodResult,

@@ -47,7 +47,7 @@ from scenarios.responses.loops import MINUS, UNITS, loop_tables, margin_lines, m
 from scenarios.responses.reading import Names
 from scenarios.responses.report import fit_lines, fit_tables, responses_csv
 from scenarios.studies.comparison import SCHEMA, estimate_content
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row
 from scenarios.studies.schema import Quantity, positive, si
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import LoopNoise, loop_test, open_loop

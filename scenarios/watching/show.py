@@ -32,7 +32,7 @@ from scenarios.report.quantities import console, number_text
 from scenarios.report.shared_tables import derived_table, estimates_table, fixed_table
 from scenarios.report.summary import TableColumn, print_table
 from scenarios.studies.comparison import SCHEMA
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row
 from scenarios.watching.history_figure import history_section
 from scenarios.watching.reference import (
     WORDS,

@@ -42,7 +42,7 @@ from scenarios.report.folder import CONTENT, write_page
 from scenarios.report.shared_tables import derived_table, estimates_table, fixed_table
 from scenarios.report.summary import PAGE
 from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row
 from scenarios.watching.history_figure import history_section
 from scenarios.watching.reference import (
     WORDS,

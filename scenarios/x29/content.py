@@ -42,6 +42,13 @@ from sim.vehicles.factory import LOES_DERIVATIVES
 _BY_OUTPUT = {"alpha": "alpha", "q": "q", "nz": "nz_0"}
 
 
+def units_of(study: LoopStudy) -> dict[str, str]:
+    """Units of states and parameters, and of the frequency, damping ratio and delay."""
+    estimate, system = study.result.estimate, study.result.setting.system
+    units = {item.name: item.unit for item in (*system.initial, *system.parameters)}
+    return units | dict(zip(estimate.names, estimate.units, strict=True)) | {"delay": "s"}
+
+
 def paper_content(study: LoopStudy) -> dict[str, Any]:
     """Entries of ``comparison.json``: the paper's tables beside its procedure, its checks, the
     methods and the restarts.

@@ -40,7 +40,12 @@ from scenarios.report.summary import (
 from scenarios.report.terminal import show_blocks
 from scenarios.studies.comparison import SEE_PAPERS, bank_line, choice_lines
 from scenarios.studies.text import print_choices, rest_of
-from scenarios.x29.content import correlation_content, noted_pairs, procedure_and_printed
+from scenarios.x29.content import (
+    correlation_content,
+    noted_pairs,
+    procedure_and_printed,
+    units_of,
+)
 from scenarios.x29.declaration import (
     has_table,
     printed_checks,
@@ -282,13 +287,6 @@ def loop_summary(study: LoopStudy, details: str = BELOW) -> Summary:
         residual_phrase(study.tests),
         details,
     )
-
-
-def units_of(study: LoopStudy) -> dict[str, str]:
-    """Units of states and parameters, and of the frequency, damping ratio and delay."""
-    estimate, system = study.result.estimate, study.result.setting.system
-    units = {item.name: item.unit for item in (*system.initial, *system.parameters)}
-    return units | dict(zip(estimate.names, estimate.units, strict=True)) | {"delay": "s"}
 
 
 def _estimate(study: LoopStudy) -> list[Block]:

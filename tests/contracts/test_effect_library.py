@@ -21,8 +21,8 @@ from sim.effects.library import (
     library,
 )
 from sim.errors import ModelError
-from sim.vehicles.longitudinal import ShortPeriod
 from sim.vehicles.other_vehicles import Ballistic
+from sim.vehicles.uncoupled import ShortPeriod
 from tests.bases import base_for
 from tests.effect_cases import GUARDS, OFFERED, OFFERED_GUARDS
 from tests.offered import made

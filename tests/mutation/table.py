@@ -160,7 +160,7 @@ ONCE_UNNOTICED = (
 # Equations, effects, truth, loops and maneuvers.
 SIM = (
     *changes(
-        "sim/vehicles/lateral.py",
+        "sim/vehicles/uncoupled.py",
         ("tests/unit/sim/vehicles/test_textbook_modes.py",),
         ("s.p * sin(p.trim_alpha) - s.r", "s.p * sin(p.trim_alpha) + s.r"),
     ),
@@ -185,19 +185,19 @@ SIM = (
         ("in record.input_names and not np.any(", "in record.input_names and np.any("),
     ),
     *changes(
-        "sim/vehicles/longitudinal.py",
+        "sim/vehicles/uncoupled.py",
         ("tests/unit/sim/vehicles/test_second_writings.py",),
         ("lift * cosine + drag * sine", "lift * cosine - drag * sine"),
         ("_lift(s, p) + s.thrust * sin(s.alpha)", "_lift(s, p) - s.thrust * sin(s.alpha)"),
         ("/ (p.mass * s.airspeed)", "/ (p.mass * s.V)"),
     ),
     *changes(
-        "sim/vehicles/longitudinal.py",
+        "sim/vehicles/uncoupled.py",
         ("tests/unit/sim/vehicles/test_second_writings.py",),
         ("p.vane_arm / s.V * s.q", "p.vane_arm / p.airspeed * s.q"),
     ),
     *changes(
-        "sim/vehicles/longitudinal.py",
+        "sim/vehicles/uncoupled.py",
         ("tests/unit/sim/vehicles/test_second_writings.py",),
         ("s.q * p.chord / (2.0 * V)", "s.q * p.chord / (2.0 * p.airspeed)"),
     ),

@@ -15,7 +15,7 @@ from sim.declaration.model import System
 from sim.effects.library import find_effect
 from sim.propagation import drive_from_record, make_grid, propagate, simulate
 from sim.record import Record
-from sim.vehicles.longitudinal import ShortPeriod
+from sim.vehicles.uncoupled import ShortPeriod
 from tests.bases import rigid_model
 from tests.tracing_problem import doublets, planted
 

@@ -24,7 +24,7 @@ from sim.effects.sensor_path.sensor_spikes import InputSpikes, SensorSpikes
 from sim.effects.sensor_path.sensor_timing import SensorLag
 from sim.errors import FlightidError
 from sim.record import Channel, Record
-from sim.vehicles.longitudinal import ShortPeriod
+from sim.vehicles.uncoupled import ShortPeriod
 from tests.bases import Flight
 from tests.tracing_problem import (
     OUTPUTS,

@@ -23,7 +23,7 @@ from sim.effects.library import find_effect
 from sim.effects.sensor_path.sensor_calibration import SensorScale, SensorStep
 from sim.effects.sensor_path.sensor_timing import SensorDelay, SensorHold, SensorLag
 from sim.maths import each_column
-from sim.vehicles.longitudinal import ShortPeriod
+from sim.vehicles.uncoupled import ShortPeriod
 from tests.tracing_problem import doublets, fit_of, planted, problem_of
 
 

@@ -24,7 +24,7 @@ from scenarios.report.quantities import (
     value_parts,
 )
 from scenarios.report.summary import table_lines
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row
 from scenarios.studies.text import with_display
 from sim.effects.library import library
 

@@ -12,7 +12,7 @@ from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.sensor_path.sensor_timing import SensorLag
 from sim.errors import ModelError
-from sim.vehicles.longitudinal import ShortPeriod
+from sim.vehicles.uncoupled import ShortPeriod
 from tests.bases import rigid_model
 
 

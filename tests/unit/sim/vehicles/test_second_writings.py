@@ -29,7 +29,7 @@ from sim.vehicles.factory import (
 )
 from sim.vehicles.flexibility import condense, with_frequency_factor
 from sim.vehicles.library import VehicleData, read_parameter_set
-from sim.vehicles.longitudinal import Loes, Longitudinal, ShortPeriod
+from sim.vehicles.uncoupled import Loes, Longitudinal, ShortPeriod
 from tests.bases import LOES_CONSTANTS, LOES_VALUES, LONGITUDINAL_VALUES, RIGID_VALUES
 from tests.oracles.loes import rates_and_readings
 

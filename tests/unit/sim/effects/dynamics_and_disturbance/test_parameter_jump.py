@@ -16,7 +16,7 @@ from sim.declaration.proposal import SearchContext
 from sim.effects.dynamics.derivative_jump import LARGEST, USUAL, ParameterJump
 from sim.effects.library import effects_for
 from sim.vehicles.aircraft import aircraft_model
-from sim.vehicles.longitudinal import ShortPeriod
+from sim.vehicles.uncoupled import ShortPeriod
 from tests.airliner import AIRLINER, COEFFICIENTS
 from tests.bases import RIGID_VALUES, Flight, fly_model
 from tests.oracles.varying_parameters import spring

@@ -16,9 +16,8 @@ from sim.declaration.model import Equations, Multiplying
 from sim.declaration.proposal import SearchContext
 from sim.effects.dynamics.varies import Varies, curve_made_for, other_names
 from sim.effects.library import effects_for, find_effect
-from sim.vehicles.lateral import Lateral
-from sim.vehicles.longitudinal import Loes, Longitudinal, ShortPeriod
 from sim.vehicles.other_vehicles import Ballistic
+from sim.vehicles.uncoupled import Lateral, Loes, Longitudinal, ShortPeriod
 from tests.bases import lateral_model, longitudinal_model, rigid_model
 from tests.offered import ALL_VEHICLES
 from tests.whole_axes import CONSTANTS, TRUE, true_model

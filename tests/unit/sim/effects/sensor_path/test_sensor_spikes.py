@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from sim.effects.library import find_effect
 from sim.effects.sensor_path.sensor_spikes import Bursts, InputSpikes, SensorSpikes
 from sim.effects.sensor_path.sensor_timing import SensorLag
-from sim.vehicles.longitudinal import Loes
+from sim.vehicles.uncoupled import Loes
 from tests.bases import fly_model, rigid_flight, rigid_model
 
 FLIGHT = rigid_flight()

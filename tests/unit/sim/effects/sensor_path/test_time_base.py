@@ -12,7 +12,7 @@ from sim.effects.input_path.actuator import ActuatorLag
 from sim.effects.library import find_effect
 from sim.effects.sensor_path.sensor_calibration import SensorScale
 from sim.effects.sensor_path.sensor_timing import SensorLag, TimeBase
-from sim.vehicles.longitudinal import Loes, ShortPeriod
+from sim.vehicles.uncoupled import Loes, ShortPeriod
 from tests.bases import Flight, fly_model, loes_flight, loes_model, rigid_flight, rigid_model
 
 FAST = {"time-base.factor": 1.07}
