@@ -23,7 +23,7 @@ WIDE = 3.0  # factor of one sigma: a limit about where it was found, a curve abo
 
 
 @dataclass(frozen=True)
-class Normal:
+class NormalPrior:
     """A Gaussian prior; ``one_sided`` where the value lies on one side of ``mean`` only."""
 
     mean: float
@@ -31,27 +31,29 @@ class Normal:
     one_sided: bool = False
 
 
-def prior_of(effect: Traceable, item: Parameter, value: float, context: SearchContext) -> Normal:
+def prior_of(
+    effect: Traceable, item: Parameter, value: float, context: SearchContext
+) -> NormalPrior:
     """Prior of an effect's parameter that a search has found at ``value``.
 
     An amplitude lies about the effect's absence, by its declared size. A limit is known to a
     factor. A time of an event may be anywhere in the record.
     """
     if item.name == effect.traits.onset:
-        return Normal(value, context.duration / 3.5)
+        return NormalPrior(value, context.duration / 3.5)
     absent = effect.absent.get(item.name)
     if absent is None:
         if math.isfinite(item.prior_std):
-            return Normal(item.value, item.prior_std)
-        return Normal(value, max(abs(value), abs(item.value), 1e-6))
+            return NormalPrior(item.value, item.prior_std)
+        return NormalPrior(value, max(abs(value), abs(item.value), 1e-6))
     if abs(absent) > UNLIMITED:
-        return Normal(value, max(abs(value), 1e-6) * math.log(WIDE))
+        return NormalPrior(value, max(abs(value), 1e-6) * math.log(WIDE))
     if math.isfinite(item.prior_std):
-        return Normal(absent, item.prior_std)
+        return NormalPrior(absent, item.prior_std)
     size = effect.traits.usual.get(item.name, abs(item.value - absent))
     if item.name.startswith("shape"):
         size *= WIDE
-    return Normal(absent, max(size, 1e-9), absent in item.bounds)
+    return NormalPrior(absent, max(size, 1e-9), absent in item.bounds)
 
 
 def family(name: str) -> str:

@@ -362,11 +362,11 @@ def _correlation(study: LoopStudy) -> list[Block]:
 
 
 def _qualities(study: LoopStudy) -> list[Block]:
-    found = [
-        each
-        for q in study.result.qualities
-        for each in ([q, _hertz(q)] if is_frequency(q.name, q.unit) else [q])
-    ]
+    found = []
+    for q in study.result.qualities:
+        found.append(q)
+        if is_frequency(q.name, q.unit):
+            found.append(replace(q, value=q.value / math.tau, std=q.std / math.tau, unit="Hz"))
 
     def at(q: Quality, sigmas: float) -> Cell:
         value = q.value + sigmas * q.std
@@ -389,16 +389,10 @@ def _qualities(study: LoopStudy) -> list[Block]:
     return out
 
 
-def _hertz(q: Quality) -> Quality:
-    turn = 2.0 * math.pi
-    return replace(q, value=q.value / turn, std=q.std / turn, unit="Hz")
-
-
 def _level(row: Level) -> str:
     words = {1: "1", 2: "2", 3: "3", 4: "outside 3"}
-    return words[row.level] + (
-        f" ({words[row.best]} to {words[row.worst]} within 2 sigma)" if row.uncertain else ""
-    )
+    between = f" ({words[row.best]} to {words[row.worst]} within 2 sigma)"
+    return words[row.level] + (between if row.uncertain else "")
 
 
 def _check(study: LoopStudy) -> list[Block]:
@@ -558,26 +552,27 @@ def _over_seeds(study: LoopStudy) -> list[Block]:
     found = study.over_seeds
     if found is None:
         return []
-    rows = [(f"{delay:.3f}", block) for delay, block in found.by_delay()]
+    rows = [block for _, block in found.by_delay()]
     delays = list[Cell](formatted(delay, ".3f") for delay, _ in found.by_delay())
     if len(rows) > 1:
-        rows, delays = [*rows, ("all", found.values)], [*delays, "all"]
+        rows, delays = [*rows, found.values], [*delays, "all"]
     units = units_of(study)
     columns = [
         (
             Column(name, units[name], printed=name, together=True),
-            [_mean_cell(block[:, found.names.index(name)]) for _, block in rows],
+            [_mean_cell(block[:, found.names.index(name)]) for block in rows],
         )
         for name in ("L_alpha", "M_alpha", "M_delta", "L_q", "M_q", "inv_tau")
     ]
-    shown = table(
-        f"the plain bank on flights with seeds 1 to {len(found.seeds)}: delay chosen, mean +- "
-        "standard deviation",
-        (Column("delay", "s", left=True), delays),
-        (Column("flights", PURE), [Number(len(block), digits=0) for _, block in rows]),
-        *columns,
-    )
-    return [shown]
+    return [
+        table(
+            f"the plain bank on flights with seeds 1 to {len(found.seeds)}: delay chosen, mean +- "
+            "standard deviation",
+            (Column("delay", "s", left=True), delays),
+            (Column("flights", PURE), [Number(len(block), digits=0) for block in rows]),
+            *columns,
+        )
+    ]
 
 
 def _mean_cell(values: np.ndarray) -> Cell:
