@@ -29,7 +29,7 @@ from sim.declaration.proposal import Traceable
 CERTAIN = 0.95  # probability of what is claimed
 SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
 OVER_LEAST = 6.0  # times the least noise of a sensor: 1.8 times what high frequencies show
-SUPPORTED = 3.0  # z of an effect that brings little beside another
+SUPPORTED = 3.0  # z of an effect that brings little
 TWO_EVENTS = "two loads or gusts in passing are likelier one cause that the library lacks"
 ROUGH_AIR = "its evidence comes from the maneuvers: rough air acts between them as well"
 LITTLE = "it brings little, {:.1f} times its scatter over the record; {:.1f} are required"
@@ -406,15 +406,14 @@ def _less_slight(
             if less is None or best.weight - less.weight >= clear:
                 continue
             z = vuong(best, less, search.context.interval)
-            # A sole cause is told from none, or something acts: the declared model leaves no noise.
-            alone = len(causes) == 1
-            asked = RIVAL if alone else SUPPORTED
-            if z < asked and not (alone and not is_noise(less.fitted.fit)):
-                slight.append((z, asked, name, less))
+            # Where the declared model leaves more than noise something acts, and it is the sole.
+            acts = len(causes) == 1 and not is_noise(less.fitted.fit)
+            if z < SUPPORTED and not acts:
+                slight.append((z, name, less))
         if not slight:
             break
-        z, asked, name, best = min(slight, key=lambda each: each[0])
-        left_out[name] = LITTLE.format(z, asked)
+        z, name, best = min(slight, key=lambda each: each[0])
+        left_out[name] = LITTLE.format(z, SUPPORTED)
     return best, left_out
 
 
