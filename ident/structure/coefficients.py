@@ -142,18 +142,23 @@ class Histories:
         return np.asarray(_windows(values.astype(float), len(kernel), self.rows) @ kernel)
 
 
-def half_width(rate: float, bandwidth: float) -> int:
+def half_width(rate: float, bandwidth: float, widest: int = 2000) -> int:
     """Samples on each side of a window whose slope has the bandwidth.
 
     Parameters
     ----------
     rate : samples a second. bandwidth : Hz, where the averaging has half its power.
+    widest : samples, at which the search ends.
     """
-    best = 1
-    for half in range(1, 2000):
-        if bandwidth_of(half, rate) < bandwidth:
-            break
-        best = half
+    best, beyond = 1, 2
+    while bandwidth_of(beyond, rate) >= bandwidth and beyond < widest:
+        best, beyond = beyond, 2 * beyond
+    while beyond - best > 1:
+        middle = (best + beyond) // 2
+        if bandwidth_of(middle, rate) >= bandwidth:
+            best = middle
+        else:
+            beyond = middle
     return best
 
 
@@ -236,7 +241,7 @@ def histories_of(
                 remedy="record it, or map its column with --channels",
             )
     step = float(np.median(np.diff(time)))
-    half = half_width(1.0 / step, bandwidth)
+    half = half_width(1.0 / step, bandwidth, len(time) // 4)
     if len(time) < 8 * half + 1:
         raise RecordError(
             f"{len(time)} samples are too few for slopes with a bandwidth of {bandwidth:g} Hz",

@@ -166,15 +166,11 @@ class ScaledEquations:
         return max(float(sse), 0.0)
 
 
-def normal_of(
-    products: Products, chosen: Sequence[int], without: int | None = None
-) -> ScaledEquations:
-    """The normal equations of the chosen columns; without one maneuver where it is named."""
+def normal_of(products: Products, chosen: Sequence[int]) -> ScaledEquations:
+    """The normal equations of the chosen columns over all maneuvers."""
     at = list(chosen)
     sums = [products.gram, products.cross, products.gram_noise, products.cross_noise]
-    gram, cross, gram_noise, cross_noise = (
-        each.sum(axis=0) if without is None else each.sum(axis=0) - each[without] for each in sums
-    )
+    gram, cross, gram_noise, cross_noise = (each.sum(axis=0) for each in sums)
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     gram, gram_noise = gram / np.outer(scale, scale), gram_noise / np.outer(scale, scale)
     cross, cross_noise = cross / scale, cross_noise / scale
@@ -199,9 +195,9 @@ def clean_inverse(gram: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, floa
     return np.linalg.pinv(gram - share * noise, rcond=1e-12, hermitian=True), share
 
 
-def values_of(products: Products, chosen: Sequence[int], without: int | None = None) -> np.ndarray:
-    """Values of the chosen columns, ``(n,)``; without one maneuver where it is named."""
-    found = normal_of(products, chosen, without)
+def values_of(products: Products, chosen: Sequence[int]) -> np.ndarray:
+    """Values of the chosen columns, ``(n,)``."""
+    found = normal_of(products, chosen)
     return np.asarray(found.values / found.scale[found.chosen])
 
 
@@ -245,13 +241,17 @@ def held_out_of(products: Products, chosen: Sequence[int]) -> float:
     groups = len(products.counts)
     if groups < 2:
         return math.nan
-    error, at = 0.0, list(chosen)
-    for g in range(groups):
-        values = values_of(products, at, g)
-        part = products.gram[g][np.ix_(at, at)]
-        error += float(
-            products.squares[g] - 2.0 * values @ products.cross[g][at] + values @ part @ values
-        )
+    at = list(chosen)
+    whole = normal_of(products, at)
+    scale, block = whole.scale[at], np.ix_(range(groups), at, at)
+    outer = np.outer(scale, scale)
+    gram, cross = products.gram[block] / outer, products.cross[:, at] / scale
+    clean = gram - whole.share * products.gram_noise[block] / outer
+    aimed = cross - whole.share * products.cross_noise[:, at] / scale
+    others = np.linalg.pinv(clean.sum(axis=0) - clean, rcond=1e-12, hermitian=True)
+    values = np.einsum("gij,gj->gi", others, aimed.sum(axis=0) - aimed)
+    model = np.einsum("gi,gij,gj->g", values, gram, values)
+    error = float(np.sum(products.squares - 2.0 * np.sum(values * cross, axis=1) + model))
     return 1.0 - error / max(products.spread, 1e-300)
 
 

@@ -42,12 +42,13 @@ from ident.structure.products import (
     ratio_of,
     values_of,
 )
-from sim.aerodynamics import IN_SYMMETRY, Term, is_linear, parents
+from sim.aerodynamics import Term, is_linear, parents
 
 F_IN = 20.0  # partial F ratio: Klein and Morelli, section 5.4, for many samples
 LEAST = 2e-4  # share of the variance that a term has to explain
 NO_WORSE = 4.0  # partial F ratio, two sigmas, by which a simpler term may explain less
-CHANGED, MUCH = 1.0, 2.0  # sigmas by which a linear term of two sigmas, or any, moves another value
+CHANGED, MUCH = 1.0, 2.0  # sigmas by which a linear term that is clear, or any, moves another value
+CLEAR = 5.0  # partial F ratio of such a term
 COLLINEAR = 10.0  # variance inflation factor above which two terms are not told apart
 AS_GOOD = 1e-6  # of a gain, within which two terms explain the same: the one offered first enters
 STEPWISE, ORTHOGONAL = "stepwise", "orthogonal"
@@ -297,7 +298,8 @@ def _with_confounders(
     rows: Sequence[np.ndarray],
     axis: str,
 ) -> tuple[list[int], list[SelectionStep]]:
-    """With the linear terms that are too weak for the search and change the values of others.
+    """With the linear terms that are too weak for the search and change the values of other linear
+    ones.
 
     Left out, they would be a bias of those values that no standard deviation holds [1]_.
 
@@ -306,7 +308,7 @@ def _with_confounders(
     .. [1] R. M. Mickey and S. Greenland, The impact of confounder selection criteria on effect
        estimation, American Journal of Epidemiology 129(1), 1989.
     """
-    terms, symmetric = products.terms, axis in IN_SYMMETRY
+    terms = products.terms
     offered = [
         i for i, term in enumerate(terms) if is_linear(term, axis) and term.signals != {"mach"}
     ]
@@ -314,16 +316,16 @@ def _with_confounders(
         gains, _ = gains_of(products, chosen)
         values = values_of(products, chosen)
         sigma = np.sqrt(np.diag(columns.covariance(products, chosen, values, rows)))
-        asked = np.array([bool(terms[i].factors) or symmetric for i in chosen])
+        asked = np.array([i in offered for i in chosen])
         found = []
         for come in (i for i in offered if i not in chosen and gains[i] > 0.0):
             more = [*chosen, come]
             full = values_of(products, more)
-            variance = np.diag(columns.covariance(products, more, full, rows, local=False))[-1]
+            variance = np.diag(columns.covariance(products, more, full, rows))[-1]
             F = float(full[-1] ** 2 / max(variance, 1e-300))
             moved = np.abs(full[:-1] - values) / np.maximum(sigma, 1e-300)
             change = float(np.max(moved, where=asked, initial=0.0))
-            if change > (CHANGED if F > NO_WORSE else MUCH) or change**2 > COLLINEAR * F:
+            if change > (CHANGED if F > CLEAR else MUCH) or change**2 > COLLINEAR * F:
                 found.append((change, F, come))
         if not found:
             return chosen, steps

@@ -369,6 +369,21 @@ def test_the_bandwidth_is_that_of_a_slope_of_sines() -> None:
     assert slope / (2 * np.pi * f) == pytest.approx(np.sqrt(0.5), rel=0.02)
 
 
+@pytest.mark.parametrize("rate", [10.0, 50.0, 333.0])
+@pytest.mark.parametrize("bandwidth", [0.5, 1.0, 3.0, 7.0, 200.0])
+def test_the_widest_window_with_a_bandwidth_is_found(rate: float, bandwidth: float) -> None:
+    half = half_width(rate, bandwidth)
+    assert half == 1 or bandwidth_of(half, rate) >= bandwidth
+    assert bandwidth_of(half + 1, rate) < bandwidth
+
+
+def test_a_bandwidth_that_no_record_has_is_refused_at_once() -> None:
+    time = np.arange(500) / 25.0
+    channels = dict.fromkeys(NOISE, time)
+    with pytest.raises(RecordError, match="500 samples are too few for slopes"):
+        histories_of("m", time, channels, Airframe({}), {}, bandwidth=1e-4)
+
+
 def test_noise_is_found_below_a_motion() -> None:
     rng = np.random.default_rng(5)
     time = np.arange(3000) / 50.0
