@@ -309,7 +309,7 @@ def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision
     if best is not guarded:
         # A guard had chosen between effects that the records do not tell apart without it.
         out |= search.problem.guards
-        top = max(_sets_without(search, out), key=lambda one: one.weight)
+        top = search.best(out)
         if top.weight > best.weight and is_noise(top.fitted.fit):
             best, _, out = _without_slight(search, top, clear, out)
     if out:
@@ -373,7 +373,7 @@ def _without_slight(
     best, slight = _less_slight(search, best, clear)
     out = {*before, *slight}
     while out:
-        top = max(_sets_without(search, out), key=lambda one: one.weight)
+        top = search.best(out)
         if top.weight <= best.weight:
             break
         best, more = _less_slight(search, top, clear)
@@ -381,11 +381,6 @@ def _without_slight(
             break
         out |= more.keys()
     return best, slight, out
-
-
-def _sets_without(search: Search, names: Collection[str]) -> list[WeighedSet]:
-    """The fitted sets that have none of these effects."""
-    return [one for key, one in search.visited.items() if key.isdisjoint(names)]
 
 
 def _less_slight(

@@ -396,9 +396,10 @@ class Search:
             if one.names not in self.expanded and not self.spent:
                 self.expand(one, most=2)
 
-    def best(self) -> WeighedSet:
-        """The set of largest posterior probability."""
-        return max(self.visited.values(), key=lambda one: one.weight)
+    def best(self, without: Collection[str] = ()) -> WeighedSet:
+        """The set of largest posterior probability, of those that have none of some effects."""
+        found = [one for key, one in self.visited.items() if key.isdisjoint(without)]
+        return max(found, key=lambda one: one.weight)
 
     def expand(self, parent: WeighedSet, most: int = LEADERS, deepest: int | None = None) -> None:
         """Scan at a set, weigh sets of leads there (up to ``deepest``), fit the leaders."""
