@@ -105,3 +105,9 @@ def test_state_form_is_the_lag_and_vanishes_with_it() -> None:
     assert LAG.pass_on(1.0, [0.4], SimpleNamespace(time_constant=0.2)) == 0.4
     assert LAG.rates(1.0, [0.4], SimpleNamespace(time_constant=0.0)) == (0.0,)
     assert LAG.pass_on(1.0, [0.4], SimpleNamespace(time_constant=0.0)) == 1.0
+
+
+def test_an_engine_is_slower_than_a_surface() -> None:
+    """Of 1.3 s of an engine the size of a servo made a probability of e^-130."""
+    assert not ActuatorLag().traits.usual, "the declared value is the size"
+    assert ActuatorLag("thrust", "N", "thrust").traits.usual == {"time_constant": 1.0}
