@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.tracing.diagnosis import ErrorFigures, Quantity
-from ident.tracing.later_record import predict
+from ident.tracing.predictive import predict
 from scenarios.diagnosis.opening import checked_effects, read_effects
 from scenarios.files.declarations import CHANNEL_UNITS, read_channel_map
 from scenarios.files.measured.columns import RecordFile, all_simulated, opened

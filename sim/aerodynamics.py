@@ -327,6 +327,28 @@ def parents(term: Term) -> frozenset[Term]:
     return frozenset(Term((Factor(name),)) for name in found)
 
 
+def is_linear(term: Term, axis: str) -> bool:
+    """Whether a term is a signal alone that the symmetry of the aircraft allows in a coefficient.
+
+    Parameters
+    ----------
+    term : any. axis : the coefficient. Surfaces are allowed in all of them: their symmetry is not
+        known.
+
+    Examples
+    --------
+    >>> signals = ("alpha", "beta", "aileron")
+    >>> is_linear(parse_term("beta", signals), "Cl"), is_linear(parse_term("beta", signals), "Cm")
+    (True, False)
+    """
+    if len(term.factors) != 1:
+        return False
+    factor = term.factors[0]
+    if factor.absolute or factor.knot is not None or factor.power != 1:
+        return False
+    return factor.signal not in (ACROSS if axis in IN_SYMMETRY else _ALONG)
+
+
 def _others_even(powers: Mapping[str, int], name: str, power: int) -> bool:
     """Whether what multiplies a signal is the same in a mirrored motion."""
     return power % 2 == 1 and not _odd({n: other for n, other in powers.items() if n != name})

@@ -8,7 +8,8 @@ import numpy as np
 
 from benchmarks.peers.least_squares import answer_of
 from benchmarks.peers.short_period import Problem
-from ident.structure.selection import products_of, stepwise
+from ident.structure.products import products_of
+from ident.structure.selection import stepwise
 from sim.aerodynamics import Factor, Term
 
 

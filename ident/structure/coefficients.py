@@ -73,7 +73,10 @@ class Histories:
         the samples, ``(N,)``, for forces.
     coefficients : by name, ``(M,)``. sigma : standard deviation of their noise, ``(M,)``.
     averaging : ``(W,)`` weights over a window, one in sum; rows : ``(M,)`` first samples.
-    bandwidth : of the averaging, Hz.
+    bandwidth : of the averaging, Hz. signal_noise : standard deviation of the noise that is left in
+        signals behind smoothing and averaging.
+    slopes : of coefficients by the signals from which they are formed, ``(M,)``: lift and drag are
+        turned by alpha.
     """
 
     name: str
@@ -86,18 +89,32 @@ class Histories:
     rows: np.ndarray
     bandwidth: float
     signal_noise: Mapping[str, float] = field(default_factory=dict)
+    slopes: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
+
+    def noise_of_coefficient(self, axis: str) -> np.ndarray:
+        """Slopes of a measured coefficient by the signals times their standard deviations, ``(s,
+        M)``, in the order of ``signal_noise``.
+        """
+        slopes, none = self.slopes.get(axis, {}), np.zeros(len(self.time))
+        rows = [std * slopes.get(name, none) for name, std in self.signal_noise.items()]
+        return np.array(rows).reshape(-1, len(self.time))
 
     def noise_through(self, table: Mapping[Term, float], axis: str) -> np.ndarray:
-        """Noise variance that the signals of terms bring into their sum, ``(M,)``.
+        """Noise variance that the signals bring into a coefficient less the sum of its terms,
+        ``(M,)``.
 
         Parameters
         ----------
         table : values of the terms. axis : the coefficient.
         """
         total = np.zeros(len(self.time))
-        for name, std in self.signal_noise.items():
+        own = self.noise_of_coefficient(axis)
+        for row, (name, std) in zip(own, self.signal_noise.items(), strict=True):
             terms = {term: value for term, value in table.items() if name in term.signals}
-            if not terms or std == 0.0:
+            if std == 0.0:
+                continue
+            if not terms:
+                total += row**2
                 continue
             moved = (
                 replace(
@@ -111,7 +128,7 @@ class Histories:
                 sum(value * each.column(term, axis) for term, value in terms.items())
                 for each in moved
             )
-            total += (high - low) ** 2
+            total += (row - (high - low)) ** 2
         return total
 
     def column(self, term: Term, axis: str) -> np.ndarray:
@@ -125,18 +142,23 @@ class Histories:
         return np.asarray(_windows(values.astype(float), len(kernel), self.rows) @ kernel)
 
 
-def half_width(rate: float, bandwidth: float) -> int:
+def half_width(rate: float, bandwidth: float, widest: int = 2000) -> int:
     """Samples on each side of a window whose slope has the bandwidth.
 
     Parameters
     ----------
     rate : samples a second. bandwidth : Hz, where the averaging has half its power.
+    widest : samples, at which the search ends.
     """
-    best = 1
-    for half in range(1, 2000):
-        if bandwidth_of(half, rate) < bandwidth:
-            break
-        best = half
+    best, beyond = 1, 2
+    while bandwidth_of(beyond, rate) >= bandwidth and beyond < widest:
+        best, beyond = beyond, 2 * beyond
+    while beyond - best > 1:
+        middle = (best + beyond) // 2
+        if bandwidth_of(middle, rate) >= bandwidth:
+            best = middle
+        else:
+            beyond = middle
     return best
 
 
@@ -219,7 +241,7 @@ def histories_of(
                 remedy="record it, or map its column with --channels",
             )
     step = float(np.median(np.diff(time)))
-    half = half_width(1.0 / step, bandwidth)
+    half = half_width(1.0 / step, bandwidth, len(time) // 4)
     if len(time) < 8 * half + 1:
         raise RecordError(
             f"{len(time)} samples are too few for slopes with a bandwidth of {bandwidth:g} Hz",
@@ -258,7 +280,12 @@ def histories_of(
     sigma = {axis: scatter[axis] for axis in found}
     width = bandwidth_of(half, 1.0 / step)
     left = _signal_noise(noises, wide, half, c1, s1)
-    return Histories(name, time[at], signals, samples, found, sigma, kernel, rows, width, left)
+    turned = {}
+    if airframe.wind_axes:
+        turned = {"CD": {"alpha": found["CL"]}, "CL": {"alpha": -found["CD"]}}
+    return Histories(
+        name, time[at], signals, samples, found, sigma, kernel, rows, width, left, turned
+    )
 
 
 def _between(

@@ -129,7 +129,10 @@ def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> l
         ]
         write_text(scratch / vehicle.name, flown.vehicle_file)
     written = [out.parent / path.name for path in paths]
-    print(f"{out.name}; for --validate: {out.stem}_validate.csv; for --vehicle: {vehicle.name}")
+    print(
+        f"written: {out.name}, {out.stem}_validate.csv (a second flight, for --validate) and "
+        f"{vehicle.name} (for --vehicle)"
+    )
     return [*written, vehicle]
 
 

@@ -528,7 +528,7 @@ def refitted(
     diagnosis: Diagnosis, model: Model, held: Sequence[Record], linear: Sequence[Record]
 ) -> Refit:
     """Fit what was found to both readings of the inputs."""
-    from ident.tracing.candidate_model.fitted_model import FitData, Start, Values, fit_set
+    from ident.tracing.fitted_model import FitData, Start, Values, fit_set
 
     found = diagnosis.trained_after
     if found is None:

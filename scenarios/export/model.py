@@ -23,7 +23,7 @@ import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from scenarios.files.declarations import read_toml_source
-from scenarios.files.vehicles import AIRCRAFT
+from scenarios.files.vehicles import AIRCRAFT, BESIDE
 from scenarios.kept import read_kept
 from sim.declaration.compile import compile_model
 from sim.declaration.model import System
@@ -123,8 +123,8 @@ def exported(
 
 
 def model_of_study(folder: Path, user_model: Path | OwnModel | None = None) -> ExportedModel:
-    """The model that a folder of ``identify`` or ``diagnose`` keeps, or that of a vehicle file of
-    model ``aircraft``.
+    """The model that a folder of ``identify`` or ``diagnose`` keeps, that which ``structure`` wrote
+    into one, or that of a vehicle file of model ``aircraft``.
 
     Parameters
     ----------
@@ -136,6 +136,8 @@ def model_of_study(folder: Path, user_model: Path | OwnModel | None = None) -> E
     """
     from scenarios.preparation.declared_model import model_of_file
 
+    if (folder / "structure.json").is_file() and (folder / BESIDE).is_file():
+        folder = folder / BESIDE
     if folder.is_file() and folder.suffix == ".toml":
         from scenarios.files.aircraft_files import read_aircraft
         from sim.vehicles.aircraft import aircraft_model

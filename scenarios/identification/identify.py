@@ -93,7 +93,7 @@ from scenarios.preparation.plausibility import (
     refuse_unrelated_records,
 )
 from scenarios.preparation.reading import prepare, refuse_unfit_records
-from scenarios.report.summary import residual_phrase
+from scenarios.report.summary import NEXT, residual_phrase
 from scenarios.studies.published import rows_of
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System
@@ -578,7 +578,8 @@ def _not_to_be_used(
         if disturbed_outputs(records, found.estimate, found.tests)
         else ""
     )
-    follows = f"; next: {_command(request, 'diagnose')}" if vehicle.model != "loes" else ""
+    second = "" if request.validate else "; a second record (--validate) would check the diagnosis"
+    follows = f"{second}{NEXT}{_command(request, 'diagnose')}" if vehicle.model != "loes" else ""
     return (f"do not use these sigmas: the residuals are {failed_in}{gusts}{follows}",)
 
 

@@ -78,7 +78,7 @@ def design_text(design: DesignResult, width: int = WIDTH, details: str = BELOW) 
             "or more, and random error"
         )
         lines += ["", *table_as_lines(responses_table(design, caption), width)]
-    for note in (*notes_of(design), f"again: {design.asked.command()}"):
+    for note in (*notes_of(design), f"command: {design.asked.command()}"):
         lines += wrapped(note, width)
     return "\n".join(lines) + "\n"
 
@@ -121,8 +121,8 @@ def _title(design: DesignResult) -> str:
         )
     told = "; log likelihood and chance are the least over who acts" if design.acting else ""
     return (
-        "maneuvers at equal amplitude and time, within the limits, the best first; mean sigma: "
-        f"geometric mean over the values{told}"
+        "maneuvers of equal amplitude and duration, within the limits, the best first; mean sigma: "
+        f"geometric mean of sigma over value{told}"
     )
 
 

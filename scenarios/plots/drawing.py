@@ -97,7 +97,7 @@ def words(label: str) -> str:
         label = re.sub(rf"\\{name}(?![a-z])", letter, label)
     label = re.sub(r"\\(?:dot|mathrm|mathit)(?![a-z])", "", label)
     # Outside of mathtext an underscore is one, as in the name of a file.
-    bare = re.sub(r"\$([^$]*)\$", lambda found: re.sub(r"[{}_\\]", "", found[1]), label)
+    bare = re.sub(r"\$([^$]*)\$", lambda found: re.sub(r"[{}_\\\s]", "", found[1]), label)
     return " ".join(bare.replace("$", "").split())
 
 

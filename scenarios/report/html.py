@@ -34,6 +34,7 @@ from scenarios.report.document import (
     signs,
 )
 from scenarios.report.plot_data import plot_content, plot_of, plot_text
+from scenarios.report.summary import NEXT
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -313,6 +314,7 @@ def page_html(page: Page) -> str:
         page.reproduction.inputs,
     )
     text = _template().render(
+        next_command=NEXT,
         page=page,
         plots=plots,
         policy=_policy(style, script),

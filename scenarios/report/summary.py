@@ -99,6 +99,17 @@ def print_lines(out: Console, lines: Sequence[str]) -> None:
         out.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
+NEXT = "; next: "  # before the command that a caution leads to
+
+
+def print_caution(out: Console, text: str) -> None:
+    """Print a sentence folded at words, and the command behind ``NEXT`` on one line, to copy."""
+    told, found, command = text.partition(NEXT)
+    print_paragraph(out, f"{told}; next:" if found else told, 0)
+    if found:
+        print_lines(out, [f"  {command}"])
+
+
 def print_paragraph(out: Console, text: str, indent: int = 2) -> None:
     """Print a text folded at words, within the console and ``TEXT_WIDTH``, moved in by ``indent``
     columns.
@@ -343,7 +354,8 @@ def limit_text(level: ModeLevel) -> str:
 def levels_heading(flown: Flown) -> str:
     """Standard, class and category, and what of them nobody declared."""
     assumed = (
-        f" ({' and '.join(flown.assumed)} assumed: --class, --category, or the vehicle file)"
+        f" ({' and '.join(flown.assumed)} assumed, as neither an option (--class, --category) nor "
+        "the vehicle file gives it)"
         if flown.assumed
         else ""
     )

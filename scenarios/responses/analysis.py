@@ -277,7 +277,7 @@ def estimated(
     if not options.band:
         begins = "the tapers" if options.tapers else "the longest window"
         band = f"band {low:.3g} to {high:.3g} Hz"
-        notes.append(f"{band}: lower end by {begins}, upper end by 99 % of the inputs' power")
+        notes.append(f"{band}: from {begins}, and up to 99 % of the inputs' power")
     if high > 0.45 * rate:
         what, remedy = f"{high:g} Hz is above 0.45 of the rate of {rate:.4g} Hz", "give a lower one"
         raise DeclarationError(what, where="--band", remedy=remedy)
@@ -308,7 +308,7 @@ def estimated(
             _without(found, between),
             None if direct is None else _without(direct, between),
         )
-        notes += ["the inputs are held between samples, and the hold is taken out of the responses"]
+        notes += ["the inputs are held between samples; the responses are corrected for this hold"]
     return found, direct, step, notes
 
 

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.structure.collinearity import HIGH_INDEX, HIGH_INFLATION
-from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, columns_of
+from ident.structure.products import columns_of
+from ident.structure.selection import F_IN, ORTHOGONAL, STEPWISE, Selection
 from scenarios.files.aircraft_files import written
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
@@ -186,6 +187,14 @@ def findings(found: FoundStructure) -> list[str]:
             told.append(
                 f"{axis}: stepwise regression and orthogonal functions disagree: only one of them "
                 f"chose {names}."
+            )
+        weak = [step.term.text for step in each.steps if step.added and step.F < F_IN]
+        kept = [text for text in weak if text in {term.text for term in each.terms}]
+        if kept and found.options.method == STEPWISE:
+            names, verb = ", ".join(kept), "is" if len(kept) == 1 else "are"
+            told.append(
+                f"{axis}: {names} {verb} weak (F below {F_IN:g}) and kept, because the value of "
+                "another term depends on it."
             )
     for axis, together in found.collinearity.items():
         index = float(together.indices[0]) if len(together.indices) else 1.0

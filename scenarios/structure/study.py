@@ -20,7 +20,8 @@ from ident.structure.coefficients import (
     histories_of,
 )
 from ident.structure.collinearity import Collinearity, collinearity_of
-from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, columns_of, select
+from ident.structure.products import noise_columns
+from ident.structure.selection import ORTHOGONAL, STEPWISE, Columns, Selection, select
 from scenarios.files.aircraft_files import AXES, read_aircraft
 from scenarios.files.declarations import closest, read_toml_source, toml_of
 from scenarios.files.measured.columns import (
@@ -212,14 +213,14 @@ def structure_of(
         histories = [_less_baseline(each, aircraft) for each in histories]
     offered = _offered(histories, aircraft, options)
     further = _products(histories, aircraft, 3)
-    known: dict[tuple[bool, tuple[Term, ...]], list[np.ndarray]] = {}
+    known: dict[tuple[bool, tuple[Term, ...]], Columns] = {}
     other_method = METHODS[1 - METHODS.index(options.method)]
     selections, others, together = {}, {}, {}
     for axis in axes:
         terms = tuple(offered[axis])
         key = (axis in MOMENTS, terms)
         if key not in known:
-            known[key] = [columns_of(h, terms, axis) for h in histories]
+            known[key] = Columns.of(histories, axis, terms)
         rest = [term for term in further if term not in terms]
         found = select(
             histories,
@@ -233,7 +234,7 @@ def structure_of(
         selections[axis] = found
         others[axis] = select(histories, axis, terms, other_method, (), known[key])
         at = [terms.index(term) for term in found.terms]
-        columns = np.concatenate(known[key])[:, at]
+        columns = np.concatenate(known[key].blocks)[:, at]
         surfaces = (*aircraft.surfaces, *aircraft.mixes)
         together[axis] = collinearity_of(axis, found.terms, columns, surfaces)
     base = aircraft.coefficients if options.baseline else {}
@@ -318,17 +319,20 @@ def coefficients_of(record: Record, aircraft: Aircraft, bandwidth: float = BANDW
 
 
 def _less_baseline(history: Histories, aircraft: Aircraft) -> Histories:
-    """Increments to the declared coefficients; noise of the signals in these is theirs as well."""
+    """Increments to the declared coefficients, whose signals bring noise into them as well."""
+    base = aircraft.coefficients
     left = {
-        axis: row
-        - sum(value * history.column(t, axis) for t, value in aircraft.coefficients[axis].items())
+        axis: row - sum(value * history.column(t, axis) for t, value in base[axis].items())
         for axis, row in history.coefficients.items()
     }
-    sigma = {
-        axis: np.sqrt(std**2 + history.noise_through(aircraft.coefficients[axis], axis))
-        for axis, std in history.sigma.items()
-    }
-    return replace(history, coefficients=left, sigma=sigma)
+    slopes = {axis: {**history.slopes.get(axis, {})} for axis in left}
+    for axis, table in base.items():
+        columns = noise_columns(history, tuple(table))
+        through = columns @ np.array(list(table.values()))
+        for row, (name, std) in zip(through, history.signal_noise.items(), strict=True):
+            if std > 0.0:
+                slopes[axis][name] = slopes[axis].get(name, 0.0) - row / std
+    return replace(history, coefficients=left, slopes=slopes)
 
 
 def _sum(first: Mapping[Term, float], second: Mapping[Term, float]) -> dict[Term, float]:

@@ -32,7 +32,7 @@ from scenarios.tasks.work import Row, Task
 from sim.errors import FlightidError
 
 if TYPE_CHECKING:
-    from ident.tracing.candidate_model.fitted_model import FitData, FittedModel
+    from ident.tracing.fitted_model import FitData, FittedModel
     from ident.whole_record.layout import FitSettings
     from scenarios.tasks.work import RowTable
     from sim.declaration.proposal import Traceable
@@ -118,7 +118,7 @@ def fitted_sets(
     have named one thing for two that recur.
     """
     from ident.statistics.residual_spectrum import effective_share
-    from ident.tracing.candidate_model.fitted_model import FitData
+    from ident.tracing.fitted_model import FitData
     from ident.tracing.wrong_samples import measured_masks
     from ident.whole_record.layout import FitSettings
     from scenarios.diagnosis.opening import (
@@ -223,7 +223,7 @@ class _Search:
         return found
 
     def fitted(self, names: Sequence[str], start: FittedModel | None) -> FittedModel | None:
-        from ident.tracing.candidate_model.fitted_model import fit_set, start_from
+        from ident.tracing.fitted_model import fit_set, start_from
 
         return fit_set(
             self.data,

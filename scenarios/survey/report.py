@@ -135,8 +135,8 @@ def rivals_phrase(each: Recurring) -> str:
         )
     if told:
         least = (
-            f"by {min(told.values()):.3g} of twice the log "
-            f"likelihood{' at least' if len(told) > 1 else ''}"
+            f"(twice the log likelihood larger by {min(told.values()):.4g}"
+            f"{' at least' if len(told) > 1 else ''})"
         )
         out.append(
             "preferred to "

@@ -65,7 +65,6 @@ SHORT_OF_ONE: frozenset[str] = frozenset(
         "sim/vehicles/aircraft_numbers.py",  # beside it aircraft.py would be too long
         "flightid/plot.py",
         "ident/tracing/declared.py",
-        "ident/tracing/validation/training_knowledge.py",
     }
 )
 

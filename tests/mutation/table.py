@@ -506,8 +506,8 @@ IDENT = (
         ("z, abs(z) > limit", "z, z > limit"),
     ),
     *changes(
-        "ident/tracing/validation/error_figures.py",
-        ("tests/unit/ident/tracing/validation/test_error_figures.py",),
+        "ident/tracing/predictive.py",
+        ("tests/unit/ident/tracing/test_error_figures.py",),
         ("1.0 - (error / spread) ** 2", "1.0 - error / spread"),
     ),
     *changes(

@@ -242,9 +242,10 @@ TONES = {
 }
 PRINTED = 10  # candidates that stand on paper
 CANDIDATES_NOTE = (
-    "Gain of the log evidence, and the same with the prior odds: above zero it is more probable "
-    "that the candidate acts than that it does not. "
-    "Where it is linearised, both are those of its signature, and it was not fitted."
+    "Gain: increase of the log evidence when the candidate is added. With odds: the gain plus the "
+    "log of the prior odds; above zero the candidate is more probable than its absence. "
+    "Linearised: the gain is from the linearised model; the candidate was not fitted. "
+    "Like: changes the outputs in nearly the same way."
 )
 REPLICATION_NOTE = (
     "What remains is not noise. So the evidence for an effect has to be spread over the records: "
@@ -252,8 +253,8 @@ REPLICATION_NOTE = (
     "second is z of Vuong's test. Values from each record have the derivatives in common."
 )
 GUARD_NOTE = (
-    "A name that begins with guard: is a term that no effect of the library has; it competes, and "
-    "where it wins nothing is claimed."
+    "A name that begins with guard: is a catch-all term, which stands for causes outside the "
+    "library. It is never named; where it is the most probable, no effect is."
 )
 
 
@@ -334,7 +335,12 @@ def _kinematics(tracing: Tracing) -> tuple[Section, ...]:
     lines = kinematics_lines(some, tracing.diagnosis.effects, text.wording_of(tracing))
     limits = tuple(some.result.cannot_tell) if some.result is not None else ()
     records = (
-        Prose(f"Without any aerodynamics, from {', '.join(some.records)}.", "note")
+        Prose(
+            "Without an aerodynamic model, but from records of the fit "
+            f"({', '.join(some.records)}): agreement supports the diagnosis and is not "
+            "independent of it.",
+            "note",
+        )
         if some.records
         else None
     )
@@ -346,7 +352,9 @@ def _kinematics(tracing: Tracing) -> tuple[Section, ...]:
 
 def _errors(tracing: Tracing) -> tuple[Section, ...]:
     d = tracing.diagnosis
-    after = "No effect stands as the cause, so there is nothing to hold against the declared model."
+    after = (
+        "No effect is named as the cause, so there is nothing to compare with the declared model."
+    )
     note = after if nothing_stands(d) else "Before: the declared model; after: with the effects."
     told = (
         f"Root mean square of measured minus simulated on {text.where_predicted(tracing)}; only "
@@ -358,23 +366,32 @@ def _errors(tracing: Tracing) -> tuple[Section, ...]:
 
 def _derivatives(tracing: Tracing) -> tuple[Section, ...]:
     d = tracing.diagnosis
-    note, title = tables.sigma_note(d), tables.moved_title(d)
+    sigmas, title = tables.sigma_note(d), tables.moved_title(d)
     brief, _, told = title.partition(" (" if title.endswith(")") else ": ")
     scatter = " Run-to-run: standard deviation between fits of single records." if d.scatter else ""
     levels = levels_table(tracing, "Levels of flying qualities")
-    parts = section(_capital(levels_title(tracing)), levels)
+    heading, assumed, rest = levels_title(tracing).partition(" (")
+    note = (
+        Prose(f"{_capital(rest.removesuffix(')'))}.", "note") if assumed and levels.rows else None
+    )
+    parts = section(_capital(heading), levels, note)
     alike = Prose(
-        "These data cannot tell them apart. * more than two of both sigmas from the first.", "note"
+        "These data cannot tell them apart. * differs from the first by more than two sigmas of "
+        "both together.",
+        "note",
     )
     for each in tables.member_tables(d, "Derivatives by member"):
-        parts += section("Under each member of the group", alike, each)
+        members = [column.heading for column in each.columns[1:]]
+        parts += section(f"Under {' or '.join(members)}", alike, each)
     return section(
         _capital(brief),
         Prose(f"{_capital(told.removesuffix(')'))}.", "note") if told else None,
         tables.derivatives_table(d, "Derivatives"),
         tables.derived_table(d, "Derived quantities"),
-        Prose(f"{note}; those of the frequency, the damping and the like follow.{scatter}", "note")
-        if note
+        Prose(
+            f"{sigmas}; those of the frequency, the damping and the like follow.{scatter}", "note"
+        )
+        if sigmas
         else None,
         parts=parts,
     )

@@ -88,7 +88,7 @@ def trace_summary(study: TraceStudy, details: str = BELOW) -> Summary:
 def scored_sentence(study: TraceStudy) -> str:
     """What was hidden, what was expected, and what the diagnosis is worth."""
     return (
-        f"scored with the truth: {_hidden(study)}; expected {_expected(study)}; the diagnosis is "
+        f"scored with the truth: {_hidden(study)}; expected: {_expected(study)}; the diagnosis is "
         f"{_verdict(study.grade)}"
     )
 
@@ -166,7 +166,10 @@ def table_title(study: TraceStudy) -> str:
 
 def comparable_sentences(study: TraceStudy) -> list[str]:
     """Where the comparable values come from, and why they differ from the true ones."""
-    told = [f"comparable, what the fitted model should find: {study.basis}", *study.reasons]
+    told = [
+        f"comparable: the value that the fitted model should find, from {study.basis}",
+        *study.reasons,
+    ]
     if study.basis == TRUE:
         told.append(
             "third record: gusts are not known beforehand, so that turbulence does not lower the "
@@ -234,7 +237,7 @@ def _hidden(study: TraceStudy) -> str:
 def _expected(study: TraceStudy) -> str:
     expect = study.scenario.expect
     sets = " or ".join(" + ".join(names) for names in expect.effects)
-    return " or ".join(expect.verdicts) + (f": {sets}" if sets else "")
+    return " or ".join(expect.verdicts) + (f", {sets}" if sets else "")
 
 
 def _verdict(grade: Grade) -> str:
@@ -245,9 +248,7 @@ def _verdict(grade: Grade) -> str:
 
 
 def scored_page(study: TraceStudy, page: Page) -> Page:
-    """The page of the diagnosis with the scenario's title, and the truth before what the loop says
-    of itself.
-    """
+    """The page of the diagnosis with the scenario's title; the truth follows the figures."""
     scenario = study.scenario
     scored = as_sentence(scored_sentence(study))
     truth = section(
@@ -270,7 +271,7 @@ def scored_page(study: TraceStudy, page: Page) -> Page:
         title=capital(scenario.title),
         kind=kind,
         summary=(*page.summary, scored),
-        sections=(*truth, *page.sections),
+        sections=(*page.sections[:1], *truth, *page.sections[1:]),
         reproduction=again,
     )
 

@@ -35,6 +35,7 @@ from sim.maths import (
 )
 
 SLOWEST = 5.0  # s, of what is no surface: an engine, a valve
+USUAL_OF_ENGINES = 1.0  # s: turbofans from near idle take longer, propellers are quicker
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,7 @@ class ActuatorLag:
                 )
             },
             plausible={"time_constant": (0.0, 0.5 if has_size(self.unit) else SLOWEST)},
+            usual={} if has_size(self.unit) else {"time_constant": USUAL_OF_ENGINES},
             twins=all_labelled(("actuator-second-order",), self.label),
         )
 

@@ -1,5 +1,5 @@
 """How a sensor is mounted: an accelerometer or a flow vane away from the centre of gravity; a rate
-gyro that feels the load factor, or that is turned towards another axis.
+gyro that senses the load factor, or that is turned towards another axis.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from sim.effects.loads import at_arm
 from sim.maths import G0
 
 MEASURE_IT = (
-    "no maneuver does while lift and moment are linear: measure where the instruments sit, or ask "
-    "which lift of the control surface can be "
-    "(CL_de, L_delta; it differs most)"
+    "no maneuver helps while lift and moment are linear: measure where the instruments "
+    "are mounted, or check which lift of the control surface is plausible (CL_de, L_delta: it "
+    "differs most)"
 )
 _VANES = ("nz", "ny")  # a vane in the same plane is the same to the kinematics
 _TURNING = {"q": "pitch", "r": "yaw"}
@@ -103,7 +103,7 @@ class AccelerometerOffset:
     def traits(self) -> Traits:
         return Traits(
             sentences=(
-                f"the accelerometer sits {_PLACES[self.channel]} the centre of gravity and feels "
+                f"the accelerometer sits {_PLACES[self.channel]} the centre of gravity and senses "
                 f"the {_TURNING[self.rate]} acceleration",
             ),
             short_name="accelerometer away from the centre of gravity",
@@ -197,7 +197,7 @@ class VaneOffset:
     def traits(self) -> Traits:
         return Traits(
             sentences=(
-                f"the vane sits {{arm}} ahead of the centre of gravity and feels the "
+                f"the vane sits {{arm}} ahead of the centre of gravity and senses the "
                 f"{TURNING[self.rate]} rate",
             ),
             short_name="vane ahead",
@@ -256,8 +256,8 @@ class SensorCoupling:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ("sensor-scale:nz",)
     traits: ClassVar[Traits] = Traits(
-        sentences=("the gyro feels the load factor: the pitch rate is read too large by {gain}",),
-        short_name="gyro that feels the load factor",
+        sentences=("the gyro senses the load factor: the pitch rate is read too large by {gain}",),
+        short_name="gyro that senses the load factor",
         separating={"sensor-scale": JUMPS},
         plausible={"gain": (-0.2, 0.2)},
     )

@@ -37,8 +37,8 @@ FORBIDDEN = (
 WATCHED = f"""
 import sys
 from scenarios.cli import main
-from scenarios.report import progress
-progress.EVERY = 1e6  # s; a busy machine would tell how far it is
+from scenarios.report import terminal
+terminal.EVERY = 1e6  # s; a busy machine would tell how far it is
 try:
     main()
 finally:

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ident.structure.selection import orthogonal, products_of, stepwise
+from ident.structure.products import products_of
+from ident.structure.selection import orthogonal, stepwise
 from sim.aerodynamics import Term, parse_term
 from tests.integration.command_line import CommandLine
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
@@ -19,12 +20,12 @@ from ident.structure.coefficients import (
     noise_of,
 )
 from ident.structure.collinearity import collinearity_of
+from ident.structure.products import columns_of, products_of
 from ident.structure.selection import (
     ORTHOGONAL,
     STEPWISE,
-    columns_of,
+    Columns,
     orthogonal,
-    products_of,
     select,
     stepwise,
 )
@@ -291,6 +292,11 @@ def coloured(seed: int, memory: float) -> tuple[Histories, np.ndarray]:
     return flight, np.stack(columns, axis=1)
 
 
+def given(terms: Sequence[Term], blocks: Sequence[np.ndarray]) -> Columns:
+    """Columns without noise of their signals."""
+    return Columns(tuple(terms), blocks, [np.zeros((0, *block.shape)) for block in blocks])
+
+
 OF_SIDES = ("1", "beta", "p", "beta*abs(beta)", "p*abs(p)", "beta^3", "p^3")
 
 
@@ -300,7 +306,7 @@ def test_gusts_bring_no_terms_in() -> None:
     hits = wrong = searched = count = 0
     for seed in range(60):
         histories, blocks = zip(*(coloured(60 * i + seed, 0.8) for i in range(2)), strict=True)
-        found = select(histories, "CY", terms, blocks=blocks, hierarchical=True)
+        found = select(histories, "CY", terms, columns=given(terms, blocks), hierarchical=True)
         wrong += not right.issuperset(found.terms[1:])
         products = products_of(blocks, [h.coefficients["CY"] for h in histories], terms)
         searched += not right.issuperset(terms[i] for i in stepwise(products)[0][1:])
@@ -327,7 +333,8 @@ def test_sigmas_count_residuals_that_are_larger_where_a_term_is() -> None:
         z = {"CD": 0.5 + x + 0.3 * x * rng.standard_normal(800)}
         sigma = {"CD": np.full(800, 0.3)}
         history = Histories("m", time, {}, {}, z, sigma, np.ones(1), rows, 3.0)
-        found = select([history], "CD", terms, blocks=[np.stack([np.ones(800), x], axis=1)])
+        block = np.stack([np.ones(800), x], axis=1)
+        found = select([history], "CD", terms, columns=given(terms, [block]))
         slopes.append(found.values[1])
         sigmas.append(found.sigma[1])
         inside.append(abs(found.values[1] - 1.0) < 2.0 * found.sigma[1])
@@ -360,6 +367,21 @@ def test_the_bandwidth_is_that_of_a_slope_of_sines() -> None:
     wave_ = np.sin(2 * np.pi * f * n / rate)
     slope = float(n @ wave_ / (n @ n)) * rate
     assert slope / (2 * np.pi * f) == pytest.approx(np.sqrt(0.5), rel=0.02)
+
+
+@pytest.mark.parametrize("rate", [10.0, 50.0, 333.0])
+@pytest.mark.parametrize("bandwidth", [0.5, 1.0, 3.0, 7.0, 200.0])
+def test_the_widest_window_with_a_bandwidth_is_found(rate: float, bandwidth: float) -> None:
+    half = half_width(rate, bandwidth)
+    assert half == 1 or bandwidth_of(half, rate) >= bandwidth
+    assert bandwidth_of(half + 1, rate) < bandwidth
+
+
+def test_a_bandwidth_that_no_record_has_is_refused_at_once() -> None:
+    time = np.arange(500) / 25.0
+    channels = dict.fromkeys(NOISE, time)
+    with pytest.raises(RecordError, match="500 samples are too few for slopes"):
+        histories_of("m", time, channels, Airframe({}), {}, bandwidth=1e-4)
 
 
 def test_noise_is_found_below_a_motion() -> None:

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
-from ident.tracing.evidence.steady_search import SPREAD
 from ident.tracing.loop import diagnose
+from ident.tracing.steady_search import SPREAD
 from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.unmeasured_input import discrepancy_for
 from sim.effects.library import catch_all_terms_for, effects_for

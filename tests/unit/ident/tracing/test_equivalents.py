@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ident.tracing.decision import CERTAIN
 from ident.tracing.diagnosis import Diagnosis, Verdict
-from ident.tracing.evidence.decision import CERTAIN
 from ident.tracing.loop import diagnose
 from sim.declaration.model import Model
 from sim.effects.guards.further_loads import VaneBehind

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 import flightid as fid
+from scenarios.export.targets import written_model
 from scenarios.files.aircraft_files import read_aircraft, written
 from scenarios.files.declarations import read_toml_source
 from scenarios.files.writing import write_record
@@ -285,3 +287,24 @@ def test_the_summary_says_terms_fit_and_noise() -> None:
 
 def _axis_of(found: FoundStructure, r2: float) -> str:
     return next(axis for axis, each in found.selections.items() if each.r2 == r2)
+
+
+def test_what_is_found_is_exported_from_its_folder(files: list[Path], tmp_path: Path) -> None:
+    found = structure_of_files(Request(tuple(files[:1])), StructureOptions(hierarchical=True))
+    folder = write_structure(found, tmp_path / "terms", figures=())
+    module, model, _ = written_model(folder, "python", tmp_path / "m.py", None)
+    assert model.name == CURVED.name
+    parameters = found.aircraft.terms
+    assert set(parameters) <= set(re.findall(r"\w+", module.read_text()))
+
+
+def test_a_term_that_others_depend_on_is_told() -> None:
+    found = structure_of([record_of(1)], CURVED, StructureOptions())
+    selection = found.selections["CL"]
+    assert "is weak" not in structure_text(found).split("CL: ")[-1]
+    step = replace(selection.steps[-1], F=7.0, added=True, term=selection.terms[-1])
+    weak = replace(selection, steps=(*selection.steps[:-1], step))
+    text = " ".join(
+        structure_text(replace(found, selections={**found.selections, "CL": weak})).split()
+    )
+    assert f"CL: {step.term.text} is weak (F below 20) and kept, because the value" in text

@@ -12,7 +12,7 @@ import pytest
 
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import FittedRecord, Verdict
-from ident.tracing.residual_noise import noise_floors
+from ident.tracing.whiteness import noise_floors
 from scenarios.diagnosis.report.content import diagnosis_content
 from scenarios.diagnosis.report.files import diagnosis_page, pictured
 from scenarios.diagnosis.report.tables import errors_table
