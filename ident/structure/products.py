@@ -127,8 +127,8 @@ def products_of(
 
 
 @dataclass(frozen=True, eq=False)
-class Normal:
-    """Normal equations of chosen columns, each scaled to a unit sum of squares.
+class ScaledEquations:
+    """ScaledEquations equations of chosen columns, each scaled to a unit sum of squares.
 
     Attributes
     ----------
@@ -166,7 +166,7 @@ class Normal:
         return max(float(sse), 0.0)
 
 
-def normal_of(products: Products, chosen: Sequence[int]) -> Normal:
+def normal_of(products: Products, chosen: Sequence[int]) -> ScaledEquations:
     """The normal equations of the chosen columns over all maneuvers."""
     at = list(chosen)
     sums = [products.gram, products.cross, products.gram_noise, products.cross_noise]
@@ -175,12 +175,12 @@ def normal_of(products: Products, chosen: Sequence[int]) -> Normal:
     gram, gram_noise = gram / np.outer(scale, scale), gram_noise / np.outer(scale, scale)
     cross, cross_noise = cross / scale, cross_noise / scale
     if not at:
-        return Normal(
+        return ScaledEquations(
             at, scale, gram, cross, gram - gram_noise, cross - cross_noise, np.zeros((0, 0)), 1.0
         )
     inverse, share = clean_inverse(gram[np.ix_(at, at)], gram_noise[np.ix_(at, at)])
     clean_gram, clean_cross = gram - share * gram_noise, cross - share * cross_noise
-    return Normal(at, scale, gram, cross, clean_gram, clean_cross, inverse, share)
+    return ScaledEquations(at, scale, gram, cross, clean_gram, clean_cross, inverse, share)
 
 
 def clean_inverse(gram: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, float]:
