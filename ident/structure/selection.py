@@ -74,7 +74,7 @@ class SelectionStep:
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class TermColumns:
     """Values of terms by maneuver, as they go with the forces or with the moments.
 
     Attributes
@@ -87,7 +87,7 @@ class Columns:
     noises: Sequence[np.ndarray]
 
     @classmethod
-    def of(cls, histories: Sequence[Histories], axis: str, terms: Sequence[Term]) -> Columns:
+    def of(cls, histories: Sequence[Histories], axis: str, terms: Sequence[Term]) -> TermColumns:
         """Those of histories, for the coefficient ``axis`` and all that are averaged alike."""
         blocks = [columns_of(h, terms, axis) for h in histories]
         return cls(tuple(terms), blocks, [noise_columns(h, terms) for h in histories])
@@ -267,7 +267,7 @@ def _without_weak(
     products: Products,
     chosen: list[int],
     steps: list[SelectionStep],
-    columns: Columns,
+    columns: TermColumns,
     rows: Sequence[np.ndarray],
     hierarchical: bool,
 ) -> tuple[list[int], list[SelectionStep]]:
@@ -294,7 +294,7 @@ def _with_confounders(
     products: Products,
     chosen: list[int],
     steps: list[SelectionStep],
-    columns: Columns,
+    columns: TermColumns,
     rows: Sequence[np.ndarray],
     axis: str,
 ) -> tuple[list[int], list[SelectionStep]]:
@@ -368,7 +368,7 @@ def select(
     terms: Sequence[Term],
     method: str = STEPWISE,
     further: Sequence[Term] = (),
-    columns: Columns | None = None,
+    columns: TermColumns | None = None,
     *,
     hierarchical: bool = False,
 ) -> Selection:
@@ -390,7 +390,7 @@ def select(
     .. [1] E. A. Morelli and V. Klein, Accuracy of aerodynamic model parameters estimated from
        flight test data, Journal of Guidance, Control, and Dynamics 20(1), 1997.
     """
-    columns = Columns.of(histories, axis, terms) if columns is None else columns
+    columns = TermColumns.of(histories, axis, terms) if columns is None else columns
     products = columns.products(histories, axis)
     rows = [h.coefficients[axis] for h in histories]
     noise_squares = _noise_squares(histories, axis, {})
@@ -442,7 +442,7 @@ def _with_lacking(
 ) -> Selection:
     """The same with the terms, not offered, that explain the residual best."""
     every = (*found.terms, *further)
-    products = Columns.of(histories, found.axis, every).products(histories, found.axis)
+    products = TermColumns.of(histories, found.axis, every).products(histories, found.axis)
     gains, sse = gains_of(products, list(range(len(found.terms))))
     told = [
         (

@@ -21,7 +21,7 @@ from ident.structure.coefficients import (
 )
 from ident.structure.collinearity import Collinearity, collinearity_of
 from ident.structure.products import noise_columns
-from ident.structure.selection import ORTHOGONAL, STEPWISE, Columns, Selection, select
+from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, TermColumns, select
 from scenarios.files.aircraft_files import AXES, read_aircraft
 from scenarios.files.declarations import closest, read_toml_source, toml_of
 from scenarios.files.measured.columns import (
@@ -213,14 +213,14 @@ def structure_of(
         histories = [_less_baseline(each, aircraft) for each in histories]
     offered = _offered(histories, aircraft, options)
     further = _products(histories, aircraft, 3)
-    known: dict[tuple[bool, tuple[Term, ...]], Columns] = {}
+    known: dict[tuple[bool, tuple[Term, ...]], TermColumns] = {}
     other_method = METHODS[1 - METHODS.index(options.method)]
     selections, others, together = {}, {}, {}
     for axis in axes:
         terms = tuple(offered[axis])
         key = (axis in MOMENTS, terms)
         if key not in known:
-            known[key] = Columns.of(histories, axis, terms)
+            known[key] = TermColumns.of(histories, axis, terms)
         rest = [term for term in further if term not in terms]
         found = select(
             histories,

@@ -19,7 +19,7 @@ from ident.structure.products import (
     products_of,
     values_of,
 )
-from ident.structure.selection import Columns, select, stepwise
+from ident.structure.selection import TermColumns, select, stepwise
 from sim.aerodynamics import Term, parse_term
 
 NAMES = ("alpha", "beta", "p", "q", "r", "aileron")
@@ -48,9 +48,9 @@ def measured(seed: int, noise: float, count: int = 400) -> tuple[Histories, np.n
     return history, np.array([0.5, -2.0, 1.0, 0.0])
 
 
-def columns_of(history: Histories) -> Columns:
+def columns_of(history: Histories) -> TermColumns:
     blocks = np.stack([np.broadcast_to(t.of(history.samples), 400) for t in TERMS], axis=1)
-    return Columns(TERMS, [blocks], [noise_columns(history, TERMS)])
+    return TermColumns(TERMS, [blocks], [noise_columns(history, TERMS)])
 
 
 def test_values_are_not_drawn_to_zero_by_noise_of_a_signal() -> None:
@@ -140,7 +140,7 @@ def test_a_signal_that_is_noise_alone_is_not_chosen() -> None:
         np.ones(1), np.arange(500), 3.0, {"beta": 1.0},
     )  # fmt: skip
     block = np.stack([np.ones(500), still, moved], axis=1)
-    columns = Columns(terms, [block], [noise_columns(history, terms)])
+    columns = TermColumns(terms, [block], [noise_columns(history, terms)])
     assert stepwise(columns.products([history], "CY"))[0] == [0, 2]
 
 
@@ -160,7 +160,7 @@ def test_a_weak_linear_term_stays_where_it_moves_another(weak: float) -> None:
             "m", 0.1 * np.arange(300), {}, samples, {"Cn": z}, {"Cn": np.full(300, 0.03)},
             np.ones(1), np.arange(300), 3.0,
         )  # fmt: skip
-        columns = Columns(terms, [block], [np.zeros((0, *block.shape))])
+        columns = TermColumns(terms, [block], [np.zeros((0, *block.shape))])
         chosen = select([history], "Cn", terms, columns=columns)
         sigma = dict(zip(chosen.terms, chosen.sigma, strict=True))
         hits += abs(chosen.table[terms[3]] - 0.1) < 2.0 * sigma[terms[3]]

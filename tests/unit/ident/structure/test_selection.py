@@ -24,7 +24,7 @@ from ident.structure.products import columns_of, products_of
 from ident.structure.selection import (
     ORTHOGONAL,
     STEPWISE,
-    Columns,
+    TermColumns,
     orthogonal,
     select,
     stepwise,
@@ -292,9 +292,9 @@ def coloured(seed: int, memory: float) -> tuple[Histories, np.ndarray]:
     return flight, np.stack(columns, axis=1)
 
 
-def given(terms: Sequence[Term], blocks: Sequence[np.ndarray]) -> Columns:
-    """Columns without noise of their signals."""
-    return Columns(tuple(terms), blocks, [np.zeros((0, *block.shape)) for block in blocks])
+def given(terms: Sequence[Term], blocks: Sequence[np.ndarray]) -> TermColumns:
+    """TermColumns without noise of their signals."""
+    return TermColumns(tuple(terms), blocks, [np.zeros((0, *block.shape)) for block in blocks])
 
 
 OF_SIDES = ("1", "beta", "p", "beta*abs(beta)", "p*abs(p)", "beta^3", "p^3")
