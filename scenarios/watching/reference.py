@@ -173,7 +173,7 @@ def _is_number(value: Any) -> bool:
 
 # ---- What a watch shows
 
-HANGING = "hangs on start"
+HANGING = "depends on start"
 WORDS = {
     "natural_frequency": "natural frequency",
     "damping_ratio": "damping ratio",
@@ -197,7 +197,7 @@ class CrossValidation:
     @property
     def z(self) -> float | None:
         """Difference over the root of both variances' sum; None without a reference, a deviation,
-        or a number that does not hang on the start.
+        or a number that does not depend on the start.
         """
         if self.reference is None or self.hanging:
             return None
@@ -237,7 +237,7 @@ def comparisons(
     hanging: Collection[str] = (),
 ) -> tuple[CrossValidation, ...]:
     """Derived quantities, then parameters, each against the reference where there is one;
-    ``hanging`` are those that hang on the start.
+    ``hanging`` are those that depend on the start.
     """
     known = {} if reference is None else reference.values
     out = [

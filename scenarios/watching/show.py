@@ -351,8 +351,8 @@ def print_end(watch: Watch, session: Session, end: Outcome) -> None:
     hanging = [WORDS.get(item.name, item.name) for item in end.standings if item.hanging]
     if hanging:
         what = (
-            f"another start within its prior would have led elsewhere: {', '.join(hanging)}; name "
-            "a nearer start with --vehicle"
+            f"with another start within its prior the result would differ: {', '.join(hanging)}; "
+            "name a nearer start with --vehicle"
         )
         terminal.print(
             f"{what}, or leave out --no-refine" if not watch.refine else what, highlight=False

@@ -68,8 +68,8 @@ class SoFar:
     that the delay is nearest to each.
 
     ``refined``: linearised anew on its way, with the delay between the grid points. Else the most
-    likely filter's, and ``hanging`` are the quantities that hang on the start: other starts end as
-    far apart as they began.
+    likely filter's, and ``hanging`` are the quantities that depend on the start: other starts end
+    as far apart as they began.
     """
 
     estimate: Estimate
@@ -575,7 +575,7 @@ def watch_content(session: Session, reference: Reference | None, end: Outcome) -
 
 
 def _content(session: Session, online: SoFar) -> dict[str, Any]:
-    """An estimate on line; quantities that hang on the start are named, without a number."""
+    """An estimate on line; quantities that depend on the start are named, without a number."""
     assert session.bank is not None and session.state is not None and session.system is not None
     estimate = online.estimate
     rows = rows_of(estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist())
@@ -594,8 +594,8 @@ def _content(session: Session, online: SoFar) -> dict[str, Any]:
         return content
     names = sorted(online.hanging)
     warning = (
-        f"another start within its prior would have led elsewhere: {', '.join(names)} hang on the "
-        "start, and no number is told"
+        f"with another start within its prior the result would differ: {', '.join(names)} depend "
+        "on the start, and no number is shown"
     )
     return {**content, "start_dependent": names, "warnings": [warning]}
 

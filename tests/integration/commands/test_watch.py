@@ -529,7 +529,7 @@ def test_what_another_start_would_not_have_found_is_no_number() -> None:
         live_table(View("stream", 6.0, 151, 0, 0, items, session.bank.delays, plain.weights))
     )
     (told,) = [line for line in drawn.file.getvalue().splitlines() if "M_q" in line]  # type: ignore[attr-defined]
-    assert "hangs on start" in told and told.split()[2:4] == ["-", "-"]
+    assert "depends on start" in told and told.split()[2:4] == ["-", "-"]
 
 
 def test_without_vehicle_and_reference_it_starts_as_the_paper_did() -> None:

@@ -202,7 +202,7 @@ def test_events_are_strict_json() -> None:
         parse_constant=pytest.fail,
     )
     assert (
-        told["items"][0]["told"] == "hangs on start"
+        told["items"][0]["told"] == "depends on start"
         and "value" not in told["items"][0]
         and "off" not in told["items"][0]
     )
